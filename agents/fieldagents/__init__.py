@@ -1,0 +1,1 @@
+"""Who acts: published algorithms, learned policies, training, evaluation, command line."""

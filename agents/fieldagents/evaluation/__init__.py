@@ -1,0 +1,1 @@
+"""Scoring agents on fixed episodes, with paired differences and intervals."""

@@ -1,0 +1,1 @@
+"""Learned policies: training, export, and running them without torch."""

@@ -1,0 +1,1 @@
+"""The published algorithms and the strongest classical answers, one file a task."""

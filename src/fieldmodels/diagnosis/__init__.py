@@ -1,0 +1,1 @@
+"""What is wrong (misfit), refit with each candidate (fit), name it (selection), measure (gain), report."""

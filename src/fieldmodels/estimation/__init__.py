@@ -1,0 +1,1 @@
+"""Estimators that serve several tasks."""

@@ -1,0 +1,266 @@
+"""What a simulation is made of: parameters, signals, effects, and the model that joins them."""
+
+from __future__ import annotations
+
+import difflib
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from fieldmodels.recording import Recording, Windows
+
+FloatArray = NDArray[np.float64]
+Where = Literal["force", "actuator", "sensor", "environment", "change"]
+EffectValues = Mapping[str, Mapping[str, float]]
+
+
+class ModelError(ValueError):
+    """A name or a value that a model does not know or does not allow."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that the simulation depends on.
+
+    Attributes:
+        name: Name within its model or effect.
+        unit: SI unit, "1" if it has none.
+        nominal: Value in the nominal simulation; of an effect's parameter, the neutral value.
+        lower: Smallest allowed value.
+        upper: Largest allowed value.
+        scale: A change that matters; fits step and screen their starts by it.
+        source: Where the nominal value comes from ("Table I", "section 2.4.3", "assumed").
+        starts: Values from which a fit tries to start (several where the misfit has local minima).
+        smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    lower: float
+    upper: float
+    scale: float
+    source: str = "assumed"
+    starts: tuple[float, ...] = ()
+    smooth: bool = True
+
+    def __post_init__(self) -> None:
+        """Check that the numbers make sense.
+
+        Raises:
+            ModelError: If the nominal value lies outside the bounds or the scale is not positive.
+        """
+        if not self.lower <= self.nominal <= self.upper:
+            raise ModelError(
+                f"parameter {self.name!r}: nominal {self.nominal} is outside [{self.lower}, {self.upper}]"
+            )
+        if not self.scale > 0:
+            raise ModelError(f"parameter {self.name!r}: scale must be positive, not {self.scale}")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A measured or commanded quantity.
+
+    Attributes:
+        name: Column name in a recording.
+        unit: SI unit of the column.
+        noise: Standard deviation of the sensor's white noise in that unit (0 for an input).
+        optional: True for an output that a recording may lack.
+        angle: True for an angle in radians (so that a column in degrees can be suspected).
+    """
+
+    name: str
+    unit: str
+    noise: float = 0.0
+    optional: bool = False
+    angle: bool = False
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A named group of parameters whose neutral (nominal) values switch it off.
+
+    Attributes:
+        name: Shared name of the effect (see the architecture page).
+        cause: One plain sentence that says what happens in the real machine.
+        where: Where in the loop it acts.
+        parameters: Its parameters; all at their nominal value means that the effect is off.
+        equation: The term it adds, in plain notation.
+    """
+
+    name: str
+    cause: str
+    where: Where
+    parameters: tuple[Parameter, ...]
+    equation: str = ""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return " (did you mean 'x'?)" for the closest known name, or the list of known names."""
+    choices = list(known)
+    close = difflib.get_close_matches(name, choices, n=1)
+    return f" (did you mean {close[0]!r}?)" if close else f" (known: {', '.join(choices) or 'none'})"
+
+
+class Model(ABC):
+    """A simulation with named base parameters and switchable effects.
+
+    A parameter vector holds the base parameters, then each effect's parameters, in the order of
+    ``names``; an effect's parameter is called ``effect.parameter``. A user's own simulator joins by
+    subclassing: declare the tuples below, and implement ``simulate`` and ``initial_states``.
+
+    Attributes:
+        name: Name used on the command line.
+        inputs: Commanded signals.
+        outputs: Measured signals; optional ones may be missing in a recording.
+        states: State at a window's start, as plain signals.
+        parameters: Base parameters, refitted by a diagnosis unless fixed.
+        effects: What may be missing from the nominal simulation.
+        horizons: Prediction horizons [s] of a diagnosis, shortest first; the second is the main one.
+        disturbance_unit: Unit of the additive generalised force that ``Windows.disturbance`` holds,
+            empty if the model has no such entry.
+    """
+
+    name: str
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    states: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    effects: tuple[Effect, ...]
+    horizons: tuple[float, ...]
+    disturbance_unit: str = ""
+
+    @abstractmethod
+    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """Simulate every window from its own initial state, for a batch of parameter vectors.
+
+        Args:
+            parameters: Parameter vectors, shape (batch, len(names)).
+            windows: Windows of one recording; commands are read from the whole recording.
+
+        Returns:
+            Outputs, shape (batch, windows, samples, outputs), in the order of ``outputs``; samples
+            beyond a window's length are NaN.
+        """
+
+    @abstractmethod
+    def initial_states(self, recording: Recording, starts: NDArray[np.int64]) -> FloatArray:
+        """Estimate the state at given samples from the measured signals around them.
+
+        Returns:
+            States, shape (len(starts), len(states)).
+        """
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """Cut a recording into the non-overlapping windows on which this model predicts.
+
+        Args:
+            recording: The measured data.
+            horizon: Length of a window [s].
+
+        Raises:
+            RecordingError: If the recording is too short for a single window.
+        """
+        from fieldmodels.recording import uniform_windows
+
+        return uniform_windows(self, recording, horizon)
+
+    @cached_property
+    def all_parameters(self) -> tuple[Parameter, ...]:
+        """Base parameters, then every effect's, in the order of a parameter vector."""
+        return self.parameters + tuple(p for effect in self.effects for p in effect.parameters)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Full names in the order of a parameter vector."""
+        return tuple(p.name for p in self.parameters) + tuple(
+            f"{effect.name}.{p.name}" for effect in self.effects for p in effect.parameters
+        )
+
+    @cached_property
+    def nominal(self) -> FloatArray:
+        """The nominal parameter vector: base parameters as stated, all effects off."""
+        return np.array([p.nominal for p in self.all_parameters])
+
+    def index(self, name: str) -> int:
+        """Position of a full parameter name in the vector.
+
+        Raises:
+            ModelError: If the model has no such parameter.
+        """
+        if name not in self.names:
+            raise ModelError(f"model {self.name!r} has no parameter {name!r}{did_you_mean(name, self.names)}")
+        return self.names.index(name)
+
+    def effect(self, name: str) -> Effect:
+        """Return one effect by name.
+
+        Raises:
+            ModelError: If the model has no such effect.
+        """
+        for effect in self.effects:
+            if effect.name == name:
+                return effect
+        raise ModelError(
+            f"model {self.name!r} has no effect {name!r}{did_you_mean(name, [e.name for e in self.effects])}"
+        )
+
+    def slice_of(self, effect: str) -> slice:
+        """Where an effect's parameters stand in the vector."""
+        start = len(self.parameters)
+        for candidate in self.effects:
+            stop = start + len(candidate.parameters)
+            if candidate.name == self.effect(effect).name:
+                return slice(start, stop)
+            start = stop
+        raise AssertionError("unreachable")
+
+    def vector(
+        self, base: Mapping[str, float] | None = None, effects: EffectValues | None = None
+    ) -> FloatArray:
+        """Build a parameter vector from named values; what is not named stays nominal.
+
+        Args:
+            base: Values of base parameters.
+            effects: Values of effects' parameters, ``{"gyro_bias": {"rate": 0.004}}``.
+
+        Returns:
+            Parameter vector, shape (len(names),).
+
+        Raises:
+            ModelError: For an unknown name, a value that is not a finite number, or one out of bounds.
+        """
+        named = dict(base or {})
+        for effect_name, values in (effects or {}).items():
+            effect = self.effect(effect_name)
+            if not isinstance(values, Mapping):
+                known = ", ".join(f"{p.name} [{p.unit}]" for p in effect.parameters)
+                raise ModelError(f"effect {effect_name!r} takes a mapping of its parameters: {known}")
+            for key, value in values.items():
+                own = [p.name for p in effect.parameters]
+                if key not in own:
+                    raise ModelError(
+                        f"effect {effect_name!r} has no parameter {key!r}{did_you_mean(key, own)}"
+                    )
+                named[f"{effect_name}.{key}"] = value
+        result = self.nominal.copy()
+        for name, value in named.items():
+            i = self.index(name)
+            parameter = self.all_parameters[i]
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                raise ModelError(f"{name!r} must be a number in {parameter.unit}, not {value!r}") from None
+            if not parameter.lower <= number <= parameter.upper:
+                raise ModelError(
+                    f"{name!r} = {number} is outside [{parameter.lower}, {parameter.upper}] {parameter.unit}"
+                )
+            result[i] = number
+        return result
