@@ -1,0 +1,69 @@
+"""Who acts: the one interface of published algorithms, tuned rules, oracles and learned policies."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Sees = Literal["observation", "model", "privileged"]
+"""What an agent may see, least first.
+
+``observation``: the observation of each step, nothing else. ``model``: also the environment's settings
+(its constants and noise levels, as an algorithm's author knows them). ``privileged``: also
+``info["privileged"]``, the hidden truth of the simulation; such a result is a bound, no competitor.
+"""
+
+
+class Agent(ABC):
+    """Chooses the actions of every environment of a batch.
+
+    An agent's memory (if it has one) is a batch too: one row an environment. The evaluation hands an
+    agent no more than it declares to see: an ``info`` without ``"privileged"`` unless ``sees`` says so.
+
+    Attributes:
+        name: Its name in tables.
+        sees: What it may see.
+        title: One line that says what it does.
+    """
+
+    name: str
+    sees: Sees = "observation"
+    title: str = ""
+
+    def reset(self, seed: int) -> None:
+        """Forget everything before a new batch of episodes begins.
+
+        Args:
+            seed: Seed of the agent's own randomness (agents without any ignore it).
+        """
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """Forget the finished episodes of some environments of the batch.
+
+        Args:
+            begun: Which environments begin an episode with the next ``act``, shape (environments,).
+        """
+
+    @abstractmethod
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+        """Choose the next actions.
+
+        Args:
+            observation: Observations of the batch, shape (environments, ...).
+            info: The vector environment's ``info``: arrays of shape (environments, ...); cut down to
+                what ``sees`` allows.
+
+        Returns:
+            Actions of the batch, shape (environments, ...), dtype of the action space.
+        """
+
+
+def visible(info: Mapping[str, Any], sees: Sees) -> Mapping[str, Any]:
+    """Cut an ``info`` down to what an agent may see."""
+    if sees == "privileged":
+        return info
+    return {key: value for key, value in info.items() if key.lstrip("_") != "privileged"}
