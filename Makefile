@@ -1,0 +1,51 @@
+# Two commands for a newcomer: `make demo` and `make test`. Each sets up all that it needs.
+PYTHON ?= python3
+# Where public recordings are looked for before they are fetched (empty: fetch on demand).
+export FIELDGYM_DATA ?= $(wildcard $(CURDIR)/../shared/data)
+# One thread a process: two processes on two cores beat two processes that fight for them.
+export OMP_NUM_THREADS ?= 1
+
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: demo test check exam bench docs build clean help
+
+help:  ## this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+demo: $(READY)  ## evaluate the agents, diagnose a recording, end in results/demo/report.html
+	$(BIN)/fieldgym demo
+
+test: $(READY)  ## the test suite (long exams: make exam)
+	$(BIN)/pytest -n 2
+
+check: $(READY)  ## style, types, floors
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+exam: $(READY)  ## the long exams
+	$(BIN)/pytest -n 2 -m slow
+
+bench: $(READY)  ## speeds, each as a ratio within one run
+	for script in benchmarks/*_speed.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+docs: $(READY)  ## the docs site, in site/
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/mkdocs build --strict
+
+build: $(READY)  ## wheel and source distribution, in dist/
+	$(BIN)/python -m build
+
+clean:  ## remove the virtual environment and everything that was built
+	rm -rf .venv dist build site
+
+# torch comes first and by its exact pin: a later release would pull gigabytes of CUDA libraries.
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "fieldgym needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $$(grep '^torch==' constraints.txt)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
