@@ -64,14 +64,25 @@ def _from_file(path: Path, model: Model) -> Reality:
         raise ModelError(f"{path}: not an extended model (it needs the keys 'model' and 'effects')")
     if data.get("model") != model.name:
         raise ModelError(f"{path}: made for model {data.get('model')!r}, not for {model.name!r}")
-    base = {name: _value(entry) for name, entry in (data.get("parameters") or {}).items()}
+    base = _values(data.get("parameters"), f"{path}: 'parameters'")
     effects = {
-        effect: {name: _value(entry) for name, entry in values.items()}
-        for effect, values in (data["effects"] or {}).items()
+        name: _values(values, f"{path}: effect {name!r}")
+        for name, values in _mapping(data["effects"], f"{path}: 'effects'").items()
     }
     return Reality(base=base, effects=effects)
 
 
-def _value(entry: Any) -> float:
-    """A number, or the ``value`` of an entry with its standard error and unit."""
-    return float(entry["value"] if isinstance(entry, Mapping) else entry)
+def _values(entries: Any, place: str) -> dict[str, Any]:
+    """Each entry is a number, or a mapping that holds it as ``value`` beside its standard error."""
+    return {
+        name: entry.get("value") if isinstance(entry, Mapping) else entry
+        for name, entry in _mapping(entries, place).items()
+    }
+
+
+def _mapping(entries: Any, place: str) -> Mapping[str, Any]:
+    if entries is None:
+        return {}
+    if not isinstance(entries, Mapping):
+        raise ModelError(f"{place} must be a mapping of names to values, not {entries!r}")
+    return entries
