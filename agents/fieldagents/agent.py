@@ -34,14 +34,14 @@ class Agent(ABC):
     sees: Sees = "observation"
     title: str = ""
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int) -> None:  # noqa: B027 - most agents have nothing to forget
         """Forget everything before a new batch of episodes begins.
 
         Args:
             seed: Seed of the agent's own randomness (agents without any ignore it).
         """
 
-    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:  # noqa: B027
         """Forget the finished episodes of some environments of the batch.
 
         Args:

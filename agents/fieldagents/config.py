@@ -1,0 +1,371 @@
+"""What every YAML file may say, and a loader that reports all mistakes at once, each with its line."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import MappingNode, SequenceNode
+
+from fieldmodels.model import did_you_mean
+from fieldmodels.yaml import YamlError, load_yaml
+
+Location = tuple[str | int, ...]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="used as a folder name")]
+
+
+class ConfigError(ValueError):
+    """Mistakes in a config file, all of them.
+
+    Attributes:
+        problems: One line each: place, key, what is wrong, what would be right.
+    """
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class ProblemsError(ValueError):
+    """Raised inside a validator to report several problems below the place that is being validated."""
+
+    def __init__(self, problems: Sequence[tuple[Location, str]]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("; ".join(message for _, message in self.problems))
+
+
+class Config(BaseModel):
+    """Base of every config: unknown keys are mistakes, and nothing changes after loading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class EnvironmentConfig(Config):
+    """A task's environment.
+
+    Attributes:
+        settings: Keys of the task's settings; what is not named keeps its default.
+        reality: Effects that are on, or the path of an ``extended.yaml`` written by a diagnosis.
+    """
+
+    settings: dict[str, Any] = Field(default_factory=dict)
+    reality: dict[str, dict[str, float]] | str | None = None
+
+
+def check_environment(task: str, environment: EnvironmentConfig) -> None:
+    """Check settings and reality against the task.
+
+    Raises:
+        ProblemsError: With every unknown key, wrong value and unknown effect.
+    """
+    from fieldgym import TASKS
+
+    from fieldmodels.model import ModelError
+    from fieldmodels.reality import read_reality
+    from fieldmodels.registry import get_model
+
+    problems: list[tuple[Location, str]] = []
+    settings = TASKS[task].settings
+    try:
+        settings(**environment.settings)
+    except ValidationError as error:
+        problems += [(("settings", *at), message) for at, message in _readable(error, settings)]
+    except (ValueError, TypeError) as error:
+        problems.append((("settings",), str(error)))
+    try:
+        read_reality(environment.reality, get_model(TASKS[task].model))
+    except (ModelError, YamlError) as error:
+        problems.append((("reality",), str(error)))
+    if problems:
+        raise ProblemsError(problems)
+
+
+def check_task(name: str) -> str:
+    """Return the task's name.
+
+    Raises:
+        ValueError: If there is no such task.
+    """
+    from fieldgym import TASKS
+
+    if name not in TASKS:
+        raise ValueError(f"there is no task {name!r}{did_you_mean(name, TASKS)}")
+    return name
+
+
+class EvaluateConfig(Config):
+    """What `fieldgym evaluate` reads: which agents, on which environments, how many episodes.
+
+    Attributes:
+        name: Name of the result folder.
+        task: Name of the task.
+        environments: The scenarios: a name of one's own to settings and reality.
+        agents: Names of reference or learned agents, or paths of ``policy.onnx`` files.
+        baseline: The agent that all others are compared with; it is in ``agents`` too.
+        episodes: Number of episodes of every agent in every scenario, the same published seeds for all.
+    """
+
+    name: Name
+    task: str
+    environments: dict[Name, EnvironmentConfig] = Field(min_length=1)
+    agents: list[str] = Field(min_length=1)
+    baseline: str
+    episodes: int = Field(default=100, ge=2, le=10_000)
+
+    @field_validator("task")
+    @classmethod
+    def _task_exists(cls, task: str) -> str:
+        return check_task(task)
+
+    @field_validator("environments")
+    @classmethod
+    def _environments_fit(
+        cls, environments: dict[str, EnvironmentConfig], info: ValidationInfo
+    ) -> dict[str, EnvironmentConfig]:
+        problems: list[tuple[Location, str]] = []
+        for name, environment in environments.items() if "task" in info.data else ():
+            try:
+                check_environment(info.data["task"], environment)
+            except ProblemsError as error:
+                problems += [((name, *at), message) for at, message in error.problems]
+        if problems:
+            raise ProblemsError(problems)
+        return environments
+
+    @field_validator("agents")
+    @classmethod
+    def _agents_exist(cls, agents: list[str], info: ValidationInfo) -> list[str]:
+        from fieldagents.evaluation.entrants import agent_names
+
+        problems: list[tuple[Location, str]] = []
+        for i, name in enumerate(agents):
+            if name in agents[:i]:
+                problems.append(((i,), f"agent {name!r} is listed twice"))
+            elif name.endswith(".onnx"):
+                if not Path(name).is_file():
+                    problems.append(((i,), f"no such file: {name}"))
+            elif "task" in info.data and name not in (known := agent_names(info.data["task"])):
+                problems.append(((i,), f"there is no agent {name!r}{did_you_mean(name, known)}"))
+        if problems:
+            raise ProblemsError(problems)
+        return agents
+
+    @field_validator("baseline")
+    @classmethod
+    def _baseline_takes_part(cls, baseline: str, info: ValidationInfo) -> str:
+        agents = info.data.get("agents")
+        if agents is not None and baseline not in agents:
+            raise ValueError(f"{baseline!r} is not among the agents{did_you_mean(baseline, agents)}")
+        return baseline
+
+
+class RecordConfig(Config):
+    """What `fieldgym record` reads: a model in a (hidden) reality, measured for a while.
+
+    Attributes:
+        name: Name of the result folder.
+        model: Name of the model.
+        reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
+        excitation: How the input is driven (models with an input); a walker excites itself.
+        settings: Settings of the recorder (``heel_strike``: the noise and its regimes).
+        duration: Length of an episode [s].
+        step: Sampling interval [s]; left out, the model's usual one.
+        episodes: Number of episodes.
+        noise: Whether sensors and process are noisy.
+        seed: Seed of all randomness.
+        format: File format.
+    """
+
+    name: Name
+    model: str
+    reality: dict[str, dict[str, float]] | str | None = None
+    excitation: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
+    duration: float = Field(gt=0, le=36_000)
+    step: float | None = Field(default=None, gt=0, le=1)
+    episodes: int = Field(default=1, ge=1, le=1000)
+    noise: bool = True
+    seed: int = Field(default=0, ge=0)
+    format: str = Field(default="csv", pattern="^(csv|parquet)$")
+
+    @model_validator(mode="after")
+    def _fits_the_model(self) -> RecordConfig:
+        from fieldmodels.model import ModelError
+        from fieldmodels.reality import read_reality
+        from fieldmodels.registry import get_model
+
+        try:
+            model = get_model(self.model)
+        except ModelError as error:
+            raise ProblemsError([(("model",), str(error))]) from None
+        try:
+            read_reality(self.reality, model)
+        except (ModelError, YamlError) as error:
+            raise ProblemsError([(("reality",), str(error))]) from None
+        return self
+
+
+C = TypeVar("C", bound=BaseModel)
+
+
+def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
+    """Load a YAML file and check it whole.
+
+    Args:
+        path: The file.
+        kind: The config class that says which keys there are.
+        overrides: ``"a.b=value"`` each; the value is YAML, so ``1e-3``, ``[a, b]`` and ``off`` mean there
+            what they mean in the file.
+
+    Raises:
+        ConfigError: With every mistake at once, each as ``file:line: key: what, did you mean``.
+    """
+    try:
+        data = load_yaml(path)
+    except YamlError as error:
+        raise ConfigError([str(error) + _neighbours(path)]) from None
+    if not isinstance(data, dict):
+        raise ConfigError([f"{path}: must be a mapping of keys to values, as in 'name: benchmark'"])
+    places = dict(_places(path))
+    problems = [problem for text in overrides if (problem := _override(data, places, text))]
+    try:
+        config = kind.model_validate(data)
+    except ValidationError as error:
+        problems += [f"{_place(at, places)}: {message}" for at, message in _readable(error, kind)]
+    if problems:
+        raise ConfigError(problems)
+    return config
+
+
+def _places(path: Path) -> Iterator[tuple[Location, str]]:
+    """Every key's location in the data and its ``file:line``."""
+    node = YAML(typ="safe", pure=True).compose(path.read_text(encoding="utf-8"))
+
+    def walk(node: Any, at: Location) -> Iterator[tuple[Location, str]]:
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                here = (*at, str(key.value))
+                yield here, f"{path}:{key.start_mark.line + 1}"
+                yield from walk(value, here)
+        elif isinstance(node, SequenceNode):
+            for i, value in enumerate(node.value):
+                yield (*at, i), f"{path}:{value.start_mark.line + 1}"
+                yield from walk(value, (*at, i))
+
+    yield (), f"{path}:{node.start_mark.line + 1}"
+    yield from walk(node, ())
+
+
+def _place(at: Location, places: Mapping[Location, str]) -> str:
+    """Place of the innermost part of a location that is written down somewhere."""
+    while at not in places:
+        at = at[:-1]
+    return places[at]
+
+
+def _override(data: dict[str, Any], places: dict[Location, str], text: str) -> str | None:
+    """Set one value in place; return what is wrong with the override, if anything."""
+    key, equals, value = text.partition("=")
+    parts = tuple(int(part) if part.isdecimal() else part for part in key.strip().split("."))
+    if not equals or "" in parts:
+        return f"--set {text}: write --set key=value or --set outer.inner=value"
+    try:
+        parsed = YAML(typ="safe", pure=True).load(value)
+    except YAMLError:
+        return f"--set {text}: {value!r} is not a YAML value"
+    inner: Any = data
+    for part in parts[:-1]:
+        if isinstance(inner, dict) and not isinstance(inner.get(part), dict | list):
+            inner[part] = {}
+        try:
+            inner = inner[part]
+        except (IndexError, TypeError):
+            return f"--set {text}: {part!r} is not an index of a list of {len(inner)}"
+    try:
+        inner[parts[-1]] = parsed
+    except (IndexError, TypeError):
+        return f"--set {text}: {parts[-1]!r} is not an index of a list of {len(inner)}"
+    for at in [at for at in places if at[: len(parts)] == parts]:
+        places[at] = f"--set {text}"
+    for i in range(1, len(parts) + 1):
+        places.setdefault(parts[:i], f"--set {text}")
+    return None
+
+
+def _readable(error: ValidationError, kind: Any) -> Iterator[tuple[Location, str]]:
+    """Location and message of every mistake in a validation error."""
+    for item in error.errors(include_url=False):
+        at: Location = item["loc"]
+        key = ".".join(str(part) for part in at)
+        if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            known = [name for name in _keys(kind, at[:-1]) if name]
+            yield at, f"{key}: unknown key{did_you_mean(str(at[-1]), known)}"
+        elif item["type"] in ("missing", "missing_argument"):
+            yield at, f"{key}: this key is missing"
+        elif isinstance(inner := item.get("ctx", {}).get("error"), ProblemsError):
+            for below, message in inner.problems:
+                whole = (*at, *below)
+                yield whole, f"{'.'.join(str(part) for part in whole)}: {message.removeprefix(key + ': ')}"
+        elif item["type"] == "value_error":
+            yield at, f"{key}: {item['msg'].removeprefix('Value error, ')}"
+        else:
+            yield at, f"{key}: {item['msg']}, not {item['input']!r}"
+
+
+def _keys(kind: Any, at: Location) -> list[str]:
+    """Keys that are known at a location inside a config class."""
+    for part in at:
+        kind = _inside(kind, part)
+    fields = getattr(_plain(kind), "__pydantic_fields__", None)
+    if fields is None and dataclasses.is_dataclass(kind):
+        return [field.name for field in dataclasses.fields(kind)]
+    return list(fields or ())
+
+
+def _inside(kind: Any, part: str | int) -> Any:
+    """Type of one key or item of a type."""
+    kind = _plain(kind)
+    fields = getattr(kind, "__pydantic_fields__", {})
+    if part in fields:
+        return fields[part].annotation
+    arguments = get_args(kind)
+    return arguments[-1] if arguments else None
+
+
+def _plain(kind: Any) -> Any:
+    """A type without ``Annotated`` and ``None``."""
+    if get_origin(kind) is Annotated:
+        return _plain(get_args(kind)[0])
+    inner = [one for one in get_args(kind) if hasattr(_origin(one), "__pydantic_fields__")]
+    return _plain(inner[0]) if inner and get_origin(kind) not in (dict, list, tuple) else kind
+
+
+def _origin(kind: Any) -> Any:
+    return get_origin(kind) or kind
+
+
+def _neighbours(path: Path) -> str:
+    """A hint at files of a similar name."""
+    import difflib
+
+    if path.exists():
+        return ""
+    folder = path.parent
+    while not folder.is_dir() and folder != folder.parent:
+        folder = folder.parent
+    known = {str(p): p for p in [*folder.glob("*.yaml"), *folder.glob("*/*.yaml")]}
+    close = difflib.get_close_matches(str(path), known, n=1, cutoff=0.5)
+    return f" (did you mean {close[0]}?)" if close else ""
