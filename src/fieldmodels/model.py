@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -171,6 +171,16 @@ class Model(ABC):
         from fieldmodels.recording import uniform_windows
 
         return uniform_windows(self, recording, horizon)
+
+    def scaled_to(self, recordings: Sequence[Recording]) -> Model:
+        """The same model with scales, starts and sensor noise that suit these data.
+
+        A bench may weigh a gram or a tonne: its model can only say what a small force or a short time
+        is once it has seen the data. Names, order, bounds and neutral values stay as they are. A
+        diagnosis calls this first; a model whose scales are known keeps this default.
+        """
+        del recordings
+        return self
 
     @cached_property
     def all_parameters(self) -> tuple[Parameter, ...]:
