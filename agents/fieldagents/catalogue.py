@@ -1,0 +1,88 @@
+"""What there is: tasks, agents, models with their effects, trained policies, public recordings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def catalogue() -> dict[str, Any]:
+    """Everything that has a name, as plain data."""
+    from fieldgym import TASKS
+    from fieldmodels.datasets import dataset_names
+    from fieldmodels.registry import get_model, model_names
+
+    from fieldagents.evaluation.entrants import describe_agents
+    from fieldagents.learned.zoo import list_zoo
+
+    tasks = [
+        {
+            "name": task.name,
+            "env_id": task.env_id,
+            "description": task.description,
+            "agents": describe_agents(task.name),
+        }
+        for task in TASKS.values()
+    ]
+    models = []
+    for name in model_names():
+        model = get_model(name)
+        signals = {"inputs": model.inputs, "outputs": model.outputs}
+        models.append(
+            {
+                "name": name,
+                **{
+                    kind: [{"name": s.name, "unit": s.unit} for s in group] for kind, group in signals.items()
+                },
+                "parameters": [
+                    {"name": p.name, "unit": p.unit, "nominal": p.nominal} for p in model.parameters
+                ],
+                "effects": [
+                    {
+                        "name": effect.name,
+                        "where": effect.where,
+                        "cause": effect.cause,
+                        "parameters": [{"name": p.name, "unit": p.unit} for p in effect.parameters],
+                    }
+                    for effect in model.effects
+                ],
+            }
+        )
+    return {
+        "tasks": tasks,
+        "models": models,
+        "zoo": [str(entry) for entry in list_zoo()],
+        "datasets": list(dataset_names()),
+    }
+
+
+def show(found: dict[str, Any], console: Console) -> None:
+    """Print a catalogue as tables."""
+    from rich.table import Table
+
+    for task in found["tasks"]:
+        console.print(f"\n[bold]Task {task['name']}[/bold] ({task['env_id']}): {task['description']}")
+        table = Table("agent", "sees", "what it does")
+        for agent in task["agents"]:
+            table.add_row(agent["name"], agent["sees"], agent["title"])
+        console.print(table)
+    for model in found["models"]:
+        units = {
+            kind: ", ".join(f"{s['name']} {_unit(s)}" for s in model[kind]) for kind in ("inputs", "outputs")
+        }
+        console.print(
+            f"\n[bold]Model {model['name']}[/bold]: {units['inputs'] or 'no input'} → {units['outputs']}"
+        )
+        table = Table("effect", "where", "parameters", "cause")
+        for effect in model["effects"]:
+            names = ", ".join(f"{p['name']} {_unit(p)}" for p in effect["parameters"])
+            table.add_row(effect["name"], effect["where"], names, effect["cause"])
+        console.print(table)
+    console.print("\n[bold]Trained policies[/bold]: " + (", ".join(found["zoo"]) or "none"))
+    console.print("[bold]Public recordings[/bold]: " + (", ".join(found["datasets"]) or "none"))
+
+
+def _unit(item: dict[str, Any]) -> str:
+    return f"\\[{item['unit']}]"

@@ -1,0 +1,314 @@
+"""The command `fieldgym`: thin, so that each command is one call of a function that scripts can use too."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from fieldagents.progress import progress
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+OURS = ("fieldmodels", "fieldgym", "fieldagents")
+
+
+class _Commands(TyperGroup):
+    """Turns a mistake of the user into one clear message and exit code 2; a bug keeps its traceback."""
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            try:
+                return super().invoke(ctx)
+            except Exception as error:
+                message = _message(error)
+                if message is None:
+                    raise
+                _fail(message)
+
+
+def _message(error: Exception) -> str | None:
+    """What to tell the user, or None for an error that is not the user's."""
+    if type(error).__module__.split(".")[0] in OURS:
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return None
+
+
+def _fail(message: str) -> None:
+    lines = message.splitlines() or [""]
+    head = f"{len(lines)} mistakes:" if len(lines) > 1 and all(": " in line for line in lines) else ""
+    print("Error: " + "\n  ".join([head, *lines] if head else lines), file=sys.stderr)
+    raise typer.Exit(2)
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ImportWarning):
+        print(f"Warning: {message}", file=sys.stderr)
+
+
+app = typer.Typer(
+    cls=_Commands,
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    help="""Field-robot problems as Gymnasium environments, the published algorithms as reference agents,
+learned agents trained from configs, and a diagnosis that tells from measured data what a simulation
+gets wrong.
+
+Start with **fieldgym list**, or with **fieldgym demo** for everything in a few minutes.
+Every command takes **--json**: the result alone on standard output, progress on standard error.
+""",
+    epilog="Exit codes: 0 done, 1 a fault of the program, 2 a mistake in what it was given.",
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, alone on standard output.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the config, as in `--set a.b=1e-3`."),
+]
+ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file.", show_default=False)]
+
+
+def _version(show: bool) -> None:
+    if show:
+        from importlib.metadata import version
+
+        print(f"fieldgym {version('fieldgym')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    del version
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """Show the tasks, their agents, the models with their effects, and the trained policies.
+
+    For example:
+
+        fieldgym list
+
+        fieldgym list --json | jq '.models[].effects[].name'
+    """
+    from fieldagents import catalogue
+
+    found = catalogue.catalogue()
+    if as_json:
+        _print_json(found)
+    else:
+        catalogue.show(found, _console())
+
+
+@app.command()
+def train(
+    config: ConfigPath,
+    overrides: Settings = None,
+    seed: Annotated[int | None, typer.Option(help="Training seed; short for `--set seed=N`.")] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Go on with an interrupted run, exactly where it stopped."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder (default: `runs/<task>/<name>-<hash>`).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Train a learned agent from a config; needs `pip install 'fieldgym[train]'`.
+
+    The run folder holds the config, versions, TensorBoard logs, checkpoints, the learning curve and the
+    policy as ONNX, which `fieldgym evaluate` takes as an agent.
+
+    For example:
+
+        fieldgym train configs/heel_strike/ppo.yaml
+
+        fieldgym train configs/heel_strike/ppo.yaml --seed 2 --set steps=2e5
+
+        fieldgym train configs/heel_strike/ppo.yaml --resume runs/heel_strike/ppo-1a2b3c4d
+    """
+    from fieldagents.config import TrainConfig, load_config
+    from fieldagents.learned.training import train as run
+
+    overrides = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
+    folder = run(load_config(config, TrainConfig, overrides), resume=resume, progress=not as_json, out=out)
+    _done({"run": str(folder)}, as_json)
+
+
+@app.command()
+def evaluate(
+    config: ConfigPath,
+    overrides: Settings = None,
+    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare agents on the same published episode seeds, with intervals and verdicts.
+
+    Writes `episodes.parquet` (one row for each agent and episode), `summary.json` and `report.html`.
+
+    For example:
+
+        fieldgym evaluate configs/heel_strike/benchmark.yaml
+
+        fieldgym evaluate configs/heel_strike/benchmark.yaml --set episodes=20 --set 'agents=[ranger, ppo]'
+    """
+    from fieldagents.config import EvaluateConfig, load_config
+    from fieldagents.evaluation import evaluate as run
+    from fieldagents.evaluation import show
+
+    checked = load_config(config, EvaluateConfig, overrides or [])
+    folder = out or Path("results") / checked.name
+    with progress() as report:
+        summary = run(checked, folder, report)
+    if as_json:
+        _print_json(summary.to_json())
+    else:
+        show(summary, _console())
+        _done({name: str(folder / name) for name in ("episodes.parquet", "summary.json", "report.html")})
+
+
+@app.command()
+def record(
+    config: ConfigPath,
+    overrides: Settings = None,
+    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run a model in a (hidden) reality and save what its sensors measure, as CSV or Parquet.
+
+    The recording is what `fieldgym diagnose` reads; the reality is written beside it as `reality.yaml`.
+
+    For example:
+
+        fieldgym record configs/heel_strike/record.yaml
+
+        fieldgym record configs/heel_strike/record.yaml --set reality.gyro_bias.rate=0.004 --set seed=3
+    """
+    from fieldagents.config import RecordConfig, load_config
+    from fieldagents.record import record as run
+
+    checked = load_config(config, RecordConfig, overrides or [])
+    written = run(checked, out or Path("results") / checked.name)
+    _done({name: str(path) for name, path in written.items()}, as_json)
+
+
+@app.command()
+def diagnose(
+    data: Annotated[
+        list[str],
+        typer.Argument(metavar="DATA...", help="CSV or Parquet files, or names of public recordings."),
+    ],
+    model: Annotated[str, typer.Option(help="Model to hold against the data; `fieldgym list` names them.")],
+    test: Annotated[
+        list[str] | None,
+        typer.Option(metavar="DATA", help="Separate recording on which the gain is measured; repeatable."),
+    ] = None,
+    fixed: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PARAMETER=VALUE", help="Hold a base parameter fixed; repeatable."),
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SIGNAL=COLUMN[:UNIT]",
+            help="Which column of the file holds a signal, as in `angle=position:deg`; repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the resampling.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Tell from measured data what the simulation gets wrong, and by how much naming it helps.
+
+    DATA: a header line; `t` in seconds; optional `episode`; one column for each signal of the model.
+    Writes `diagnosis.json`, `report.html` and `extended.yaml`, which `gym.make(..., reality=...)`,
+    `fieldgym train` and `fieldgym evaluate` accept.
+
+    For example:
+
+        fieldgym diagnose bench.csv --model rig --test bench2.csv
+
+        fieldgym diagnose log.csv --model pendulum --column t=time --column angle=position:deg
+
+        fieldgym diagnose dfki_simple_pendulum/ddp --model pendulum
+    """
+    from fieldmodels.datasets import open_recording
+    from fieldmodels.diagnosis import diagnose as run
+    from fieldmodels.diagnosis.report import write_results
+    from fieldmodels.registry import get_model
+
+    from fieldagents import findings
+
+    chosen = get_model(model)
+    held = findings.fixed_parameters(chosen, fixed or [])
+    columns = findings.columns(chosen, column or [])
+    recordings = [open_recording(source, chosen, columns) for source in data]
+    tests = [open_recording(source, chosen, columns) for source in test or []]
+    with progress() as report:
+        diagnosis = run(chosen, recordings, tests, fixed=held, progress=report, seed=seed)
+    written = write_results(diagnosis, out or Path("results") / f"diagnosis-{model}")
+    if as_json:
+        _print_json(diagnosis.to_json())
+    else:
+        findings.show(diagnosis.to_json(), _console())
+        _done({name: str(path) for name, path in written.items()})
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/demo"), as_json: Json = False
+) -> None:
+    """Evaluate the agents and diagnose a recording, ending in one self-contained report.html.
+
+    Takes a few minutes. Real data are used when `FIELDGYM_DATA` or the network has them; else a recording
+    from a hidden reality, and the report says which.
+
+    For example:
+
+        fieldgym demo
+
+        fieldgym demo --out /tmp/demo
+    """
+    from fieldagents.demo import run_demo
+
+    _done({"report": str(run_demo(out))}, as_json)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else 110, highlight=False)
+
+
+def _print_json(data: Any) -> None:
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def _done(written: dict[str, str], as_json: bool = False) -> None:
+    if as_json:
+        _print_json(written)
+    else:
+        for name, path in written.items():
+            print(f"{name}: {path}" if name not in path else path)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

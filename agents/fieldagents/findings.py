@@ -1,0 +1,113 @@
+"""What a user hands to a diagnosis on the command line, and how its result reads there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from fieldmodels.model import Model, ModelError, did_you_mean
+
+from fieldagents.config import ConfigError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def fixed_parameters(model: Model, texts: Sequence[str]) -> dict[str, float]:
+    """Read ``parameter=value`` texts.
+
+    Raises:
+        ConfigError: With every text that names no base parameter of the model, or no allowed value.
+    """
+    fixed: dict[str, float] = {}
+    problems: list[str] = []
+    names = [p.name for p in model.parameters]
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            if name not in names:
+                raise ModelError(f"{model.name} has no base parameter {name!r}{did_you_mean(name, names)}")
+            fixed[name] = float(value)
+            model.vector({name: fixed[name]})
+        except ModelError as error:
+            problems.append(f"--set {text}: {error}")
+        except ValueError:
+            problems.append(f"--set {text}: write --set {name}=NUMBER")
+    if problems:
+        raise ConfigError(problems)
+    return fixed
+
+
+def columns(model: Model, texts: Sequence[str]) -> dict[str, str]:
+    """Read ``signal=column:unit`` texts.
+
+    Raises:
+        ConfigError: With every text that names no signal of the model.
+    """
+    signals = ["t", "episode", *(signal.name for signal in (*model.inputs, *model.outputs))]
+    result: dict[str, str] = {}
+    problems: list[str] = []
+    for text in texts:
+        name, _, column = text.partition("=")
+        if not column:
+            problems.append(f"--column {text}: write --column signal=column or --column signal=column:unit")
+        elif name not in signals:
+            problems.append(
+                f"--column {text}: {model.name} has no signal {name!r}{did_you_mean(name, signals)}"
+            )
+        else:
+            result[name] = column
+    if problems:
+        raise ConfigError(problems)
+    return result
+
+
+SENTENCES = {
+    "consistent": "Nothing significant is missing in the simulation.",
+    "named": "The simulation lacks what is listed below.",
+    "ambiguous": "The simulation lacks something that these data cannot tell apart.",
+    "unknown": "The simulation lacks something that no listed effect explains; nothing is named.",
+}
+
+
+def show(diagnosis: Mapping[str, Any], console: Console) -> None:
+    """Print the contract's ``diagnosis.json`` for a reader."""
+    from rich.table import Table
+
+    verdict = diagnosis["verdict"]
+    console.print(f"\n[bold]{verdict}[/bold]: {SENTENCES[verdict]}\n")
+    if diagnosis["causes"]:
+        table = Table("effect", "where", "parameters", "gain", "cause")
+        for cause in diagnosis["causes"]:
+            values = "\n".join(f"{name} = {_value(entry)}" for name, entry in cause["parameters"].items())
+            names = "\nor ".join([cause["effect"], *cause["alternatives"]])
+            table.add_row(names, cause["where"], values, _gain(cause["gain"]), cause["cause"])
+        console.print(table)
+    if diagnosis["gain"]:
+        table = Table("signal", "unit", "error before", "after", "gain", "horizon")
+        for signal, gain in diagnosis["gain"].items():
+            table.add_row(
+                signal,
+                gain["unit"],
+                f"{gain['rmse_before']:.4g}",
+                f"{gain['rmse_after']:.4g}",
+                _gain(gain),
+                f"{gain['horizon_s']:g} s",
+            )
+        console.print(table)
+    if diagnosis.get("next_measurement"):
+        console.print(f"Measure next: {diagnosis['next_measurement']['why']}")
+
+
+def _value(entry: Mapping[str, Any]) -> str:
+    std = entry.get("std")
+    spread = f" ± {std:.2g}" if std is not None else ""
+    return f"{entry['value']:.4g}{spread} {entry['unit']}"
+
+
+def _gain(gain: Mapping[str, Any] | None) -> str:
+    if not gain:
+        return "-"
+    interval = gain.get("ci95")
+    spread = f" ({interval[0]:.1f} to {interval[1]:.1f})" if interval else ""
+    return f"{gain['percent']:.1f} %{spread}"
