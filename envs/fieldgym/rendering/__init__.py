@@ -1,0 +1,1 @@
+"""Pictures of the tasks, drawn with pygame."""

@@ -1,0 +1,38 @@
+"""The tasks that exist, by their one name on every floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task as the floor above sees it.
+
+    Attributes:
+        name: Its name on every floor (physics, environment, agents, configs, tests).
+        env_id: The identifier that ``gymnasium.make`` takes.
+        model: Name of its model on the ground floor.
+        title: Title for people.
+        description: What is to be done, in one line.
+    """
+
+    name: str
+    env_id: str
+    model: str
+    title: str
+    description: str
+
+
+TASKS: dict[str, Task] = {
+    task.name: task
+    for task in (
+        Task(
+            name="heel_strike",
+            env_id="fieldgym/HeelStrike-v0",
+            model="heel_strike",
+            title="Heel strike",
+            description="Choose a walking robot's estimator gains, stride by stride, under hidden noise.",
+        ),
+    )
+}
