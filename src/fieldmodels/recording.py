@@ -21,6 +21,10 @@ class RecordingError(ValueError):
     """Measured data that cannot be used as they are; the message names the place and the remedy."""
 
 
+class RecordingWarning(UserWarning):
+    """Measured data that can be used, but that look as if something about them were mistaken."""
+
+
 @dataclass(frozen=True)
 class Recording:
     """Measured signals on a uniform time grid, in one or more episodes.

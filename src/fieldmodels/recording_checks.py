@@ -1,0 +1,148 @@
+"""What must hold of measured data before anything is computed from them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldmodels.model import FloatArray, Model
+from fieldmodels.recording import IntArray, Recording
+from fieldmodels.table_files import SHOWN, Problem
+
+MAX_JITTER = 0.01
+"""Largest standard deviation of the time step, as a fraction of its median."""
+GAP = 1.5
+"""A time step of more than this many medians is a gap."""
+MAX_ANGLE_SPAN = 20.0
+"""An angle that spans more radians than this (three turns) is suspected to be in degrees."""
+MIN_SAMPLES = 4
+"""Fewest samples in which a window can be predicted."""
+
+_SCALES = {180 / np.pi: "degrees", 1000.0: "millimetres", 100.0: "centimetres"}
+
+
+def check_episodes(episode: FloatArray) -> list[Problem]:
+    """Check that episode numbers are integers and that no episode is taken up again."""
+    broken = np.flatnonzero(episode != np.round(episode))
+    if len(broken):
+        return [Problem(f"{episode[broken[0]]:g} is not an integer", "episode", int(broken[0]))]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(episode)) + 1])
+    seen: set[float] = set()
+    for start in starts:
+        if episode[start] in seen:
+            message = f"episode {episode[start]:g} is taken up again; give each stretch a number of its own"
+            return [Problem(message, "episode", int(start))]
+        seen.add(episode[start])
+    return []
+
+
+def check_time(time: FloatArray, episode: IntArray) -> list[Problem]:
+    """Check that time increases in even steps within every episode."""
+    steps = np.diff(time)
+    inside = np.diff(episode) == 0
+    backward = np.flatnonzero((steps <= 0) & inside)
+    if len(backward):
+        return [_backward(time, int(i) + 1) for i in backward[:SHOWN]]
+    if not inside.any():
+        return []
+    median = float(np.median(steps[inside]))
+    gaps = np.flatnonzero((steps > GAP * median) & inside)
+    problems = [
+        Problem(
+            f"gap of {steps[i]:.6g} s (the other rows are {median:.6g} s apart); "
+            "number the stretches before and after it in a column 'episode'",
+            row=int(i) + 1,
+        )
+        for i in gaps[:SHOWN]
+    ]
+    if len(gaps) > SHOWN:
+        problems.append(Problem(f"and {len(gaps) - SHOWN} more gaps"))
+    even = inside & (steps <= GAP * median)
+    jitter = float(np.std(steps[even])) / median
+    if jitter > MAX_JITTER:
+        worst = int(np.argmax(np.where(even, np.abs(steps - median), -1.0))) + 1
+        problems.append(
+            Problem(
+                f"the time step varies by {100 * jitter:.2g} % (allowed: {100 * MAX_JITTER:g} %), most here; "
+                "interpolate the signals to an even step, or, if only the logger's clock is coarse, "
+                f"write t as row number times {median:.6g} s",
+                row=worst,
+            )
+        )
+    return problems
+
+
+def check_length(recording: Recording, horizon: float) -> list[Problem]:
+    """Check that at least one window of the horizon fits, with enough samples in it."""
+    step = recording.step
+    longest = max(float(recording.time[b - 1] - recording.time[a]) for a, b in recording.bounds)
+    looks_ms = step >= 0.5 and (MIN_SAMPLES - 1) * step / 1000 <= horizon
+    hint = "; the time column looks like milliseconds: declare it as 't=t:ms'" if looks_ms else ""
+    if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
+        message = (
+            f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster{hint}"
+        )
+        return [Problem(message)]
+    if longest < horizon * (1 - MAX_JITTER):
+        unit = "episode" if len(recording.bounds) > 1 else "record"
+        return [Problem(f"the longest {unit} lasts {longest:.6g} s, shorter than the {horizon:g} s "
+                        "over which the model must predict; record for longer")]  # fmt: skip
+    return []
+
+
+def suspicions(recording: Recording, model: Model | None) -> list[str]:
+    """Return reasons to think that a column is in another unit than stated, or is dead."""
+    found = []
+    if model is None:
+        step = recording.step
+        if step >= 1 and step == round(step):
+            found.append(
+                f"column 't' advances by {step:g} a row; if it is in milliseconds, declare it as 't=t:ms'"
+            )
+        return found
+    for signal in model.outputs:
+        if signal.name not in recording:
+            continue
+        values = recording[signal.name]
+        span = float(np.ptp(values))
+        if signal.angle and span > MAX_ANGLE_SPAN:
+            found.append(
+                f"column {signal.name!r} spans {span:.4g}, as radians {span / (2 * np.pi):.1f} turns; "
+                f"if it is in degrees, declare it as '{signal.name}={signal.name}:deg'"
+            )
+        if span == 0 and len(values) > MIN_SAMPLES:
+            found.append(f"column {signal.name!r} never changes; is the sensor connected?")
+        for rate in model.outputs:
+            if rate.name in recording and rate.unit == f"{signal.unit}/s":
+                found += _wrong_scale(recording, signal.name, rate.name)
+    return found
+
+
+def _backward(time: FloatArray, row: int) -> Problem:
+    restart = time[row] <= time[0] + 0.01 * (time[row - 1] - time[0])
+    remedy = (
+        "a new run? number the runs in a column 'episode'"
+        if restart
+        else "sort the rows by time, and drop repeated ones"
+    )
+    return Problem(f"t = {time[row]:.9g} s does not come after {time[row - 1]:.9g} s; {remedy}", row=row)
+
+
+def _wrong_scale(recording: Recording, position: str, velocity: str) -> list[str]:
+    """Compare a signal's differences with its measured rate: their ratio tells a wrong unit."""
+    inside = np.diff(recording.episode) == 0
+    slope = (np.diff(recording[position]) / np.diff(recording.time))[inside]
+    rate = (0.5 * (recording[velocity][1:] + recording[velocity][:-1]))[inside]
+    product, power = float(slope @ rate), float(rate @ rate)
+    if not product > 0:
+        return []
+    correlation = product / np.sqrt(power * float(slope @ slope))
+    ratio = product / power
+    for scale, name in _SCALES.items():
+        for wrong, value in ((position, ratio), (velocity, 1 / ratio)):
+            if correlation > 0.8 and abs(value / scale - 1) < 0.1:
+                other = velocity if wrong == position else position
+                return [
+                    f"column {wrong!r} looks like {name}: it changes {value:.3g} times as fast "
+                    f"as {other!r} says; declare its unit"
+                ]
+    return []
