@@ -28,11 +28,14 @@ class Agent(ABC):
         name: Its name in tables.
         sees: What it may see.
         title: One line that says what it does.
+        estimator: Empty for an agent that acts. For an estimator outside the action space, the entry of
+            ``info`` with its error on the very same strides; its actions are neutral and mean nothing.
     """
 
     name: str
     sees: Sees = "observation"
     title: str = ""
+    estimator: str = ""
 
     def reset(self, seed: int) -> None:  # noqa: B027 - most agents have nothing to forget
         """Forget everything before a new batch of episodes begins.

@@ -1,1 +1,7 @@
 """Scoring agents on fixed episodes, with paired differences and intervals."""
+
+from fieldagents.evaluation.evaluate import EvaluationError, evaluate
+from fieldagents.evaluation.report import report_section, show
+from fieldagents.evaluation.summary import Row, Summary
+
+__all__ = ["EvaluationError", "Row", "Summary", "evaluate", "report_section", "show"]

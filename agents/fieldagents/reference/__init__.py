@@ -1,1 +1,37 @@
 """The published algorithms and the strongest classical answers, one file a task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fieldagents.agent import Agent, Sees
+
+
+@dataclass(frozen=True)
+class Reference:
+    """How a reference agent is made.
+
+    Attributes:
+        name: Its name in configs and tables.
+        sees: What it may see.
+        title: One line that says what it does.
+        make: Builds it for an environment's settings.
+        estimator: Whether it is an estimator outside the action space, scored on the same strides.
+    """
+
+    name: str
+    sees: Sees
+    title: str
+    make: Callable[[Mapping[str, Any]], Agent]
+    estimator: bool = False
+
+
+def references(task: str) -> dict[str, Reference]:
+    """The reference agents of a task by name, in the order of presentation."""
+    if task == "heel_strike":
+        from fieldagents.reference.heel_strike import REFERENCES
+
+        return {reference.name: reference for reference in REFERENCES}
+    return {}

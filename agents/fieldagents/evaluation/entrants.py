@@ -1,0 +1,71 @@
+"""Who can take part in an evaluation: reference agents, trained policies of the zoo, policy files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fieldagents.agent import Agent
+from fieldagents.learned import zoo
+from fieldagents.reference import references
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A participant.
+
+    Attributes:
+        name: Its name in the results.
+        runs: Its policies: one for each training run; a reference agent has a single one.
+        learned: Whether it comes from training, so that the training run is the unit of replication.
+    """
+
+    name: str
+    runs: tuple[Agent, ...]
+    learned: bool = False
+
+    @property
+    def kind(self) -> str:
+        """How its result is to be read: what it sees, or that it does not act at all."""
+        first = self.runs[0]
+        return f"estimator, {first.sees}" if first.estimator else first.sees
+
+
+def agent_names(task: str) -> list[str]:
+    """Names that an evaluation of this task knows."""
+    return [*references(task), *(entry.algorithm for entry in zoo.list_zoo() if entry.task == task)]
+
+
+def describe_agents(task: str) -> list[dict[str, str]]:
+    """Name, rights and title of every agent of a task."""
+    described = [
+        {
+            "name": one.name,
+            "sees": f"estimator, {one.sees}" if one.estimator else one.sees,
+            "title": one.title,
+        }
+        for one in references(task).values()
+    ]
+    for entry in zoo.list_zoo():
+        if entry.task == task:
+            described.append({"name": entry.algorithm, "sees": "observation", "title": "trained policy"})
+    return described
+
+
+def make_entrant(name: str, task: str, settings: Mapping[str, Any]) -> Entrant:
+    """Build a participant.
+
+    Args:
+        name: Name of a reference agent or of a zoo entry, or the path of a ``policy.onnx``.
+        task: Name of the task.
+        settings: The environment's settings; agents that see no more than observations ignore them.
+    """
+    if name.endswith(".onnx"):
+        from fieldagents.learned.policy import OnnxAgent
+
+        return Entrant(name, (OnnxAgent(Path(name)),), learned=True)
+    if name in (known := references(task)):
+        return Entrant(name, (known[name].make(settings),))
+    return Entrant(name, tuple(zoo.load_runs(task, name)), learned=True)

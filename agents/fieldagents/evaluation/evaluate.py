@@ -1,0 +1,93 @@
+"""An evaluation: every agent, in every scenario, on the same published episodes."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from fieldagents.config import EvaluateConfig
+from fieldagents.evaluation.entrants import make_entrant
+from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.evaluation.metrics import METRICS
+from fieldagents.evaluation.report import write_report
+from fieldagents.evaluation.seeds import TEST_SEEDS
+from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
+from fieldmodels.files import replacing, write_text
+
+
+class EvaluationError(ValueError):
+    """An evaluation whose episodes cannot be compared."""
+
+
+def evaluate(
+    config: EvaluateConfig, out: Path, progress: Callable[[str, float], None] = lambda _stage, _part: None
+) -> Summary:
+    """Run an evaluation and write ``episodes.parquet``, ``summary.json`` and ``report.html``.
+
+    Args:
+        config: What to compare.
+        out: Result folder; files appear whole or not at all.
+        progress: Called with what is being run and the part of the whole that is done, 0 to 1.
+
+    Raises:
+        EvaluationError: If two agents did not meet the same noise on the same seed.
+    """
+    began = time.perf_counter()
+    seeds = TEST_SEEDS[: config.episodes]
+    entrants = [
+        (scenario, environment, make_entrant(name, config.task, environment.settings))
+        for scenario, environment in config.environments.items()
+        for name in config.agents
+    ]
+    total = sum(len(entrant.runs) for _, _, entrant in entrants)
+    tables: list[pd.DataFrame] = []
+    for scenario, environment, entrant in entrants:
+        for run, agent in enumerate(entrant.runs):
+            report = partial(_report, progress, f"{scenario}: {entrant.name}", len(tables), total)
+            table = run_episodes(agent, config.task, environment, seeds, report)
+            table.insert(0, "scenario", scenario)
+            table.insert(1, "agent", entrant.name)
+            table.insert(2, "run", run)
+            tables.append(table)
+    labels = {one.name: Labels(one.kind, one.runs[0].title, one.learned) for _, _, one in entrants}
+    episodes = pd.concat(tables, ignore_index=True)
+    _check_pairs(episodes, config.task)
+    summary = Summary(
+        name=config.name,
+        task=config.task,
+        baseline=config.baseline,
+        episodes=config.episodes,
+        first_seed=seeds[0],
+        seconds=round(time.perf_counter() - began, 1),
+        scenarios={
+            str(scenario): summarise_scenario(part, config.task, config.baseline, labels)
+            for scenario, part in episodes.groupby("scenario", sort=False)
+        },
+    )
+    with replacing(out / "episodes.parquet") as temporary:
+        episodes.to_parquet(temporary, index=False)
+    write_text(out / "summary.json", json.dumps(summary.to_json(), indent=2, allow_nan=False) + "\n")
+    write_report(summary, episodes, out / "report.html")
+    return summary
+
+
+def _report(progress: Callable[[str, float], None], stage: str, done: int, total: int, part: float) -> None:
+    progress(stage, (done + part) / total)
+
+
+def _check_pairs(episodes: pd.DataFrame, task: str) -> None:
+    """Make sure that all agents met the same noise on the same seed; else no pair is a pair."""
+    for metric in METRICS[task]:
+        if metric.common:
+            values = episodes.groupby(["scenario", "seed"])[metric.name].nunique()
+            if (values > 1).any():
+                scenario, seed = values.index[values > 1][0]
+                raise EvaluationError(
+                    f"{scenario}, seed {seed}: {metric.name} differs between agents, so they did not meet "
+                    "the same noise and cannot be compared in pairs"
+                )

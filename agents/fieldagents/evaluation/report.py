@@ -1,0 +1,187 @@
+"""An evaluation as an HTML report and as a table in the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Comparison
+from fieldagents.evaluation.metrics import METRICS, Metric
+from fieldagents.evaluation.summary import Row, Summary
+from fieldmodels import html
+from fieldmodels.files import write_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+COLOURS = {"observation": "#0b6e99", "model": "#7a5195", "privileged": "#b3402a", "estimator": "#8a8f98"}
+"""Colour of an agent by what it sees; an estimator is outside the action space."""
+
+HEADER = ("agent", "sees", "", "95 %", "difference to baseline", "95 %", "verdict", "training runs")
+
+
+def write_report(summary: Summary, episodes: pd.DataFrame, path: Path) -> None:
+    """Write a self-contained ``report.html``."""
+    write_text(path, html.page(f"Evaluation: {summary.name}", report_section(summary, episodes)))
+
+
+def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> str:
+    """The report's body, with its figures inline, to stand alone or inside another report.
+
+    Args:
+        summary: What was found.
+        episodes: The episodes' table; with it, each figure also shows the single episodes.
+    """
+    metric = METRICS[summary.task][0]
+    parts = [f'<p class="lead">{_lead(summary, metric)}</p>']
+    for scenario, rows in summary.scenarios.items():
+        own = None if episodes is None else episodes[episodes["scenario"] == scenario]
+        parts += [
+            f"<h2>{html.text(scenario)}</h2>",
+            html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
+            html.table(_header(metric), [_cells(row, summary) for row in rows]),
+        ]
+    parts.append(_notes(summary))
+    return "\n".join(parts)
+
+
+def show(summary: Summary, console: Console) -> None:
+    """Print the results as tables."""
+    from rich.table import Table
+
+    metric = METRICS[summary.task][0]
+    for scenario, rows in summary.scenarios.items():
+        table = Table(title=f"{scenario}: {metric.title}, {summary.episodes} episodes", title_justify="left")
+        for name in _header(metric):
+            table.add_column(name, overflow="fold")
+        for row in rows:
+            table.add_row(*_cells(row, summary))
+        console.print(table)
+
+
+def _header(metric: Metric) -> list[str]:
+    return [name or f"{metric.name} [{metric.unit}]" for name in HEADER]
+
+
+def _cells(row: Row, summary: Summary) -> list[str]:
+    metric = METRICS[summary.task][0]
+    mean = f"{row.means[metric.name]:.3f}"
+    paired = row.against_baseline
+    if paired is None:
+        return [row.agent, row.kind, mean, _interval(row.ci95), "baseline", "", "", ""]
+    difference = f"{paired.difference:+.3f}"
+    if paired.percent is not None:
+        difference += f" ({paired.percent:+.1f} %)"
+    runs = f"{row.of_training.n}: {row.of_training.verdict}" if row.of_training else ""
+    return [
+        row.agent,
+        row.kind,
+        mean,
+        _interval(row.ci95),
+        difference,
+        _interval(paired.ci95, "+.3f"),
+        paired.verdict,
+        runs,
+    ]
+
+
+def _interval(interval: tuple[float, float] | None, form: str = ".3f") -> str:
+    return f"{interval[0]:{form}} to {interval[1]:{form}}" if interval else "too few"
+
+
+def _lead(summary: Summary, metric: Metric) -> str:
+    """The result in a sentence for every scenario: who is best among those that play by the rules."""
+    sentences = []
+    for scenario, rows in summary.scenarios.items():
+        fair = [row for row in rows if row.kind == "observation"]
+        if fair:
+            best = fair[0]
+            versus = ""
+            if best.against_baseline is not None:
+                versus = f", {_against(best.against_baseline)} {summary.baseline}"
+            sentences.append(
+                f"<b>{html.text(scenario)}</b>: of the agents that see only the observation, "
+                f"<b>{html.text(best.agent)}</b> comes first with "
+                f"{best.means[metric.name]:.3f} {html.text(metric.unit)}{html.text(versus)}."
+            )
+    return "<br>".join(sentences)
+
+
+def _against(paired: Comparison) -> str:
+    share = "" if paired.percent is None else f" ({paired.percent:+.1f} %)"
+    return {
+        "better": f"better{share} than",
+        "worse": f"worse{share} than",
+        "cannot tell": "not to be told apart from",
+        "insufficient": "with too few episodes to tell it from",
+    }[paired.verdict]
+
+
+def _caption(metric: Metric, single: bool) -> str:
+    dots = " Faint dots: single episodes." if single else ""
+    return (
+        f"Left: {metric.title} [{metric.unit}], mean and 95 % interval.{dots} Right: difference to the "
+        "baseline on the same episodes, in per cent. Blue: sees the observation; purple: also the settings; "
+        "red: privileged; grey: an estimator outside the action space."
+    )
+
+
+def _notes(summary: Summary) -> str:
+    last = summary.first_seed + summary.episodes - 1
+    return f"""<h2>How to read this</h2>
+<ul>
+<li>Every agent meets the same {summary.episodes} episodes, seeds {summary.first_seed} to {last}; the noise
+does not depend on the agent (checked in every evaluation). Nothing was tuned or trained on these seeds.</li>
+<li>Differences are paired, with Student's t interval over episodes; each verdict is about one comparison
+at 95 %. Below {MIN_EPISODES} episodes there is no interval and no verdict.</li>
+<li>A verdict on a trained agent is about the policies that were scored. About its algorithm only several
+training runs can say something (last column): below {MIN_RUNS} runs they are insufficient.</li>
+<li><i>privileged</i> agents see the hidden truth, <i>estimators</i> do not act but read the same sensors on
+the same strides: both are bounds, no competitors.</li>
+</ul>
+<p class="soft">{summary.seconds:g} s in all.</p>"""
+
+
+def _colour(row: Row) -> str:
+    return COLOURS["estimator" if row.kind.startswith("estimator") else row.kind]
+
+
+def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 1.2 + 0.36 * len(rows)))
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    for y, row in enumerate(rows):
+        colour = _colour(row)
+        mean = row.means[metric.name]
+        if episodes is not None:
+            single = episodes.loc[episodes["agent"] == row.agent, metric.name]
+            left.plot(single, [y] * len(single), ".", color=colour, alpha=0.12, markersize=5, mew=0)
+        if row.ci95:
+            left.plot(row.ci95, [y, y], "-", color=colour, linewidth=3, solid_capstyle="butt")
+        left.plot([mean], [y], "o", color=colour, markersize=6)
+        paired = row.against_baseline
+        if paired is None or paired.percent is None:
+            right.plot([0], [y], "D", color="#1c2430", markersize=5)
+            continue
+        scale = paired.percent / paired.difference if paired.difference else 0.0
+        if paired.ci95:
+            ends = [end * scale for end in paired.ci95]
+            right.plot(ends, [y, y], "-", color=colour, linewidth=3, solid_capstyle="butt")
+        right.plot([paired.percent], [y], "o", color=colour, markersize=6)
+    left.set_yticks(range(len(rows)), [row.agent for row in rows])
+    left.invert_yaxis()
+    left.set_xscale("log")
+    left.set_xlabel(f"{metric.title} [{metric.unit}]")
+    right.axvline(0, color="#1c2430", linewidth=1)
+    right.set_xscale("symlog", linthresh=10)
+    right.set_xlabel(f"difference to {summary.baseline} [%]")
+    for axes in (left, right):
+        axes.grid(axis="x", color="#d9dee6", linewidth=0.8)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        axes.tick_params(axis="y", length=0)
+    figure.tight_layout()
+    return figure
