@@ -287,9 +287,10 @@ def _override(data: dict[str, Any], places: dict[Location, str], text: str) -> s
     except YAMLError:
         return f"--set {text}: {value!r} is not a YAML value"
     inner: Any = data
-    for part in parts[:-1]:
+    for i, part in enumerate(parts[:-1]):
         if isinstance(inner, dict) and not isinstance(inner.get(part), dict | list):
             inner[part] = {}
+            places[parts[: i + 1]] = f"--set {text}"
         try:
             inner = inner[part]
         except (IndexError, TypeError):

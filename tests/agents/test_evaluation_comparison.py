@@ -1,0 +1,74 @@
+"""Intervals cover what they promise; verdicts follow from them."""
+
+import numpy as np
+import pytest
+
+from fieldagents.evaluation.comparison import MIN_EPISODES, compare, mean_interval
+from fieldagents.evaluation.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
+
+
+def test_seeds_of_tuning_training_and_test_are_disjoint():
+    assert TUNING_SEEDS.stop <= TRAINING_SEEDS.start
+    assert TRAINING_SEEDS.stop <= TEST_SEEDS.start
+
+
+@pytest.mark.parametrize(
+    ("n", "draw", "mean", "least"),
+    [
+        (20, lambda rng, n: rng.normal(0.3, 1, n), 0.3, 0.935),
+        (100, lambda rng, n: rng.normal(0.3, 1, n), 0.3, 0.935),
+        # Differences of skewed errors, as between two estimators.
+        (20, lambda rng, n: rng.exponential(1, n) - rng.exponential(0.3, n), 0.7, 0.92),
+        (100, lambda rng, n: rng.exponential(1, n) - rng.exponential(0.3, n), 0.7, 0.93),
+    ],
+)
+def test_interval_covers_the_mean(n, draw, mean, least):
+    """Of 2000 intervals (standard error 0.5 %) the promised 95 % hold the true mean, to two points."""
+    rng = np.random.default_rng(1)
+    hits = 0
+    for _ in range(2000):
+        low, high = mean_interval(draw(rng, n), least=2)
+        hits += low < mean < high
+    assert least <= hits / 2000 <= 0.965
+
+
+def test_interval_of_nothing_but_noise_rarely_gives_a_verdict():
+    rng = np.random.default_rng(2)
+    verdicts = [
+        compare(rng.gamma(2, 1, 50), rng.gamma(2, 1, 50), lower_is_better=True).verdict for _ in range(1000)
+    ]
+    assert 0.03 < np.mean([v != "cannot tell" for v in verdicts]) < 0.07
+
+
+def test_pairing_sees_what_unpaired_scores_hide():
+    rng = np.random.default_rng(3)
+    episodes = rng.normal(10, 5, 40)
+    agent = episodes - 0.2 + rng.normal(0, 0.1, 40)
+    assert compare(agent, episodes, lower_is_better=True).verdict == "better"
+    assert compare(rng.permutation(agent), episodes, lower_is_better=True).verdict == "cannot tell"
+
+
+def test_verdicts_mirror():
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(1, 0.1, 30), rng.normal(2, 0.1, 30)
+    assert compare(a, b, lower_is_better=True).verdict == "better"
+    assert compare(b, a, lower_is_better=True).verdict == "worse"
+    assert compare(a, b, lower_is_better=False).verdict == "worse"
+    assert compare(a, b, lower_is_better=True).percent == pytest.approx(-50, abs=3)
+
+
+def test_few_episodes_give_no_verdict():
+    few = np.arange(MIN_EPISODES - 1.0)
+    result = compare(few, few + 5, lower_is_better=True)
+    assert result.ci95 is None
+    assert result.verdict == "insufficient"
+
+
+def test_equal_scores_cannot_be_told_apart():
+    same = np.linspace(1, 2, 30)
+    assert compare(same, same, lower_is_better=True).verdict == "cannot tell"
+
+
+def test_unequal_numbers_are_no_pairs():
+    with pytest.raises(ValueError, match="pairs must match"):
+        compare([1.0, 2.0], [1.0], lower_is_better=True)
