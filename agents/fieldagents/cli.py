@@ -142,7 +142,8 @@ def train(
 
         fieldgym train configs/heel_strike/ppo.yaml --resume runs/heel_strike/ppo-1a2b3c4d
     """
-    from fieldagents.config import TrainConfig, load_config
+    from fieldagents.config import load_config
+    from fieldagents.learned.config import TrainConfig
     from fieldagents.learned.training import train as run
 
     overrides = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]

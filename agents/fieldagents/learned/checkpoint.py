@@ -1,0 +1,82 @@
+"""Checkpoints of a training run: all that the next update depends on, in one file, loaded without pickle.
+
+A checkpoint is taken between two updates and restores the policy, the optimiser, the normaliser, the
+environments, every random stream and the counters, so that a resumed run continues bit for bit. It is read
+by torch's ``weights_only`` loader, which builds tensors and plain containers and runs no code of the file.
+"""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from fieldmodels.files import replacing
+
+SCHEMA = 1
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be read."""
+
+
+def save_checkpoint(state: dict[str, Any], path: Path) -> None:
+    """Write a checkpoint; it appears whole or not at all."""
+    with replacing(path) as temporary:
+        torch.save({"schema": SCHEMA, **{key: to_plain(value) for key, value in state.items()}}, temporary)
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a checkpoint: tensors and plain containers.
+
+    Raises:
+        CheckpointError: If the file is damaged or of another schema.
+    """
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:
+        raise CheckpointError(f"{path}: not a checkpoint that can be read: {error}") from None
+    if not isinstance(state, dict) or state.get("schema") != SCHEMA:
+        raise CheckpointError(f"{path}: not a checkpoint of schema {SCHEMA}; train anew without --resume")
+    return state
+
+
+def to_plain(value: Any) -> Any:
+    """Turn nested arrays and NumPy scalars into tensors and Python numbers."""
+    if isinstance(value, dict):
+        return {key: to_plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return torch.from_numpy(value.copy())
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def to_arrays(value: Any) -> Any:
+    """Turn nested tensors back into arrays."""
+    if isinstance(value, dict):
+        return {key: to_arrays(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [to_arrays(item) for item in value]
+    return value.numpy() if isinstance(value, torch.Tensor) else value
+
+
+def random_state() -> dict[str, Any]:
+    """The state of the global random streams: torch draws the actions, libraries may use the others."""
+    version, numbers, gauss = random.getstate()
+    return {
+        "torch": torch.get_rng_state(),
+        "numpy": to_plain(np.random.get_state(legacy=False)),  # noqa: NPY002 - saved, not drawn from
+        "python": [version, list(numbers), gauss],
+    }
+
+
+def restore_random_state(state: dict[str, Any]) -> None:
+    """Set the global random streams to a state that `random_state` gave."""
+    torch.set_rng_state(state["torch"])
+    np.random.set_state(to_arrays(state["numpy"]))  # noqa: NPY002 - restored, not drawn from
+    version, numbers, gauss = state["python"]
+    random.setstate((version, tuple(numbers), gauss))

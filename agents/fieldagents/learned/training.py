@@ -1,0 +1,136 @@
+"""`fieldgym train`: from a config to a run folder, begun anew or resumed exactly."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import platform
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from fieldagents.config import load_config
+from fieldagents.learned.config import TrainConfig
+from fieldagents.progress import progress as showing_progress
+from fieldmodels.files import write_text
+from fieldmodels.yaml import save_yaml
+
+VERSIONED = ("fieldgym", "numpy", "numba", "gymnasium", "torch", "stable-baselines3", "onnx")
+
+
+class TrainingError(ValueError):
+    """A training run that cannot begin or go on."""
+
+
+class MissingExtraError(ImportError):
+    """A package that only training needs is not installed."""
+
+
+def train(
+    config: TrainConfig, *, resume: Path | None = None, progress: bool = True, out: Path | None = None
+) -> Path:
+    """Train an agent; a finished run is not trained again.
+
+    The folder holds ``config.yaml``, ``versions.json``, ``tensorboard/``, ``curve.csv`` (one row an
+    update), ``checkpoints/``, ``policy.onnx`` (the best by validation) and, when finished, ``run.json``.
+
+    Args:
+        config: What to train.
+        resume: Folder of an interrupted run of the same config: it goes on from its last checkpoint, and
+            every file but the TensorBoard log and ``run.json``'s seconds comes out as if it had never
+            been interrupted, bit for bit (same versions, same processor type).
+        progress: Show progress on standard error.
+        out: The folder of a new run; ``runs/<task>/<name>-<hash>`` unless given.
+
+    Returns:
+        The run's folder.
+
+    Raises:
+        MissingExtraError: Without the packages of the ``train`` extra.
+        TrainingError: If the folder does not fit.
+    """
+    _require_extra()
+    if resume is not None and out is not None:
+        raise TrainingError("a resumed run stays in its folder: give either --resume or --out")
+    folder = resume or out or Path("runs") / config.task / f"{config.name}-{config.hash}"
+    if resume is not None and not (resume / "config.yaml").is_file():
+        raise TrainingError(f"{resume}: not a run's folder (it has no config.yaml)")
+    if (folder / "config.yaml").is_file():
+        _check_same(config, folder)
+        if (folder / "run.json").is_file():
+            print(f"{folder}: this config is trained already", file=sys.stderr)
+            return folder
+        if resume is None:
+            raise TrainingError(
+                f"{folder}: an unfinished run of this config; go on with --resume {folder}, or delete it"
+            )
+    else:
+        save_yaml(config.model_dump(mode="json"), folder / "config.yaml")
+        write_text(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
+
+    from fieldagents.learned.ppo import run_ppo
+
+    try:
+        with showing_progress(quiet=not progress) as report:
+            run_ppo(config, folder, report)
+    except KeyboardInterrupt:
+        print(f"stopped; go on with --resume {folder}", file=sys.stderr)
+        raise
+    return folder
+
+
+def versions() -> dict[str, Any]:
+    """The versions that a run depends on, and the commit if this is a checkout."""
+    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in VERSIONED:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    return {**found, "commit": _commit()}
+
+
+def _commit() -> str | None:
+    """The checkout's commit; marked if the packages' files differ from it."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(Path(__file__).parent), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        top = git("rev-parse", "--show-toplevel")
+        changed = git("status", "--porcelain", "--", *(f"{top}/{room}" for room in ("src", "envs", "agents")))
+        return git("rev-parse", "HEAD") + (" with changes" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _check_same(config: TrainConfig, folder: Path) -> None:
+    """Raise unless the folder's run has this very config; warn of other versions."""
+    if load_config(folder / "config.yaml", TrainConfig) != config:
+        raise TrainingError(
+            f"{folder}: its config.yaml differs from this config; resume with the run's own:"
+            f" fieldgym train {folder / 'config.yaml'} --resume {folder}"
+        )
+    path = folder / "versions.json"
+    then = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    now = versions()
+    changed = [name for name in ("python", *VERSIONED) if then.get(name) != now[name]]
+    if changed:
+        print(
+            f"{folder}: begun with other versions of {', '.join(changed)};"
+            " the run will not be equal to an uninterrupted one to the last bit",
+            file=sys.stderr,
+        )
+
+
+def _require_extra() -> None:
+    for module in ("torch", "stable_baselines3", "tensorboard", "onnx"):
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            raise MissingExtraError(
+                f"training needs {module}, which is not installed: pip install 'fieldgym[train]'"
+            ) from None
