@@ -7,6 +7,7 @@ by torch's ``weights_only`` loader, which builds tensors and plain containers an
 
 from __future__ import annotations
 
+import io
 import random
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import torch
 from fieldmodels.files import replacing
 
 SCHEMA = 1
+NPY = "npy"
 
 
 class CheckpointError(ValueError):
@@ -45,19 +47,28 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def to_plain(value: Any) -> Any:
-    """Turn nested arrays and NumPy scalars into tensors and Python numbers."""
+    """Turn nested arrays and NumPy scalars into tensors and Python numbers.
+
+    A structured array, for which torch has no type, becomes the bytes of an ``.npy`` file.
+    """
     if isinstance(value, dict):
         return {key: to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [to_plain(item) for item in value]
     if isinstance(value, np.ndarray):
+        if value.dtype.names:
+            stream = io.BytesIO()
+            np.save(stream, value, allow_pickle=False)
+            return {NPY: torch.frombuffer(stream.getbuffer(), dtype=torch.uint8).clone()}
         return torch.from_numpy(value.copy())
     return value.item() if isinstance(value, np.generic) else value
 
 
 def to_arrays(value: Any) -> Any:
-    """Turn nested tensors back into arrays."""
+    """Turn what `to_plain` gave back into arrays."""
     if isinstance(value, dict):
+        if value.keys() == {NPY}:
+            return np.load(io.BytesIO(value[NPY].numpy().tobytes()), allow_pickle=False)
         return {key: to_arrays(item) for key, item in value.items()}
     if isinstance(value, list):
         return [to_arrays(item) for item in value]

@@ -105,8 +105,8 @@ class TrainConfig(Config):
         rollout = self.ppo.n_steps * self.num_envs
         if rollout % self.ppo.batch_size:
             raise ValueError(
-                f"ppo.batch_size {self.ppo.batch_size} does not divide the {rollout} steps between two updates"
-                f" (ppo.n_steps {self.ppo.n_steps} x num_envs {self.num_envs})"
+                f"ppo.batch_size {self.ppo.batch_size} does not divide the {rollout} steps"
+                f" of an update (ppo.n_steps {self.ppo.n_steps} x num_envs {self.num_envs})"
             )
         return self
 
