@@ -125,14 +125,18 @@ def update_angle(f: FloatArray, angle: float, variance: float) -> tuple[float, f
 
 
 @inlined
-def push_off_filter(f: FloatArray, speed: float, share: float) -> None:
-    """Apply the push-off, known to the robot, to mean and covariance."""
+def strike(f: FloatArray, speed: float, share: float, collision_variance: float) -> None:
+    """Apply what a strike does: the push-off, known to the robot, and a collision noise that begins anew."""
     keep = 1.0 - share
     f[1] = keep * f[1] + share * math.copysign(speed, f[1])
     f[5] *= keep
     f[8] *= keep * keep
     f[9] *= keep
-    f[10] *= keep
+    f[3] = 0.0
+    f[7] = 0.0
+    f[10] = 0.0
+    f[12] = 0.0
+    f[13] = collision_variance
 
 
 @inlined

@@ -58,8 +58,9 @@ class Noise:
         gyro: Standard deviation of the gyro's white noise [rad/s] (section 2.3.1, printed there as
             "variance").
         collision: Largest amplitude C of the collision noise [rad/s] (section 2.4.3).
-        collision_kind: ``low_pass``: x' = rho x + (1 - rho) U(-C, C), which gives the errors of Fig 2.10;
-            ``ar1``: x' = rho x + sqrt(1 - rho^2) U(-C, C), which gives the amplitude of the text.
+        collision_kind: ``low_pass``: x' = rho x + (1 - rho) U(-C, C) from x = 0 at every strike, which
+            gives the errors of Fig 2.10; ``ar1``: x' = rho x + sqrt(1 - rho^2) U(-C, C) from U(-C, C) at
+            every strike, which gives the amplitude of the text.
         correlation: Correlation rho of neighbouring samples (section 2.4.3).
         envelope: Time after a strike in which the collision noise dies down linearly [s] (section 2.4.3).
         process: Largest amplitude A of the process torque per inertia [rad/s2] (section 2.5.2).
@@ -104,6 +105,11 @@ class Noise:
         if self.collision_kind == "ar1":
             return math.sqrt(1 - self.correlation**2)
         return 1 - self.correlation
+
+    @property
+    def collision_first(self) -> float:
+        """Factor of the uniform draw at a strike, by the kind."""
+        return 1.0 if self.collision_kind == "ar1" else 0.0
 
 
 SILENT = Noise(gyro=0.0, collision=0.0, process=0.0, floor=0.0)

@@ -194,7 +194,7 @@ class Strides:
         return StrideResult(
             signed_mm=signed,
             floor_mm=floors,
-            duration=samples * self.leg.step,
+            duration=samples.astype(np.float64) * self.leg.step,
             samples=samples,
             fallen=fallen,
             features=self.features,

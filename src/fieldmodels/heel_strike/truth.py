@@ -26,7 +26,7 @@ STEP_RATE, STEP_TIME = 13, 14
 PARAMETERS = 15
 
 CREEP = 0.01
-"""Speed below which dry friction fades smoothly [rad/s] (assumed: keeps RK4 accurate at the turning point)."""
+"""Speed below which dry friction fades smoothly [rad/s] (assumed: RK4 stays accurate at the turn)."""
 HISTORY = 16
 """Past speeds kept for the gyro's delay: more than the longest delay, 20 ms, at 2 ms a sample."""
 
@@ -34,13 +34,14 @@ HISTORY = 16
 @inlined
 def effect_acceleration(omega: float, time: float, reality: FloatArray) -> float:
     """What the force effects add to the angular acceleration [rad/s2]."""
-    return (
+    value: float = (
         reality[CONSTANT]
         - reality[VISCOUS] * omega
         - reality[COULOMB] * omega / math.sqrt(omega * omega + CREEP * CREEP)
         - reality[DRAG] * omega * abs(omega)
         + reality[AMPLITUDE] * math.sin(2 * math.pi * reality[FREQUENCY] * time + reality[PHASE])
     )
+    return value
 
 
 @inlined
@@ -99,15 +100,15 @@ def delayed(history: FloatArray, sample: int, delay: float, step: float) -> floa
     lag = delay / step
     whole = int(lag)
     part = lag - whole
-    newer = history[(sample - whole) % HISTORY]
-    older = history[(sample - whole - 1) % HISTORY]
+    newer: float = history[(sample - whole) % HISTORY]
+    older: float = history[(sample - whole - 1) % HISTORY]
     return newer + part * (older - newer)
 
 
 @inlined
 def sensed(omega: float, time: float, reality: FloatArray) -> float:
     """What the gyro makes of a speed, without noise: gain, bias, drift, and a bias that jumps."""
-    value = reality[GAIN] * omega + reality[BIAS] + reality[DRIFT] * time
+    value: float = reality[GAIN] * omega + reality[BIAS] + reality[DRIFT] * time
     if time >= reality[STEP_TIME]:
         value += reality[STEP_RATE]
     return value

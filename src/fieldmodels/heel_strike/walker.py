@@ -51,7 +51,6 @@ WALKER = np.dtype(
         ("theta", np.float64),  # truth [rad]
         ("omega", np.float64),  # truth, before the push-off of a pending strike [rad/s]
         ("torque", np.float64),  # process torque per inertia [rad/s2]
-        ("collision", np.float64),  # collision noise of amplitude 1, without its envelope
         ("geometry", np.float64),  # angle that the geometry gave at the latest strike [rad]
         ("history", np.float64, (HISTORY,)),  # past speeds, for a delayed gyro
         ("agent_theta", np.float64),
@@ -81,6 +80,7 @@ class Constants(NamedTuple):
     gyro: float
     memory: float
     drive: float
+    first: float
     envelope: int
     hold: int
     one_sided: bool
@@ -114,6 +114,7 @@ def make_constants(
         gyro=noise.gyro,
         memory=noise.correlation,
         drive=noise.collision_drive,
+        first=noise.collision_first,
         envelope=max(1, round(noise.envelope / leg.step)),
         hold=max(1, round(noise.hold / leg.step)),
         one_sided=noise.floor_one_sided,
@@ -139,7 +140,8 @@ def filter_levels(leg: Leg, noise: Noise, process: float, floor: float, collisio
     with time constant T/2.
 
     Returns:
-        Driving variance of the torque, of the collision noise, and variance of the geometry's angle.
+        Driving variance of the torque, of the collision noise, variance of the geometry's angle, and
+        variance of the collision noise at its start.
     """
     memory = math.exp(-2 * leg.step / noise.hold)
     return np.array(
@@ -147,12 +149,13 @@ def filter_levels(leg: Leg, noise: Noise, process: float, floor: float, collisio
             (1 - memory**2) * process**2 / 3,
             (noise.collision_drive * collision) ** 2 / 3,
             max(floor / leg.step_length, 1e-6) ** 2 / 3,
+            (noise.collision_first * collision) ** 2 / 3,
         ]
     )
 
 
 def bank_levels(leg: Leg, regimes: Regimes) -> FloatArray:
-    """What the filters are told: one row for each of the eight regimes, then the typical one, shape (9, 3).
+    """What the filters are told: one row for each of the eight regimes, then the typical one, shape (9, 4).
 
     Regime number: 4 * process + 2 * floor + collision. The typical filter, the reference, takes the
     geometric mean of each pair of levels.
@@ -176,11 +179,11 @@ def bank_transition(regimes: Regimes) -> FloatArray:
 
 @inlined
 def start_filter(f: FloatArray, speed: float, levels: FloatArray, c: Constants) -> None:
-    """Start a filter in the known state, with torque and collision noise at their stationary spread."""
+    """Start a filter in the known state, with the torque at its stationary spread."""
     f[:] = 0.0
     f[1] = speed
-    f[11] = levels[0] / max(1.0 - c.torque_memory**2, 1e-12)
-    f[13] = levels[1] / max(1.0 - c.memory**2, 1e-12)
+    f[11] = levels[0] / (1.0 - c.torque_memory**2)
+    f[13] = levels[3]
 
 
 @compiled
@@ -197,7 +200,6 @@ def start(walkers: NDArray[Any], i: int, key: np.uint64, c: Constants, levels: F
     w.theta = 0.0
     w.omega = c.speed
     w.torque = 0.0
-    w.collision = symmetric(w.keys[COLLISION], 0) * c.drive / math.sqrt(1.0 - c.memory * c.memory)
     w.geometry = 0.0
     w.history[:] = c.speed
     w.agent_theta = 0.0
@@ -211,7 +213,7 @@ def start(walkers: NDArray[Any], i: int, key: np.uint64, c: Constants, levels: F
     w.weights[:] = 1.0 / BANK
     w.features[0] = math.log(levels[BANK, 2] + 1e-12)
     w.features[2] = math.log(w.ekf[11] + 1e-12)
-    w.features[4] = math.log(w.ekf[13] + 1e-12)
+    w.features[4] = math.log(levels[BANK, 1] + 1e-12)
     w.features[1], w.features[3], w.features[5] = w.features[0], w.features[2], w.features[4]
 
 
@@ -257,7 +259,7 @@ def advance(
         floor = c.floor_high if w.floor_level == 1 else c.floor_low
         q_torque, q_collision, r_floor = levels[BANK, 0], levels[BANK, 1], levels[BANK, 2]
         early, late, decay = gains[b, 0], gains[b, 1], gains[b, 3]
-        theta, torque, noise, sample = w.theta, w.torque, w.collision, w.sample
+        theta, torque, sample = w.theta, w.torque, w.sample
         # What the latest strike left to do: the reset that the agent chose, and the push-off on all.
         agent_theta = reset(w.agent_theta, w.geometry, gains[b, 2])
         omega = push_off(w.omega, c.speed, c.share) if w.stride > 0 else w.omega
@@ -265,10 +267,11 @@ def advance(
         ranger_gyro = push_off(w.ranger_gyro, c.speed, c.share) if w.stride > 0 else w.ranger_gyro
         swung = 0.0
         if w.stride > 0:
-            kalman.push_off_filter(ekf, c.speed, c.share)
+            kalman.strike(ekf, c.speed, c.share, levels[BANK, 3])
             if use_bank:
                 for m in range(BANK):
-                    kalman.push_off_filter(bank[m], c.speed, c.share)
+                    kalman.strike(bank[m], c.speed, c.share, levels[m, 3])
+        noise = c.first * symmetric(collision_key, -1 - w.stride)
         log_weights[:] = 0.0
         torque_square, collision_square = 0.0, 0.0
         n = 0
@@ -362,7 +365,7 @@ def advance(
             w.floor_level = 1 - w.floor_level
         if uniform(w.keys[SWITCH], 3 * w.stride + 2) < c.switch:
             w.collision_level = 1 - w.collision_level
-        w.theta, w.omega, w.torque, w.collision, w.sample = theta, omega, torque, noise, sample
+        w.theta, w.omega, w.torque, w.sample = theta, omega, torque, sample
         w.agent_theta, w.agent_omega, w.ranger_gyro = agent_theta, agent_omega, ranger_gyro
         w.geometry = geometry
         w.stride += 1
