@@ -37,6 +37,11 @@ class Agent(ABC):
     title: str = ""
     estimator: str = ""
 
+    @property
+    def kind(self) -> str:
+        """How its results are to be read: what it sees, or that it is an estimator which does not act."""
+        return f"estimator, {self.sees}" if self.estimator else self.sees
+
     def reset(self, seed: int) -> None:  # noqa: B027 - most agents have nothing to forget
         """Forget everything before a new batch of episodes begins.
 

@@ -10,12 +10,11 @@ if TYPE_CHECKING:
 
 def catalogue() -> dict[str, Any]:
     """Everything that has a name, as plain data."""
+    from fieldagents.evaluation.entrants import describe_agents
+    from fieldagents.learned.zoo import list_zoo
     from fieldgym import TASKS
     from fieldmodels.datasets import dataset_names
     from fieldmodels.registry import get_model, model_names
-
-    from fieldagents.evaluation.entrants import describe_agents
-    from fieldagents.learned.zoo import list_zoo
 
     tasks = [
         {

@@ -250,12 +250,11 @@ def diagnose(
 
         fieldgym diagnose dfki_simple_pendulum/ddp --model pendulum
     """
+    from fieldagents import findings
     from fieldmodels.datasets import open_recording
     from fieldmodels.diagnosis import diagnose as run
     from fieldmodels.diagnosis.report import write_results
     from fieldmodels.registry import get_model
-
-    from fieldagents import findings
 
     chosen = get_model(model)
     held = findings.fixed_parameters(chosen, fixed or [])
@@ -307,7 +306,7 @@ def _done(written: dict[str, str], as_json: bool = False) -> None:
         _print_json(written)
     else:
         for name, path in written.items():
-            print(f"{name}: {path}" if name not in path else path)
+            print(f"{name}: {path}")
 
 
 def main() -> None:

@@ -5,22 +5,23 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, SequenceNode
 
-from fieldmodels.model import did_you_mean
+from fieldmodels.model import ModelError, did_you_mean
 from fieldmodels.yaml import YamlError, load_yaml
 
 Location = tuple[str | int, ...]
@@ -53,6 +54,15 @@ class Config(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+def _mapping_or_path(value: Any) -> Any:
+    if value is not None and not isinstance(value, dict | str):
+        raise ValueError("must be a mapping of effects, as in {gyro_bias: {rate: 0.004}}, or a path")
+    return value
+
+
+RealityConfig = Annotated[Any, AfterValidator(_mapping_or_path)]
+
+
 class EnvironmentConfig(Config):
     """A task's environment.
 
@@ -62,7 +72,7 @@ class EnvironmentConfig(Config):
     """
 
     settings: dict[str, Any] = Field(default_factory=dict)
-    reality: dict[str, dict[str, float]] | str | None = None
+    reality: RealityConfig = None
 
 
 def check_environment(task: str, environment: EnvironmentConfig) -> None:
@@ -73,22 +83,36 @@ def check_environment(task: str, environment: EnvironmentConfig) -> None:
     """
     from fieldgym import TASKS
 
-    from fieldmodels.model import ModelError
+    problems: list[tuple[Location, str]] = []
+    kind = TASKS[task].settings
+    try:
+        TypeAdapter(kind).validate_python(environment.settings)
+    except ValidationError as error:
+        problems += [(("settings", *at), message) for at, message in _readable(error, kind)]
+    try:
+        check_reality(TASKS[task].model, environment.reality)
+    except ProblemsError as error:
+        problems += [(("reality", *at), message) for at, message in error.problems]
+    if problems:
+        raise ProblemsError(problems)
+
+
+def check_reality(model: str, reality: Any) -> None:
+    """Check a reality against a model.
+
+    Raises:
+        ProblemsError: With every unknown effect, unknown parameter and value out of bounds.
+    """
     from fieldmodels.reality import read_reality
     from fieldmodels.registry import get_model
 
     problems: list[tuple[Location, str]] = []
-    settings = TASKS[task].settings
-    try:
-        settings(**environment.settings)
-    except ValidationError as error:
-        problems += [(("settings", *at), message) for at, message in _readable(error, settings)]
-    except (ValueError, TypeError) as error:
-        problems.append((("settings",), str(error)))
-    try:
-        read_reality(environment.reality, get_model(TASKS[task].model))
-    except (ModelError, YamlError) as error:
-        problems.append((("reality",), str(error)))
+    parts = reality.items() if isinstance(reality, dict) else [(None, reality)]
+    for name, value in parts:
+        try:
+            read_reality(reality if name is None else {name: value}, get_model(model))
+        except (ModelError, YamlError) as error:
+            problems.append((() if name is None else (name,), str(error)))
     if problems:
         raise ProblemsError(problems)
 
@@ -172,6 +196,30 @@ class EvaluateConfig(Config):
         return baseline
 
 
+class ExcitationConfig(Config):
+    """How the input of a model is driven.
+
+    Attributes:
+        kind: ``mixed``, ``multisine``, ``prbs``, ``steps`` or ``chirp``.
+        amplitude: Peak of the command, in the input's unit.
+    """
+
+    kind: Literal["mixed", "multisine", "prbs", "steps", "chirp"] = "mixed"
+    amplitude: float = Field(default=1.0, gt=0)
+
+
+class WalkConfig(Config):
+    """How a walker's noise behaves.
+
+    Attributes:
+        collision_kind: Kind of the collision noise.
+        regimes: Whether the noise levels switch as in the environment; else they stay nominal.
+    """
+
+    collision_kind: Literal["low_pass", "ar1"] = "low_pass"
+    regimes: bool = False
+
+
 class RecordConfig(Config):
     """What `fieldgym record` reads: a model in a (hidden) reality, measured for a while.
 
@@ -179,43 +227,50 @@ class RecordConfig(Config):
         name: Name of the result folder.
         model: Name of the model.
         reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
-        excitation: How the input is driven (models with an input); a walker excites itself.
-        settings: Settings of the recorder (``heel_strike``: the noise and its regimes).
+        excitation: How the input is driven, for a model with a commanded input.
+        walk: The noise of a walk, for ``heel_strike``, which nobody drives.
         duration: Length of an episode [s].
-        step: Sampling interval [s]; left out, the model's usual one.
+        step: Sampling interval [s], for a model with a commanded input; a walker has its own.
         episodes: Number of episodes.
-        noise: Whether sensors and process are noisy.
+        noise: Factor on the sensors' noise; 0 for none (a walker's noise is part of its walk).
         seed: Seed of all randomness.
         format: File format.
     """
 
     name: Name
     model: str
-    reality: dict[str, dict[str, float]] | str | None = None
-    excitation: dict[str, Any] = Field(default_factory=dict)
-    settings: dict[str, Any] = Field(default_factory=dict)
+    reality: RealityConfig = None
+    excitation: ExcitationConfig | None = None
+    walk: WalkConfig | None = None
     duration: float = Field(gt=0, le=36_000)
     step: float | None = Field(default=None, gt=0, le=1)
     episodes: int = Field(default=1, ge=1, le=1000)
-    noise: bool = True
+    noise: float = Field(default=1.0, ge=0, le=1000)
     seed: int = Field(default=0, ge=0)
-    format: str = Field(default="csv", pattern="^(csv|parquet)$")
+    format: Literal["csv", "parquet"] = "csv"
 
-    @model_validator(mode="after")
-    def _fits_the_model(self) -> RecordConfig:
-        from fieldmodels.model import ModelError
-        from fieldmodels.reality import read_reality
+    @field_validator("model")
+    @classmethod
+    def _model_exists(cls, model: str) -> str:
         from fieldmodels.registry import get_model
 
-        try:
-            model = get_model(self.model)
-        except ModelError as error:
-            raise ProblemsError([(("model",), str(error))]) from None
-        try:
-            read_reality(self.reality, model)
-        except (ModelError, YamlError) as error:
-            raise ProblemsError([(("reality",), str(error))]) from None
-        return self
+        get_model(model)
+        return model
+
+    @field_validator("reality")
+    @classmethod
+    def _reality_fits(cls, reality: Any, info: ValidationInfo) -> Any:
+        if "model" in info.data:
+            check_reality(info.data["model"], reality)
+        return reality
+
+    @field_validator("excitation", "walk", "step", "noise")
+    @classmethod
+    def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
+        strange = ("excitation", "step", "noise") if info.data.get("model") == "heel_strike" else ("walk",)
+        if info.field_name in strange:
+            raise ValueError(f"model {info.data.get('model')!r} does not take this key; leave it out")
+        return value
 
 
 C = TypeVar("C", bound=BaseModel)
@@ -319,7 +374,7 @@ def _readable(error: ValidationError, kind: Any) -> Iterator[tuple[Location, str
         elif isinstance(inner := item.get("ctx", {}).get("error"), ProblemsError):
             for below, message in inner.problems:
                 whole = (*at, *below)
-                yield whole, f"{'.'.join(str(part) for part in whole)}: {message.removeprefix(key + ': ')}"
+                yield whole, f"{'.'.join(str(part) for part in whole)}: {message}"
         elif item["type"] == "value_error":
             yield at, f"{key}: {item['msg'].removeprefix('Value error, ')}"
         else:

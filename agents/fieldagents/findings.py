@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from fieldmodels.model import Model, ModelError, did_you_mean
-
 from fieldagents.config import ConfigError
+from fieldmodels.model import Model, ModelError, did_you_mean
 
 if TYPE_CHECKING:
     from rich.console import Console

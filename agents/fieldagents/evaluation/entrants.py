@@ -9,6 +9,7 @@ from typing import Any
 
 from fieldagents.agent import Agent
 from fieldagents.learned import zoo
+from fieldagents.learned.policy import OnnxAgent
 from fieldagents.reference import references
 
 
@@ -29,28 +30,21 @@ class Entrant:
     @property
     def kind(self) -> str:
         """How its result is to be read: what it sees, or that it does not act at all."""
-        first = self.runs[0]
-        return f"estimator, {first.sees}" if first.estimator else first.sees
+        return self.runs[0].kind
 
 
 def agent_names(task: str) -> list[str]:
     """Names that an evaluation of this task knows."""
-    return [*references(task), *(entry.algorithm for entry in zoo.list_zoo() if entry.task == task)]
+    return [*references(task), *(entry.name for entry in zoo.list_zoo(task))]
 
 
 def describe_agents(task: str) -> list[dict[str, str]]:
     """Name, rights and title of every agent of a task."""
     described = [
-        {
-            "name": one.name,
-            "sees": f"estimator, {one.sees}" if one.estimator else one.sees,
-            "title": one.title,
-        }
-        for one in references(task).values()
+        {"name": one.name, "sees": one.kind, "title": one.title} for one in references(task).values()
     ]
-    for entry in zoo.list_zoo():
-        if entry.task == task:
-            described.append({"name": entry.algorithm, "sees": "observation", "title": "trained policy"})
+    for entry in zoo.list_zoo(task):
+        described.append({"name": entry.name, "sees": "observation", "title": entry.title})
     return described
 
 
@@ -63,9 +57,7 @@ def make_entrant(name: str, task: str, settings: Mapping[str, Any]) -> Entrant:
         settings: The environment's settings; agents that see no more than observations ignore them.
     """
     if name.endswith(".onnx"):
-        from fieldagents.learned.policy import OnnxAgent
-
         return Entrant(name, (OnnxAgent(Path(name)),), learned=True)
     if name in (known := references(task)):
         return Entrant(name, (known[name].make(settings),))
-    return Entrant(name, tuple(zoo.load_runs(task, name)), learned=True)
+    return Entrant(name, zoo.get_entry(task, name).agents(), learned=True)
