@@ -1,0 +1,292 @@
+"""Fits of candidate effects: the base and a set of effects, freed together."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.diagnosis.fit import (
+    Coordinates,
+    Fit,
+    diagonal_whitener,
+    fit,
+    held_out_loss,
+    project,
+    refit,
+)
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.model import Effect, FloatArray
+
+IntArray = NDArray[np.int64]
+Names = tuple[str, ...]
+TRIED = 2  # starts that are followed after screening
+SINGULAR = 2e-3  # smallest singular value of unit columns that counts as determined
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects fitted jointly with the base.
+
+    Attributes:
+        effects: Names of the effects, in the order in which they were added.
+        fit: Parameters and states.
+        search: Price [nats] of having searched several starts: the logarithm of their number.
+        loss: Held-out loss [nats] of every window.
+    """
+
+    effects: Names
+    fit: Fit
+    search: float
+    loss: FloatArray
+
+    @property
+    def total(self) -> float:
+        """Held-out loss of all windows with the price of the search: what selection minimises."""
+        return float(self.loss.sum()) + self.search
+
+
+@dataclass
+class Candidates:
+    """Fits sets of effects to one problem.
+
+    Attributes:
+        problem: Training windows.
+        start: Parameter vector with the fixed values; also the start of the base.
+        fixed: Names of parameters that are not fitted.
+        folds: Fold of each window for held-out losses.
+        whitener: Whitening matrix that all fits share.
+        untestable: Effects that the free parameters absorb exactly.
+    """
+
+    problem: Problem
+    start: FloatArray
+    fixed: frozenset[str]
+    folds: IntArray
+    whitener: FloatArray
+    untestable: set[str] = field(default_factory=set)
+
+    def free(self, effects: Names) -> IntArray:
+        """Indices of parameters that a gradient moves: the base and the effects, less the fixed."""
+        model = self.problem.model
+        indices = list(range(len(model.parameters)))
+        for name in effects:
+            indices += range(*model.slice_of(name).indices(len(model.names)))
+        return np.array(
+            [i for i in indices if model.names[i] not in self.fixed and model.all_parameters[i].smooth],
+            dtype=np.int64,
+        )
+
+    def names(self) -> list[str]:
+        """Effects that may be tried: not fixed by the user, not absorbed, and not read off the data."""
+        model = self.problem.model
+        return [
+            effect.name
+            for effect in model.effects
+            if not any(f"{effect.name}.{p.name}" in self.fixed for p in effect.parameters)
+            and effect.name not in self.untestable
+            and not is_quantisation(effect)
+        ]
+
+    def base(self, iterations: int = 30) -> Candidate:
+        """Fit the base alone, from the nominal values, the model's starts and a coarse search."""
+        problem, free = self.problem, self.free(())
+        starts = _base_starts(problem, self.start, free)
+        simulated = problem.simulate(starts, problem.states)
+        costs = np.sum(((problem.features - simulated) @ self.whitener.T) ** 2, axis=(1, 2))
+        order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))[:3]
+        tries = [fit(problem, starts[i], free, self.whitener, iterations=8) for i in order]
+        best = min(tries, key=lambda f: f.cost)
+        best = fit(problem, best.parameters, free, self.whitener, best.states, iterations)
+        self.whitener = diagonal_whitener(best.raw, problem.output_scale)
+        return self._judged((), fit(problem, best.parameters, free, self.whitener, best.states, 10), 0.0)
+
+    def extend(self, parent: Candidate, name: str) -> Candidate | None:
+        """Add an effect to a fitted set; None if the data cannot determine it beside the rest."""
+        effect = self.problem.model.effect(name)
+        starts = self.screened(parent, effect)
+        if not starts:
+            return None
+        free = self.free((*parent.effects, name))
+        states = parent.fit.states
+        tries = [fit(self.problem, s, free, self.whitener, states, 3) for s in starts[:TRIED]]
+        best = min(tries, key=lambda f: f.cost)
+        if not np.isfinite(best.cost):
+            return None
+        best = fit(self.problem, best.parameters, free, self.whitener, best.states, 12)
+        best = self._profiled(best, effect)
+        search = np.log(max(len(_starts(self.problem, effect)), 1)) + parent.search
+        return self._judged((*parent.effects, name), best, float(search))
+
+    def again(self, candidate: Candidate) -> Candidate:
+        """Fit a candidate again with the present whitener."""
+        return self._judged(
+            candidate.effects, refit(self.problem, candidate.fit, self.whitener), candidate.search
+        )
+
+    def without(self, candidate: Candidate, gone: str) -> Candidate:
+        """Fit a set again with one effect switched off."""
+        model = self.problem.model
+        effects = tuple(name for name in candidate.effects if name != gone)
+        start = candidate.fit.parameters.copy()
+        start[model.slice_of(gone)] = self.start[model.slice_of(gone)]
+        fitted = fit(self.problem, start, self.free(effects), self.whitener, candidate.fit.states)
+        return self._judged(effects, fitted, candidate.search)
+
+    def promise(self, parent: Candidate, name: str) -> float:
+        """Improvement [nats] that an effect promises at its best start, to first order."""
+        return float(self.score(parent, self.problem.model.effect(name))[0].max())
+
+    def score(self, parent: Candidate, effect: Effect) -> tuple[FloatArray, FloatArray]:
+        """Improvement [nats] that each start of an effect promises, to first order.
+
+        Returns:
+            Improvements, shape (starts,), and the best multiple of each start's step, shape (starts,).
+        """
+        starts = _start_vectors(self.problem, parent.fit.parameters, effect)
+        change = self.problem.simulate(starts, parent.fit.states) - (self.problem.features - parent.fit.raw)
+        columns = project(parent.fit, np.moveaxis(change, 0, 2))
+        flat = columns.reshape(-1, columns.shape[2])
+        own = parent.fit.jacobian[:, :, parent.fit.active].reshape(len(flat), -1)
+        residual = parent.fit.residual.reshape(-1)
+        if own.shape[1]:
+            basis = np.linalg.qr(own)[0]
+            flat = flat - basis @ (basis.T @ flat)
+            residual = residual - basis @ (basis.T @ residual)
+        power = np.sum(flat**2, axis=0) + 1e-12
+        multiple = (flat.T @ residual) / power
+        return 0.5 * multiple**2 * power, multiple
+
+    def screened(self, parent: Candidate, effect: Effect) -> list[FloatArray]:
+        """Start vectors of an effect beside a parent, most promising first."""
+        promise, multiple = self.score(parent, effect)
+        starts = _start_vectors(self.problem, parent.fit.parameters, effect)
+        order = np.argsort(-promise)
+        place = self.problem.model.slice_of(effect.name)
+        single = len(effect.parameters) == 1
+        result = []
+        for i in order:
+            start = starts[i].copy()
+            if single and np.isfinite(multiple[i]):
+                # One number: go where the first order says, within reach.
+                neutral = parent.fit.parameters[place]
+                p = effect.parameters[0]
+                step = np.clip(multiple[i], -3, 3) if p.lower < p.nominal else np.clip(multiple[i], 0.2, 3)
+                if p.nominal < p.upper:
+                    start[place] = np.clip(neutral + step * (start[place] - neutral), p.lower, p.upper)
+            result.append(start)
+        return result
+
+    def determined(self, parent: Candidate, name: str) -> bool:
+        """Whether the data can tell an effect from the base at all, by an exact rank test at its start."""
+        effect = self.problem.model.effect(name)
+        start = self.screened(parent, effect)[0]
+        free = self.free((*parent.effects, name))
+        here = fit(self.problem, start, free, self.whitener, parent.fit.states, 0)
+        if _smallest_singular(here.jacobian) > 0.05:
+            return True
+        return _smallest_singular(self._central(here)) > SINGULAR
+
+    def _central(self, here: Fit) -> FloatArray:
+        """Jacobian by central differences, accurate enough for a rank test."""
+        coordinates = Coordinates(self.problem.model.all_parameters, here.free)
+        at = coordinates.encode(here.parameters[here.free])
+        step = 1e-3
+        batch = np.repeat(here.parameters[None], 2 * len(here.free), axis=0)
+        for k, i in enumerate(here.free):
+            for sign, row in ((1, 2 * k), (-1, 2 * k + 1)):
+                moved = at.copy()
+                moved[k] += sign * step
+                batch[row, i] = coordinates.decode(np.clip(moved, coordinates.lower, coordinates.upper))[k]
+        outputs = self.problem.simulate(batch, here.states)
+        return project(here, np.moveaxis(outputs[0::2] - outputs[1::2], 0, 2) / (2 * step))
+
+    def _judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
+        return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds))
+
+    def _profiled(self, best: Fit, effect: Effect) -> Fit:
+        """Search parameters without derivative on ever finer grids around the best start."""
+        model = self.problem.model
+        place = model.slice_of(effect.name).start
+        for k, parameter in enumerate(effect.parameters):
+            if parameter.smooth or model.names[place + k] in self.fixed:
+                continue
+            grid = np.array(_parameter_starts(self.problem, effect, k))
+            reach = float(np.median(np.diff(np.sort(grid)))) if len(grid) > 1 else parameter.scale
+            for _ in range(3):
+                around = best.parameters[place + k] + reach * np.linspace(-1, 1, 9)
+                batch = np.repeat(best.parameters[None], len(around), axis=0)
+                batch[:, place + k] = np.clip(around, parameter.lower, parameter.upper)
+                raw = self.problem.features - self.problem.simulate(batch, best.states)
+                shifted = project(best, np.moveaxis(raw, 0, 2))
+                flat = shifted.reshape(-1, shifted.shape[2])
+                own = best.jacobian[:, :, best.active].reshape(len(flat), -1)
+                if own.shape[1]:
+                    basis = np.linalg.qr(own)[0]
+                    flat = flat - basis @ (basis.T @ flat)
+                choice = int(np.argmin(np.sum(flat**2, axis=0)))
+                trial = fit(self.problem, batch[choice], best.free, self.whitener, best.states, 3)
+                if trial.cost < best.cost:
+                    best = trial
+                reach /= 4
+        return best
+
+
+def is_quantisation(effect: Effect) -> bool:
+    """Whether an effect is a sensor's coarse step, which is read off the values themselves."""
+    return effect.name.endswith("quantisation")
+
+
+def _smallest_singular(jacobian: FloatArray) -> float:
+    """Smallest singular value of unit columns; 0 if a column is empty."""
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    if flat.shape[1] == 0 or size.min() <= 1e-9 * size.max():
+        return 0.0
+    return float(np.linalg.svd(flat / size, compute_uv=False)[-1])
+
+
+def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[float]:
+    """Starts of one parameter; a moment of change is searched over the whole record."""
+    parameter = effect.parameters[k]
+    if parameter.starts:
+        return parameter.starts
+    if not parameter.smooth and parameter.unit == "s":
+        times = np.concatenate([p.windows.recording.time for p in problem.parts])
+        return tuple(np.linspace(times.min(), times.max(), 19)[1:-1].tolist())
+    step = parameter.nominal + parameter.scale
+    return (step if step <= parameter.upper else parameter.nominal - parameter.scale,)
+
+
+def _starts(problem: Problem, effect: Effect) -> list[tuple[float, ...]]:
+    return list(
+        itertools.product(*(_parameter_starts(problem, effect, k) for k in range(len(effect.parameters))))
+    )
+
+
+def _start_vectors(problem: Problem, parameters: FloatArray, effect: Effect) -> FloatArray:
+    values = np.array(_starts(problem, effect))
+    result = np.repeat(parameters[None], len(values), axis=0)
+    result[:, problem.model.slice_of(effect.name)] = values
+    return result
+
+
+def _base_starts(problem: Problem, start: FloatArray, free: IntArray) -> FloatArray:
+    """The start itself, the model's own starts, and a coarse search over decades."""
+    parameters = problem.model.all_parameters
+    result = [start]
+    own = start.copy()
+    for i in free:
+        if parameters[i].starts:
+            own[i] = parameters[i].starts[0]
+    result.append(own)
+    wide = [i for i in free if parameters[i].lower > 0 and parameters[i].upper > 100 * parameters[i].lower]
+    for shift in itertools.product((-2.0, -1.0, 0.0, 1.0, 2.0), repeat=min(len(wide), 3)):
+        moved = own.copy()
+        for i, decade in zip(wide[:3], shift, strict=True):
+            moved[i] = np.clip(own[i] * 10**decade, parameters[i].lower, parameters[i].upper)
+        result.append(moved)
+    return np.array(result)

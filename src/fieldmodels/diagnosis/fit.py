@@ -1,0 +1,353 @@
+"""Fit of parameters and initial states to windows: Levenberg-Marquardt with the states projected out.
+
+Each window's initial state is its own nuisance. Its sensitivities are removed from the window's
+residual by QR (variable projection), and the state itself is updated by back-substitution, so that a
+nonlinear model is linearised anew at every step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.model import FloatArray, Parameter
+
+IntArray = NDArray[np.int64]
+PRIOR = 2.0  # initial states stay within about this many times their spread over windows
+STEP = 0.01  # finite-difference step of a parameter, in its scale
+STATE_STEP = 1e-3  # the same of a state, in its spread over windows
+SETTLED = 0.01  # nats; a smaller improvement ends a fit
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters and initial states fitted to a problem, with the linearisation there.
+
+    Attributes:
+        parameters: Whole parameter vector, shape (parameters,).
+        free: Indices of the fitted ones, shape (free,).
+        states: Initial states, shape (windows, states).
+        cost: Half the sum of squared whitened residuals [nats], states included.
+        residual: Whitened residual with states projected out, shape (windows, features + states).
+        jacobian: Change of the whitened simulation by the free parameters' coordinates, states projected
+            out, shape (windows, features + states, free).
+        raw: Measured minus simulated features, shape (windows, features).
+        active: Free parameters that are not held by a bound, shape (free,).
+        basis: Orthonormal basis of the states' sensitivities, shape (windows, features + states, states).
+        state_residual: What the states alone would change to fit best (in their spread over windows),
+            shape (windows, states).
+        state_jacobian: The same for every free parameter, shape (windows, states, free).
+        whitener: Whitening matrix, shape (features, features).
+    """
+
+    parameters: FloatArray
+    free: IntArray
+    states: FloatArray
+    cost: float
+    residual: FloatArray
+    jacobian: FloatArray
+    raw: FloatArray
+    active: NDArray[np.bool_]
+    basis: FloatArray
+    state_residual: FloatArray
+    state_jacobian: FloatArray
+    whitener: FloatArray
+
+    @property
+    def information(self) -> FloatArray:
+        """Fisher information in the free parameters' coordinates, shape (free, free)."""
+        flat = self.jacobian.reshape(-1, self.jacobian.shape[2])
+        return flat.T @ flat
+
+
+class Coordinates:
+    """Free parameters as numbers of order one: the logarithm where a parameter spans decades."""
+
+    def __init__(self, parameters: tuple[Parameter, ...], free: IntArray) -> None:
+        chosen = [parameters[i] for i in free]
+        self.log = np.array([p.lower > 0 and p.upper > 100 * p.lower for p in chosen], dtype=np.bool_)
+        self.scale = np.array([p.scale for p in chosen])
+        lower, upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
+        self.lower, self.upper = self.encode(lower), self.encode(upper)
+
+    def encode(self, values: FloatArray) -> FloatArray:
+        """Values to coordinates."""
+        positive = np.where(self.log, values, 1.0)
+        return np.where(self.log, np.log(positive), values / self.scale)
+
+    def decode(self, coordinates: FloatArray) -> FloatArray:
+        """Coordinates to values; the inverse of ``encode``."""
+        return np.where(self.log, np.exp(np.where(self.log, coordinates, 0.0)), coordinates * self.scale)
+
+    def slope(self, values: FloatArray) -> FloatArray:
+        """Derivative of the values by the coordinates."""
+        return np.where(self.log, values, self.scale)
+
+
+def fit(
+    problem: Problem,
+    parameters: FloatArray,
+    free: IntArray,
+    whitener: FloatArray,
+    states: FloatArray | None = None,
+    iterations: int = 20,
+) -> Fit:
+    """Minimise the whitened misfit over free parameters and all initial states.
+
+    Args:
+        problem: The windows.
+        parameters: Start of the whole vector; what is not free stays.
+        free: Indices of the free parameters (may be empty: then only states are fitted).
+        whitener: Matrix that whitens a window's residual, shape (features, features).
+        states: Start of the initial states; by default the measured ones.
+        iterations: Steps at most.
+
+    Returns:
+        The best point seen; its cost is infinite if the simulation fails at the start.
+    """
+    coordinates = Coordinates(problem.model.all_parameters, free)
+    states = problem.states if states is None else states
+    raw = problem.features - problem.simulate(parameters[None], states)[0]
+    here = _linearise(problem, parameters, free, whitener, states, raw, coordinates)
+    damping = 1e-3
+    for _ in range(iterations):
+        if not np.isfinite(here.cost):
+            break
+        step, expected = _step(here, coordinates, damping)
+        if expected < SETTLED and damping <= 1e-3:
+            break
+        trial_parameters = parameters_at(here, coordinates, step)
+        change = here.state_residual - here.state_jacobian @ step
+        trial_states = here.states + np.clip(change, -3, 3) * problem.state_scale
+        trial_raw = problem.features - problem.simulate(trial_parameters[None], trial_states)[0]
+        cost = _cost(problem, trial_raw, trial_states, whitener)
+        if cost < here.cost:
+            gained = here.cost - cost
+            here = _linearise(problem, trial_parameters, free, whitener, trial_states, trial_raw, coordinates)
+            damping = max(damping * 0.1, 1e-6)
+            if gained < SETTLED:
+                break
+        else:
+            damping = max(damping * 10, 1e-3)
+            if damping > 1e5:
+                break
+    return here
+
+
+def parameters_at(here: Fit, coordinates: Coordinates, step: FloatArray) -> FloatArray:
+    """The whole vector after a step in coordinates, inside the bounds."""
+    result = here.parameters.copy()
+    if len(here.free):
+        moved = coordinates.encode(here.parameters[here.free]) + step
+        result[here.free] = coordinates.decode(np.clip(moved, coordinates.lower, coordinates.upper))
+    return result
+
+
+def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
+    """Standard error of every free parameter, in its unit; NaN where the data do not determine it."""
+    if not len(fitted.free):
+        return np.zeros(0)
+    coordinates = Coordinates(problem.model.all_parameters, fitted.free)
+    flat = fitted.jacobian * fitted.residual[:, :, None]
+    # Clustered by block: windows of one block may err together.
+    scores = np.array([flat[problem.blocks == b].sum(axis=(0, 1)) for b in np.unique(problem.blocks)])
+    inverse = np.linalg.pinv(fitted.information, hermitian=True)
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    spread = np.sqrt(np.maximum(np.diag(covariance), np.diag(inverse)))
+    return np.asarray(spread * np.abs(coordinates.slope(fitted.parameters[fitted.free])))
+
+
+def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
+    """Held-out negative log-likelihood [nats] of every window, up to a constant.
+
+    The fit is repeated without each fold by one Gauss-Newton step from the joint optimum.
+
+    Args:
+        fitted: A fit to all windows.
+        folds: Fold of each window, shape (windows,).
+
+    Returns:
+        Loss, shape (windows,).
+    """
+    loss = np.zeros(len(fitted.residual))
+    active = fitted.active
+    jacobian = fitted.jacobian[:, :, active]
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    whole, gradient = flat.T @ flat, flat.T @ fitted.residual.reshape(-1)
+    for fold in np.unique(folds):
+        inside = folds == fold
+        own, residual = jacobian[inside], fitted.residual[inside]
+        flat = own.reshape(-1, own.shape[2])
+        rest = whole - flat.T @ flat
+        step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
+        loss[inside] = 0.5 * np.sum((residual - own @ step) ** 2, axis=1)
+    return loss
+
+
+def diagonal_whitener(raw: FloatArray, scale: FloatArray) -> FloatArray:
+    """Whitener that divides each feature by its residual's root mean square."""
+    spread = np.sqrt(np.mean(raw**2, axis=0))
+    return np.asarray(np.diag(1.0 / np.maximum(spread, 1e-6 * scale)))
+
+
+def covariance_whitener(problem: Problem, fitted: Fit, shrink: float = 0.15) -> FloatArray:
+    """Whitener from the residual covariance of a fit, shrunk to its diagonal, eigenvalues floored.
+
+    Few windows for many features need more shrinkage than the usual 15 %.
+    """
+    raw = fitted.raw
+    windows, features = raw.shape
+    scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * problem.output_scale)
+    correlation = (raw / scale).T @ (raw / scale) / max(windows - len(fitted.free), 1)
+    shrink = max(shrink, features / (features + windows))
+    correlation = (1 - shrink) * correlation + shrink * np.diag(np.diag(correlation))
+    values, vectors = np.linalg.eigh(correlation)
+    values = np.maximum(values, 0.05 * np.median(values))
+    return np.asarray((vectors / np.sqrt(values)).T / scale)
+
+
+def refit(problem: Problem, fitted: Fit, whitener: FloatArray, iterations: int = 6) -> Fit:
+    """Fit again from where a fit ended, with another whitener."""
+    return fit(problem, fitted.parameters, fitted.free, whitener, fitted.states, iterations)
+
+
+def project(fitted: Fit, columns: FloatArray) -> FloatArray:
+    """Whiten further feature columns and project the initial states out of them.
+
+    Args:
+        fitted: Where the states' sensitivities and the whitener are taken.
+        columns: Changes of the features, shape (windows, features, columns).
+
+    Returns:
+        Columns beside ``Fit.jacobian``, shape (windows, features + states, columns).
+    """
+    columns = np.where(np.isfinite(columns), columns, 0.0)
+    return _remove(fitted.basis, _padded(fitted.whitener @ columns, fitted.states.shape[1]))
+
+
+def _cost(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> float:
+    if not np.isfinite(raw).all():
+        return float("inf")
+    prior = (problem.states - states) / (PRIOR * problem.state_scale)
+    return float(0.5 * np.sum((raw @ whitener.T) ** 2) + 0.5 * np.sum(prior**2))
+
+
+def _linearise(
+    problem: Problem,
+    parameters: FloatArray,
+    free: IntArray,
+    whitener: FloatArray,
+    states: FloatArray,
+    raw: FloatArray,
+    coordinates: Coordinates,
+) -> Fit:
+    cost = _cost(problem, raw, states, whitener)
+    n_states = states.shape[1]
+    finite = np.where(np.isfinite(raw), raw, 0.0)
+    simulated = problem.features - finite
+    columns = _derivatives(problem, parameters, free, states, simulated, coordinates)
+    basis, triangle = _state_basis(problem, parameters, states, whitener, simulated)
+    prior = (problem.states - states) / (PRIOR * problem.state_scale)
+    residual = np.concatenate([finite @ whitener.T, prior], axis=1)[:, :, None]
+    jacobian = _padded(whitener @ columns, n_states)
+    across = basis.transpose(0, 2, 1)
+    result = Fit(
+        parameters=parameters,
+        free=free,
+        states=states,
+        cost=cost,
+        residual=_remove(basis, residual)[:, :, 0],
+        jacobian=_remove(basis, jacobian),
+        raw=raw,
+        active=np.ones(len(free), dtype=np.bool_),
+        basis=basis,
+        state_residual=np.asarray(np.linalg.solve(triangle, across @ residual)[:, :, 0]),
+        state_jacobian=np.asarray(np.linalg.solve(triangle, across @ jacobian), dtype=np.float64),
+        whitener=whitener,
+    )
+    return replace(result, active=_active(result, coordinates))
+
+
+def _derivatives(
+    problem: Problem,
+    parameters: FloatArray,
+    free: IntArray,
+    states: FloatArray,
+    simulated: FloatArray,
+    coordinates: Coordinates,
+) -> FloatArray:
+    """Change of the features by each free coordinate, one-sided, away from a near bound."""
+    if not len(free):
+        return np.zeros((*simulated.shape, 0))
+    here = coordinates.encode(parameters[free])
+    sign = np.where(here + STEP > coordinates.upper, -1.0, 1.0)
+    batch = np.repeat(parameters[None], len(free), axis=0)
+    for k in range(len(free)):
+        moved = here.copy()
+        moved[k] += sign[k] * STEP
+        batch[k, free[k]] = coordinates.decode(moved)[k]
+    change = problem.simulate(batch, states) - simulated
+    change = np.where(np.isfinite(change), change, 0.0)
+    return np.moveaxis(change, 0, 2) * (sign / STEP)
+
+
+def _state_basis(
+    problem: Problem,
+    parameters: FloatArray,
+    states: FloatArray,
+    whitener: FloatArray,
+    simulated: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """QR of the whitened sensitivities to the initial states, with the prior's rows below."""
+    n_states = states.shape[1]
+    columns = np.empty((*simulated.shape, n_states))
+    for j in range(n_states):
+        moved = states.copy()
+        moved[:, j] += STATE_STEP * problem.state_scale[j]
+        change = problem.simulate(parameters[None], moved)[0] - simulated
+        columns[:, :, j] = change / STATE_STEP  # by spread, so that all columns are of one order
+    columns = np.where(np.isfinite(columns), columns, 0.0)
+    prior = np.broadcast_to(np.eye(n_states) / PRIOR, (len(columns), n_states, n_states))
+    q, r = np.linalg.qr(np.concatenate([whitener @ columns, prior], axis=1))
+    return q, r
+
+
+def _remove(basis: FloatArray, columns: FloatArray) -> FloatArray:
+    return np.asarray(columns - basis @ (basis.transpose(0, 2, 1) @ columns))
+
+
+def _padded(columns: FloatArray, rows: int) -> FloatArray:
+    """Append the prior's rows, which do not depend on parameters."""
+    return np.concatenate([columns, np.zeros((len(columns), rows, columns.shape[2]))], axis=1)
+
+
+def _active(here: Fit, coordinates: Coordinates) -> NDArray[np.bool_]:
+    """Which free parameters may move: not those whose bound stops the descent."""
+    if not len(here.free):
+        return np.zeros(0, dtype=np.bool_)
+    descent = np.einsum("wfk,wf->k", here.jacobian, here.residual)
+    at = coordinates.encode(here.parameters[here.free])
+    tiny = 1e-9 * np.maximum(1.0, np.abs(at))
+    held = (at <= coordinates.lower + tiny) & (descent < 0) | (at >= coordinates.upper - tiny) & (descent > 0)
+    return np.asarray(~held)
+
+
+def _step(here: Fit, coordinates: Coordinates, damping: float) -> tuple[FloatArray, float]:
+    """Damped Gauss-Newton step of the free coordinates, and the improvement that it promises."""
+    step = np.zeros(len(here.free))
+    active = here.active
+    if active.any():
+        a = here.information[np.ix_(active, active)]
+        g = np.einsum("wfk,wf->k", here.jacobian, here.residual)[active]
+        diagonal = np.diag(a)
+        ridge = np.maximum(diagonal * damping, 1e-9 * diagonal.max() + 1e-30)
+        step[active] = np.clip(np.linalg.solve(a + np.diag(ridge), g), -10, 10)
+        log = coordinates.log & active
+        step[log] = np.clip(step[log], -1.5, 1.5)
+    moved = here.residual - here.jacobian @ step
+    # What remains in the whole residual beyond the projected part is the states' to gain.
+    expected = here.cost - 0.5 * float(np.sum(moved**2))
+    return step, expected

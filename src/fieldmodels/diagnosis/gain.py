@@ -1,0 +1,103 @@
+"""What the extension gains on data that were used neither to fit nor to choose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.diagnosis.fit import diagonal_whitener, fit
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.result import Share
+from fieldmodels.model import FloatArray
+
+RESAMPLES = 1000
+NONE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Errors of one parameter vector on the windows of a problem.
+
+    Each window starts from the state that fits that window best (the measured one is its prior), so
+    that the noise of a measured start does not hide what the simulation gets wrong. All parameter
+    vectors are treated alike.
+
+    Attributes:
+        simulated: Outputs of each recording's windows, shape (windows, samples, outputs) each.
+        squares: Sum of squared errors by window and output, shape (windows, outputs).
+        counts: Observed samples by window and output, shape (windows, outputs).
+    """
+
+    simulated: list[FloatArray]
+    squares: FloatArray
+    counts: FloatArray
+
+    def rmse(self) -> FloatArray:
+        """Root mean square error by output; NaN for an output that was not measured."""
+        return np.asarray(np.sqrt(_ratio(self.squares.sum(axis=0), self.counts.sum(axis=0))))
+
+
+def predict(problem: Problem, parameters: FloatArray) -> Prediction:
+    """Predict every window with its best initial state."""
+    raw = problem.features - problem.simulate(parameters[None], problem.states)[0]
+    whitener = diagonal_whitener(np.where(np.isfinite(raw), raw, 0.0), problem.output_scale)
+    fitted = fit(problem, parameters, NONE, whitener, iterations=5)
+    simulated = problem.samples(parameters, fitted.states)
+    outputs = tuple(o.name for o in problem.model.outputs)
+    squares, counts = [], []
+    used = np.isin(np.arange(len(outputs)), problem.outputs)
+    for part, values in zip(problem.parts, simulated, strict=True):
+        error = part.windows.measured(outputs) - values
+        seen = np.isfinite(error) & used
+        squares.append(np.where(seen, error, 0.0).__pow__(2).sum(axis=1))
+        counts.append(seen.sum(axis=1))
+    return Prediction(simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64))
+
+
+def share(
+    before: Prediction,
+    after: Prediction,
+    output: int,
+    blocks: NDArray[np.int64],
+    rng: np.random.Generator,
+) -> Share:
+    """Reduction of an output's root mean square error in percent, resampled by blocks of windows."""
+    count = int(blocks.max()) + 1
+    sums = np.stack([
+        np.bincount(blocks, weights=column[:, output], minlength=count)
+        for column in (before.squares, after.squares)
+    ])  # fmt: skip
+    draws = rng.integers(0, count, size=(RESAMPLES, count))
+    resampled = sums[:, draws].sum(axis=2)
+    gains = _percent(resampled[0], resampled[1])
+    low, high = np.percentile(gains, [2.5, 97.5])
+    total = sums.sum(axis=1)
+    return Share(float(_percent(total[:1], total[1:])[0]), (float(low), float(high)))
+
+
+def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
+    """Standard deviation of an output's white noise, from second differences of the errors.
+
+    A sensor that shows the same value for several samples tells less: then the root mean square of
+    the differences takes the median's place.
+    """
+    outputs = tuple(o.name for o in problem.model.outputs)
+    differences = []
+    for part, simulated in zip(problem.parts, prediction.simulated, strict=True):
+        error = (part.windows.measured(outputs) - simulated)[:, :, output]
+        second = np.diff(error, 2, axis=1)
+        differences.append(second[np.isfinite(second)])
+    values = np.concatenate(differences)
+    if len(values) < 20:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.clip(values, *np.percentile(values, [1, 99])) ** 2) / 6))
+
+
+def _percent(before: FloatArray, after: FloatArray) -> FloatArray:
+    return np.asarray(100 * (1 - np.sqrt(_ratio(after, before))))
+
+
+def _ratio(above: FloatArray, below: FloatArray) -> FloatArray:
+    return np.asarray(np.divide(above, below, out=np.full_like(above, np.nan), where=below > 0))

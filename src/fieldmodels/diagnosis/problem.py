@@ -1,0 +1,262 @@
+"""Windows as features: what a fit compares between a simulation and the measured data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.compiled import compiled
+from fieldmodels.model import FloatArray, Model
+from fieldmodels.recording import Recording, RecordingError, Windows
+
+IntArray = NDArray[np.int64]
+MIN_WINDOWS = 8
+BLOCK = 4  # windows a block: the unit of resampling, since slow noise couples neighbours
+
+
+@dataclass(frozen=True)
+class Part:
+    """Windows of one recording with the features that they are compressed to.
+
+    Attributes:
+        windows: The windows, each with its measured initial state.
+        slots: Feature to which a sample contributes, -1 for none, shape (windows, samples, outputs).
+        counts: Samples a feature, shape (windows, features).
+        features: Measured features, shape (windows, features).
+        blocks: Block number of each window within this recording, shape (windows,).
+    """
+
+    windows: Windows
+    slots: IntArray
+    counts: FloatArray
+    features: FloatArray
+    blocks: IntArray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All windows of some recordings at one horizon.
+
+    Features are averages over equal bins of a window (an average keeps what subsampling loses); an
+    output that is observed only a few times a window keeps each observation.
+
+    Attributes:
+        model: The simulation.
+        parts: One part a recording.
+        outputs: Index of the output that each feature belongs to, shape (features,).
+        horizon: Length of a window [s].
+    """
+
+    model: Model
+    parts: tuple[Part, ...]
+    outputs: IntArray
+    horizon: float
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return sum(len(part.windows) for part in self.parts)
+
+    @cached_property
+    def features(self) -> FloatArray:
+        """Measured features, shape (windows, features)."""
+        return np.concatenate([part.features for part in self.parts])
+
+    @cached_property
+    def states(self) -> FloatArray:
+        """Measured initial states, shape (windows, states)."""
+        return np.concatenate([part.windows.states for part in self.parts])
+
+    @cached_property
+    def blocks(self) -> IntArray:
+        """Block number of each window, counted over all recordings, shape (windows,)."""
+        result, first = [], 0
+        for part in self.parts:
+            result.append(part.blocks + first)
+            first = int(result[-1].max()) + 1 if len(part.blocks) else first
+        return np.concatenate(result)
+
+    @cached_property
+    def state_scale(self) -> FloatArray:
+        """How much each initial state varies between windows, shape (states,)."""
+        spread = self.states.std(axis=0)
+        return np.asarray(np.maximum(spread, 1e-3 * np.abs(self.states).max(axis=0) + 1e-9))
+
+    @cached_property
+    def output_scale(self) -> FloatArray:
+        """How much each feature varies between windows, shape (features,)."""
+        spread = self.features.std(axis=0)
+        return np.asarray(np.maximum(spread, 1e-6 * np.abs(self.features).max(axis=0) + 1e-12))
+
+    def simulate(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
+        """Simulated features from given initial states, shape (batch, windows, features)."""
+        results, first = [], 0
+        for part in self.parts:
+            last = first + len(part.windows)
+            outputs = self.model.simulate(parameters, part.windows.with_states(states[first:last]))
+            results.append(_compress(outputs, part.slots, part.counts))
+            first = last
+        return np.concatenate(results, axis=1)
+
+    def response(self, parameters: FloatArray, states: FloatArray, forces: list[FloatArray]) -> FloatArray:
+        """Simulated features with a generalised force along each recording, shape (windows, features)."""
+        results, first = [], 0
+        for part, force in zip(self.parts, forces, strict=True):
+            last = first + len(part.windows)
+            windows = part.windows.with_states(states[first:last]).with_disturbance(force)
+            results.append(
+                _compress(self.model.simulate(parameters[None], windows), part.slots, part.counts)[0]
+            )
+            first = last
+        return np.concatenate(results)
+
+    def samples(self, parameters: FloatArray, states: FloatArray) -> list[FloatArray]:
+        """Simulated outputs of every part at every sample, NaN where not observed."""
+        results, first = [], 0
+        for part in self.parts:
+            last = first + len(part.windows)
+            outputs = self.model.simulate(parameters[None], part.windows.with_states(states[first:last]))[0]
+            results.append(np.where(part.windows.observed, outputs, np.nan))
+            first = last
+        return results
+
+    def average(self, columns: list[FloatArray]) -> FloatArray:
+        """Average a signal along each recording over the bins of the features, shape (windows, features)."""
+        results = []
+        for part, column in zip(self.parts, columns, strict=True):
+            rows = part.windows.starts[:, None] + np.arange(part.slots.shape[1])[None, :]
+            values = column[np.minimum(rows, len(column) - 1)]
+            spread = np.repeat(values[None, :, :, None], part.slots.shape[2], axis=3)
+            results.append(_compress(spread, part.slots, part.counts)[0])
+        return np.concatenate(results)
+
+    def select(self, blocks: NDArray[np.bool_]) -> Problem:
+        """Keep the windows of some blocks; ``blocks`` says for each window whether it stays."""
+        parts, first = [], 0
+        for part in self.parts:
+            keep = blocks[first : first + len(part.windows)]
+            first += len(part.windows)
+            if keep.any():
+                parts.append(
+                    Part(
+                        windows=part.windows.select(keep),
+                        slots=part.slots[keep],
+                        counts=part.counts[keep],
+                        features=part.features[keep],
+                        blocks=part.blocks[keep],
+                    )
+                )
+        return Problem(self.model, tuple(parts), self.outputs, self.horizon)
+
+
+def build(
+    model: Model, recordings: Sequence[Recording], horizon: float, bins: int | None = None, block: int = BLOCK
+) -> Problem:
+    """Cut recordings into windows and compress them.
+
+    Args:
+        model: The simulation.
+        recordings: Measured data; an output counts if all recordings have it.
+        horizon: Length of a window [s].
+        bins: Averages a window and output; by default as many as the number of windows carries.
+        block: Windows a block.
+
+    Raises:
+        RecordingError: If there are too few windows.
+    """
+    cut = [model.windows(recording, horizon) for recording in recordings]
+    common = np.array([all(o.name in recording for recording in recordings) for o in model.outputs])
+    observed = [w.observed & common for w in cut]
+    dense = [
+        int(j) for j in np.flatnonzero(common) if max(int(o[:, :, j].sum(1).max()) for o in observed) > 12
+    ]
+    if bins is None:
+        total = sum(len(w) for w in cut)
+        bins = int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
+    count = {
+        int(j): bins if j in dense else max(int(o[:, :, j].sum(1).max()) for o in observed)
+        for j in np.flatnonzero(common)
+    }
+    outputs = np.repeat(list(count), list(count.values())).astype(np.int64)
+    parts: list[Part] = []
+    for windows, seen in zip(cut, observed, strict=True):
+        slots = _slots(seen, windows.lengths, dense, count)
+        counts = _counts(slots, len(outputs))
+        whole = np.asarray((counts > 0).all(axis=1))
+        if not whole.any():
+            continue
+        kept = windows.select(whole)
+        measured = np.nan_to_num(kept.measured(tuple(o.name for o in model.outputs)))
+        features = _compress(measured[None], slots[whole], counts[whole])[0]
+        parts.append(Part(kept, slots[whole], counts[whole], features, _blocks(kept, block)))
+    problem = Problem(model, tuple(parts), outputs, horizon)
+    if len(problem) < MIN_WINDOWS:
+        names = ", ".join(recording.source for recording in recordings)
+        raise RecordingError(
+            f"{names}: only {len(problem)} windows of {horizon:g} s; a diagnosis needs {MIN_WINDOWS} "
+            f"(at least {MIN_WINDOWS * horizon:g} s of data). Record longer."
+        )
+    return problem
+
+
+def _blocks(windows: Windows, block: int) -> IntArray:
+    """Number consecutive windows in blocks that do not reach across episodes."""
+    episode = windows.recording.episode[windows.starts]
+    result = np.zeros(len(windows), dtype=np.int64)
+    number = -1
+    inside = 0
+    for i in range(len(windows)):
+        if i == 0 or episode[i] != episode[i - 1] or inside == block:
+            number, inside = number + 1, 0
+        result[i] = number
+        inside += 1
+    return result
+
+
+def _slots(
+    observed: NDArray[np.bool_], lengths: IntArray, dense: Sequence[int], count: dict[int, int]
+) -> IntArray:
+    """Assign samples to features: bins of dense outputs, single observations of sparse ones."""
+    slots = np.full(observed.shape, -1, dtype=np.int64)
+    position = np.arange(observed.shape[1])[None, :] / lengths[:, None]
+    first = 0
+    for j, features in count.items():
+        seen = observed[:, :, j]
+        if j in dense:
+            index = np.minimum((position * features).astype(np.int64), features - 1)
+        else:
+            index = np.cumsum(seen, axis=1) - 1
+        slots[:, :, j] = np.where(seen, index + first, -1)
+        first += features
+    return slots
+
+
+@compiled
+def _counts(slots: IntArray, features: int) -> FloatArray:
+    windows, samples, outputs = slots.shape
+    result = np.zeros((windows, features))
+    for w in range(windows):
+        for n in range(samples):
+            for o in range(outputs):
+                if slots[w, n, o] >= 0:
+                    result[w, slots[w, n, o]] += 1.0
+    return result
+
+
+@compiled
+def _compress(simulated: FloatArray, slots: IntArray, counts: FloatArray) -> FloatArray:
+    batch, windows, samples, outputs = simulated.shape
+    features = counts.shape[1]
+    result = np.zeros((batch, windows, features))
+    for p in range(batch):
+        for w in range(windows):
+            for n in range(samples):
+                for o in range(outputs):
+                    if slots[w, n, o] >= 0:
+                        result[p, w, slots[w, n, o]] += simulated[p, w, n, o]
+            for f in range(features):
+                result[p, w, f] /= counts[w, f]
+    return result

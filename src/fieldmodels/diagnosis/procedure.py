@@ -1,0 +1,252 @@
+"""The diagnosis from end to end: misfit, fit, selection, gain, leftover, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmodels.diagnosis import problem as problems
+from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.fit import standard_errors
+from fieldmodels.diagnosis.gain import Prediction, noise_floor, predict, share
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.result import (
+    Cause,
+    Diagnosis,
+    Estimate,
+    Evidence,
+    SignalGain,
+    Verdict,
+)
+from fieldmodels.diagnosis.selection import Selection, block_p_value, select
+from fieldmodels.model import FloatArray, Model
+from fieldmodels.recording import Recording, RecordingError
+
+FEW = 30  # windows; with fewer at the main horizon the shorter one is used
+HELD_OUT = 4  # without test data every fourth block is kept for the gain
+FOLDS = 4
+
+
+def diagnose(
+    model: Model,
+    train: Sequence[Recording],
+    test: Sequence[Recording] = (),
+    fixed: Mapping[str, float] | None = None,
+    progress: Callable[[str, float], None] | None = None,
+    seed: int = 0,
+) -> Diagnosis:
+    """Tell what a simulation gets wrong, name the cause or say that it is unknown, and measure the gain.
+
+    Args:
+        model: The simulation, with the effects that may be missing from it.
+        train: Recordings to fit and to choose on.
+        test: Separate recordings to measure the gain on; without them a part of ``train`` is kept for it.
+        fixed: Values of parameters that are known and not refitted, by full name.
+        progress: Called with what is being done and the share done.
+        seed: Seed of the resampling in confidence intervals.
+
+    Returns:
+        Verdict, causes with parameters and gains, leftover, and evidence for the report.
+
+    Raises:
+        ModelError: For an unknown or impossible fixed value.
+        RecordingError: If there are no or too few data.
+    """
+    began = time.perf_counter()
+    tell = progress or (lambda _what, _share: None)
+    if not train:
+        raise RecordingError("no recording to diagnose; give at least one")
+    fixed = dict(fixed or {})
+    start = _start(model, fixed)
+    model = model.scaled_to([*train, *test])
+    tell("cutting the data into windows", 0.0)
+    training, testing = _split(model, train, test)
+    candidates = Candidates(
+        problem=training,
+        start=start,
+        fixed=frozenset(fixed),
+        folds=training.blocks % FOLDS,
+        whitener=np.diag(1 / training.output_scale),
+    )
+    selection = select(candidates, tell)
+    tell("measuring the gain", 0.8)
+    rng = np.random.default_rng(seed)
+    main = _main_output(testing)
+    causes = _causes(candidates, selection, testing, main, rng)
+    verdict: Verdict = "consistent"
+    if causes:
+        verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
+    before = predict(testing, selection.base.fit.parameters)
+    after = predict(testing, selection.chosen.fit.parameters) if causes else before
+    tell("done", 1.0)
+    return Diagnosis(
+        model=model.name,
+        verdict=verdict,
+        causes=causes,
+        misfit=(),
+        gain=_gains(testing, before, after, rng),
+        unknown=None,
+        next_measurement=None,
+        parameters=_base_estimates(training, selection.chosen, fixed),
+        vector=selection.chosen.fit.parameters,
+        not_testable=_not_testable(selection),
+        trained_on=tuple(r.source for r in train),
+        tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
+        windows=(len(training), len(testing)),
+        seconds=time.perf_counter() - began,
+        evidence=Evidence(ranking=_ranking(selection, training)),
+    )
+
+
+def _start(model: Model, fixed: Mapping[str, float]) -> FloatArray:
+    """The nominal vector with the fixed values, checked."""
+    base = {name: value for name, value in fixed.items() if "." not in name}
+    effects: dict[str, dict[str, float]] = {}
+    for name, value in fixed.items():
+        if "." in name:
+            effect, _, parameter = name.partition(".")
+            effects.setdefault(effect, {})[parameter] = value
+    return model.vector(base, effects)
+
+
+def _split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[Problem, Problem]:
+    horizon = main_horizon(model, train)
+    if test:
+        return problems.build(model, train, horizon), problems.build(model, test, horizon)
+    whole = problems.build(model, train, horizon)
+    kept = whole.blocks % HELD_OUT != HELD_OUT - 1
+    return whole.select(kept), whole.select(~kept)
+
+
+def main_horizon(model: Model, recordings: Sequence[Recording]) -> float:
+    """The model's main horizon, or the shorter one if the recordings hold few windows of it."""
+    short, main = model.horizons[0], model.horizons[min(1, len(model.horizons) - 1)]
+    try:
+        count = sum(len(model.windows(r, main)) for r in recordings)
+    except RecordingError:
+        count = 0
+    return main if count >= FEW else short
+
+
+def _main_output(problem: Problem) -> int:
+    """The output by which causes are told to gain: the first that is measured."""
+    return int(problem.outputs[0])
+
+
+def _causes(
+    candidates: Candidates,
+    selection: Selection,
+    testing: Problem,
+    output: int,
+    rng: np.random.Generator,
+) -> tuple[Cause, ...]:
+    """The chosen effects with what each adds to those before it."""
+    chosen = selection.chosen
+    model, problem = candidates.problem.model, candidates.problem
+    if not chosen.effects:
+        return ()
+    path = _path(candidates, selection)
+    predictions = [predict(testing, c.fit.parameters) for c in path]
+    errors = standard_errors(problem, chosen.fit)
+    causes = []
+    for k, name in enumerate(chosen.effects):
+        effect = model.effect(name)
+        place = model.slice_of(name).start
+        values = {}
+        for i, p in enumerate(effect.parameters, start=place):
+            known = np.flatnonzero(chosen.fit.free == i)
+            std = float(errors[known[0]]) if len(known) else float("nan")
+            values[p.name] = Estimate(float(chosen.fit.parameters[i]), std, p.unit)
+        gain = path[k].loss - path[k + 1].loss
+        causes.append(
+            Cause(
+                effect=name,
+                cause=effect.cause,
+                where=effect.where,
+                parameters=values,
+                gain=share(predictions[k], predictions[k + 1], output, testing.blocks, rng),
+                p_value=block_p_value(gain, problem.blocks),
+                nats=path[k].total - path[k + 1].total,
+            )
+        )
+    return _with_alternatives(tuple(causes), selection)
+
+
+def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:
+    """Fits from the base to the chosen set, one effect more each."""
+    path = [selection.chosen]
+    for name in reversed(selection.chosen.effects[1:]):
+        path.append(candidates.without(path[-1], name))
+    return [selection.base, *reversed(path)]
+
+
+def _with_alternatives(causes: tuple[Cause, ...], selection: Selection) -> tuple[Cause, ...]:
+    """Say of each cause what could stand in its place."""
+    chosen = set(selection.chosen.effects)
+    result = []
+    for cause in causes:
+        others: list[str] = []
+        for rival in selection.rivals:
+            gone, come = chosen - set(rival.effects), set(rival.effects) - chosen
+            if cause.effect in gone:
+                others += [name for name in rival.effects if name in come and name not in others]
+        result.append(replace(cause, alternatives=tuple(others)))
+    return tuple(result)
+
+
+def _gains(
+    testing: Problem, before: Prediction, after: Prediction, rng: np.random.Generator
+) -> dict[str, SignalGain]:
+    result = {}
+    for j in np.unique(testing.outputs):
+        signal = testing.model.outputs[j]
+        result[signal.name] = SignalGain(
+            unit=signal.unit,
+            rmse_before=float(before.rmse()[j]),
+            rmse_after=float(after.rmse()[j]),
+            gain=share(before, after, int(j), testing.blocks, rng),
+            horizon=testing.horizon,
+            noise_floor=noise_floor(testing, after, int(j)),
+        )
+    return result
+
+
+def _base_estimates(problem: Problem, chosen: Candidate, fixed: Mapping[str, float]) -> dict[str, Estimate]:
+    errors = standard_errors(problem, chosen.fit)
+    result = {}
+    for i, p in enumerate(problem.model.parameters):
+        known = np.flatnonzero(chosen.fit.free == i)
+        std = float(errors[known[0]]) if len(known) else 0.0 if p.name in fixed else float("nan")
+        result[p.name] = Estimate(float(chosen.fit.parameters[i]), std, p.unit)
+    return result
+
+
+def _not_testable(selection: Selection) -> dict[str, str]:
+    return dict.fromkeys(
+        selection.untestable,
+        "the refitted base parameters absorb it exactly; fix one of them with --set to test it",
+    )
+
+
+def _ranking(selection: Selection, problem: Problem) -> tuple[tuple[str, float, float, str], ...]:
+    rows = []
+    model = problem.model
+    for c in selection.ranking:
+        values = ", ".join(
+            f"{p.name} {c.fit.parameters[i]:.4g} {p.unit}"
+            for name in c.effects
+            for i, p in enumerate(model.effect(name).parameters, start=model.slice_of(name).start)
+        )
+        gain = selection.before.loss - c.loss
+        rows.append(
+            (
+                " + ".join(c.effects),
+                selection.before.total - c.total,
+                block_p_value(gain, problem.blocks),
+                values,
+            )
+        )
+    return tuple(rows)

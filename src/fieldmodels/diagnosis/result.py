@@ -1,0 +1,276 @@
+"""What a diagnosis says: its verdict and the evidence, as frozen data and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from fieldmodels.model import FloatArray
+
+Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted value with its standard error (NaN where the data do not determine it)."""
+
+    value: float
+    std: float
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {"value": _number(self.value), "std": _number(self.std), "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Share:
+    """A gain in percent with its 95 % interval."""
+
+    percent: float
+    ci95: tuple[float, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {"percent": _number(self.percent), "ci95": [_number(x) for x in self.ci95]}
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that the data call for.
+
+    Attributes:
+        effect: Its name.
+        cause: What happens in the real machine, in one sentence.
+        where: Where in the loop it acts.
+        parameters: Fitted values.
+        gain: What adding it to the causes before it gains on the main signal, on data not used to
+            choose it.
+        alternatives: Effects that could stand in its place as far as these data tell.
+        p_value: Of the paired test over blocks of windows.
+        nats: Gain in held-out log-likelihood.
+    """
+
+    effect: str
+    cause: str
+    where: str
+    parameters: Mapping[str, Estimate]
+    gain: Share
+    alternatives: tuple[str, ...] = ()
+    p_value: float = float("nan")
+    nats: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """A test that the refitted nominal simulation fails."""
+
+    signal: str
+    test: str
+    p_value: float
+    where: str
+
+
+@dataclass(frozen=True)
+class SignalGain:
+    """Prediction error of one signal before and after the causes were added.
+
+    Attributes:
+        unit: Unit of the signal.
+        rmse_before: With the base refitted and no effect.
+        rmse_after: With the causes.
+        gain: Reduction in percent.
+        horizon: Length of the predicted windows [s].
+        noise_floor: Estimated white noise of the sensor; NaN if unknown.
+    """
+
+    unit: str
+    rmse_before: float
+    rmse_after: float
+    gain: Share
+    horizon: float
+    noise_floor: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "unit": self.unit,
+            "rmse_before": _number(self.rmse_before),
+            "rmse_after": _number(self.rmse_after),
+            **self.gain.to_json(),
+            "horizon_s": _number(self.horizon),
+            "noise_floor": _number(self.noise_floor),
+        }
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """Shape of what no listed effect explains.
+
+    Attributes:
+        direction: What the missing force (or offset of a signal) depends on.
+        unit: Unit of the curve's second column.
+        direction_unit: Unit of its first column.
+        curve: Value of the direction and what is missing there, shape (points, 2).
+        p_value: Of the paired test over blocks of windows.
+        percent: Share of the misfit that the shape removes.
+    """
+
+    direction: str
+    unit: str
+    direction_unit: str
+    curve: FloatArray
+    p_value: float
+    percent: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "direction": self.direction,
+            "direction_unit": self.direction_unit,
+            "unit": self.unit,
+            "curve": [[_number(a), _number(b)] for a, b in self.curve],
+            "p_value": _number(self.p_value),
+            "percent": _number(self.percent),
+        }
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """The measurement that would tell rivals apart."""
+
+    why: str
+    input: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the report draws: arrays that do not belong in the JSON.
+
+    Attributes:
+        traces: Signal to windows of test data: time, measured, before, after; each (windows, samples).
+        residuals: Signal to the refitted base's residual on the training data, by what it is drawn
+            against: name to pairs (x, residual, residual after).
+        horizons: Signal to rows (horizon, rmse before, rmse after).
+        ranking: Rows (effects, gain in nats, p-value, parameters as text).
+    """
+
+    traces: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
+    residuals: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
+    horizons: Mapping[str, FloatArray] = field(default_factory=dict)
+    ranking: tuple[tuple[str, float, float, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What measured data say about a simulation.
+
+    Attributes:
+        model: Name of the model.
+        verdict: "consistent", "named", "ambiguous" or "unknown".
+        causes: What is named, in the order of importance.
+        misfit: Tests that the refitted nominal simulation fails.
+        gain: Prediction error by signal, at the main horizon.
+        unknown: What no listed effect explains, if anything.
+        next_measurement: What to record next, if rivals remain.
+        parameters: Refitted base parameters of the extended simulation.
+        vector: Whole parameter vector of the extended simulation.
+        not_testable: Effects that could not be tested, with the reason.
+        trained_on: Sources of the training data.
+        tested_on: Sources of the test data ("held-out part of ..." if there were none).
+        windows: Number of training and of test windows.
+        seconds: Time that the diagnosis took.
+        evidence: Arrays for the report.
+    """
+
+    model: str
+    verdict: Verdict
+    causes: tuple[Cause, ...]
+    misfit: tuple[Misfit, ...]
+    gain: Mapping[str, SignalGain]
+    unknown: Leftover | None
+    next_measurement: NextMeasurement | None
+    parameters: Mapping[str, Estimate]
+    vector: FloatArray
+    not_testable: Mapping[str, str]
+    trained_on: tuple[str, ...]
+    tested_on: tuple[str, ...]
+    windows: tuple[int, int]
+    seconds: float
+    evidence: Evidence
+
+    def to_json(self) -> dict[str, Any]:
+        """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
+        return {
+            "schema": 1,
+            "model": self.model,
+            "verdict": self.verdict,
+            "summary": self.summary(),
+            "causes": [
+                {
+                    "effect": c.effect,
+                    "cause": c.cause,
+                    "where": c.where,
+                    "parameters": {name: e.to_json() for name, e in c.parameters.items()},
+                    "gain": c.gain.to_json(),
+                    "alternatives": list(c.alternatives),
+                    "p_value": _number(c.p_value),
+                    "nats": _number(c.nats),
+                }
+                for c in self.causes
+            ],
+            "misfit": [
+                {"signal": m.signal, "test": m.test, "p_value": _number(m.p_value), "where": m.where}
+                for m in self.misfit
+            ],
+            "gain": {name: g.to_json() for name, g in self.gain.items()},
+            "unknown": self.unknown.to_json() if self.unknown else None,
+            "next_measurement": (
+                {"why": self.next_measurement.why, "input": dict(self.next_measurement.input)}
+                if self.next_measurement
+                else None
+            ),
+            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
+            "not_testable": dict(self.not_testable),
+            "data": {
+                "train": list(self.trained_on),
+                "test": list(self.tested_on),
+                "windows": {"train": self.windows[0], "test": self.windows[1]},
+            },
+            "seconds": round(self.seconds, 2),
+        }
+
+    def summary(self) -> str:
+        """The verdict in one plain sentence."""
+        names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
+        if self.verdict == "consistent":
+            return "Nothing significant is missing: the refitted simulation explains these data."
+        if self.verdict == "unknown":
+            shape = f"; its shape follows the {self.unknown.direction}" if self.unknown else ""
+            return f"Something is missing that no listed effect explains{shape}. Nothing is named."
+        if self.verdict == "ambiguous":
+            rivals = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
+            return f"Missing: {' and '.join(rivals)}; these data cannot tell which of these."
+        rest = f" More is missing, in the {self.unknown.direction}." if self.unknown else ""
+        return f"Missing: {names}.{rest}"
+
+    def extended(self) -> dict[str, Any]:
+        """The extended simulation as data: what ``extended.yaml`` holds."""
+        return {
+            "schema": 1,
+            "model": self.model,
+            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
+            "effects": {
+                c.effect: {name: e.to_json() for name, e in c.parameters.items()} for c in self.causes
+            },
+        }
+
+
+def _number(value: float) -> float | None:
+    """A number for JSON: null if it is not finite."""
+    number = float(value)
+    return float(np.format_float_positional(number, 6, fractional=False)) if math.isfinite(number) else None

@@ -1,0 +1,164 @@
+"""Choice of the causes: which effects the data call for, and which they cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.fit import covariance_whitener
+from fieldmodels.model import FloatArray
+
+IntArray = NDArray[np.int64]
+Progress = Callable[[str, float], None]
+
+MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
+MAX_P = 0.01  # of a paired test over blocks of windows
+MIN_SHARE = 0.003  # of the whole misfit: what is smaller is not worth a name
+SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are told apart beyond these
+MAX_CAUSES = 4
+PARENTS = 3  # best sets of a size that are extended
+TRIED_AT_LEAST, TRIED_ABOVE = 8, 3.0  # extensions fitted: so many, and all that promise more nats
+REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What the data call for.
+
+    Attributes:
+        base: The base alone, refitted.
+        chosen: The chosen set (the base itself if nothing was called for).
+        rivals: Other sets of the chosen one's size that the data cannot tell from it.
+        before: The base as it stood beside the ranking (same whitening).
+        ranking: All fits of the first round (single effects), best first.
+        untestable: Effects that the free parameters absorb.
+    """
+
+    base: Candidate
+    chosen: Candidate
+    rivals: tuple[Candidate, ...]
+    before: Candidate
+    ranking: tuple[Candidate, ...]
+    untestable: tuple[str, ...]
+
+
+def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
+    """One-sided p-value of a mean gain above zero, by a t-test over blocks and over pairs of blocks."""
+    result = 0.0
+    for size in (1, 2):
+        sums = np.bincount(np.unique(blocks // size, return_inverse=True)[1], weights=gain)
+        if len(sums) < 4:
+            continue
+        spread = sums.std(ddof=1)
+        if spread <= 1e-12 * max(1.0, float(np.abs(sums).max())):
+            p = 0.0 if sums.mean() > 1e-9 else 1.0
+        else:
+            p = float(stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue)
+        result = max(result, p)
+    return result
+
+
+def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
+    """Whether the data call for the effects that the child has and the parent has not."""
+    gain = parent.loss - child.loss
+    total = parent.total - child.total
+    enough = total > MIN_GAIN and total > MIN_SHARE * float(parent.loss.sum())
+    return bool(enough and block_p_value(gain, blocks) < MAX_P)
+
+
+def select(candidates: Candidates, progress: Progress) -> Selection:
+    """Name the effects that the data call for, one by one, or in pairs where one alone does not show."""
+    blocks = candidates.problem.blocks
+    progress("refitting the base", 0.05)
+    base = candidates.base()
+    for name in candidates.names():
+        if not candidates.determined(base, name):
+            candidates.untestable.add(name)
+    progress("trying each effect", 0.1)
+    level = _grown(candidates, [base])
+    base = candidates.again(base)
+    ranking, before, chosen = tuple(level), base, base
+    for size in range(1, MAX_CAUSES + 1):
+        if size > 1:
+            progress(f"trying sets of {size}", 0.2 + 0.1 * size)
+            whitener, parents = candidates.whitener, [c for c in level if c is not chosen][:PARENTS]
+            children = _grown(candidates, [chosen, *parents] if chosen.effects else parents)
+            if not children or not accepted(candidates.again(chosen), children[0], blocks):
+                candidates.whitener = whitener
+                break
+            chosen, level = children[0], children
+        elif level and accepted(base, level[0], blocks):
+            chosen = level[0]
+        # Nothing alone is called for: a pair may be, but no larger set.
+        if size >= 2 and not chosen.effects:
+            break
+    progress("looking for look-alikes", 0.65)
+    base = candidates.again(base)
+    return Selection(
+        base=base,
+        chosen=chosen if chosen.effects else base,
+        rivals=_rivals(candidates, chosen, level) if chosen.effects else (),
+        before=before,
+        ranking=ranking,
+        untestable=tuple(sorted(candidates.untestable)),
+    )
+
+
+def same(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
+    """Whether the data cannot tell a better set from a worse one."""
+    worse = second.total - first.total
+    return bool(worse < SAME_GAIN and block_p_value(second.loss - first.loss, blocks) > SAME_P)
+
+
+def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
+    """Parents with one effect more, best first, all whitened by the best one's residual."""
+    names = candidates.names()
+    jobs: list[tuple[float, Candidate, str]] = []
+    for parent in parents:
+        for name in names:
+            if name not in parent.effects:
+                promise = candidates.promise(parent, name) - (parent.total - parents[0].total)
+                jobs.append((promise, parent, name))
+    jobs.sort(key=lambda job: -job[0])
+    best: dict[frozenset[str], Candidate] = {}
+    for i, (promise, parent, name) in enumerate(jobs):
+        if i >= TRIED_AT_LEAST and promise < TRIED_ABOVE:
+            break
+        child = candidates.extend(parent, name)
+        if child is None:
+            continue
+        key = frozenset(child.effects)
+        if key not in best or child.total < best[key].total:
+            best[key] = child
+    if not best:
+        return []
+    leader = min(best.values(), key=lambda c: c.total)
+    candidates.whitener = covariance_whitener(candidates.problem, leader.fit)
+    near = [c for c in best.values() if c.total < leader.total + REFITTED_WITHIN]
+    return sorted((candidates.again(c) for c in near), key=lambda c: c.total)
+
+
+def _rivals(candidates: Candidates, chosen: Candidate, level: list[Candidate]) -> tuple[Candidate, ...]:
+    """Sets of the chosen one's size that the data cannot tell from it."""
+    blocks = candidates.problem.blocks
+    found = {frozenset(c.effects): c for c in level if len(c.effects) == len(chosen.effects)}
+    if len(chosen.effects) > 1:
+        for gone in chosen.effects:
+            rest = candidates.without(chosen, gone)
+            needed = rest.total - chosen.total
+            for name in candidates.names():
+                key = frozenset({*rest.effects, name})
+                if name in chosen.effects or key in found:
+                    continue
+                if candidates.promise(rest, name) > 0.5 * needed:
+                    child = candidates.extend(rest, name)
+                    if child is not None:
+                        found[key] = child
+    found.pop(frozenset(chosen.effects), None)
+    alike = [c for c in found.values() if same(chosen, c, blocks)]
+    return tuple(sorted(alike, key=lambda c: c.total))
