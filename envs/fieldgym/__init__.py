@@ -1,1 +1,19 @@
-"""The tasks as Gymnasium environments over the models."""
+"""The tasks as Gymnasium environments over the models; importing this package registers them."""
+
+from gymnasium.envs.registration import register as _register
+from gymnasium.envs.registration import registry
+
+from fieldgym.settings import SettingsError
+from fieldgym.tasks import TASKS, Task
+
+__all__ = ["TASKS", "SettingsError", "Task", "register"]
+
+
+def register() -> None:
+    """Register every task with Gymnasium; a second call does nothing."""
+    for task in TASKS.values():
+        if task.env_id not in registry:
+            _register(task.env_id, task.entry_point, vector_entry_point=task.vector_entry_point)
+
+
+register()

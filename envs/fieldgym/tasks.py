@@ -12,6 +12,8 @@ class Task:
     Attributes:
         name: Its name on every floor (physics, environment, agents, configs, tests).
         env_id: The identifier that ``gymnasium.make`` takes.
+        entry_point: Where its environment is, ``module:class``.
+        vector_entry_point: Where its native vector environment is.
         model: Name of its model on the ground floor.
         title: Title for people.
         description: What is to be done, in one line.
@@ -19,6 +21,8 @@ class Task:
 
     name: str
     env_id: str
+    entry_point: str
+    vector_entry_point: str
     model: str
     title: str
     description: str
@@ -30,6 +34,8 @@ TASKS: dict[str, Task] = {
         Task(
             name="heel_strike",
             env_id="fieldgym/HeelStrike-v0",
+            entry_point="fieldgym.heel_strike:HeelStrikeEnv",
+            vector_entry_point="fieldgym.heel_strike:HeelStrikeVectorEnv",
             model="heel_strike",
             title="Heel strike",
             description="Choose a walking robot's estimator gains, stride by stride, under hidden noise.",

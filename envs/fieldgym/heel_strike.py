@@ -1,0 +1,545 @@
+"""Heel strike: choose the gains of a walking robot's state estimator, stride by stride.
+
+Source: A. I. Chaudhry, "Topics in robot locomotion: state estimation and feasible-path generation for
+wheeled and legged robots", Cornell University 2015, chapter 2 ("the dissertation"). Equation numbers in
+this module are that chapter's.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass as plain_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from fieldgym.settings import read_settings
+from fieldmodels.heel_strike.model import HeelStrikeModel
+from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
+from fieldmodels.heel_strike.strides import StrideResult, Strides
+from fieldmodels.heel_strike.walker import ESTIMATORS, FEATURES, TRACES
+from fieldmodels.reality import Reality, read_reality
+
+if TYPE_CHECKING:
+    from fieldgym.rendering.canvas import Frame, Window
+    from fieldgym.rendering.heel_strike import Stride
+
+Levels = tuple[Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)]]
+Observation = NDArray[np.float32]
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+GAIN_NAMES = ("S_MS early", "S_MS late", "S_HR")
+GAIN_LOW = np.array([0.001, 0.001, 0.01])
+"""Lower ends of the gains' ranges; each ends at 1."""
+FEATURE_LOW, FEATURE_HIGH = -28.0, 10.0
+"""Bounds of the features: logs of squares in SI units, from 1e-12 to more than any walk reaches."""
+TOLERANCE_MM = 3.0
+"""How accurately Ranger knew its foot's height on its marathon walk [mm] (section 2.3.2)."""
+REWARD_SCALE_MM = {"ar1": 3.0, "low_pass": 0.54}
+"""Mean strike error of the tuned Ranger estimator under the default levels [mm] (see benchmarks)."""
+STRIDES_KEPT = 40
+FRAMES_PER_SECOND = 25
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class HeelStrikeSettings:
+    """What can be set in ``fieldgym/HeelStrike-v0``.
+
+    Attributes:
+        strides: Strides in an episode.
+        collision_kind: ``ar1`` (the text of section 2.4.3: errors of +-3 mm as Ranger has) or ``low_pass``
+            (the size of the errors in Fig 2.10).
+        process: Low and high amplitude of the process torque [rad/s2]; equal levels never switch.
+        floor: Low and high floor height error [m].
+        collision: Low and high amplitude of the collision noise [rad/s]; None takes the kind's own,
+            (0.02, 0.3) for ``ar1`` and (0.1, 0.9) for ``low_pass``.
+        dwell: Mean number of strides between switches of one level.
+        gyro: Standard deviation of the gyro's white noise [rad/s].
+        hold: Time for which the process torque is constant [s].
+        envelope: Time after a strike in which the collision noise dies down [s]; also the time for
+            which the first gain holds.
+        floor_one_sided: Draw the floor height from [0, h] as section 2.4.5 prints, not from [-h, h].
+        push_off: Share of the speed error at a strike that the push-off removes.
+        decay: S_FD, the inverse of the gyro filter's decay time [1/s].
+        score: ``angle`` scores the error of the angle just before the heel-strike reset;
+            ``angle_and_floor`` adds the floor's height error to it, as section 2.4.5 words it.
+        reward_scale: Error that costs a reward of one [mm]; None takes the tuned Ranger estimator's mean
+            error under the collision kind's default levels.
+        reward_limit: Largest loss of one stride, in units of ``reward_scale``.
+        tuned_reset: S_HR of the tuned Ranger estimator that is scored beside the agent's.
+        bank: Also score the bank of Kalman filters (``error_mm_imm``); five times slower.
+    """
+
+    strides: Annotated[int, Field(ge=1, le=1_000_000)] = 200
+    collision_kind: Literal["ar1", "low_pass"] = "ar1"
+    process: Levels = (0.05, 0.8)
+    floor: Levels = (0.0005, 0.004)
+    collision: Levels | None = None
+    dwell: Annotated[float, Field(ge=1)] = 30.0
+    gyro: Annotated[float, Field(ge=0, le=1)] = 0.0041
+    hold: Annotated[float, Field(gt=0, le=100)] = 0.25
+    envelope: Annotated[float, Field(gt=0, le=10)] = 0.25
+    floor_one_sided: bool = False
+    push_off: Annotated[float, Field(ge=0, le=1)] = 0.5
+    decay: Annotated[float, Field(gt=0, lt=1000)] = 1000 / 3
+    score: Literal["angle", "angle_and_floor"] = "angle"
+    reward_scale: Annotated[float, Field(gt=0)] | None = None
+    reward_limit: Annotated[float, Field(gt=0)] = 10.0
+    tuned_reset: Annotated[float, Field(gt=0, le=1)] = 0.5
+    bank: bool = False
+
+    @property
+    def regimes(self) -> Regimes:
+        """The noise as the model on the ground floor takes it."""
+        preset = Regimes.preset(self.collision_kind)
+        noise = Noise(
+            gyro=self.gyro,
+            collision_kind=self.collision_kind,
+            envelope=self.envelope,
+            hold=self.hold,
+            floor_one_sided=self.floor_one_sided,
+        )
+        return Regimes(self.process, self.floor, self.collision or preset.collision, self.dwell, noise)
+
+    @property
+    def leg(self) -> Leg:
+        """The leg as the model on the ground floor takes it."""
+        return Leg(push_off=self.push_off)
+
+    @property
+    def scale_mm(self) -> float:
+        """Error that costs a reward of one [mm]."""
+        return self.reward_scale or REWARD_SCALE_MM[self.collision_kind]
+
+
+SettingsLike = HeelStrikeSettings | Mapping[str, Any] | None
+RealityLike = Reality | Mapping[str, Any] | str | Path | None
+
+
+@plain_dataclass(frozen=True)
+class _Outcome:
+    """One step of a batch: arrays of shape (batch, ...)."""
+
+    observation: Observation
+    reward: Floats
+    terminated: Flags
+    truncated: Flags
+    info: dict[str, Any]
+
+
+class _Walk:
+    """The task on a batch of walkers: what the scalar and the vector environment share."""
+
+    def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, tracing: bool) -> None:
+        self.settings = read_settings(settings, HeelStrikeSettings)
+        model = HeelStrikeModel(self.settings.leg)
+        self.reality = read_reality(reality, model)
+        self.strides = Strides(
+            batch,
+            self.settings.leg,
+            self.settings.regimes,
+            self.reality.vector(model),
+            bank=self.settings.bank,
+            tuned_reset=self.settings.tuned_reset,
+        )
+        self.elapsed = np.zeros(batch, dtype=np.int64)
+        self.ready = False
+        self._tracing = tracing
+        self.drawn: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
+
+    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
+        """Begin new episodes of some walkers."""
+        self.strides.restart(which, generators)
+        self.elapsed[list(which)] = 0
+        for i in which:
+            self.drawn[i].clear()
+
+    def observation(self) -> Observation:
+        """The reference filter's features within the bounds of the space, shape (batch, 6)."""
+        return np.clip(self.strides.features, FEATURE_LOW, FEATURE_HIGH).astype(np.float32)
+
+    def start_info(self) -> dict[str, Any]:
+        """What ``reset`` tells beside the observation."""
+        levels = self.strides.levels
+        return {"privileged": {"levels": levels, "previous_levels": levels.copy()}}
+
+    def gains(self, actions: NDArray[Any]) -> Floats:
+        """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
+        batch = len(self.elapsed)
+        if np.shape(actions) != (batch, 3):
+            raise InvalidAction(f"an action of shape (3,) is needed, not {np.shape(actions)[1:]}")
+        values = np.asarray(actions, dtype=np.float64)
+        if not np.isfinite(values).all():
+            raise InvalidAction(f"actions must be finite numbers, not {actions}")
+        gains = np.empty((batch, 4))
+        gains[:, :3] = GAIN_LOW * (1.0 / GAIN_LOW) ** ((np.clip(values, -1.0, 1.0) + 1.0) / 2.0)
+        gains[:, 3] = self.settings.decay
+        return gains
+
+    def step(self, actions: NDArray[Any]) -> _Outcome:
+        """Take every walker through one stride."""
+        gains = self.gains(actions)
+        result = self.strides.advance(gains, traces=self._tracing)
+        self.elapsed += 1
+        floor_added = self.settings.score == "angle_and_floor"
+        names = ESTIMATORS if self.settings.bank else ESTIMATORS[:-1]
+        error = {name: result.error_mm(name, floor_added) for name in names}
+        if result.traces is not None:
+            self._draw_later(result, gains, error)
+        loss = np.minimum(error["agent"] / self.settings.scale_mm, self.settings.reward_limit)
+        return _Outcome(
+            observation=self.observation(),
+            reward=-loss,
+            terminated=result.fallen.copy(),
+            truncated=(self.elapsed >= self.settings.strides) & ~result.fallen,
+            info={
+                "error_mm": error["agent"],
+                **{f"error_mm_{name}": error[name] for name in names[1:]},
+                "cost": (error["agent"] > TOLERANCE_MM).astype(np.float64),
+                "gains": gains,
+                "duration": result.duration,
+                "privileged": {
+                    "levels": result.next_levels,
+                    "previous_levels": result.levels,
+                    "signed_error_mm": result.signed_mm[:, 0].copy(),
+                    "floor_mm": result.floor_mm,
+                },
+            },
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next steps depend on but the random generators."""
+        return {"walkers": self.strides.state(), "elapsed": self.elapsed.copy()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a snapshot."""
+        if len(state["elapsed"]) != len(self.elapsed):
+            raise ValueError(
+                f"the state is one of {len(state['elapsed'])} environments; make it with that num_envs"
+            )
+        self.strides.set_state(state["walkers"])
+        self.elapsed[:] = state["elapsed"]
+        self.ready = True
+        for strides in self.drawn:
+            strides.clear()
+
+    def _draw_later(self, result: StrideResult, gains: Floats, error: Mapping[str, Floats]) -> None:
+        """Keep what a picture of this stride needs."""
+        from fieldgym.rendering.heel_strike import Stride
+
+        assert result.traces is not None
+        column = {name: i for i, name in enumerate(TRACES)}
+        for i, strides in enumerate(self.drawn):
+            trace = result.traces[i, : result.samples[i]]
+            strides.append(
+                Stride(
+                    time=trace[:, column["time"]] - trace[0, column["time"]] + self.strides.leg.step,
+                    angle=trace[:, column["theta"]],
+                    estimate=trace[:, column["theta_agent"]],
+                    error_mm=float(error["agent"][i]),
+                    ranger_mm=float(error["ranger"][i]),
+                    gains=tuple(
+                        (name, float(gain), float(low), 1.0)
+                        for name, gain, low in zip(GAIN_NAMES, gains[i], GAIN_LOW, strict=False)
+                    ),
+                    regimes=tuple(
+                        (name, bool(level))
+                        for name, level in zip(("torque", "floor", "impact"), result.levels[i], strict=True)
+                    ),
+                )
+            )
+
+    def frame(self, i: int, sample: int = -1) -> Frame:
+        """Draw one walker."""
+        from fieldgym.rendering.heel_strike import draw
+
+        return draw(
+            list(self.drawn[i]),
+            int(self.elapsed[i]),
+            self.settings.strides,
+            self.strides.leg.step_length,
+            sample,
+        )
+
+
+class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
+    r"""Choose the gains of a walking robot's state estimator, stride by stride, under hidden noise.
+
+    See the docs.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
+
+    def __init__(
+        self,
+        settings: SettingsLike = None,
+        reality: RealityLike = None,
+        render_mode: str | None = None,
+    ) -> None:
+        _check_render_mode(render_mode, self.metadata)
+        self.render_mode = render_mode
+        self._walk = _Walk(1, settings, reality, tracing=render_mode is not None)
+        self.settings = self._walk.settings
+        self.reality = self._walk.reality
+        self.action_space, self.observation_space = _spaces()
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; see ``gymnasium.Env.reset``. There are no options."""
+        super().reset(seed=seed, options=options)
+        self._walk.restart([0], [self.np_random])
+        self._walk.ready = True
+        if self.render_mode == "human":
+            self._show(self._walk.frame(0))
+        return self._walk.observation()[0], _row(self._walk.start_info())
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Take one stride with the chosen gains; see ``gymnasium.Env.step``.
+
+        Raises:
+            InvalidAction: If the action has the wrong shape or is not finite.
+            ResetNeeded: Before the first ``reset``.
+        """
+        if not self._walk.ready:
+            raise ResetNeeded("call reset before step")
+        outcome = self._walk.step(np.asarray(action)[None])
+        if self.render_mode == "human":
+            for frame in self.stride_frames(FRAMES_PER_SECOND):
+                self._show(frame)
+        return (
+            outcome.observation[0],
+            float(outcome.reward[0]),
+            bool(outcome.terminated[0]),
+            bool(outcome.truncated[0]),
+            _row(outcome.info),
+        )
+
+    def render(self) -> Frame | None:
+        """The picture of the latest stride for ``rgb_array``, shape (540, 960, 3), uint8, else None."""
+        if self.render_mode is None:
+            gym.logger.warn("render needs a render_mode: gymnasium.make(..., render_mode='rgb_array')")
+        if self.render_mode != "rgb_array":
+            return None
+        return self._walk.frame(0)
+
+    def stride_frames(self, frames_per_second: float) -> Iterator[Frame]:
+        """Draw the latest stride in slices of time, for films; needs a render mode.
+
+        Args:
+            frames_per_second: Pictures for each second of the walk.
+        """
+        if not self._walk.drawn[0]:
+            return
+        time = self._walk.drawn[0][-1].time
+        for moment in np.arange(1 / frames_per_second, time[-1], 1 / frames_per_second):
+            yield self._walk.frame(0, int(np.searchsorted(time, moment)))
+        yield self._walk.frame(0)
+
+    def get_state(self) -> dict[str, Any]:
+        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
+        return {**self._walk.state(), "generators": [self.np_random.bit_generator.state]}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a snapshot; what follows is equal to the bit.
+
+        Raises:
+            ValueError: If the snapshot is of another number of environments.
+        """
+        self._walk.set_state(state)
+        self.np_random.bit_generator.state = state["generators"][0]
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _show(self, frame: Frame) -> None:
+        from fieldgym.rendering.canvas import Window
+
+        if self._window is None:
+            self._window = Window("fieldgym: heel strike")
+        self._window.show(frame, FRAMES_PER_SECOND)
+
+
+class HeelStrikeVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+    """Many walkers in one kernel; each row is ``HeelStrikeEnv`` to the bit.
+
+    A finished episode restarts in the next step (``AutoresetMode.NEXT_STEP``, as in Gymnasium's own vector
+    environments): that step ignores the row's action and returns its first observation and a reward of 0.
+    An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` tells in which rows it is meant.
+
+    Args:
+        num_envs: Number of walkers.
+        settings: See ``HeelStrikeEnv``.
+        reality: See ``HeelStrikeEnv``.
+        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walker.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 4,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        settings: SettingsLike = None,
+        reality: RealityLike = None,
+        render_mode: str | None = None,
+    ) -> None:
+        _check_render_mode(render_mode, self.metadata)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self._walk = _Walk(num_envs, settings, reality, tracing=render_mode is not None)
+        self.settings = self._walk.settings
+        self.reality = self._walk.reality
+        self.single_action_space, self.single_observation_space = _spaces()
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._finished = np.zeros(num_envs, dtype=np.bool_)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode in every row.
+
+        Args:
+            seed: Row i is seeded with ``seed + i``, or with ``seed[i]``; None continues its generator.
+            options: There are none.
+
+        Raises:
+            ValueError: If there is not one seed for each environment.
+        """
+        if seed is None or isinstance(seed, (int, np.integer)):
+            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"{self.num_envs} environments need as many seeds, not {len(seeds)}")
+        super().reset(seed=seeds[0], options=options)
+        for i, own in enumerate(seeds):
+            if own is not None:
+                self._generators[i] = seeding.np_random(own)[0]
+        self._walk.restart(range(self.num_envs), self._generators)
+        self._walk.ready = True
+        self._finished[:] = False
+        return self._walk.observation(), _masked(
+            self._walk.start_info(), np.ones(self.num_envs, dtype=np.bool_)
+        )
+
+    def step(self, actions: NDArray[np.float32]) -> tuple[Observation, Floats, Flags, Flags, dict[str, Any]]:
+        """Take one stride in every row, or begin the next episode where the last one is over.
+
+        Raises:
+            InvalidAction: If the actions have the wrong shape or are not finite.
+            ResetNeeded: Before the first ``reset``.
+        """
+        if not self._walk.ready:
+            raise ResetNeeded("call reset before step")
+        outcome = self._walk.step(np.asarray(actions))
+        begun = self._finished
+        observation, info = outcome.observation, _masked(outcome.info, ~begun)
+        if begun.any():
+            rows = np.flatnonzero(begun)
+            self._walk.restart(rows.tolist(), [self._generators[i] for i in rows])
+            observation = self._walk.observation()
+            info = _merged(info, _masked(self._walk.start_info(), begun))
+        reward = np.where(begun, 0.0, outcome.reward)
+        terminated = outcome.terminated & ~begun
+        truncated = outcome.truncated & ~begun
+        self._finished = terminated | truncated
+        return observation, reward, terminated, truncated, info
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """One picture for each walker, shape (540, 960, 3), uint8; None without ``rgb_array``."""
+        if self.render_mode is None:
+            gym.logger.warn("render needs a render_mode: gymnasium.make_vec(..., render_mode='rgb_array')")
+            return None
+        return tuple(self._walk.frame(i) for i in range(self.num_envs))
+
+    def get_state(self) -> dict[str, Any]:
+        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
+        return {
+            **self._walk.state(),
+            "generators": [generator.bit_generator.state for generator in self._generators],
+            "finished": self._finished.copy(),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a snapshot; what follows is equal to the bit.
+
+        Raises:
+            ValueError: If the snapshot is of another number of environments.
+        """
+        self._walk.set_state(state)
+        for generator, own in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = own
+        self._finished = np.array(state["finished"], dtype=np.bool_)
+
+
+def _spaces() -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
+    """Action and observation space of one walker."""
+    action = gym.spaces.Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)
+    return action, gym.spaces.Box(FEATURE_LOW, FEATURE_HIGH, (len(FEATURES),), np.float32)
+
+
+def _check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
+    if mode is not None and mode not in metadata["render_modes"]:
+        raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
+
+
+def _row(info: Mapping[str, Any]) -> dict[str, Any]:
+    """The info of a single environment from that of a batch of one."""
+    row: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            row[key] = _row(value)
+        else:
+            row[key] = value[0].copy() if value.ndim > 1 else value[0].item()
+    return row
+
+
+def _masked(info: Mapping[str, Any], rows: Flags) -> dict[str, Any]:
+    """Gymnasium's form of a batch's info: zero where not meant, and a mask beside every entry."""
+    masked: dict[str, Any] = {}
+    if not rows.any():
+        return masked
+    for key, value in info.items():
+        if isinstance(value, dict):
+            masked[key] = _masked(value, rows)
+        else:
+            masked[key] = np.where(rows.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
+        masked[f"_{key}"] = rows.copy()
+    return masked
+
+
+def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Join the infos of disjoint rows."""
+    merged = dict(first)
+    for key, value in second.items():
+        if key not in merged:
+            merged[key] = value
+        elif isinstance(value, dict):
+            merged[key] = _merged(merged[key], value)
+        else:
+            merged[key] = merged[key] | value if value.dtype == np.bool_ else merged[key] + value
+    return merged
