@@ -19,6 +19,7 @@ IntArray = NDArray[np.int64]
 PRIOR = 2.0  # initial states stay within about this many times their spread over windows
 STEP = 0.01  # finite-difference step of a parameter, in its scale
 STATE_STEP = 1e-3  # the same of a state, in its spread over windows
+TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
 SETTLED = 0.01  # nats; a smaller improvement ends a fit
 
 
@@ -163,7 +164,8 @@ def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
 def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
     """Held-out negative log-likelihood [nats] of every window, up to a constant.
 
-    The fit is repeated without each fold by one Gauss-Newton step from the joint optimum.
+    The fit is repeated without each fold by one Gauss-Newton step from the joint optimum. The likelihood
+    is Student's t over a window, so that a few bad windows do not decide.
 
     Args:
         fitted: A fit to all windows.
@@ -183,7 +185,9 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
         flat = own.reshape(-1, own.shape[2])
         rest = whole - flat.T @ flat
         step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
-        loss[inside] = 0.5 * np.sum((residual - own @ step) ** 2, axis=1)
+        square = np.sum((residual - own @ step) ** 2, axis=1)
+        features = fitted.raw.shape[1]
+        loss[inside] = 0.5 * (TAIL + features) * np.log1p(square / TAIL)
     return loss
 
 

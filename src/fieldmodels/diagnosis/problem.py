@@ -16,6 +16,7 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 IntArray = NDArray[np.int64]
 MIN_WINDOWS = 8
 BLOCK = 4  # windows a block: the unit of resampling, since slow noise couples neighbours
+MIN_BLOCKS = 20  # with fewer windows than would give so many blocks, blocks are smaller
 
 
 @dataclass(frozen=True)
@@ -152,9 +153,7 @@ class Problem:
         return Problem(self.model, tuple(parts), self.outputs, self.horizon)
 
 
-def build(
-    model: Model, recordings: Sequence[Recording], horizon: float, bins: int | None = None, block: int = BLOCK
-) -> Problem:
+def build(model: Model, recordings: Sequence[Recording], horizon: float, bins: int | None = None) -> Problem:
     """Cut recordings into windows and compress them.
 
     Args:
@@ -162,7 +161,6 @@ def build(
         recordings: Measured data; an output counts if all recordings have it.
         horizon: Length of a window [s].
         bins: Averages a window and output; by default as many as the number of windows carries.
-        block: Windows a block.
 
     Raises:
         RecordingError: If there are too few windows.
@@ -181,6 +179,7 @@ def build(
         for j in np.flatnonzero(common)
     }
     outputs = np.repeat(list(count), list(count.values())).astype(np.int64)
+    block = int(np.clip(sum(len(w) for w in cut) // MIN_BLOCKS, 1, BLOCK))
     parts: list[Part] = []
     for windows, seen in zip(cut, observed, strict=True):
         slots = _slots(seen, windows.lengths, dense, count)

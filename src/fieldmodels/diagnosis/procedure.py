@@ -25,7 +25,7 @@ from fieldmodels.diagnosis.selection import Selection, block_p_value, select
 from fieldmodels.model import FloatArray, Model
 from fieldmodels.recording import Recording, RecordingError
 
-FEW = 30  # windows; with fewer at the main horizon the shorter one is used
+FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
 FOLDS = 4
 

@@ -52,7 +52,7 @@ def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
     result = 0.0
     for size in (1, 2):
         sums = np.bincount(np.unique(blocks // size, return_inverse=True)[1], weights=gain)
-        if len(sums) < 4:
+        if len(sums) < (4 if size == 1 else 12):
             continue
         spread = sums.std(ddof=1)
         if spread <= 1e-12 * max(1.0, float(np.abs(sums).max())):
