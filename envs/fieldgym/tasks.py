@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -14,6 +16,7 @@ class Task:
         env_id: The identifier that ``gymnasium.make`` takes.
         entry_point: Where its environment is, ``module:class``.
         vector_entry_point: Where its native vector environment is.
+        settings_class: Where the class of its settings is.
         model: Name of its model on the ground floor.
         title: Title for people.
         description: What is to be done, in one line.
@@ -23,9 +26,16 @@ class Task:
     env_id: str
     entry_point: str
     vector_entry_point: str
+    settings_class: str
     model: str
     title: str
     description: str
+
+    @property
+    def settings(self) -> type[Any]:
+        """The class of its settings, imported when asked for."""
+        found: type[Any] = resolve_name(self.settings_class)
+        return found
 
 
 TASKS: dict[str, Task] = {
@@ -36,6 +46,7 @@ TASKS: dict[str, Task] = {
             env_id="fieldgym/HeelStrike-v0",
             entry_point="fieldgym.heel_strike:HeelStrikeEnv",
             vector_entry_point="fieldgym.heel_strike:HeelStrikeVectorEnv",
+            settings_class="fieldgym.heel_strike:HeelStrikeSettings",
             model="heel_strike",
             title="Heel strike",
             description="Choose a walking robot's estimator gains, stride by stride, under hidden noise.",
