@@ -1,0 +1,268 @@
+"""What holds for every registered environment of fieldgym."""
+
+import hashlib
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import fieldgym
+
+IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))
+every_environment = pytest.mark.parametrize("env_id", IDS)
+needs_vector = pytest.mark.parametrize("env_id", [i for i in IDS if gym.spec(i).vector_entry_point])
+
+
+def equal(a, b):
+    """Whether two nested structures of arrays are equal to the bit."""
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(equal(a[k], b[k]) for k in a)
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    return type(a) is type(b) and a == b
+
+
+def rollout(env, steps, action_seed=7):
+    """Observations, rewards, flags and infos of random actions, resetting where an episode ends."""
+    env.action_space.seed(action_seed)
+    trace = []
+    for _ in range(steps):
+        step = env.step(env.action_space.sample())
+        trace.append(step)
+        if step[2] or step[3]:
+            trace.append(env.reset())
+    return trace
+
+
+def digest(env_id):
+    env = gym.make(env_id)
+    sha = hashlib.sha256()
+    observation, _ = env.reset(seed=11)
+    sha.update(observation.tobytes())
+    env.action_space.seed(5)
+    for _ in range(30):
+        observation, reward, *_ = env.step(env.action_space.sample())
+        sha.update(observation.tobytes() + np.float64(reward).tobytes())
+    return sha.hexdigest()
+
+
+def test_every_task_is_registered():
+    assert IDS
+    assert {task.env_id for task in fieldgym.TASKS.values()} <= set(IDS)
+
+
+def test_registering_twice_is_silent():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fieldgym.register()
+
+
+@every_environment
+def test_checker_of_gymnasium_is_silent(env_id):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(env_id, render_mode="rgb_array", disable_env_checker=True).unwrapped)
+
+
+@every_environment
+def test_checker_of_stable_baselines3_is_silent(env_id):
+    from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env_for_sb3(gym.make(env_id, disable_env_checker=True).unwrapped)
+
+
+@every_environment
+def test_docstring_is_a_docs_page(env_id):
+    page = gym.make(env_id).unwrapped.__doc__
+    for heading in (
+        "Description",
+        "Action Space",
+        "Observation Space",
+        "Rewards",
+        "Starting State",
+        "Episode End",
+        "Arguments",
+        "Matches, deviates, assumed",
+        "Version History",
+    ):
+        assert f"## {heading}" in page
+
+
+@every_environment
+def test_bounds_and_rewards_hold_in_random_rollouts(env_id):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=3)
+    for step in rollout(env, 250):
+        assert step[0] in env.observation_space
+        if len(step) == 5:
+            assert np.isfinite(step[1])
+
+
+@every_environment
+def test_action_that_is_not_a_number_is_refused(env_id):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(gym.error.InvalidAction, match="finite"):
+        env.step(np.full(env.action_space.shape, np.nan, dtype=np.float32))
+    with pytest.raises(gym.error.InvalidAction, match="shape"):
+        env.step(np.zeros(17, dtype=np.float32))
+
+
+@every_environment
+def test_step_before_reset_is_refused(env_id):
+    env = gym.make(env_id).unwrapped
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(env.action_space.sample())
+
+
+@every_environment
+def test_unknown_setting_is_named_with_the_nearest_known_one(env_id):
+    field = next(iter(gym.make(env_id).unwrapped.settings.__dataclass_fields__))
+    with pytest.raises(fieldgym.SettingsError, match=f"did you mean '{field}'"):
+        gym.make(env_id, settings={f"{field}x": 1})
+
+
+@every_environment
+def test_all_wrong_settings_are_reported_at_once(env_id):
+    with pytest.raises(fieldgym.SettingsError) as error:
+        gym.make(env_id, settings={"nonsense_a": 1, "nonsense_b": 2})
+    assert "nonsense_a" in str(error.value)
+    assert "nonsense_b" in str(error.value)
+
+
+@every_environment
+def test_equal_seeds_give_equal_bits_in_another_process(env_id):
+    code = (
+        "import importlib.util, sys\n"
+        f"spec = importlib.util.spec_from_file_location('shared', {__file__!r})\n"
+        "module = importlib.util.module_from_spec(spec)\n"
+        "spec.loader.exec_module(module)\n"
+        f"print(module.digest({env_id!r}))"
+    )
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert other.stdout.split()[-1] == digest(env_id)
+
+
+@every_environment
+def test_restored_state_continues_to_the_bit(env_id):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=21)
+    rollout(env, 5)
+    state = env.get_state()
+    first = rollout(env, 40)
+    env.set_state(state)
+    assert all(
+        equal(tuple_as_dict(a), tuple_as_dict(b)) for a, b in zip(first, rollout(env, 40), strict=True)
+    )
+    fresh = gym.make(env_id).unwrapped
+    fresh.set_state(state)
+    assert all(
+        equal(tuple_as_dict(a), tuple_as_dict(b)) for a, b in zip(first, rollout(fresh, 40), strict=True)
+    )
+
+
+def tuple_as_dict(step):
+    return dict(enumerate(step))
+
+
+@every_environment
+def test_rgb_array_has_the_promised_shape(env_id):
+    env = gym.make(env_id, render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    before = env.render()
+    env.step(env.action_space.sample())
+    after = env.render()
+    assert before.shape == after.shape == (540, 960, 3)
+    assert after.dtype == np.uint8
+    assert (before != after).any()
+    env.close()
+
+
+@every_environment
+def test_human_mode_opens_and_closes_a_window(env_id):
+    env = gym.make(env_id, render_mode="human").unwrapped
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.close()
+    env.close()
+
+
+@every_environment
+def test_unknown_render_mode_is_refused(env_id):
+    with pytest.raises(ValueError, match="render_mode"):
+        gym.spec(env_id).make(render_mode="ascii", disable_env_checker=True)
+
+
+@needs_vector
+def test_native_vector_equals_scalar_environments_to_the_bit(env_id):
+    native = gym.make_vec(env_id, num_envs=3, vectorization_mode="vector_entry_point")
+    scalar = gym.make_vec(env_id, num_envs=3, vectorization_mode="sync")
+    assert native.action_space == scalar.action_space
+    assert native.observation_space == scalar.observation_space
+    assert equal(dict(enumerate(native.reset(seed=42))), dict(enumerate(scalar.reset(seed=42))))
+    native.action_space.seed(1)
+    for _ in range(230):
+        actions = native.action_space.sample()
+        a, b = native.step(actions), scalar.step(actions)
+        for ours, theirs in zip(a, b, strict=True):
+            assert equal(ours, theirs)
+
+
+@needs_vector
+def test_a_row_does_not_depend_on_the_batch(env_id):
+    small = gym.make_vec(env_id, num_envs=2)
+    large = gym.make_vec(env_id, num_envs=9)
+    small.reset(seed=5)
+    large.reset(seed=5)
+    large.action_space.seed(0)
+    for _ in range(10):
+        actions = large.action_space.sample()
+        a, b = small.step(actions[:2]), large.step(actions)
+        assert np.array_equal(a[0], b[0][:2])
+        assert np.array_equal(a[1], b[1][:2])
+
+
+@needs_vector
+def test_vector_state_continues_to_the_bit(env_id):
+    env = gym.make_vec(env_id, num_envs=4)
+    env.reset(seed=8)
+    env.action_space.seed(2)
+    actions = [env.action_space.sample() for _ in range(30)]
+    for action in actions[:10]:
+        env.step(action)
+    state = env.get_state()
+    first = [env.step(action) for action in actions]
+    env.set_state(state)
+    for ours, action in zip(first, actions, strict=True):
+        assert equal(dict(enumerate(ours)), dict(enumerate(env.step(action))))
+    fresh = gym.make_vec(env_id, num_envs=4)
+    fresh.set_state(state)
+    for ours, action in zip(first, actions, strict=True):
+        assert equal(dict(enumerate(ours)), dict(enumerate(fresh.step(action))))
+    with pytest.raises(ValueError, match="num_envs"):
+        gym.make_vec(env_id, num_envs=3).set_state(state)
+
+
+@needs_vector
+def test_vector_frames_are_one_for_each_environment(env_id):
+    env = gym.make_vec(env_id, num_envs=2, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    frames = env.render()
+    assert len(frames) == 2
+    assert frames[0].shape == (540, 960, 3)
+    env.close()
+
+
+@needs_vector
+def test_making_a_vector_environment_warns_of_nothing(env_id):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make_vec(env_id, num_envs=2)
+    assert env.metadata["autoreset_mode"] is gym.vector.AutoresetMode.NEXT_STEP
