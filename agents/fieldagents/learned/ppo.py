@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import time
 from collections.abc import Callable
@@ -10,7 +12,6 @@ from typing import Any, cast
 
 import gymnasium
 import numpy as np
-import pandas as pd
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -39,6 +40,8 @@ from fieldmodels.files import write_bytes, write_text
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 CHECKPOINTS_KEPT = 3
+LOGGED = ("approx_kl", "explained_variance", "std")
+CURVE = ("steps", "training_return", *LOGGED, "validation_return")
 
 
 def run_ppo(config: TrainConfig, folder: Path, report: Report) -> None:
@@ -169,8 +172,8 @@ class Recorder(BaseCallback):
         self._curve: list[dict[str, Any]] = []
         path = folder / "curve.csv"
         if self._begun and path.is_file():
-            rows = pd.read_csv(path, float_precision="round_trip")
-            self._curve = rows[rows["steps"] <= self._begun].to_dict("records")  # type: ignore[assignment]
+            rows = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8")))
+            self._curve = [row for row in rows if int(row["steps"]) <= self._begun]
 
     def _on_step(self) -> bool:
         return True
@@ -199,13 +202,12 @@ class Recorder(BaseCallback):
             "steps": steps,
             "training_return": float(safe_mean([e["r"] for e in self.model.ep_info_buffer or ()])),
         }
-        for name in ("approx_kl", "explained_variance", "std"):
+        for name in LOGGED:
             row[name] = float(self.logger.name_to_value.get(f"train/{name}", np.nan))
         if last or update % config.validation.every == 0:
             row |= self._validate()
         self._curve.append(row)
-        frame = pd.DataFrame(self._curve)
-        write_text(self._folder / "curve.csv", frame.to_csv(index=False, lineterminator="\n"))
+        self._write_curve()
         if last or update % config.checkpoint_every == 0:
             self._save_checkpoint()
         best = f"best return {self._run.best[1]:.4g}" if self._run.best[0] else "training"
@@ -229,6 +231,13 @@ class Recorder(BaseCallback):
             run.best = (steps, score)
             write_bytes(self._folder / "policy.onnx", policy)
         return scores
+
+    def _write_curve(self) -> None:
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, [*CURVE, f"validation_{self._metric}"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self._curve)
+        write_text(self._folder / "curve.csv", stream.getvalue())
 
     def _save_checkpoint(self) -> None:
         folder = self._folder / "checkpoints"

@@ -1,0 +1,339 @@
+"""Training from a config: the run folder, exact resume, export, and clear errors."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+import torch
+from stable_baselines3.common.vec_env import VecNormalize
+
+from fieldagents.config import ConfigError, load_config
+from fieldagents.learned import training
+from fieldagents.learned.checkpoint import CheckpointError, load_checkpoint, save_checkpoint, to_arrays
+from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.policy import OnnxAgent, PolicyError
+from fieldagents.learned.publish import publish
+from fieldagents.learned.training import MissingExtraError, TrainingError, train
+from fieldagents.learned.zoo import ZooError, list_zoo
+from fieldmodels.yaml import save_yaml
+
+TINY = {
+    "name": "tiny",
+    "task": "heel_strike",
+    "seed": 1,
+    "steps": 640,
+    "num_envs": 4,
+    "checkpoint_every": 1,
+    # episodes of 9 strides end inside, at the end of and across the updates of 16 steps
+    "environment": {"settings": {"strides": 9}},
+    "ppo": {"n_steps": 16, "batch_size": 32, "n_epochs": 2, "learning_rate_decay": "linear"},
+    "network": {"hidden": [8]},
+    "normalise": {"reward": True},
+    "validation": {"every": 3, "episodes": 4},
+}
+
+
+def tiny(**changes) -> TrainConfig:
+    return TrainConfig(**{**TINY, **changes})
+
+
+class Killed(BaseException):
+    """Stands in for the end of the process."""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    return train(tiny(), progress=False, out=tmp_path_factory.mktemp("runs") / "whole")
+
+
+def test_the_run_folder_holds_what_it_promises(finished):
+    names = {path.name for path in finished.iterdir()}
+    assert names == {
+        "config.yaml",
+        "versions.json",
+        "curve.csv",
+        "checkpoints",
+        "policy.onnx",
+        "run.json",
+        "tensorboard",
+    }
+    assert load_config(finished / "config.yaml", TrainConfig) == tiny()
+    assert json.loads((finished / "versions.json").read_text())["torch"] == torch.__version__
+    curve = pd.read_csv(finished / "curve.csv")
+    assert list(curve["steps"]) == list(range(64, 641, 64))
+    assert list(curve.loc[curve["validation_return"].notna(), "steps"]) == [192, 384, 576, 640]
+    run = json.loads((finished / "run.json").read_text())
+    assert run["validation_return"] == curve["validation_return"].max()
+    assert len(list((finished / "checkpoints").glob("*.pt"))) == 3
+    assert list((finished / "tensorboard").glob("events*"))
+
+
+def assert_equal_runs(one, other):
+    for name in ("curve.csv", "policy.onnx"):
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    last = [load_checkpoint(sorted((run / "checkpoints").glob("*.pt"))[-1]) for run in (one, other)]
+    assert_equal_state(*last)
+
+
+def assert_equal_state(one, other):
+    assert type(one) is type(other)
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_equal_state(one[key], other[key])
+    elif isinstance(one, list):
+        assert len(one) == len(other)
+        for left, right in zip(one, other, strict=True):
+            assert_equal_state(left, right)
+    elif isinstance(one, torch.Tensor):
+        assert one.dtype == other.dtype
+        assert one.numpy().tobytes() == other.numpy().tobytes()
+    else:
+        assert one == other
+
+
+def test_equal_seeds_train_equally_and_others_do_not(finished, tmp_path):
+    assert_equal_runs(finished, train(tiny(), progress=False, out=tmp_path / "again"))
+    other = train(tiny(seed=2), progress=False, out=tmp_path / "other")
+    assert (finished / "policy.onnx").read_bytes() != (other / "policy.onnx").read_bytes()
+
+
+@pytest.mark.parametrize("kills", [(1, 4), (5,)])
+def test_a_killed_run_resumes_bit_for_bit(finished, tmp_path, monkeypatch, kills):
+    from fieldagents.learned import ppo
+
+    run = tmp_path / "run"
+    resume = None
+    for kill in kills:
+        saved = []
+
+        def save_and_die(state, path, saved=saved, kill=kill):
+            save_checkpoint(state, path)
+            saved.append(path)
+            if len(saved) == kill:
+                raise Killed
+
+        monkeypatch.setattr(ppo, "save_checkpoint", save_and_die)
+        with pytest.raises(Killed):
+            train(tiny(), progress=False, resume=resume, out=None if resume else run)
+        resume = run
+        # what other work does to the global streams meanwhile must not matter
+        torch.manual_seed(99)
+        np.random.seed(99)  # noqa: NPY002
+    monkeypatch.setattr(ppo, "save_checkpoint", save_checkpoint)
+    train(tiny(), progress=False, resume=run)
+    assert_equal_runs(finished, run)
+
+
+def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
+    config = tmp_path / "tiny.yaml"
+    run = tmp_path / "run"
+    save_yaml({**TINY, "steps": 64 * 60, "validation": {"every": 20, "episodes": 2}}, config)
+    script = (
+        "import sys; from pathlib import Path; from fieldagents.config import load_config;"
+        "from fieldagents.learned.config import TrainConfig; from fieldagents.learned.training import train;"
+        "train(load_config(Path(sys.argv[1]), TrainConfig), out=Path(sys.argv[2]))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script, config, run], stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while process.poll() is None and time.monotonic() < deadline:
+        if len(list(run.glob("checkpoints/0*.pt"))) >= 2:
+            os.kill(process.pid, signal.SIGKILL)
+        time.sleep(0.005)
+    assert process.wait() == -signal.SIGKILL
+    assert not (run / "run.json").exists()
+    checked = load_config(config, TrainConfig)
+    train(checked, progress=False, resume=run)
+    assert_equal_runs(train(checked, progress=False, out=tmp_path / "whole"), run)
+
+
+def test_onnx_acts_as_the_trained_policy_does(finished):
+    import gymnasium
+
+    import fieldgym
+    from fieldagents.learned.export import to_onnx
+    from fieldagents.learned.ppo import Run
+    from fieldagents.learned.vector import NativeVecEnv
+
+    env_id = fieldgym.TASKS["heel_strike"].env_id
+    native = gymnasium.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point")
+    run = Run(tiny(), NativeVecEnv(native, seed=0))
+    run.restore(load_checkpoint(sorted((finished / "checkpoints").glob("*.pt"))[-1]))
+    agent = OnnxAgent.from_bytes(to_onnx(run.policy, run.normaliser, "test"))
+    rng = np.random.default_rng(0)
+    low, high = native.single_observation_space.low, native.single_observation_space.high
+    observation = rng.uniform(low, high, (500, len(low))).astype(np.float32)
+    with torch.no_grad():  # large outputs, so that some actions are clipped
+        run.policy.action_net.weight.mul_(100)
+    loud = OnnxAgent.from_bytes(to_onnx(run.policy, run.normaliser, "test"))
+    expected = run.model.predict(run.normaliser.normalize_obs(observation), deterministic=True)[0]
+    np.testing.assert_allclose(loud.act(observation, {}), expected, atol=1e-5)
+    assert 0.05 < np.mean(np.abs(expected) == 1) < 0.999
+    assert not np.allclose(agent.act(observation, {}), expected, atol=1e-2)
+    run.environment.close()
+
+
+def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
+    import gymnasium
+    from stable_baselines3 import PPO
+
+    from fieldagents.learned.export import to_onnx
+    from fieldagents.learned.vector import NativeVecEnv
+
+    native = gymnasium.make_vec("CartPole-v1", num_envs=4, vectorization_mode="vector_entry_point")
+    normaliser = VecNormalize(NativeVecEnv(native, seed=0))
+    model = PPO("MlpPolicy", normaliser, n_steps=16, batch_size=16, seed=0, device="cpu").learn(64)
+    observation = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
+    expected = model.predict(normaliser.normalize_obs(observation), deterministic=True)[0]
+    actions = OnnxAgent.from_bytes(to_onnx(model.policy, normaliser, "test")).act(observation, {})
+    np.testing.assert_array_equal(actions, expected)
+    assert set(expected) == {0, 1}
+
+
+def test_a_learned_agent_needs_no_torch(finished):
+    script = (
+        "import sys; from fieldagents.learned.policy import OnnxAgent; import numpy as np;"
+        "agent = OnnxAgent(sys.argv[1]); n = agent._shape[0];"
+        "print(agent.act(np.zeros((2, n)), {}).shape, 'torch' in sys.modules)"
+    )
+    command = [sys.executable, "-c", script, finished / "policy.onnx"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "(2, 3) False"
+
+
+def test_policy_files_that_do_not_fit_are_refused(finished, tmp_path):
+    with pytest.raises(PolicyError, match="no such policy file"):
+        OnnxAgent(tmp_path / "none.onnx")
+    (tmp_path / "text.onnx").write_text("hello")
+    with pytest.raises(PolicyError, match="not an ONNX policy"):
+        OnnxAgent(tmp_path / "text.onnx")
+    with pytest.raises(PolicyError, match=r"observations of shape .* the environment gives \(99,\)"):
+        OnnxAgent(finished / "policy.onnx").act(np.zeros((3, 99)), {})
+
+
+def test_checkpoints_are_checked_and_run_no_code(tmp_path):
+    import pickle
+
+    path = tmp_path / "1.pt"
+    path.write_bytes(b"no checkpoint")
+    with pytest.raises(CheckpointError, match=r"1\.pt: not a checkpoint"):
+        load_checkpoint(path)
+
+    class Evil:
+        def __reduce__(self):
+            return (os.mkdir, (str(tmp_path / "ran"),))
+
+    torch.save({"schema": 1, "policy": Evil()}, path)
+    with pytest.raises(CheckpointError, match="not a checkpoint"):
+        load_checkpoint(path)
+    path.write_bytes(pickle.dumps(Evil(), protocol=2))
+    with pytest.raises(CheckpointError, match="not a checkpoint"):
+        load_checkpoint(path)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_checkpoints_keep_every_kind_of_value(tmp_path):
+    kind = np.dtype([("keys", np.uint64, (2,)), ("x", np.float64)])
+    state = {
+        "walkers": np.array([((2**64 - 1, 3), 0.1)], dtype=kind),
+        "arrays": [np.array([True, False]), np.array(2**64 - 1, dtype=np.uint64)],
+        "generator": np.random.default_rng(3).bit_generator.state,
+        "number": np.float64(0.1),
+        "nothing": None,
+    }
+    save_checkpoint(state, tmp_path / "1.pt")
+    loaded = to_arrays(load_checkpoint(tmp_path / "1.pt"))
+    assert loaded["walkers"].dtype == kind
+    assert loaded["walkers"] == state["walkers"]
+    np.testing.assert_array_equal(loaded["arrays"][0], [True, False])
+    assert loaded["arrays"][1] == 2**64 - 1
+    assert loaded["generator"] == state["generator"]
+    assert loaded["number"] == 0.1
+    assert loaded["nothing"] is None
+
+
+def test_a_finished_run_is_not_trained_again(finished, capsys):
+    before = (finished / "run.json").stat().st_mtime_ns
+    assert train(tiny(), progress=False, out=finished) == finished
+    assert "trained already" in capsys.readouterr().err
+    assert (finished / "run.json").stat().st_mtime_ns == before
+
+
+def test_folders_that_do_not_fit_are_refused(finished, tmp_path):
+    with pytest.raises(TrainingError, match="differs from this config"):
+        train(tiny(seed=3), progress=False, resume=finished)
+    with pytest.raises(TrainingError, match="not a run's folder"):
+        train(tiny(), progress=False, resume=tmp_path)
+    with pytest.raises(TrainingError, match="either --resume or --out"):
+        train(tiny(), progress=False, resume=finished, out=tmp_path)
+    save_yaml(tiny().model_dump(mode="json"), tmp_path / "begun" / "config.yaml")
+    with pytest.raises(TrainingError, match="go on with --resume"):
+        train(tiny(), progress=False, out=tmp_path / "begun")
+
+
+def test_a_missing_extra_is_named(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(MissingExtraError, match=r"stable_baselines3.*pip install 'fieldgym\[train\]'"):
+        train(tiny(), out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
+    path = tmp_path / "ppo.yaml"
+    path.write_text(
+        "name: ppo\ntask: heel_strik\nsteps: 1000\nppo:\n  learning_rat: 3e-4\n  gamma: 1.5\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, TrainConfig)
+    text = str(caught.value)
+    assert "ppo.yaml:2: task: there is no task 'heel_strik' (did you mean 'heel_strike'?)" in text
+    assert "ppo.yaml:5: ppo.learning_rat: unknown key (did you mean 'learning_rate'?)" in text
+    assert "ppo.yaml:6: ppo.gamma" in text
+    with pytest.raises(ValueError, match=r"batch_size 48 does not divide the 64 steps"):
+        tiny(ppo={"n_steps": 16, "batch_size": 48})
+    with pytest.raises(ValueError, match="stride"):
+        tiny(environment={"settings": {"stride": 9}})
+
+
+def test_training_seeds_never_meet_tuning_or_test_seeds():
+    from fieldagents.evaluation.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
+    from fieldagents.learned.config import ENVIRONMENTS_MOST, RUNS_MOST, VALIDATION_SEEDS
+
+    first, last = tiny(seed=0).environment_seed, tiny(seed=RUNS_MOST - 1).environment_seed
+    assert first in TRAINING_SEEDS
+    assert last + ENVIRONMENTS_MOST - 1 in TRAINING_SEEDS
+    assert set(VALIDATION_SEEDS) <= set(TUNING_SEEDS)
+    assert not set(TRAINING_SEEDS) & (set(TUNING_SEEDS) | set(TEST_SEEDS))
+
+
+def test_publishing_writes_an_entry_and_refuses_what_is_no_replication(finished, tmp_path):
+    other = train(tiny(seed=2), progress=False, out=tmp_path / "other")
+    folder = publish([other, finished], "tiny", "a tiny policy", zoo=tmp_path / "zoo", episodes=3)
+    (entry,) = list_zoo(folder=tmp_path / "zoo")
+    assert str(entry) == "heel_strike/tiny"
+    assert entry.seeds == (1, 2)
+    assert [agent.title for agent in entry.agents()] == ["a tiny policy"] * 2
+    assert entry.card["config"]["steps"] == 640
+    assert set(pd.read_csv(folder / "curve.csv")["seed"]) == {1, 2}
+    with pytest.raises(ZooError, match="same training seed"):
+        publish([finished, finished], "tiny", "", zoo=tmp_path / "zoo")
+    unlike = train(tiny(seed=3, steps=64), progress=False, out=tmp_path / "unlike")
+    with pytest.raises(ZooError, match="seed alone"):
+        publish([finished, unlike], "tiny", "", zoo=tmp_path / "zoo")
+    (unlike / "run.json").unlink()
+    with pytest.raises(ZooError, match="not the folder of a finished run"):
+        publish([unlike], "tiny", "", zoo=tmp_path / "zoo")
+
+
+def test_a_commit_is_recorded_in_a_checkout():
+    assert set(training.versions()) == {"python", "machine", *training.VERSIONED, "commit"}
