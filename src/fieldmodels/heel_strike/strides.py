@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
-from fieldmodels.heel_strike.truth import PARAMETERS
+from fieldmodels.heel_strike.truth import FREQUENCY, HIDDEN, PARAMETERS, PHASE, STEP_TIME, TEETH
 from fieldmodels.heel_strike.walker import (
     ESTIMATORS,
     TRACES,
@@ -112,12 +112,18 @@ class Strides:
         )
         nominal = HeelStrikeModel(self.leg).nominal
         vector = np.asarray(nominal if reality is None else reality, dtype=np.float64)
-        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+        if vector.shape[-1:] not in ((PARAMETERS,), (HIDDEN,)) or vector.shape[:-1] not in ((), (batch,)):
             raise ModelError(
                 f"reality must have shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
             )
-        self.realities = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
-        self.extended = bool(np.any(self.realities[:, 1:] != nominal[1:]))
+        self.realities = np.zeros((batch, HIDDEN))
+        self.realities[:, : vector.shape[-1]] = vector
+        neutral = np.zeros(HIDDEN)
+        neutral[:PARAMETERS] = nominal
+        off = self.realities == neutral
+        # A period, a phase or a time without amplitude is no effect.
+        off[:, [FREQUENCY, PHASE, STEP_TIME, TEETH]] = True
+        self.extended = not bool(off[:, 1:].all())
         self.bank = bank
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
         self._constants = make_constants(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)

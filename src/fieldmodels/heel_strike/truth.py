@@ -24,6 +24,9 @@ DELAY = 11
 QUANTUM = 12
 STEP_RATE, STEP_TIME = 13, 14
 PARAMETERS = 15
+COGGING, TEETH = 15, 16
+HIDDEN = 17
+"""A kernel's vector: the model's parameters, then cogging, which the model does not list (for exams)."""
 
 CREEP = 0.01
 """Speed below which dry friction fades smoothly [rad/s] (assumed: RK4 stays accurate at the turn)."""
@@ -32,7 +35,7 @@ HISTORY = 16
 
 
 @inlined
-def effect_acceleration(omega: float, time: float, reality: FloatArray) -> float:
+def effect_acceleration(theta: float, omega: float, time: float, reality: FloatArray) -> float:
     """What the force effects add to the angular acceleration [rad/s2]."""
     value: float = (
         reality[CONSTANT]
@@ -41,6 +44,8 @@ def effect_acceleration(omega: float, time: float, reality: FloatArray) -> float
         - reality[DRAG] * omega * abs(omega)
         + reality[AMPLITUDE] * math.sin(2 * math.pi * reality[FREQUENCY] * time + reality[PHASE])
     )
+    if len(reality) > COGGING:
+        value += reality[COGGING] * math.sin(reality[TEETH] * theta)
     return value
 
 
@@ -57,7 +62,7 @@ def acceleration(
     """Angular acceleration [rad/s2], eq (2.11); ``stiffness`` is g/L, ``torque`` the process torque."""
     value = -stiffness * math.sin(theta) + torque
     if extended:
-        value += effect_acceleration(omega, time, reality)
+        value += effect_acceleration(theta, omega, time, reality)
     return value
 
 
