@@ -1,0 +1,155 @@
+"""The main job in a few minutes: agents compared, a recording diagnosed, one report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fieldagents.config import EnvironmentConfig, EvaluateConfig
+from fieldagents.evaluation import evaluate, report_section
+from fieldagents.evaluation.entrants import agent_names
+from fieldagents.progress import Report
+from fieldmodels import html
+from fieldmodels.datasets import DatasetError, get_dataset, open_recording
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.report import report_section as diagnosis_section
+from fieldmodels.diagnosis.report import write_results
+from fieldmodels.files import write_text
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+TRAIN = "dfki_simple_pendulum/ddp"
+TEST = "dfki_simple_pendulum/direct_collocation"
+HIDDEN = {"coulomb_friction": {"torque": 0.18}, "viscous_friction": {"coefficient": 0.05}}
+"""What the stand-in pendulum has and the simulation lacks: about what was identified on the real one."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A pendulum's recordings, and what they are.
+
+    Attributes:
+        train: The recording to learn from.
+        test: A separate recording, on which the gain is measured.
+        about: What they are, in a sentence for the report.
+        real: Whether a real machine was measured.
+    """
+
+    train: Recording
+    test: Recording
+    about: str
+    real: bool
+
+
+def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
+    """Evaluate the agents on every task, diagnose a pendulum, and write one report.
+
+    Args:
+        out: Result folder; the evaluation and the diagnosis get folders of their own below it.
+        progress: Called with what is being done and the part of the whole that is done.
+        episodes: Episodes of every agent in every scenario.
+
+    Returns:
+        The path of the self-contained ``report.html``.
+    """
+    pendulum = get_model("pendulum")
+    progress("Looking for real data", 0.0)
+    bench = find_bench(pendulum)
+
+    config = EvaluateConfig(
+        name="demo",
+        task="heel_strike",
+        environments={
+            kind: EnvironmentConfig(settings={"collision_kind": kind}) for kind in ("ar1", "low_pass")
+        },
+        agents=agent_names("heel_strike"),
+        baseline="ranger",
+        episodes=episodes,
+    )
+    summary = evaluate(config, out / "heel_strike", _share(progress, 0.02, 0.6))
+    diagnosis = diagnose(pendulum, [bench.train], [bench.test], progress=_share(progress, 0.6, 0.95))
+    progress("Writing the report", 0.95)
+    write_results(diagnosis, out / "pendulum")
+    body = "\n".join(
+        [
+            f'<p class="lead">{_data_line(bench)}</p>',
+            "<h2>1. Agents: a walking robot's heel-strike estimator</h2>",
+            "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
+            "estimator's gains under noise whose level it is not told. The score is the error in the foot's "
+            "height at heel strike. All agents meet the same noise on the same episodes.</p>",
+            html.figure(_picture(), "The task as it is rendered: the leg, its traces and the strike errors."),
+            report_section(summary),
+            "<h2>2. Diagnosis: what does the simulation of this pendulum get wrong?</h2>",
+            f"<p>{html.text(bench.about)}</p>",
+            diagnosis_section(diagnosis),
+            "<h2>Where things are</h2>",
+            "<p>Beside this page: <code>heel_strike/</code> holds every episode (Parquet), the summary and "
+            "the evaluation's own report; <code>pendulum/</code> holds <code>diagnosis.json</code>, its own "
+            "report, and <code>extended.yaml</code>, the simulation that has learned.</p>",
+        ]
+    )
+    report = out / "report.html"
+    write_text(report, html.page("fieldgym demo", body, plotly="Plotly.newPlot" in body))
+    progress("Done", 1.0)
+    return report
+
+
+def find_bench(pendulum: Model) -> Bench:
+    """Real recordings where they can be had; else a pendulum with a hidden reality."""
+    try:
+        train, test = open_recording(TRAIN, pendulum), open_recording(TEST, pendulum)
+    except DatasetError as error:
+        rng = np.random.default_rng(20)
+        records = [
+            synthesise(pendulum, HIDDEN, "mixed", duration=20.0, step=0.005, amplitude=1.5, rng=rng)
+            for _ in range(2)
+        ]
+        about = (
+            f"No real data could be had ({error}). Instead: two recordings of a simulated pendulum with a "
+            f"hidden reality, {HIDDEN}, of which the diagnosis is told nothing."
+        )
+        return Bench(records[0], records[1], about, real=False)
+    sources = [get_dataset(name) for name in (TRAIN, TEST)]
+    about = (
+        f"Real data: a torque-limited pendulum at DFKI RIC ({sources[0].licence}). Learned from: "
+        f"{sources[0].about} ({sources[0].source}); tested on: {sources[1].about} ({sources[1].source})."
+    )
+    return Bench(train, test, about, real=True)
+
+
+def _data_line(bench: Bench) -> str:
+    if bench.real:
+        return "The diagnosis below was made on <b>real measured data</b>."
+    return (
+        "The diagnosis below was made on <b>simulated data from a hidden reality</b>: no real data at hand."
+    )
+
+
+def _picture() -> object:
+    """A frame of the task, as a matplotlib figure."""
+    import gymnasium as gym
+    from matplotlib.figure import Figure
+
+    import fieldgym  # noqa: F401  (registers the tasks)
+
+    env = gym.make("fieldgym/HeelStrike-v0", render_mode="rgb_array")
+    env.reset(seed=3)
+    for _ in range(12):
+        env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    frame = np.asarray(env.render())
+    env.close()
+    figure = Figure(figsize=(9.6, 9.6 * frame.shape[0] / frame.shape[1]), dpi=100)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(frame)
+    axes.set_axis_off()
+    return figure
+
+
+def _share(progress: Report, start: float, end: float) -> Callable[[str, float], None]:
+    """Report a part's progress as a stretch of the whole."""
+    return lambda stage, part: progress(stage, start + (end - start) * part)
