@@ -344,7 +344,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `error_mm_ranger` | of Ranger's estimator as published, eq (2.2), (2.3), in the same stride [mm] |
     | `error_mm_ranger_tuned` | of Ranger's with the best constant *S_HR* [mm] |
     | `error_mm_ekf` | of the reference filter [mm] |
-    | `error_mm_imm` | of a bank of eight filters that is told the levels (with `bank` set) [mm] |
+    | `error_mm_imm` | of a bank of eight filters that is told the levels (with `bank`) [mm] |
     | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy on its long walk (section 2.3.2), else 0 |
     | `gains` | *S_MS* early, *S_MS* late, *S_HR*, *S_FD* [1/s] of the stride |
     | `duration` | of the stride [s] |

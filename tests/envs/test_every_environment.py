@@ -1,9 +1,12 @@
 """What holds for every registered environment of fieldgym."""
 
 import hashlib
+import importlib.util
+import json
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -50,6 +53,39 @@ def digest(env_id):
     return sha.hexdigest()
 
 
+def save_state(state, folder):
+    """Write a state without pickle: arrays as .npy, the rest as JSON."""
+    arrays = {key: value for key, value in state.items() if isinstance(value, np.ndarray)}
+    np.savez(folder / "state.npz", **arrays)
+    rest = {key: value for key, value in state.items() if key not in arrays}
+    (folder / "state.json").write_text(json.dumps(rest))
+
+
+def continued(env_id, folder):
+    """Digest of the steps that follow a saved state."""
+    with np.load(folder / "state.npz", allow_pickle=False) as arrays:
+        state = dict(arrays) | json.loads((folder / "state.json").read_text())
+    env = gym.make(env_id).unwrapped
+    env.set_state(state)
+    sha = hashlib.sha256()
+    for step in rollout(env, 40):
+        sha.update(repr(step).encode() + step[0].tobytes())
+    return sha.hexdigest()
+
+
+def in_another_process(expression):
+    """The text of an expression of this module, evaluated by a fresh interpreter."""
+    code = (
+        "import importlib.util\n"
+        f"spec = importlib.util.spec_from_file_location('shared', {__file__!r})\n"
+        "module = importlib.util.module_from_spec(spec)\n"
+        "spec.loader.exec_module(module)\n"
+        f"print(module.{expression})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.split()[-1]
+
+
 def test_every_task_is_registered():
     assert IDS
     assert {task.env_id for task in fieldgym.TASKS.values()} <= set(IDS)
@@ -92,6 +128,16 @@ def test_docstring_is_a_docs_page(env_id):
         "Version History",
     ):
         assert f"## {heading}" in page
+
+
+@pytest.mark.parametrize("task", fieldgym.TASKS.values(), ids=lambda task: task.name)
+def test_docs_page_is_up_to_date(task):
+    """Renew with ``python docs/environments.py``."""
+    folder = Path(__file__).parents[2] / "docs"
+    spec = importlib.util.spec_from_file_location("docs_environments", folder / "environments.py")
+    generator = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generator)
+    assert (folder / "environments" / f"{task.name}.md").read_text() == generator.page(task)
 
 
 @every_environment
@@ -138,15 +184,18 @@ def test_all_wrong_settings_are_reported_at_once(env_id):
 
 @every_environment
 def test_equal_seeds_give_equal_bits_in_another_process(env_id):
-    code = (
-        "import importlib.util, sys\n"
-        f"spec = importlib.util.spec_from_file_location('shared', {__file__!r})\n"
-        "module = importlib.util.module_from_spec(spec)\n"
-        "spec.loader.exec_module(module)\n"
-        f"print(module.digest({env_id!r}))"
+    assert in_another_process(f"digest({env_id!r})") == digest(env_id)
+
+
+@every_environment
+def test_restored_state_continues_to_the_bit_in_another_process(env_id, tmp_path):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=21)
+    rollout(env, 5)
+    save_state(env.get_state(), tmp_path)
+    assert in_another_process(f"continued({env_id!r}, module.Path({str(tmp_path)!r}))") == continued(
+        env_id, tmp_path
     )
-    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert other.stdout.split()[-1] == digest(env_id)
 
 
 @every_environment
@@ -195,8 +244,8 @@ def test_human_mode_opens_and_closes_a_window(env_id):
 
 @every_environment
 def test_unknown_render_mode_is_refused(env_id):
-    with pytest.raises(ValueError, match="render_mode"):
-        gym.spec(env_id).make(render_mode="ascii", disable_env_checker=True)
+    with pytest.warns(UserWarning, match="render_mode"), pytest.raises(ValueError, match="render_mode"):
+        gym.make(env_id, render_mode="ascii")
 
 
 @needs_vector
@@ -266,3 +315,17 @@ def test_making_a_vector_environment_warns_of_nothing(env_id):
         warnings.simplefilter("error")
         env = gym.make_vec(env_id, num_envs=2)
     assert env.metadata["autoreset_mode"] is gym.vector.AutoresetMode.NEXT_STEP
+
+
+@needs_vector
+def test_vector_wrappers_of_gymnasium_work(env_id):
+    env = gym.wrappers.vector.RecordEpisodeStatistics(gym.make_vec(env_id, num_envs=2))
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    total = 0.0
+    for _ in range(1000):
+        _, reward, _, _, info = env.step(env.action_space.sample())
+        total += reward[0]
+        if "episode" in info and info["_episode"][0]:
+            break
+    assert info["episode"]["r"][0] == pytest.approx(total, rel=1e-12)

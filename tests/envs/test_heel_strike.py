@@ -226,3 +226,21 @@ def test_stride_is_drawn_in_slices():
     assert len(frames) in (5, 6)
     assert np.array_equal(frames[-1], env.render())
     assert not np.array_equal(frames[0], frames[-1])
+
+
+def test_leg_that_never_strikes_ends_the_episode():
+    reality = {"coulomb_friction": {"acceleration": 2.0}}
+    env = gym.make_vec(ID, num_envs=3, reality=reality)
+    first, _ = env.reset(seed=0)
+    zero = np.zeros((3, 3), np.float32)
+    for _ in range(50):
+        *_, reward, terminated, truncated, _ = env.step(zero)
+        if terminated.any():
+            break
+    assert terminated.any()
+    assert not truncated.any()
+    fallen = int(np.argmax(terminated))
+    observation, reward, terminated, *_ = env.step(zero)
+    assert reward[fallen] == 0
+    assert not terminated[fallen]
+    assert np.array_equal(observation[fallen], first[fallen])

@@ -79,7 +79,7 @@ def draw(strides: Sequence[Stride], number: int, total: int, step_length: float,
 def _mean_errors(canvas: Canvas, strides: Sequence[Stride]) -> None:
     own = np.mean([abs(s.error_mm) for s in strides])
     ranger = np.mean([abs(s.ranger_mm) for s in strides])
-    canvas.text("mean |strike error|", (432, 27), MUTED, 12)
+    canvas.text(f"mean error, last {len(strides)}", (432, 27), MUTED, 12)
     canvas.circle((580, 27), 5, ESTIMATE)
     canvas.text(f"this estimator {own:.2f} mm", (592, 27), INK, 12)
     canvas.circle((772, 27), 5, RANGER)

@@ -1,0 +1,60 @@
+"""Speed of the environments: native vector, one by one, and the bare kernel, as ratios within one run.
+
+python benchmarks/environment_speed.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import gymnasium as gym
+import numpy as np
+
+import fieldgym  # noqa: F401 - registers the environments
+from fieldmodels.heel_strike.parameters import Leg, Regimes
+from fieldmodels.heel_strike.strides import Strides
+
+ID = "fieldgym/HeelStrike-v0"
+BATCH = 64
+SECONDS = 2.0
+
+
+def rate(step: Callable[[], object], per_call: int) -> float:
+    """Strides a second; the first call (which may compile) is not timed."""
+    step()
+    calls, start = 0, time.perf_counter()
+    while time.perf_counter() - start < SECONDS:
+        step()
+        calls += 1
+    return calls * per_call / (time.perf_counter() - start)
+
+
+def main() -> None:
+    """Print the table."""
+    native = gym.make_vec(ID, num_envs=BATCH)
+    bank = gym.make_vec(ID, num_envs=BATCH, settings={"bank": True})
+    sync = gym.make_vec(ID, num_envs=BATCH, vectorization_mode="sync")
+    single = gym.make(ID, settings={"strides": 1_000_000})
+    strides = Strides(BATCH, Leg(), Regimes.preset("ar1"))
+    for i in range(BATCH):
+        strides.seed(i, np.random.default_rng(i))
+    for env in (native, bank, sync, single):
+        env.reset(seed=0)
+    actions = np.zeros((BATCH, 3), np.float32)
+    samples = np.mean([strides.advance([0.03, 0.03, 0.1, 1000 / 3]).samples for _ in range(20)])
+    rates = {
+        f"bare kernel, {BATCH} walkers": rate(lambda: strides.advance([0.03, 0.03, 0.1, 1000 / 3]), BATCH),
+        f"native vector, {BATCH} environments": rate(lambda: native.step(actions), BATCH),
+        f"native vector with the bank of filters, {BATCH}": rate(lambda: bank.step(actions), BATCH),
+        f"SyncVectorEnv, {BATCH} environments": rate(lambda: sync.step(actions), BATCH),
+        "single environment": rate(lambda: single.step(actions[0]), 1),
+    }
+    base = rates["single environment"]
+    print(f"{'':48s}{'strides/s':>12s}{'physics steps/s':>18s}{'ratio':>8s}")
+    for name, value in rates.items():
+        print(f"{name:48s}{value:12,.0f}{value * samples:18,.0f}{value / base:8.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Write the page and the picture of every environment.
+
+    python docs/environments.py
+
+A page is the class docstring of the environment, followed by its settings as a table.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import matplotlib.image
+
+from fieldgym import TASKS, Task
+from fieldmodels.files import replacing, write_text
+
+FOLDER = Path(__file__).parent / "environments"
+STEPS_BEFORE_THE_PICTURE = 60
+
+
+def page(task: Task) -> str:
+    """The Markdown page of one task."""
+    environment = gym.make(task.env_id).unwrapped
+    text = inspect.cleandoc(environment.__doc__ or "")
+    settings = "\n".join(f"| `{n}` | `{d}` | {m} |" for n, d, m in settings_of(task.settings))
+    return (
+        f"# {task.title}\n\n`{task.env_id}`\n\n![The task while it runs]({task.name}.png)\n\n{text}\n\n"
+        f"## Settings\n\n`{task.settings.__name__}`\n\n"
+        f"| Setting | Default | Meaning |\n|---|---|---|\n{settings}\n"
+    )
+
+
+def settings_of(kind: type[Any]) -> list[tuple[str, Any, str]]:
+    """Name, default and meaning of every setting, from the class and its docstring."""
+    section = inspect.cleandoc(kind.__doc__ or "").split("Attributes:\n")[1]
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE)
+    meaning = {name: re.sub(r"\s+", " ", text).replace("``", "`") for name, text in entries}
+    return [
+        (f.name, round(f.default, 4) if isinstance(f.default, float) else f.default, meaning[f.name])
+        for f in fields(kind)
+        if f.default is not MISSING
+    ]
+
+
+def picture(task: Task, path: Path) -> None:
+    """Save a frame of the task under the actions in the middle of their range."""
+    env = gym.make(task.env_id, render_mode="rgb_array")
+    env.reset(seed=3)
+    middle = (env.action_space.low + env.action_space.high) / 2
+    for _ in range(STEPS_BEFORE_THE_PICTURE):
+        env.step(middle)
+    frame = env.render()
+    with replacing(path) as temporary:
+        matplotlib.image.imsave(temporary, frame)
+
+
+def main() -> None:
+    """Write all pages and pictures."""
+    for task in TASKS.values():
+        write_text(FOLDER / f"{task.name}.md", page(task))
+        picture(task, FOLDER / f"{task.name}.png")
+        print(FOLDER / f"{task.name}.md")
+
+
+if __name__ == "__main__":
+    main()
