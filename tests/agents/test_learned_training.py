@@ -137,7 +137,7 @@ def test_a_killed_run_resumes_bit_for_bit(finished, tmp_path, monkeypatch, kills
 def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
     config = tmp_path / "tiny.yaml"
     run = tmp_path / "run"
-    save_yaml({**TINY, "steps": 64 * 60, "validation": {"every": 20, "episodes": 2}}, config)
+    save_yaml({**TINY, "steps": 64 * 16, "validation": {"every": 20, "episodes": 2}}, config)
     script = (
         "import sys; from pathlib import Path; from fieldagents.config import load_config;"
         "from fieldagents.learned.config import TrainConfig; from fieldagents.learned.training import train;"
@@ -303,6 +303,12 @@ def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
         tiny(ppo={"n_steps": 16, "batch_size": 48})
     with pytest.raises(ValueError, match="stride"):
         tiny(environment={"settings": {"stride": 9}})
+
+
+def test_a_diverged_training_stops_with_the_reason(tmp_path):
+    wild = {**TINY["ppo"], "learning_rate": 1e30}
+    with pytest.raises(ValueError, match=r"diverged at step \d+: try a lower"):
+        train(tiny(ppo=wild), progress=False, out=tmp_path / "run")
 
 
 def test_training_seeds_never_meet_tuning_or_test_seeds():

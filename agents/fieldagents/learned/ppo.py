@@ -44,6 +44,13 @@ LOGGED = ("approx_kl", "explained_variance", "std")
 CURVE = ("steps", "training_return", *LOGGED, "validation_return")
 
 
+class DivergedError(ValueError):
+    """Training has lost itself in weights that are no numbers."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(f"training diverged at step {steps}: try a lower ppo.learning_rate")
+
+
 def run_ppo(config: TrainConfig, folder: Path, report: Report) -> None:
     """Train to the end, from the folder's last checkpoint if it has one.
 
@@ -71,6 +78,10 @@ def run_ppo(config: TrainConfig, folder: Path, report: Report) -> None:
         run.model.learn(
             config.steps - run.model.num_timesteps, callback=recorder, reset_num_timesteps=not checkpoints
         )
+    except ValueError as error:
+        if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn
+            raise
+        raise DivergedError(run.model.num_timesteps) from error
     finally:
         run.environment.close()
 

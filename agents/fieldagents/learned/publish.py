@@ -29,6 +29,8 @@ EPISODES = 100
 def publish(runs: Sequence[Path], name: str, title: str, zoo: Path = ZOO, episodes: int = EPISODES) -> Path:
     """Write a zoo entry and score each of its policies on the published test seeds.
 
+    The entry's curve holds the validated rows of every run's curve.
+
     Args:
         runs: Folders of finished runs of one config, each with its own training seed.
         name: Name of the entry.
@@ -65,7 +67,7 @@ def publish(runs: Sequence[Path], name: str, title: str, zoo: Path = ZOO, episod
         )
         curve = pd.read_csv(run / "curve.csv", dtype=str, keep_default_na=False)  # digits as they are
         curve.insert(0, "seed", str(config.seed))
-        curves.append(curve)
+        curves.append(curve[curve["validation_return"] != ""])
     card = {
         "schema": 1,
         "title": title,
