@@ -46,7 +46,7 @@ FEATURE_LOW, FEATURE_HIGH = -28.0, 10.0
 """Bounds of the features: logs of squares in SI units, from 1e-12 to more than any walk reaches."""
 TOLERANCE_MM = 3.0
 """How accurately Ranger knew its foot's height on its marathon walk [mm] (section 2.3.2)."""
-RANGER_TUNED = {"ar1": (0.8, 3.47), "low_pass": (0.2, 0.58)}
+RANGER_TUNED = {"ar1": (0.8, 3.5), "low_pass": (0.2, 0.59)}
 """Best constant S_HR of Ranger's estimator under the default levels, and its mean strike error [mm]."""
 STRIDES_KEPT = 40
 FRAMES_PER_SECOND = 25
@@ -79,7 +79,7 @@ class HeelStrikeSettings:
         reward_limit: Largest loss of one stride, in units of ``reward_scale``.
         tuned_reset: S_HR of the tuned Ranger estimator that is scored beside the agent's; None takes the
             best under the kind's default levels.
-        bank: Also score the bank of Kalman filters (``error_mm_imm``); five times slower.
+        bank: Also score the bank of Kalman filters (``error_mm_imm``); three times slower.
     """
 
     strides: Annotated[int, Field(ge=1, le=1_000_000)] = 200
@@ -332,8 +332,8 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     `-min(error / scale, reward_limit)`, where `error` is the absolute error of the estimated foot height
     just before the reset of the closing strike: |θ̂ - θ| times the step length of 0.35 m. `scale` is the
-    mean error of Ranger's estimator with the best constant *S_HR* under the same collision kind, 3.47 mm
-    (`ar1`) or 0.58 mm (`low_pass`): a tuned Ranger gets about -1 a stride. It is a constant and not
+    mean error of Ranger's estimator with the best constant *S_HR* under the same collision kind, 3.5 mm
+    (`ar1`) or 0.59 mm (`low_pass`): a tuned Ranger gets about -1 a stride. It is a constant and not
     Ranger's error in the same stride: that one is often close to zero, and the ratio unbounded.
 
     `info` holds after each step
@@ -368,10 +368,15 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Arguments
 
     ```python
-    import gymnasium as gym, fieldgym
+    import gymnasium as gym
+    import fieldgym  # registers the environments
 
-    gym.make("fieldgym/HeelStrike-v0", settings={"collision_kind": "low_pass"},
-             reality={"gyro_bias": {"rate": 0.004}}, render_mode="rgb_array")
+    gym.make(
+        "fieldgym/HeelStrike-v0",
+        settings={"collision_kind": "low_pass"},
+        reality={"gyro_bias": {"rate": 0.004}},
+        render_mode="rgb_array",
+    )
     gym.make_vec("fieldgym/HeelStrike-v0", num_envs=64)  # native: one kernel, same bits
     ```
 
