@@ -350,7 +350,8 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `duration` | of the stride [s] |
     | `privileged` | the hidden truth, see below |
 
-    `info["privileged"]` is not for agents that shall be compared: `levels` of process, floor and collision
+    Errors and cost compare with the truth: they are for scoring, no agent should act on them.
+    `info["privileged"]` is the truth itself: `levels` of process, floor and collision
     (0 low, 1 high) of the stride to come, `previous_levels` of the stride just made, `signed_error_mm` and
     `floor_mm`, the floor's height error at the latest strike. After `reset` it holds the levels alone.
 
