@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -30,12 +31,14 @@ class Agent(ABC):
         title: One line that says what it does.
         estimator: Empty for an agent that acts. For an estimator outside the action space, the entry of
             ``info`` with its error on the very same strides; its actions are neutral and mean nothing.
+        settings: Settings of the environment that compute an estimator and change nothing else.
     """
 
     name: str
     sees: Sees = "observation"
     title: str = ""
     estimator: str = ""
+    settings: Mapping[str, Any] = MappingProxyType({})
 
     @property
     def kind(self) -> str:

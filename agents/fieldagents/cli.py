@@ -288,13 +288,15 @@ def demo(
     """
     from fieldagents.demo import run_demo
 
-    _done({"report": str(run_demo(out))}, as_json)
+    with progress() as report:
+        page = run_demo(out, report)
+    _done({"report": str(page)}, as_json)
 
 
 def _console() -> Console:
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 110, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
 
 
 def _print_json(data: Any) -> None:

@@ -231,7 +231,7 @@ class RecordConfig(Config):
         walk: The noise of a walk, for ``heel_strike``, which nobody drives.
         duration: Length of an episode [s].
         step: Sampling interval [s], for a model with a commanded input; a walker has its own.
-        episodes: Number of episodes.
+        episodes: Number of episodes, for a model with a commanded input.
         noise: Factor on the sensors' noise; 0 for none (a walker's noise is part of its walk).
         seed: Seed of all randomness.
         format: File format.
@@ -264,12 +264,13 @@ class RecordConfig(Config):
             check_reality(info.data["model"], reality)
         return reality
 
-    @field_validator("excitation", "walk", "step", "noise")
+    @field_validator("excitation", "walk", "step", "episodes", "noise")
     @classmethod
     def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
-        strange = ("excitation", "step", "noise") if info.data.get("model") == "heel_strike" else ("walk",)
-        if info.field_name in strange:
-            raise ValueError(f"model {info.data.get('model')!r} does not take this key; leave it out")
+        model = info.data.get("model")
+        strange = ("excitation", "step", "episodes", "noise") if model == "heel_strike" else ("walk",)
+        if model is not None and info.field_name in strange:
+            raise ValueError(f"model {model!r} does not take this key; leave it out")
         return value
 
 

@@ -54,7 +54,7 @@ def make_recording(config: RecordConfig) -> Recording:
         walk = config.walk or WalkConfig()
         kind = walk.collision_kind
         noise = Regimes.preset(kind) if walk.regimes else Noise(collision_kind=kind)
-        return record_walk(noise, reality, config.duration, rng)
+        return record_walk(config.duration, rng, noise, reality)
     from fieldmodels.synthesis import synthesise
 
     drive = config.excitation or ExcitationConfig()

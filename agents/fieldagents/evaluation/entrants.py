@@ -60,4 +60,4 @@ def make_entrant(name: str, task: str, settings: Mapping[str, Any]) -> Entrant:
         return Entrant(name, (OnnxAgent(Path(name)),), learned=True)
     if name in (known := references(task)):
         return Entrant(name, (known[name].make(settings),))
-    return Entrant(name, zoo.get_entry(task, name).agents(), learned=True)
+    return Entrant(name, zoo.get_entry(task, name).agents(settings), learned=True)

@@ -44,7 +44,7 @@ def run_episodes(
         TASKS[task].env_id,
         num_envs=n,
         vectorization_mode="vector_entry_point",
-        settings=environment.settings,
+        settings={**environment.settings, **agent.settings},
         reality=environment.reality,
     )
     try:

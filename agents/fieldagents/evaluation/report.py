@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 COLOURS = {"observation": "#0b6e99", "model": "#7a5195", "privileged": "#b3402a", "estimator": "#8a8f98"}
 """Colour of an agent by what it sees; an estimator is outside the action space."""
 
-HEADER = ("agent", "sees", "", "95 %", "difference to baseline", "95 %", "verdict", "training runs")
-
 
 def write_report(summary: Summary, episodes: pd.DataFrame, path: Path) -> None:
     """Write a self-contained ``report.html``."""
@@ -35,13 +33,14 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         episodes: The episodes' table; with it, each figure also shows the single episodes.
     """
     metric = METRICS[summary.task][0]
+    caption = "Mean ± half the 95 % interval; the difference is paired, on the same episodes."
     parts = [f'<p class="lead">{_lead(summary, metric)}</p>']
     for scenario, rows in summary.scenarios.items():
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
         parts += [
             f"<h2>{html.text(scenario)}</h2>",
             html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
-            html.table(_header(metric), [_cells(row, summary) for row in rows]),
+            html.table(_header(metric, summary), [_cells(row, summary) for row in rows], caption),
         ]
     parts.append(_notes(summary))
     return "\n".join(parts)
@@ -53,42 +52,36 @@ def show(summary: Summary, console: Console) -> None:
 
     metric = METRICS[summary.task][0]
     for scenario, rows in summary.scenarios.items():
-        table = Table(title=f"{scenario}: {metric.title}, {summary.episodes} episodes", title_justify="left")
-        for name in _header(metric):
-            table.add_column(name, overflow="fold")
+        table = Table(
+            title=f"{scenario}: {metric.title}, {summary.episodes} episodes (± 95 %)", title_justify="left"
+        )
+        for name in _header(metric, summary):
+            table.add_column(name)
         for row in rows:
             table.add_row(*_cells(row, summary))
         console.print(table)
 
 
-def _header(metric: Metric) -> list[str]:
-    return [name or f"{metric.name} [{metric.unit}]" for name in HEADER]
+def _header(metric: Metric, summary: Summary) -> list[str]:
+    against = f"against {summary.baseline}"
+    return ["agent", "sees", metric.name, against, "%", "verdict", "training runs"]
 
 
 def _cells(row: Row, summary: Summary) -> list[str]:
     metric = METRICS[summary.task][0]
-    mean = f"{row.means[metric.name]:.3f}"
+    score = _with_interval(row.means[metric.name], row.ci95)
     paired = row.against_baseline
     if paired is None:
-        return [row.agent, row.kind, mean, _interval(row.ci95), "baseline", "", "", ""]
-    difference = f"{paired.difference:+.3f}"
-    if paired.percent is not None:
-        difference += f" ({paired.percent:+.1f} %)"
+        return [row.agent, row.kind, score, "baseline", "", "", ""]
+    percent = "" if paired.percent is None else f"{paired.percent:+.1f}"
+    difference = _with_interval(paired.difference, paired.ci95, "+.3f")
     runs = f"{row.of_training.n}: {row.of_training.verdict}" if row.of_training else ""
-    return [
-        row.agent,
-        row.kind,
-        mean,
-        _interval(row.ci95),
-        difference,
-        _interval(paired.ci95, "+.3f"),
-        paired.verdict,
-        runs,
-    ]
+    return [row.agent, row.kind, score, difference, percent, paired.verdict, runs]
 
 
-def _interval(interval: tuple[float, float] | None, form: str = ".3f") -> str:
-    return f"{interval[0]:{form}} to {interval[1]:{form}}" if interval else "too few"
+def _with_interval(mean: float, interval: tuple[float, float] | None, form: str = ".3f") -> str:
+    """A mean and half the length of its interval, which is symmetric."""
+    return f"{mean:{form}}" + (f" ± {(interval[1] - interval[0]) / 2:.3f}" if interval else "")
 
 
 def _lead(summary: Summary, metric: Metric) -> str:

@@ -27,6 +27,11 @@ class Reference:
     make: Callable[[Mapping[str, Any]], Agent]
     estimator: bool = False
 
+    @property
+    def kind(self) -> str:
+        """How its results are to be read, as ``Agent.kind``."""
+        return f"estimator, {self.sees}" if self.estimator else self.sees
+
 
 def references(task: str) -> dict[str, Reference]:
     """The reference agents of a task by name, in the order of presentation."""

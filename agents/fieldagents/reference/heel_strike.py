@@ -1,0 +1,210 @@
+"""Heel strike: the dissertation's estimators, tuned as it says and as it could be, and what bounds them.
+
+Source: A. I. Chaudhry, "Topics in robot locomotion: state estimation and feasible-path generation for
+wheeled and legged robots", Cornell University 2015, chapter 2 ("the dissertation"). Tuned values are in
+``heel_strike.json``, made by ``python -m fieldagents.reference.tuning`` on tuning seeds alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldagents.agent import Agent, Sees
+from fieldagents.reference import Reference
+from fieldgym.heel_strike import GAIN_LOW, HeelStrikeSettings
+from fieldgym.settings import read_settings
+
+ActionArray = NDArray[np.float32]
+
+
+def to_action(gains: ArrayLike) -> ActionArray:
+    """Actions that choose S_MS early, S_MS late and S_HR; gains out of range are taken to its ends.
+
+    Args:
+        gains: Shape (..., 3).
+    """
+    logs = np.log(np.maximum(np.asarray(gains, dtype=np.float64), 1e-12) / GAIN_LOW) / np.log(1 / GAIN_LOW)
+    return np.asarray(np.clip(2 * logs - 1, -1, 1), dtype=np.float32)
+
+
+class FixedGains(Agent):
+    """The same gains in every stride: the model-based estimator (2.14) as the dissertation uses it."""
+
+    def __init__(self, name: str, title: str, gains: ArrayLike) -> None:
+        self.name, self.title = name, title
+        self.gains = np.asarray(gains, dtype=np.float64)
+        self._action = to_action(self.gains)
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """See ``Agent.act``."""
+        return np.tile(self._action, (len(observation), 1))
+
+
+class LinearRule(Agent):
+    """Log gains linear in the observation: trust the sensor less when it shakes, the floor when it is flat.
+
+    Args:
+        name: The agent's name.
+        title: What it does.
+        weights: Shape (3, 6), from features to actions.
+        bias: Shape (3,).
+    """
+
+    def __init__(self, name: str, title: str, weights: ArrayLike, bias: ArrayLike) -> None:
+        self.name, self.title = name, title
+        self.weights, self.bias = np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64)
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """See ``Agent.act``."""
+        return np.clip(observation @ self.weights.T + self.bias, -1, 1).astype(np.float32)
+
+
+class OracleGains(Agent):
+    """The best gains for the regime of each stride, which no robot is told.
+
+    Args:
+        name: The agent's name.
+        title: What it does.
+        table: S_MS early, S_MS late and S_HR for each row of ``oracle_row``, shape (16, 3).
+    """
+
+    sees: Sees = "privileged"
+
+    def __init__(self, name: str, title: str, table: ArrayLike) -> None:
+        self.name, self.title = name, title
+        self._actions = to_action(table)
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """See ``Agent.act``."""
+        hidden = info["privileged"]
+        return self._actions[oracle_row(hidden["levels"], hidden["previous_levels"])]
+
+
+def oracle_row(levels: NDArray[np.int64], previous: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row of the oracle's table: what matters in a stride and for the reset at its start.
+
+    Args:
+        levels: Regime of the stride to come (process, floor, collision), shape (..., 3).
+        previous: Regime of the stride before, whose floor and collisions the reset has to weigh.
+
+    Returns:
+        8 process + 4 collision + 2 previous collision + previous floor, shape (...).
+    """
+    return np.asarray(8 * levels[..., 0] + 4 * levels[..., 2] + 2 * previous[..., 2] + previous[..., 1])
+
+
+class Estimator(Agent):
+    """An estimator outside the action space: it reads the same sensors on the same strides.
+
+    Args:
+        name: Its name.
+        title: What it does.
+        key: Its entry of ``info``.
+        sees: What it is told.
+        settings: Settings of the environment that compute it and change nothing else.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        key: str,
+        sees: Sees = "observation",
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.name, self.title, self.estimator, self.sees = name, title, key, sees
+        self.settings = dict(settings or {})
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """Neutral actions, which do not touch the estimator."""
+        return np.zeros((len(observation), len(GAIN_LOW)), dtype=np.float32)
+
+
+@cache
+def tuned() -> dict[str, Any]:
+    """The tuned values of each collision kind, as ``tuning.py`` wrote them."""
+    text = files("fieldagents.reference").joinpath("heel_strike.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))
+
+
+def _tuned(settings: Mapping[str, Any], what: str) -> Any:
+    kind = read_settings(settings, HeelStrikeSettings).collision_kind
+    return tuned()[kind][what]
+
+
+def _fixed(name: str, title: str) -> Reference:
+    def make(settings: Mapping[str, Any]) -> Agent:
+        return FixedGains(name, title, _tuned(settings, name)["gains"])
+
+    return Reference(name, "observation", title, make)
+
+
+def _estimator(name: str, title: str, key: str, sees: Sees = "observation", **extra: Any) -> Reference:
+    def make(_: Mapping[str, Any]) -> Agent:
+        return Estimator(name, title, key, sees, extra)
+
+    return Reference(f"{name}", sees, title, make, estimator=True)
+
+
+RANGER = "Ranger's own estimator, (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike"
+RANGER_TUNED = "Ranger's estimator with its heel-strike reset tuned"
+SENSOR_ONLY = "Ranger's estimator as the action space has it: S_MS = 1, S_HR = 0.1"
+PAPER_GRID = "The dissertation's tuning: (2.14), best of its grids of S_FD, S_MS and S_HR"
+FIXED_TUNED = "(2.14) with the best fixed S_MS and S_HR of a logarithmic grid from 0.001"
+GATED_TUNED = "(2.14) with the best fixed gains, S_MS apart for the time of the collision noise"
+ADAPTIVE = "Log gains linear in the observation, tuned by CMA-ES"
+ORACLE = "The best gains for the regime of each stride, which it is told"
+EKF = "Extended Kalman filter with torque and collision states, told the typical noise levels"
+IMM = "Bank of eight such filters (interacting multiple models), told all levels and the dwell"
+
+REFERENCES = (
+    _estimator("ranger", RANGER, "error_mm_ranger"),
+    Reference(
+        "ranger_tuned",
+        "observation",
+        RANGER_TUNED,
+        lambda settings: Estimator(
+            "ranger_tuned",
+            RANGER_TUNED,
+            "error_mm_ranger_tuned",
+            settings={"tuned_reset": _tuned(settings, "ranger_tuned")["reset"]},
+        ),
+        estimator=True,
+    ),
+    Reference(
+        "sensor_only",
+        "observation",
+        SENSOR_ONLY,
+        lambda _: FixedGains("sensor_only", SENSOR_ONLY, (1.0, 1.0, 0.1)),
+    ),
+    _fixed("paper_grid", PAPER_GRID),
+    _fixed("fixed_tuned", FIXED_TUNED),
+    _fixed("gated_tuned", GATED_TUNED),
+    Reference(
+        "adaptive",
+        "observation",
+        ADAPTIVE,
+        lambda settings: LinearRule(
+            "adaptive",
+            ADAPTIVE,
+            _tuned(settings, "adaptive")["weights"],
+            _tuned(settings, "adaptive")["bias"],
+        ),
+    ),
+    Reference(
+        "oracle_gains",
+        "privileged",
+        ORACLE,
+        lambda settings: OracleGains("oracle_gains", ORACLE, _tuned(settings, "oracle_gains")["table"]),
+    ),
+    _estimator("ekf", EKF, "error_mm_ekf", "model"),
+    _estimator("imm", IMM, "error_mm_imm", "model", bank=True),
+)
+"""The reference agents, in the order of presentation."""
