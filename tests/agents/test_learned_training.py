@@ -324,21 +324,25 @@ def test_training_seeds_never_meet_tuning_or_test_seeds():
 
 def test_publishing_writes_an_entry_and_refuses_what_is_no_replication(finished, tmp_path):
     other = train(tiny(seed=2), progress=False, out=tmp_path / "other")
-    folder = publish([other, finished], "tiny", "a tiny policy", zoo=tmp_path / "zoo", episodes=3)
+    folder = publish([other, finished], "tiny", "short", "a tiny policy", tmp_path / "zoo", episodes=3)
     (entry,) = list_zoo(folder=tmp_path / "zoo")
     assert str(entry) == "heel_strike/tiny"
-    assert entry.seeds == (1, 2)
+    assert entry.title == "a tiny policy"
+    (training,) = entry.trainings
+    assert str(training) == "heel_strike/tiny/short"
+    assert training.seeds == (1, 2)
     assert [agent.title for agent in entry.agents()] == ["a tiny policy"] * 2
-    assert entry.card["config"]["steps"] == 640
+    assert training.card["config"]["steps"] == 640
+    assert training.settings == {"strides": 9}
     assert set(pd.read_csv(folder / "curve.csv")["seed"]) == {1, 2}
     with pytest.raises(ZooError, match="same training seed"):
-        publish([finished, finished], "tiny", "", zoo=tmp_path / "zoo")
+        publish([finished, finished], "tiny", "short", "", tmp_path / "zoo")
     unlike = train(tiny(seed=3, steps=64), progress=False, out=tmp_path / "unlike")
     with pytest.raises(ZooError, match="seed alone"):
-        publish([finished, unlike], "tiny", "", zoo=tmp_path / "zoo")
+        publish([finished, unlike], "tiny", "short", "", tmp_path / "zoo")
     (unlike / "run.json").unlink()
     with pytest.raises(ZooError, match="not the folder of a finished run"):
-        publish([unlike], "tiny", "", zoo=tmp_path / "zoo")
+        publish([unlike], "tiny", "short", "", tmp_path / "zoo")
 
 
 def test_a_commit_is_recorded_in_a_checkout():

@@ -1,4 +1,4 @@
-"""Make a zoo entry from finished training runs: ``python -m fieldagents.learned.publish RUN... --name ppo``.
+"""Put finished training runs into the zoo: ``python -m fieldagents.learned.publish RUN... --name ppo ...``.
 
 The runs differ in their training seed alone; every one is published and scored, none is picked.
 """
@@ -26,20 +26,23 @@ from fieldmodels.files import write_bytes, write_text
 EPISODES = 100
 
 
-def publish(runs: Sequence[Path], name: str, title: str, zoo: Path = ZOO, episodes: int = EPISODES) -> Path:
-    """Write a zoo entry and score each of its policies on the published test seeds.
+def publish(
+    runs: Sequence[Path], name: str, scenario: str, title: str, zoo: Path = ZOO, episodes: int = EPISODES
+) -> Path:
+    """Put runs into the zoo and score each of its policies on the published test seeds.
 
-    The entry's curve holds the validated rows of every run's curve.
+    The curve there holds the validated rows of every run's curve.
 
     Args:
         runs: Folders of finished runs of one config, each with its own training seed.
         name: Name of the entry.
+        scenario: Name of the scenario that the runs were trained in.
         title: One line that says what it is.
         zoo: The zoo's folder.
         episodes: Test episodes for each policy.
 
     Returns:
-        The entry's folder.
+        The folder in the zoo.
 
     Raises:
         ZooError: If a run is unfinished, or the runs differ in more than their seed.
@@ -50,7 +53,7 @@ def publish(runs: Sequence[Path], name: str, title: str, zoo: Path = ZOO, episod
         raise ZooError("the runs of an entry may differ in their seed alone; these differ in other keys")
     if len({config.seed for config in configs}) < len(configs):
         raise ZooError("two runs have the same training seed")
-    folder = zoo / configs[0].task / name
+    folder = zoo / configs[0].task / name / scenario
     cards, curves = [], []
     for run, config in sorted(zip(runs, configs, strict=True), key=lambda pair: pair[1].seed):
         policy = f"policy_seed{config.seed}.onnx"
@@ -103,9 +106,10 @@ def _read_json(path: Path) -> Any:
 def _main(
     runs: Annotated[list[Path], typer.Argument(help="Folders of finished runs.")],
     name: Annotated[str, typer.Option(help="Name of the entry.")],
+    scenario: Annotated[str, typer.Option(help="Name of the scenario they were trained in.")],
     title: Annotated[str, typer.Option(help="One line that says what it is.")],
 ) -> None:
-    print(publish(runs, name, title))
+    print(publish(runs, name, scenario, title))
 
 
 if __name__ == "__main__":
