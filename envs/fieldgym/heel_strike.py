@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from fieldgym.info import masked, merged, row
 from fieldgym.settings import read_settings
 from fieldmodels.heel_strike.model import HeelStrikeModel
 from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
@@ -79,7 +80,7 @@ class HeelStrikeSettings:
         reward_limit: Largest loss of one stride, in units of ``reward_scale``.
         tuned_reset: S_HR of the tuned Ranger estimator that is scored beside the agent's; None takes the
             best under the kind's default levels.
-        bank: Also score the bank of Kalman filters (``error_mm_imm``); three times slower.
+        bank: Also score the bank of Kalman filters (``error_mm_imm``); several times slower.
     """
 
     strides: Annotated[int, Field(ge=1, le=1_000_000)] = 200
@@ -439,7 +440,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._walk.ready = True
         if self.render_mode == "human":
             self._show(self._walk.frame(0))
-        return self._walk.observation()[0], _row(self._walk.start_info())
+        return self._walk.observation()[0], row(self._walk.start_info())
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take one stride with the chosen gains; see ``gymnasium.Env.step``.
@@ -459,7 +460,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
             float(outcome.reward[0]),
             bool(outcome.terminated[0]),
             bool(outcome.truncated[0]),
-            _row(outcome.info),
+            row(outcome.info),
         )
 
     def render(self) -> Frame | None:
@@ -577,7 +578,7 @@ class HeelStrikeVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         self._walk.restart(range(self.num_envs), self._generators)
         self._walk.ready = True
         self._finished[:] = False
-        return self._walk.observation(), _masked(
+        return self._walk.observation(), masked(
             self._walk.start_info(), np.ones(self.num_envs, dtype=np.bool_)
         )
 
@@ -592,12 +593,12 @@ class HeelStrikeVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
             raise ResetNeeded("call reset before step")
         outcome = self._walk.step(np.asarray(actions))
         begun = self._finished
-        observation, info = outcome.observation, _masked(outcome.info, ~begun)
+        observation, info = outcome.observation, masked(outcome.info, ~begun)
         if begun.any():
             rows = np.flatnonzero(begun)
             self._walk.restart(rows.tolist(), [self._generators[i] for i in rows])
             observation = self._walk.observation()
-            info = _merged(info, _masked(self._walk.start_info(), begun))
+            info = merged(info, masked(self._walk.start_info(), begun))
         reward = np.where(begun, 0.0, outcome.reward)
         terminated = outcome.terminated & ~begun
         truncated = outcome.truncated & ~begun
@@ -640,41 +641,3 @@ def _spaces() -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
 def _check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
     if mode is not None and mode not in metadata["render_modes"]:
         raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
-
-
-def _row(info: Mapping[str, Any]) -> dict[str, Any]:
-    """The info of a single environment from that of a batch of one."""
-    row: dict[str, Any] = {}
-    for key, value in info.items():
-        if isinstance(value, dict):
-            row[key] = _row(value)
-        else:
-            row[key] = value[0].copy() if value.ndim > 1 else value[0].item()
-    return row
-
-
-def _masked(info: Mapping[str, Any], rows: Flags) -> dict[str, Any]:
-    """Gymnasium's form of a batch's info: zero where not meant, and a mask beside every entry."""
-    masked: dict[str, Any] = {}
-    if not rows.any():
-        return masked
-    for key, value in info.items():
-        if isinstance(value, dict):
-            masked[key] = _masked(value, rows)
-        else:
-            masked[key] = np.where(rows.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
-        masked[f"_{key}"] = rows.copy()
-    return masked
-
-
-def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Join the infos of disjoint rows."""
-    merged = dict(first)
-    for key, value in second.items():
-        if key not in merged:
-            merged[key] = value
-        elif isinstance(value, dict):
-            merged[key] = _merged(merged[key], value)
-        else:
-            merged[key] = merged[key] | value if value.dtype == np.bool_ else merged[key] + value
-    return merged
