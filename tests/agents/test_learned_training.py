@@ -280,6 +280,21 @@ def test_folders_that_do_not_fit_are_refused(finished, tmp_path):
         train(tiny(), progress=False, out=tmp_path / "begun")
 
 
+def test_a_reality_from_a_file_is_kept_in_the_run(tmp_path):
+    path = tmp_path / "extended.yaml"
+    effects = {"gyro_bias": {"rate": {"value": 0.004, "std": 0.001, "unit": "rad/s"}}}
+    save_yaml({"schema": 1, "model": "heel_strike", "parameters": {}, "effects": effects}, path)
+    config = tiny(steps=64, environment={"settings": {"strides": 9}, "reality": str(path)})
+    run = train(config, progress=False, out=tmp_path / "run")
+    kept = load_config(run / "config.yaml", TrainConfig)
+    assert kept.environment.reality == {"gyro_bias": {"rate": 0.004}}
+    same = train(kept, progress=False, out=tmp_path / "same")
+    nominal = train(tiny(steps=64), progress=False, out=tmp_path / "nominal")
+    curves = [pd.read_csv(one / "curve.csv") for one in (run, same, nominal)]
+    assert curves[0].equals(curves[1])
+    assert not curves[0].equals(curves[2])
+
+
 def test_a_missing_extra_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(MissingExtraError, match=r"stable_baselines3.*pip install 'fieldgym\[train\]'"):

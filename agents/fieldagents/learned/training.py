@@ -14,7 +14,10 @@ from typing import Any
 from fieldagents.config import load_config
 from fieldagents.learned.config import TrainConfig
 from fieldagents.progress import progress as showing_progress
+from fieldgym import TASKS
 from fieldmodels.files import write_text
+from fieldmodels.reality import read_reality
+from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
 VERSIONED = ("fieldgym", "numpy", "numba", "gymnasium", "torch", "stable-baselines3", "onnx")
@@ -52,6 +55,7 @@ def train(
         TrainingError: If the folder does not fit.
     """
     _require_extra()
+    config = _self_contained(config)
     if resume is not None and out is not None:
         raise TrainingError("a resumed run stays in its folder: give either --resume or --out")
     folder = resume or out or Path("runs") / config.task / f"{config.name}-{config.hash}"
@@ -79,6 +83,16 @@ def train(
         print(f"stopped; go on with --resume {folder}", file=sys.stderr)
         raise
     return folder
+
+
+def _self_contained(config: TrainConfig) -> TrainConfig:
+    """The config with the content of an ``extended.yaml`` in place of its path, which may change."""
+    environment = config.environment
+    if not isinstance(environment.reality, str):
+        return config
+    reality = read_reality(environment.reality, get_model(TASKS[config.task].model))
+    values = {**reality.effects, **({"parameters": reality.base} if reality.base else {})}
+    return config.model_copy(update={"environment": environment.model_copy(update={"reality": values})})
 
 
 def versions() -> dict[str, Any]:
