@@ -1,0 +1,1 @@
+"""One axis with inertia, friction, a restoring force, an actuator and sensors."""

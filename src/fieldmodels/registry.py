@@ -1,0 +1,31 @@
+"""The models by name, imported when they are asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from fieldmodels.model import Model, ModelError, did_you_mean
+
+_MODELS = {
+    "rig": "fieldmodels.rig:Rig",
+    "pendulum": "fieldmodels.pendulum:Pendulum",
+    "heel_strike": "fieldmodels.heel_strike.model:HeelStrikeModel",
+}
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of all models."""
+    return tuple(_MODELS)
+
+
+def get_model(name: str) -> Model:
+    """Return a model by name.
+
+    Raises:
+        ModelError: If there is no such model; the message says which there are.
+    """
+    if name not in _MODELS:
+        raise ModelError(f"no model {name!r}{did_you_mean(name, _MODELS)}")
+    module, _, attribute = _MODELS[name].partition(":")
+    model: Model = getattr(import_module(module), attribute)()
+    return model

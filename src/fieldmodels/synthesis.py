@@ -1,0 +1,230 @@
+"""Measured data from a hidden reality: for ``fieldgym record``, for tests, and for exams of the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from fieldmodels.model import FloatArray, Model, ModelError, Signal, did_you_mean
+from fieldmodels.one_axis.free import respond_to
+from fieldmodels.one_axis.model import OneAxis
+from fieldmodels.reality import Reality, read_reality
+from fieldmodels.recording import Recording, Windows
+
+Excitation = Callable[[float, float, np.random.Generator], FloatArray]
+Noise = bool | float | Mapping[str, float]
+
+
+def multisine(duration: float, step: float, rng: np.random.Generator) -> FloatArray:
+    """Twelve sines of random phase from 0.1 to 4 Hz, falling with the root of the frequency."""
+    time = np.arange(round(duration / step)) * step
+    frequencies = np.geomspace(0.1, 4.0, 12) * rng.uniform(0.95, 1.05, 12)
+    phases = rng.uniform(0, 2 * np.pi, 12)
+    waves = np.sin(2 * np.pi * np.outer(time, frequencies) + phases) / np.sqrt(frequencies)
+    return _peak_one(waves.sum(axis=1))
+
+
+def prbs(duration: float, step: float, rng: np.random.Generator) -> FloatArray:
+    """A pseudo-random binary sequence that may switch every 0.1 s."""
+    return np.repeat(rng.choice([-1.0, 1.0], size=round(duration / 0.1) + 1), max(round(0.1 / step), 1))[
+        : round(duration / step)
+    ]
+
+
+def steps(duration: float, step: float, rng: np.random.Generator) -> FloatArray:
+    """Steps to random levels, each held for 0.3 to 1.5 s."""
+    values = np.empty(round(duration / step))
+    i = 0
+    while i < len(values):
+        count = round(rng.uniform(0.3, 1.5) / step)
+        values[i : i + count] = rng.uniform(-1.0, 1.0)
+        i += count
+    return values
+
+
+def chirp(duration: float, step: float, rng: np.random.Generator) -> FloatArray:
+    """A sine that sweeps from 0.1 to 5 Hz, from a random phase."""
+    time = np.arange(round(duration / step)) * step
+    phase = 2 * np.pi * 0.1 * duration / np.log(50.0) * (50.0 ** (time / duration) - 1.0)
+    return np.asarray(np.sin(phase + rng.uniform(0, 2 * np.pi)))
+
+
+def mixed(duration: float, step: float, rng: np.random.Generator) -> FloatArray:
+    """A multisine on steps, with pauses: slow and fast, large and small, and at rest."""
+    wave = 0.6 * multisine(duration, step, rng) + 0.4 * steps(duration, step, rng)
+    time = np.arange(len(wave)) * step
+    envelope = np.interp(time, np.linspace(0, duration, 13), rng.permutation(np.linspace(0.15, 1.0, 13)))
+    return _peak_one(wave * envelope)
+
+
+EXCITATIONS: Mapping[str, Excitation] = {
+    "multisine": multisine,
+    "prbs": prbs,
+    "steps": steps,
+    "chirp": chirp,
+    "mixed": mixed,
+}
+
+
+def excitation(name: str, duration: float, step: float, rng: np.random.Generator) -> FloatArray:
+    """A command of peak one by name, shape (round(duration / step),).
+
+    Raises:
+        ModelError: If there is no such excitation.
+    """
+    if name not in EXCITATIONS:
+        raise ModelError(f"no excitation {name!r}{did_you_mean(name, EXCITATIONS)}")
+    return EXCITATIONS[name](duration, step, rng)
+
+
+def synthesise(
+    model: Model,
+    reality: Reality | Mapping[str, Any] | None,
+    inputs: str | Mapping[str, FloatArray] | FloatArray,
+    *,
+    duration: float = 30.0,
+    step: float = 0.01,
+    amplitude: float = 1.0,
+    episodes: int = 1,
+    rng: np.random.Generator,
+    noise: Noise = True,
+    coloured: float = 0.0,
+    refine: int = 8,
+    applied: Callable[[FloatArray, float], FloatArray] | None = None,
+    outside: Callable[[float, float, float, float], float] | None = None,
+) -> Recording:
+    """Record what a hidden reality does under an excitation.
+
+    The reality is simulated on a time grid ``refine`` times finer than the recording's, from the
+    model's zero state, over whole episodes; so it is not computed as a diagnosis computes it.
+
+    Args:
+        model: The model whose extended form is the reality.
+        reality: What differs from the nominal simulation.
+        inputs: The name of an excitation; or the commands themselves, each of shape (n,) per episode.
+        duration: Length of an episode [s], if an excitation is named.
+        step: Sampling interval [s].
+        amplitude: Peak of the excitation, in the input's unit.
+        episodes: Number of episodes.
+        rng: Source of all randomness.
+        noise: True for every output's own noise; a factor on it; or standard deviations by output.
+        coloured: Share of the noise's variance that wanders slowly (correlation time 0.5 s).
+        refine: How many times finer the simulation's time grid is.
+        applied: What the actuator makes of the commands [as recorded, fine step in s], outside of
+            the library: the recording keeps the commands, the reality gets its result.
+        outside: An additional force f(t, position, velocity, command), outside of the library.
+
+    Returns:
+        One row a sample: the commands and the measured outputs.
+
+    Raises:
+        ModelError: For an unknown excitation or reality, commands of a wrong shape, or an
+            ``outside`` force that the model has no entry for.
+    """
+    commands = _commands(model, inputs, duration, step, amplitude, episodes, rng)
+    truth = read_reality(reality, model)
+    clean, quantum = _without_quantisation(truth)
+    count = len(commands[0])
+    fine = step / refine
+    length = count * refine
+    held = np.concatenate([np.repeat(c, refine, axis=0) for c in commands])
+    if applied is not None:
+        held = np.concatenate([applied(part, fine) for part in np.split(held, episodes)])
+    recording = Recording(
+        time=np.tile(np.arange(length) * fine, episodes),
+        signals={signal.name: held[:, i] for i, signal in enumerate(model.inputs)}
+        | {signal.name: np.zeros(len(held)) for signal in model.outputs},
+        episode=np.repeat(np.arange(episodes), length),
+    )
+    starts = np.arange(episodes) * length
+    windows = Windows(
+        recording=recording,
+        starts=starts,
+        lengths=np.full(episodes, length),
+        states=np.zeros((episodes, len(model.states))),
+        observed=np.ones((episodes, length, len(model.outputs)), dtype=np.bool_),
+    )
+    parameters = clean.vector(model)[None, :]
+    if outside is None:
+        result = model.simulate(parameters, windows)[0]
+    elif isinstance(model, OneAxis):
+        result = respond_to(model.rows(parameters)[0], held, fine, outside, episodes)
+    else:
+        raise ModelError(f"model {model.name!r} takes no force from outside its library")
+    signals = {signal.name: np.concatenate(commands)[:, i] for i, signal in enumerate(model.inputs)}
+    for j, signal in enumerate(model.outputs):
+        values = result[:, ::refine, j] + _noise(
+            _deviation(noise, signal), coloured, (episodes, count), step, rng
+        )
+        if j == 0 and quantum > 0:
+            values = quantum * np.round(values / quantum)
+        signals[signal.name] = values.ravel()
+    return Recording(
+        time=np.tile(np.arange(count) * step, episodes),
+        signals=signals,
+        units={s.name: s.unit for s in (*model.inputs, *model.outputs)},
+        episode=np.repeat(np.arange(episodes), count),
+        source=f"simulation of {model.name}",
+    )
+
+
+def _commands(
+    model: Model,
+    inputs: str | Mapping[str, FloatArray] | FloatArray,
+    duration: float,
+    step: float,
+    amplitude: float,
+    episodes: int,
+    rng: np.random.Generator,
+) -> list[FloatArray]:
+    """Commands of each episode, each of shape (n, inputs)."""
+    if isinstance(inputs, str):
+        return [
+            amplitude * np.column_stack([excitation(inputs, duration, step, rng) for _ in model.inputs])
+            for _ in range(episodes)
+        ]
+    if isinstance(inputs, Mapping):
+        missing = [signal.name for signal in model.inputs if signal.name not in inputs]
+        if missing:
+            raise ModelError(f"commands for {missing} are missing; model {model.name!r} needs them")
+        given = np.column_stack([np.asarray(inputs[signal.name], dtype=float) for signal in model.inputs])
+    else:
+        given = np.asarray(inputs, dtype=float).reshape(len(inputs), -1)
+        if given.shape[1] != len(model.inputs):
+            raise ModelError(f"model {model.name!r} takes {len(model.inputs)} commands, not {given.shape[1]}")
+    return [given] * episodes
+
+
+def _without_quantisation(reality: Reality) -> tuple[Reality, float]:
+    """The reality without its sensor's quantisation, which acts after the noise; and that step."""
+    effects = {k: v for k, v in reality.effects.items() if k != "sensor_quantisation"}
+    quantum = float(reality.effects.get("sensor_quantisation", {}).get("step", 0.0))
+    return replace(reality, effects=effects), quantum
+
+
+def _deviation(noise: Noise, signal: Signal) -> float:
+    if isinstance(noise, Mapping):
+        return float(noise.get(signal.name, signal.noise))
+    return float(noise) * signal.noise
+
+
+def _noise(
+    deviation: float, coloured: float, shape: tuple[int, int], step: float, rng: np.random.Generator
+) -> FloatArray:
+    """White noise, of whose variance a share wanders with a correlation time of 0.5 s."""
+    white = rng.standard_normal(shape)
+    decay = np.exp(-step / 0.5)
+    drive = np.sqrt(1.0 - decay**2) * rng.standard_normal(shape)
+    drive[:, 0] = rng.standard_normal(shape[0])
+    wander = lfilter([1.0], [1.0, -decay], drive, axis=1)
+    noise: FloatArray = deviation * (np.sqrt(1.0 - coloured) * white + np.sqrt(coloured) * wander)
+    return noise
+
+
+def _peak_one(values: FloatArray) -> FloatArray:
+    peak: FloatArray = values / np.max(np.abs(values))
+    return peak
