@@ -6,21 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.heel_strike.truth import BIAS, DELAY, HISTORY, LENGTH, push_off, sensed, truth_step
+from fieldmodels.heel_strike.truth import (
+    AMPLITUDE,
+    DELAY,
+    HISTORY,
+    LENGTH,
+    VISCOUS,
+    extended_step,
+    push_off,
+    sensed,
+    truth_step,
+)
 from fieldmodels.model import FloatArray
 
 SIGNALS = 4
-
-
-@inlined
-def at(speeds: FloatArray, position: float) -> float:
-    """Speed at a fractional sample, by linear interpolation."""
-    whole = int(position)
-    part = position - whole
-    value: float = speeds[whole]
-    if part > 0.0:
-        value += part * (speeds[whole + 1] - value)
-    return value
 
 
 @compiled
@@ -45,50 +44,88 @@ def simulate(
         Gyro, angle, closure and push-off, shape (batch, windows, samples, 4); closure is only meant at
         strikes, push-off ``around`` samples after the window's first.
     """
-    batch, windows = len(parameters), len(starts)
-    result = np.full((batch, windows, samples, SIGNALS), np.nan)
-    history = around + HISTORY
-    speeds = np.empty(history + samples)
-    forced = len(disturbance) > 0
-    for p in range(batch):
+    result = np.full((len(parameters), len(starts), samples, SIGNALS), np.nan)
+    speeds = np.empty(around + HISTORY + samples)
+    for p in range(len(parameters)):
         reality = parameters[p]
-        stiffness = gravity / reality[LENGTH]
-        lag = reality[DELAY] / step
         extended = False
-        for i in range(1, BIAS):
+        for i in range(VISCOUS, AMPLITUDE + 1):
             extended = extended or reality[i] != 0.0
-        for w in range(windows):
+        for w in range(len(starts)):
             k = starts[w]
-            theta, omega = states[w, 0], states[w, 1]
-            # Backward in time: what the gyro showed before, and shows late.
-            speeds[history] = omega
-            for j in range(1, history + 1):
-                theta, omega = truth_step(
-                    theta, omega, 0.0, time[k] - (j - 1) * step, -step, stiffness, extended, reality
-                )
-                speeds[history - j] = omega
-            before = 0.0
-            for j in range(around):
-                before += sensed(at(speeds, history - j - lag), time[k] - j * step, reality) / around
-            theta, omega = states[w, 0], states[w, 1]
-            opened, turned, after = theta, 0.0, 0.0
-            for n in range(lengths[w]):
-                if n > 0:
-                    force = 0.5 * (disturbance[k + n - 1] + disturbance[k + n]) if forced else 0.0
-                    theta, omega = truth_step(
-                        theta, omega, force, time[k + n - 1], step, stiffness, extended, reality
-                    )
-                speeds[history + n] = omega
-                gyro = sensed(at(speeds, history + n - lag), time[k + n], reality)
-                if n > 0:
-                    turned += gyro * step
-                if 0 < n <= around:
-                    after += gyro / around
-                result[p, w, n, 0] = gyro
-                result[p, w, n, 1] = theta
-                result[p, w, n, 2] = theta - opened - turned
-                result[p, w, n, 3] = after - push_off(before, speed, share)
-                if strike[k + n] > 0.5:
-                    omega = push_off(omega, speed, share)
-                    opened, turned = theta, 0.0
+            _predict(
+                result[p, w, : lengths[w]], states[w], reality, extended, time[k:], strike[k:],
+                disturbance[k:], step, gravity, speed, share, around, speeds,
+            )  # fmt: skip
     return result
+
+
+@compiled
+def _predict(
+    window: FloatArray,
+    state: FloatArray,
+    reality: FloatArray,
+    extended: bool,
+    time: FloatArray,
+    strike: FloatArray,
+    disturbance: FloatArray,
+    step: float,
+    gravity: float,
+    speed: float,
+    share: float,
+    around: int,
+    speeds: FloatArray,
+) -> None:
+    """Fill one window, shape (samples, 4); the other arrays begin at its first sample."""
+    stiffness = gravity / reality[LENGTH]
+    lag = reality[DELAY] / step
+    history = around + HISTORY
+    # Backward in time: what the gyro showed before, and shows late.
+    theta, omega = state[0], state[1]
+    speeds[history] = omega
+    for j in range(1, history + 1):
+        if not extended:
+            theta, omega = truth_step(theta, omega, 0.0, -step, stiffness)
+        else:
+            theta, omega = extended_step(
+                theta, omega, 0.0, time[0] - (j - 1) * step, -step, stiffness, reality
+            )
+        speeds[history - j] = omega
+    before = 0.0
+    for j in range(around):
+        before += sensed(at(speeds, history - j - lag), time[0] - j * step, reality) / around
+    target = push_off(before, speed, share)
+    theta, omega = state[0], state[1]
+    opened, turned, after, torque = theta, 0.0, 0.0, 0.0
+    for n in range(len(window)):
+        if n > 0:
+            if len(disturbance) > 0:
+                torque = 0.5 * (disturbance[n - 1] + disturbance[n])
+            if not extended:
+                theta, omega = truth_step(theta, omega, torque, step, stiffness)
+            else:
+                theta, omega = extended_step(theta, omega, torque, time[n - 1], step, stiffness, reality)
+        speeds[history + n] = omega
+        gyro = sensed(at(speeds, history + n - lag), time[n], reality)
+        if n > 0:
+            turned += gyro * step
+            if n <= around:
+                after += gyro / around
+        window[n, 0] = gyro
+        window[n, 1] = theta
+        window[n, 2] = theta - opened - turned
+        window[n, 3] = after - target
+        if strike[n] > 0.5:
+            omega = push_off(omega, speed, share)
+            opened, turned = theta, 0.0
+
+
+@inlined
+def at(speeds: FloatArray, position: float) -> float:
+    """Speed at a fractional sample, by linear interpolation."""
+    whole = int(position)
+    part = position - whole
+    value: float = speeds[whole]
+    if part > 0.0:
+        value += part * (speeds[whole + 1] - value)
+    return value

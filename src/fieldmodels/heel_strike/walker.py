@@ -19,6 +19,7 @@ from fieldmodels.heel_strike.truth import (
     LENGTH,
     QUANTUM,
     delayed,
+    extended_step,
     push_off,
     quantised,
     sensed,
@@ -280,9 +281,12 @@ def advance(
             if sample % c.hold == 0:
                 torque = process * symmetric(process_key, sample // c.hold)
             before = theta
-            theta, omega = truth_step(
-                theta, omega, torque, sample * c.step, c.step, stiffness, extended, reality
-            )
+            if extended:
+                theta, omega = extended_step(
+                    theta, omega, torque, sample * c.step, c.step, stiffness, reality
+                )
+            else:
+                theta, omega = truth_step(theta, omega, torque, c.step, stiffness)
             sample += 1
             n += 1
             noise = c.memory * noise + c.drive * symmetric(collision_key, sample)
