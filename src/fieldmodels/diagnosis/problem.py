@@ -166,7 +166,7 @@ def build(model: Model, recordings: Sequence[Recording], horizon: float, bins: i
         RecordingError: If there are too few windows.
     """
     cut = [model.windows(recording, horizon) for recording in recordings]
-    common = np.array([all(o.name in recording for recording in recordings) for o in model.outputs])
+    common = np.array([all(o.name in w.recording for w in cut) for o in model.outputs])
     observed = [w.observed & common for w in cut]
     dense = [
         int(j) for j in np.flatnonzero(common) if max(int(o[:, :, j].sum(1).max()) for o in observed) > 12
