@@ -300,7 +300,8 @@ def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
     try:
         config = kind.model_validate(data)
     except ValidationError as error:
-        problems += [f"{_place(at, places)}: {message}" for at, message in _readable(error, kind)]
+        for at, message in _readable(error, kind):
+            problems.append(f"{_place(at, places)}: {'.'.join(map(str, at))}: {message}")
     if problems:
         raise ConfigError(problems)
     return config
@@ -366,20 +367,17 @@ def _readable(error: ValidationError, kind: Any) -> Iterator[tuple[Location, str
     """Location and message of every mistake in a validation error."""
     for item in error.errors(include_url=False):
         at: Location = item["loc"]
-        key = ".".join(str(part) for part in at)
+        inner = item.get("ctx", {}).get("error")
         if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            known = [name for name in _keys(kind, at[:-1]) if name]
-            yield at, f"{key}: unknown key{did_you_mean(str(at[-1]), known)}"
+            yield at, f"unknown key{did_you_mean(str(at[-1]), _keys(kind, at[:-1]))}"
         elif item["type"] in ("missing", "missing_argument"):
-            yield at, f"{key}: this key is missing"
-        elif isinstance(inner := item.get("ctx", {}).get("error"), ProblemsError):
-            for below, message in inner.problems:
-                whole = (*at, *below)
-                yield whole, f"{'.'.join(str(part) for part in whole)}: {message}"
+            yield at, "this key is missing"
+        elif isinstance(inner, ProblemsError):
+            yield from (((*at, *below), message) for below, message in inner.problems)
         elif item["type"] == "value_error":
-            yield at, f"{key}: {item['msg'].removeprefix('Value error, ')}"
+            yield at, str(inner)
         else:
-            yield at, f"{key}: {item['msg']}, not {item['input']!r}"
+            yield at, f"{item['msg']}, not {item['input']!r}"
 
 
 def _keys(kind: Any, at: Location) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from fieldagents.evaluation.seeds import TUNING_SEEDS
 from fieldagents.reference.heel_strike import oracle_row
@@ -31,6 +31,10 @@ WALKS = 40
 PAPER_DECAYS = np.arange(33.0, 634.0, 50.0)  # section 2.6.1 and Fig 2.12: S_FD from 33 to 633
 PAPER_RATIOS = np.linspace(0.0, 1.0, 21)  # section 2.5.3: S_MS from 0 to 1 by 0.05
 PAPER_RESETS = np.linspace(0.0, 1.0, 11)  # section 2.6.1: S_HR from 0 to 1, by 0.1 (assumed)
+
+
+class TuningError(ImportError):
+    """A package that only tuning needs is not installed."""
 
 
 def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
@@ -73,10 +77,9 @@ def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: No
     coarse = np.geomspace(0.001, 1, 13)
     grid = np.array([(*gains, decay) for gains in product(coarse, coarse, np.geomspace(0.01, 1, 9))])
     start = grid[np.argmin(score_gains(walks, grid))][:3]
-    polished = minimize(
-        lambda x: _score(walks, _gains(x), decay), _encode(start), method="Nelder-Mead", tol=1e-4
+    gated = _gains(
+        _cma(lambda x: score_gains(walks, _with_decay(_gains(x), decay)), _encode(start), evaluations=1500)
     )
-    gated = _gains(np.asarray(polished.x))
     keep("gated_tuned", lambda w: _score(w, gated, decay), gains=gated)
 
     weights, bias = _linear_rule(walks, gated, decay)
@@ -189,9 +192,14 @@ def _cma(scores: Callable[[Floats], Floats], start: Floats, evaluations: int) ->
         scores: From candidates, shape (sets, n), to their scores, lower is better.
         start: Where the search begins, shape (n,).
         evaluations: How many candidates to try.
-    """
-    import cma
 
+    Raises:
+        TuningError: Without the package ``cma``.
+    """
+    try:
+        import cma
+    except ImportError:
+        raise TuningError("tuning needs the package cma: pip install 'fieldgym[train]'") from None
     search = cma.CMAEvolutionStrategy(
         start, 0.3, {"seed": 1, "popsize": 24, "maxfevals": evaluations, "verbose": -9}
     )

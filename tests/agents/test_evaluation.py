@@ -1,0 +1,191 @@
+"""An evaluation is repeatable, paired, honest about what it cannot say, and complete on disk."""
+
+import json
+import re
+
+import gymnasium
+import numpy as np
+import pandas as pd
+import pytest
+
+import fieldgym  # noqa: F401  (registers the tasks)
+from fieldagents.agent import Agent
+from fieldagents.config import EnvironmentConfig, EvaluateConfig
+from fieldagents.evaluation import EvaluationError, evaluate, report_section
+from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.evaluation.evaluate import _check_pairs
+from fieldagents.evaluation.seeds import TEST_SEEDS
+from fieldagents.evaluation.summary import Labels, summarise_scenario
+
+TASK = "heel_strike"
+SHORT = EnvironmentConfig(settings={"strides": 12})
+
+
+def config(episodes: int = 20, **values: object) -> EvaluateConfig:
+    return EvaluateConfig.model_validate(
+        {
+            "name": "test",
+            "task": TASK,
+            "environments": {
+                "ar1": {"settings": {"strides": 12}},
+                "biased": {"settings": {"strides": 12}, "reality": {"gyro_bias": {"rate": 0.02}}},
+            },
+            "agents": ["ranger", "fixed_tuned", "adaptive", "imm"],
+            "baseline": "fixed_tuned",
+            "episodes": episodes,
+            **values,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    out = tmp_path_factory.mktemp("evaluation")
+    return evaluate(config(), out), out
+
+
+def test_an_evaluation_writes_its_three_files(result):
+    summary, out = result
+    assert sorted(path.name for path in out.iterdir()) == ["episodes.parquet", "report.html", "summary.json"]
+    stored = json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
+    assert stored == json.loads(json.dumps(summary.to_json()))
+    episodes = pd.read_parquet(out / "episodes.parquet")
+    assert len(episodes) == 2 * 4 * 20
+    assert list(episodes.groupby(["scenario", "agent"])["seed"].nunique().unique()) == [20]
+    assert episodes["seed"].between(TEST_SEEDS.start, TEST_SEEDS.start + 19).all()
+
+
+def test_equal_evaluations_give_equal_episodes_to_the_bit(result, tmp_path):
+    _, out = result
+    evaluate(config(), tmp_path)
+    assert (tmp_path / "episodes.parquet").read_bytes() == (out / "episodes.parquet").read_bytes()
+
+
+def test_the_order_of_the_agents_does_not_matter(result, tmp_path):
+    summary, _ = result
+    other = evaluate(config(agents=["imm", "adaptive", "fixed_tuned", "ranger"]), tmp_path)
+    assert other.scenarios == summary.scenarios
+
+
+def test_reality_reaches_the_environment(result):
+    """A gyro bias hurts an estimator that integrates the gyro more than one that corrects it."""
+    summary, _ = result
+    error = {
+        (scenario, row.agent): row.means["error_mm"]
+        for scenario, rows in summary.scenarios.items()
+        for row in rows
+    }
+    assert error["biased", "ranger"] > 1.5 * error["ar1", "ranger"]
+
+
+def test_means_are_those_of_the_episodes(result):
+    summary, out = result
+    episodes = pd.read_parquet(out / "episodes.parquet")
+    for scenario, rows in summary.scenarios.items():
+        for row in rows:
+            own = episodes[(episodes["scenario"] == scenario) & (episodes["agent"] == row.agent)]
+            assert row.means["error_mm"] == pytest.approx(own["error_mm"].mean())
+            if row.kind.startswith("estimator"):
+                assert row.episode_return is None
+            else:
+                assert row.episode_return == pytest.approx(own["return"].mean())
+
+
+def test_best_agent_comes_first_and_the_baseline_has_no_difference(result):
+    summary, _ = result
+    for rows in summary.scenarios.values():
+        means = [row.means["error_mm"] for row in rows]
+        assert means == sorted(means)
+        (baseline,) = [row for row in rows if row.agent == "fixed_tuned"]
+        assert baseline.against_baseline is None
+
+
+def test_report_stands_alone_and_names_all_agents(result):
+    summary, out = result
+    page = (out / "report.html").read_text()
+    assert not re.search(r"""(src|href)=["']?(https?:)?//""", page)
+    for rows in summary.scenarios.values():
+        for row in rows:
+            assert f">{row.agent}<" in page
+    assert report_section(summary).startswith('<p class="lead">')
+
+
+def test_few_episodes_are_said_to_be_insufficient(tmp_path):
+    summary = evaluate(config(episodes=4, agents=["ranger", "fixed_tuned"]), tmp_path)
+    for rows in summary.scenarios.values():
+        for row in rows:
+            assert row.ci95 is None
+            if row.against_baseline is not None:
+                assert row.against_baseline.verdict == "insufficient"
+
+
+class Recorder(Agent):
+    """Keeps what it is shown."""
+
+    name = "recorder"
+
+    def __init__(self) -> None:
+        self.shown: list[tuple[np.ndarray, dict]] = []
+
+    def act(self, observation, info):
+        self.shown.append((observation.copy(), dict(info)))
+        return np.full((len(observation), 3), 0.25, dtype=np.float32)
+
+
+def test_an_agent_is_not_shown_what_it_may_not_see():
+    agent = Recorder()
+    run_episodes(agent, TASK, SHORT, TEST_SEEDS[:2])
+    assert len(agent.shown) == 12
+    assert not any(key.strip("_") == "privileged" for _, info in agent.shown for key in info)
+
+
+def test_episodes_are_those_of_the_scalar_environment():
+    table = run_episodes(Recorder(), TASK, SHORT, TEST_SEEDS[:3])
+    env = gymnasium.make("fieldgym/HeelStrike-v0", settings=SHORT.settings)
+    for row in table.itertuples():
+        env.reset(seed=row.seed)
+        total, errors, over = 0.0, [], False
+        while not over:
+            _, reward, terminated, truncated, info = env.step(np.full(3, 0.25, dtype=np.float32))
+            total, over = total + float(reward), terminated or truncated
+            errors.append(info["error_mm"])
+        assert row.steps == len(errors) == 12
+        assert row.error_mm == pytest.approx(np.mean(errors), rel=1e-12)
+        assert table.loc[table["seed"] == row.seed, "return"].item() == pytest.approx(total, rel=1e-12)
+    env.close()
+
+
+def test_agents_that_met_other_noise_are_not_compared():
+    frame = pd.DataFrame({"scenario": "s", "seed": [1, 1], "agent": ["a", "b"], "ranger_mm": [1.0, 1.0]})
+    _check_pairs(frame, TASK)
+    frame.loc[1, "ranger_mm"] = 1.1
+    with pytest.raises(EvaluationError, match="s, seed 1"):
+        _check_pairs(frame, TASK)
+
+
+def trained(runs: int, gain: float) -> tuple:
+    """Rows of a baseline and of a trained agent with several runs that is better by ``gain``."""
+    rng = np.random.default_rng(0)
+    base = rng.gamma(4, 1, 40)
+    rows = [pd.DataFrame({"agent": "base", "run": 0, "seed": range(40), "error_mm": base})]
+    for run in range(runs):
+        scores = base - gain + rng.normal(0, 0.2) + rng.normal(0, 0.1, 40)
+        rows.append(pd.DataFrame({"agent": "ppo", "run": run, "seed": range(40), "error_mm": scores}))
+    frame = pd.concat(rows).assign(ranger_mm=1.0, **{"return": 0.0})
+    labels = {"base": Labels("observation", "", False), "ppo": Labels("observation", "", True)}
+    return {row.agent: row for row in summarise_scenario(frame, TASK, "base", labels)}["ppo"]
+
+
+def test_training_runs_are_the_unit_of_replication():
+    few, many = trained(3, 1.0), trained(8, 1.0)
+    assert few.runs == 3
+    assert few.against_baseline.verdict == "better"  # these three policies
+    assert few.of_training.verdict == "insufficient"  # the algorithm
+    assert many.of_training.verdict == "better"
+    assert many.of_training.n == 8
+
+
+def test_a_spread_between_runs_widens_what_is_said_of_the_algorithm():
+    row = trained(6, 0.05)
+    episodes, runs = row.against_baseline, row.of_training
+    assert runs.ci95[1] - runs.ci95[0] > episodes.ci95[1] - episodes.ci95[0]

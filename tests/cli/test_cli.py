@@ -1,0 +1,239 @@
+"""The command line: results on standard output, one clear message for a mistake, never a traceback."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from fieldagents.cli import app
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+COMMANDS = ("list", "train", "evaluate", "record", "diagnose", "demo")
+RIG = """\
+name: rig
+model: rig
+reality: {coulomb_friction: {force: 0.3}}
+excitation: {kind: mixed, amplitude: 5}
+duration: 4
+seed: 1
+"""
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def shell(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """The installed command in a process of its own, without a terminal."""
+    command = [sys.executable, "-c", "from fieldagents.cli import main; main()", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "100", "NO_COLOR": "1"}
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, check=False)
+
+
+def mistake(*arguments: object) -> str:
+    """The message of a command that must refuse."""
+    result = run(*arguments)
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("Error: ") or "Usage" in result.stderr
+    return result.stderr
+
+
+@pytest.fixture
+def rig_config(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(RIG)
+    return path
+
+
+def test_help_is_quick_and_imports_nothing_heavy():
+    code = (
+        "import sys; from fieldagents import cli\n"
+        "heavy = {'numba', 'torch', 'gymnasium', 'pandas', 'scipy', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(str(heavy) if heavy else 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    began = time.perf_counter()
+    result = shell("--help")
+    assert result.returncode == 0
+    assert time.perf_counter() - began < 5  # 0.2 s on an idle machine
+    for command in COMMANDS:
+        assert command in result.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_examples(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "For example:" in result.stdout
+    assert f"fieldgym {command}" in result.stdout
+    assert "--json" in result.stdout
+
+
+def test_version():
+    assert run("--version").stdout.startswith("fieldgym 0.")
+
+
+def test_list_names_what_there_is():
+    found = json.loads(run("list", "--json").stdout)
+    (task,) = [task for task in found["tasks"] if task["name"] == "heel_strike"]
+    assert {"ranger", "adaptive", "imm"} <= {agent["name"] for agent in task["agents"]}
+    effects = {model["name"]: {e["name"] for e in model["effects"]} for model in found["models"]}
+    assert {"rig", "pendulum", "heel_strike"} <= set(effects)
+    assert "coulomb_friction" in effects["rig"]
+    assert "gyro_bias" in effects["heel_strike"]
+    shown = run("list").stdout
+    for name in ("heel_strike", "coulomb_friction", "adaptive", "dfki_simple_pendulum/ddp"):
+        assert name in shown
+
+
+def test_record_is_repeatable_and_keeps_the_reality_apart(rig_config, tmp_path):
+    first, second = tmp_path / "a", tmp_path / "b"
+    written = json.loads(run("record", rig_config, "--out", first, "--json").stdout)
+    assert run("record", rig_config, "--out", second).exit_code == 0
+    assert set(written) == {"recording", "reality"}
+    assert (first / "rig.csv").read_bytes() == (second / "rig.csv").read_bytes()
+    header, *rows = (first / "rig.csv").read_text().splitlines()
+    assert header.split(",")[:2] == ["t", "force"]
+    assert len(rows) == 400
+    assert "friction" not in (first / "rig.csv").read_text()
+    assert "coulomb_friction" in (first / "reality.yaml").read_text()
+
+
+def test_recorded_reality_loads_back(rig_config, tmp_path):
+    run("record", rig_config, "--out", tmp_path / "a")
+    again = run(
+        "record", rig_config, "--set", f"reality={tmp_path / 'a' / 'reality.yaml'}", "--out", tmp_path / "b"
+    )
+    assert again.exit_code == 0, again.output
+    assert (tmp_path / "a" / "rig.csv").read_bytes() == (tmp_path / "b" / "rig.csv").read_bytes()
+
+
+def test_record_a_walk(tmp_path):
+    config = CONFIGS / "heel_strike" / "record.yaml"
+    result = run("record", config, "--set", "duration=5", "--set", "format=parquet", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "biased_walk.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    "path", sorted(CONFIGS.glob("*/record*.yaml")), ids=lambda path: str(path.parent.name)
+)
+def test_shipped_record_configs_load(path):
+    from fieldagents.config import RecordConfig, load_config
+
+    load_config(path, RecordConfig)
+
+
+@pytest.mark.parametrize(
+    "path", sorted(CONFIGS.glob("*/benchmark.yaml")), ids=lambda path: str(path.parent.name)
+)
+def test_shipped_benchmarks_load(path):
+    from fieldagents.config import EvaluateConfig, load_config
+
+    assert load_config(path, EvaluateConfig).episodes >= 100
+
+
+EVALUATE = ("evaluate", CONFIGS / "heel_strike" / "benchmark.yaml")
+FEW = ("--set", "agents=[ranger,fixed_tuned]", "--set", "environments={short: {settings: {strides: 5}}}")
+
+
+def test_evaluate_prints_json_alone(tmp_path):
+    result = shell(*EVALUATE, *FEW, "--set", "episodes=20", "--out", tmp_path, "--json")
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert summary["schema"] == 1
+    assert [row["agent"] for row in summary["scenarios"]["short"]] == ["fixed_tuned", "ranger"]
+    assert "short: ranger" in result.stderr  # progress, as plain lines
+
+
+def test_evaluate_prints_a_table_and_its_files(tmp_path):
+    result = run(*EVALUATE, *FEW, "--set", "episodes=3", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "insufficient" in result.stdout
+    assert str(tmp_path / "report.html") in result.stdout.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "messages"),
+    [
+        (["agents=[rangr]"], ["agents.0: there is no agent 'rangr' (did you mean 'ranger'?)"]),
+        (["agents=[ranger,ranger]", "baseline=ranger"], ["agents.1: agent 'ranger' is listed twice"]),
+        (["agents=[nowhere.onnx]"], ["agents.0: no such file: nowhere.onnx"]),
+        (["baseline=best"], ["baseline: 'best' is not among the agents"]),
+        (["task=heelstrike"], ["task: there is no task 'heelstrike' (did you mean 'heel_strike'?)"]),
+        (["episodes=1"], ["episodes: Input should be greater than or equal to 2"]),
+        (
+            [
+                "environments.ar1.settings.colision_kind=ar1",
+                "environments.ar1.settings.dwell=0.5",
+                "epsiodes=9",
+            ],
+            [
+                "environments.ar1.settings.colision_kind: unknown key (did you mean 'collision_kind'?)",
+                "environments.ar1.settings.dwell: Input should be greater than or equal to 1",
+                "epsiodes: unknown key (did you mean 'episodes'?)",
+            ],
+        ),
+        (
+            ["environments.ar1.reality.gyro_bais.rate=0.01"],
+            ["environments.ar1.reality.gyro_bais: model 'heel_strike' has no effect 'gyro_bais'"],
+        ),
+        (["environments.ar1.reality=missing.yaml"], ["missing.yaml: no such file"]),
+    ],
+)
+def test_mistakes_in_an_evaluation_are_named_before_any_work(tmp_path, changes, messages):
+    overrides = [part for change in changes for part in ("--set", change)]
+    text = mistake(*EVALUATE, *overrides, "--out", tmp_path / "out")
+    for message in messages:
+        assert message in text
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("model=rigg", "no model 'rigg' (did you mean 'rig'?)"),
+        ("reality.coulomb_friction.force=-1", "reality.coulomb_friction: "),
+        ("walk.regimes=true", "walk: model 'rig' does not take this key"),
+        ("duration=0", "duration: Input should be greater than 0"),
+        ("name=../up", "name: "),
+        ("format=xlsx", "format: Input should be 'csv' or 'parquet'"),
+    ],
+)
+def test_mistakes_in_a_recording(rig_config, tmp_path, change, message):
+    assert message in mistake("record", rig_config, "--set", change, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "record"])
+def test_a_missing_config_is_named(command, tmp_path):
+    assert f"{tmp_path}/nowhere.yaml: no such file" in mistake(command, tmp_path / "nowhere.yaml")
+
+
+def test_a_folder_is_no_config(tmp_path):
+    assert str(tmp_path) in mistake("evaluate", tmp_path)
+
+
+def test_an_unwritable_result_folder_is_named(rig_config, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "file" in mistake("record", rig_config, "--out", tmp_path / "file" / "out")
+
+
+def test_missing_arguments_explain_themselves():
+    assert run("diagnose", "data.csv").exit_code == 2
+    assert run("evaluate").exit_code == 2
+    assert run("nonsense").exit_code == 2
+
+
+def test_a_mistake_in_a_process_of_its_own_has_no_traceback(tmp_path):
+    result = shell("evaluate", "nowhere.yaml", cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr == "Error: nowhere.yaml: no such file\n"
