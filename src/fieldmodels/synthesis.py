@@ -7,9 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from fieldmodels.model import FloatArray, Model, ModelError, Signal, did_you_mean
+from fieldmodels.one_axis import kernel
 from fieldmodels.one_axis.free import respond_to
 from fieldmodels.one_axis.model import OneAxis
 from fieldmodels.reality import Reality, read_reality
@@ -70,6 +72,27 @@ EXCITATIONS: Mapping[str, Excitation] = {
 }
 
 
+def swing(model: OneAxis, duration: float, step: float, peak: float, rng: np.random.Generator) -> FloatArray:
+    """What moves the nominal axis along a smooth random path of a given peak: its inverse dynamics.
+
+    An axis without damping (the nominal pendulum) would wander off under any other excitation.
+    """
+    time = np.arange(round(duration / step)) * step
+    frequencies = np.geomspace(0.15, 1.8, 8) * rng.uniform(0.95, 1.05, 8)
+    phases = rng.uniform(0, 2 * np.pi, 8)
+    envelope = PchipInterpolator(np.linspace(0, duration, 9), rng.permutation(np.linspace(0.25, 1.0, 9)))(
+        time
+    )
+    waves = np.sin(2 * np.pi * np.outer(time + 0.5 * step, frequencies) + phases) / np.sqrt(frequencies)
+    path = peak * _peak_one(waves.sum(axis=1) * envelope * np.minimum(time, 1.0) ** 3)
+    velocity = np.gradient(path, step)
+    q = model.rows(model.nominal[None, :])[0]
+    inertia, damping = q[kernel.INERTIA], q[kernel.DAMPING]
+    restoring = q[kernel.STIFFNESS] * path + q[kernel.GRAVITY] * np.sin(path)
+    command: FloatArray = inertia * np.gradient(velocity, step) + damping * velocity + restoring
+    return command
+
+
 def excitation(name: str, duration: float, step: float, rng: np.random.Generator) -> FloatArray:
     """A command of peak one by name, shape (round(duration / step),).
 
@@ -105,10 +128,10 @@ def synthesise(
     Args:
         model: The model whose extended form is the reality.
         reality: What differs from the nominal simulation.
-        inputs: The name of an excitation; or the commands themselves, each of shape (n,) per episode.
+        inputs: The name of an excitation ("swing" for a path, of an axis); or the commands themselves, each of shape (n,) per episode.
         duration: Length of an episode [s], if an excitation is named.
         step: Sampling interval [s].
-        amplitude: Peak of the excitation, in the input's unit.
+        amplitude: Peak of the excitation, in the input's unit; of a swing, in the position's.
         episodes: Number of episodes.
         rng: Source of all randomness.
         noise: True for every output's own noise; a factor on it; or standard deviations by output.
@@ -182,6 +205,8 @@ def _commands(
     rng: np.random.Generator,
 ) -> list[FloatArray]:
     """Commands of each episode, each of shape (n, inputs)."""
+    if inputs == "swing" and isinstance(model, OneAxis):
+        return [swing(model, duration, step, amplitude, rng)[:, None] for _ in range(episodes)]
     if isinstance(inputs, str):
         return [
             amplitude * np.column_stack([excitation(inputs, duration, step, rng) for _ in model.inputs])

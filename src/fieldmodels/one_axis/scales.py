@@ -130,12 +130,13 @@ def weak_form(recording: Recording, command: str, position: str, axis: Axis, spa
         axis: Linear or rotary.
         span: Length of a bump [s]; bumps overlap by half.
     """
-    count = max(round(span / recording.step), 8)
+    count = max(round(span / recording.step), 16)
     s = np.linspace(0.0, 1.0, count + 1)
     length = count * recording.step
-    bump = (s * (1 - s)) ** 3
-    slope = 3 * (s * (1 - s)) ** 2 * (1 - 2 * s) / length
-    curvature = (6 * s * (1 - s) * (1 - 2 * s) ** 2 - 6 * (s * (1 - s)) ** 2) / length**2
+    arch = s * (1.0 - s)
+    bump = arch**5
+    slope = 5.0 * arch**4 * (1.0 - 2.0 * s) / length
+    curvature = 10.0 * arch**3 * (2.0 * (1.0 - 2.0 * s) ** 2 - arch) / length**2
     starts = np.concatenate([np.arange(a, b - count, max(count // 2, 1)) for a, b in recording.bounds])
     rows = starts[:, None] + np.arange(count + 1)[None, :]
     x = recording[position][rows]
@@ -165,7 +166,7 @@ def _regress(
     forms = [
         weak_form(r, command, position, axis, span)
         for r in recordings
-        for span in (0.1, 0.3, 1.0)
+        for span in (0.2, 0.4, 1.0)
         if (np.diff(r.bounds, axis=1) * r.step > span).all()
     ]
     columns = np.concatenate([form.columns for form in forms]) if forms else np.zeros((0, 5))
