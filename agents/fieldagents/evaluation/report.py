@@ -38,9 +38,9 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
     for scenario, rows in summary.scenarios.items():
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
         parts += [
-            f"<h2>{html.text(scenario)}</h2>",
+            f"<h3>{html.text(scenario)}</h3>",
             html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
-            html.table(_header(metric, summary), [_cells(row, summary) for row in rows], caption),
+            html.table(*_table(rows, summary), caption),
         ]
     parts.append(_notes(summary))
     return "\n".join(parts)
@@ -48,27 +48,30 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
 
 def show(summary: Summary, console: Console) -> None:
     """Print the results as tables."""
+    from rich.markup import escape
     from rich.table import Table
 
     metric = METRICS[summary.task][0]
     for scenario, rows in summary.scenarios.items():
-        table = Table(
-            title=f"{scenario}: {metric.title}, {summary.episodes} episodes (± 95 %)", title_justify="left"
-        )
-        for name in _header(metric, summary):
-            table.add_column(name)
-        for row in rows:
-            table.add_row(*_cells(row, summary))
+        title = f"{scenario}: {metric.title} [{metric.unit}], {summary.episodes} episodes (± 95 %)"
+        header, body = _table(rows, summary)
+        table = Table(*header, title=escape(title), title_justify="left")
+        for cells in body:
+            table.add_row(*cells)
         console.print(table)
 
 
-def _header(metric: Metric, summary: Summary) -> list[str]:
-    against = f"against {summary.baseline}"
-    return ["agent", "sees", metric.name, against, "%", "verdict", "training runs"]
-
-
-def _cells(row: Row, summary: Summary) -> list[str]:
+def _table(rows: tuple[Row, ...], summary: Summary) -> tuple[list[str], list[list[str]]]:
+    """Header and cells; the last column only where there are trained agents."""
     metric = METRICS[summary.task][0]
+    header = ["agent", "sees", metric.name, f"against {summary.baseline}", "%", "verdict", "training runs"]
+    body = [_cells(row, metric) for row in rows]
+    if not any(row.of_training for row in rows):
+        return header[:-1], [cells[:-1] for cells in body]
+    return header, body
+
+
+def _cells(row: Row, metric: Metric) -> list[str]:
     score = _with_interval(row.means[metric.name], row.ci95)
     paired = row.against_baseline
     if paired is None:
@@ -123,7 +126,7 @@ def _caption(metric: Metric, single: bool) -> str:
 
 def _notes(summary: Summary) -> str:
     last = summary.first_seed + summary.episodes - 1
-    return f"""<h2>How to read this</h2>
+    return f"""<h3>How to read this</h3>
 <ul>
 <li>Every agent meets the same {summary.episodes} episodes, seeds {summary.first_seed} to {last}; the noise
 does not depend on the agent (checked in every evaluation). Nothing was tuned or trained on these seeds.</li>
@@ -143,6 +146,7 @@ def _colour(row: Row) -> str:
 
 def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None) -> Any:
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(10, 1.2 + 0.36 * len(rows)))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
@@ -167,9 +171,11 @@ def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: p
     left.set_yticks(range(len(rows)), [row.agent for row in rows])
     left.invert_yaxis()
     left.set_xscale("log")
+    left.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    left.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    left.xaxis.set_minor_formatter(NullFormatter())
     left.set_xlabel(f"{metric.title} [{metric.unit}]")
     right.axvline(0, color="#1c2430", linewidth=1)
-    right.set_xscale("symlog", linthresh=10)
     right.set_xlabel(f"difference to {summary.baseline} [%]")
     for axes in (left, right):
         axes.grid(axis="x", color="#d9dee6", linewidth=0.8)
