@@ -54,7 +54,7 @@ def make_entrant(name: str, task: str, settings: Mapping[str, Any]) -> Entrant:
     Args:
         name: Name of a reference agent or of a zoo entry, or the path of a ``policy.onnx``.
         task: Name of the task.
-        settings: The environment's settings; agents that see no more than observations ignore them.
+        settings: The environment's settings: which tuned values or which training fits them best.
     """
     if name.endswith(".onnx"):
         return Entrant(name, (OnnxAgent(Path(name)),), learned=True)

@@ -1,0 +1,70 @@
+"""The pages say what the programs do."""
+
+import re
+from pathlib import Path
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from fieldagents.cli import app
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def options() -> set[tuple[str, str]]:
+    """Every command with each of its options, as typed."""
+    group = typer.main.get_command(app)
+    return {
+        (name, option)
+        for name, command in group.commands.items()
+        for parameter in command.params
+        for option in parameter.opts
+        if option.startswith("--") and option not in ("--help", "--json")
+    }
+
+
+def test_cli_page_lists_every_command_and_option():
+    text = (DOCS / "cli.md").read_text()
+    listing = text.split("```")[1].splitlines()
+    for command, option in options():
+        (line,) = [line for line in listing if line.startswith(f"fieldgym {command} ")]
+        assert option in line, f"{command} {option}"
+
+
+def test_cli_page_shows_options_that_exist():
+    text = (DOCS / "cli.md").read_text()
+    known = {option for _, option in options()} | {"--help", "--json"}
+    assert set(re.findall(r"(?<![\w-])--[a-z]+", text)) <= known
+
+
+def test_the_mistake_that_the_cli_page_shows_is_what_one_gets():
+    block = next(part for part in (DOCS / "cli.md").read_text().split("```") if "$ fieldgym evaluate" in part)
+    command, *shown = block.strip().splitlines()
+    arguments = command.removeprefix("$ fieldgym ").split()
+    arguments[1] = str(DOCS.parent / arguments[1])
+    result = CliRunner().invoke(app, arguments)
+    assert result.stderr.strip().splitlines() == shown
+
+
+@pytest.mark.parametrize("page", ["evaluation.md"])
+def test_python_on_the_page_runs(page, capsys):
+    for code in re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL):
+        exec(compile(code, page, "exec"), {"__name__": "example"})
+    assert 0 < float(capsys.readouterr().out) < 20
+
+
+def test_config_on_the_cli_page_records(tmp_path):
+    block = next(part for part in (DOCS / "cli.md").read_text().split("```yaml\n") if "stiff_bench" in part)
+    (tmp_path / "record.yaml").write_text(block.split("```")[0])
+    result = CliRunner().invoke(app, ["record", str(tmp_path / "record.yaml"), "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert len((tmp_path / "stiff_bench.csv").read_text().splitlines()) == 3001
+
+
+def test_config_on_the_evaluation_page_loads(tmp_path):
+    from fieldagents.config import EvaluateConfig, load_config
+
+    block = (DOCS / "evaluation.md").read_text().split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "evaluate.yaml").write_text(block)
+    assert load_config(tmp_path / "evaluate.yaml", EvaluateConfig).episodes == 100
