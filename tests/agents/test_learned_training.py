@@ -168,13 +168,13 @@ def test_onnx_acts_as_the_trained_policy_does(finished):
     native = gymnasium.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point")
     run = Run(tiny(), NativeVecEnv(native, seed=0))
     run.restore(load_checkpoint(sorted((finished / "checkpoints").glob("*.pt"))[-1]))
-    agent = OnnxAgent.from_bytes(to_onnx(run.policy, run.normaliser, "test"))
+    agent = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
     rng = np.random.default_rng(0)
     low, high = native.single_observation_space.low, native.single_observation_space.high
     observation = rng.uniform(low, high, (500, len(low))).astype(np.float32)
     with torch.no_grad():  # large outputs, so that some actions are clipped
         run.policy.action_net.weight.mul_(100)
-    loud = OnnxAgent.from_bytes(to_onnx(run.policy, run.normaliser, "test"))
+    loud = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
     expected = run.model.predict(run.normaliser.normalize_obs(observation), deterministic=True)[0]
     np.testing.assert_allclose(loud.act(observation, {}), expected, atol=1e-5)
     assert 0.05 < np.mean(np.abs(expected) == 1) < 0.999
@@ -194,7 +194,7 @@ def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
     model = PPO("MlpPolicy", normaliser, n_steps=16, batch_size=16, seed=0, device="cpu").learn(64)
     observation = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
     expected = model.predict(normaliser.normalize_obs(observation), deterministic=True)[0]
-    actions = OnnxAgent.from_bytes(to_onnx(model.policy, normaliser, "test")).act(observation, {})
+    actions = OnnxAgent(to_onnx(model.policy, normaliser, "test")).act(observation, {})
     np.testing.assert_array_equal(actions, expected)
     assert set(expected) == {0, 1}
 
@@ -202,7 +202,7 @@ def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
 def test_a_learned_agent_needs_no_torch(finished):
     script = (
         "import sys; from fieldagents.learned.policy import OnnxAgent; import numpy as np;"
-        "agent = OnnxAgent(sys.argv[1]); n = agent._shape[0];"
+        "agent = OnnxAgent(sys.argv[1]); n = agent.shape[0];"
         "print(agent.act(np.zeros((2, n)), {}).shape, 'torch' in sys.modules)"
     )
     command = [sys.executable, "-c", script, finished / "policy.onnx"]

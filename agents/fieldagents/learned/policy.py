@@ -20,8 +20,12 @@ class PolicyError(ValueError):
 class OnnxAgent(Agent):
     """Acts by an ONNX policy, which holds its own observation normaliser and action limits.
 
+    Attributes:
+        shape: Shape of one observation.
+
     Args:
-        path: The ONNX file: input ``observation`` (batch, ...) float32, output ``action`` (batch, ...).
+        policy: The ONNX file or its bytes: input ``observation`` (batch, ...) float32, output ``action``
+            (batch, ...).
         name: The agent's name in tables; the file's stem unless given.
         title: One line that says what it is.
 
@@ -31,42 +35,36 @@ class OnnxAgent(Agent):
 
     sees = "observation"
 
-    def __init__(self, path: Path | str, name: str | None = None, title: str = "learned policy") -> None:
-        path = Path(path)
-        if not path.is_file():
-            raise PolicyError(f"{path}: no such policy file")
-        self._open(path.read_bytes(), str(path), name or path.stem, title)
-
-    @classmethod
-    def from_bytes(cls, data: bytes, name: str = "policy", title: str = "learned policy") -> OnnxAgent:
-        """An agent of a policy that is not in a file."""
-        agent = cls.__new__(cls)
-        agent._open(data, name, name, title)
-        return agent
-
-    def _open(self, data: bytes, source: str, name: str, title: str) -> None:
+    def __init__(
+        self, policy: Path | str | bytes, name: str | None = None, title: str = "learned policy"
+    ) -> None:
+        path = Path("policy") if isinstance(policy, bytes) else Path(policy)
+        if not isinstance(policy, bytes):
+            if not path.is_file():
+                raise PolicyError(f"{path}: no such policy file")
+            policy = path.read_bytes()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
         try:
-            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            self._session = onnxruntime.InferenceSession(policy, options, providers=["CPUExecutionProvider"])
         except Exception as error:
-            raise PolicyError(f"{source}: not an ONNX policy: {error}") from None
+            raise PolicyError(f"{path}: not an ONNX policy: {error}") from None
         inputs = [entry.name for entry in self._session.get_inputs()]
         outputs = [entry.name for entry in self._session.get_outputs()]
         if (inputs, outputs) != (["observation"], ["action"]):
             raise PolicyError(
-                f"{source}: a policy maps 'observation' to 'action', this file maps {inputs} to {outputs}"
+                f"{path}: a policy maps 'observation' to 'action', this file maps {inputs} to {outputs}"
             )
-        self._shape = tuple(self._session.get_inputs()[0].shape[1:])
-        self._source, self.name, self.title = source, name, title
+        self.shape = tuple(self._session.get_inputs()[0].shape[1:])
+        self._source, self.name, self.title = path, name or path.stem, title
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
         """The deterministic actions for a batch of observations."""
         observation = np.ascontiguousarray(observation, dtype=np.float32)
-        if observation.shape[1:] != self._shape:
+        if observation.shape[1:] != self.shape:
             raise PolicyError(
-                f"{self._source}: made for observations of shape {self._shape},"
+                f"{self._source}: made for observations of shape {self.shape},"
                 f" the environment gives {observation.shape[1:]}"
             )
         actions: NDArray[Any] = self._session.run(["action"], {"observation": observation})[0]

@@ -230,7 +230,7 @@ class Recorder(BaseCallback):
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
         policy = to_onnx(run.policy, run.normaliser, note)
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
-        episodes = run_episodes(OnnxAgent.from_bytes(policy), config.task, config.environment, seeds)
+        episodes = run_episodes(OnnxAgent(policy), config.task, config.environment, seeds)
         score = float(episodes["return"].mean())
         scores = {
             "validation_return": score,
