@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fieldmodels.model import FloatArray, Model
-from fieldmodels.recording import IntArray, Recording
+from fieldmodels.recording import Recording
 from fieldmodels.table_files import SHOWN, Problem
 
 MAX_JITTER = 0.01
@@ -17,6 +17,7 @@ MAX_ANGLE_SPAN = 20.0
 MIN_SAMPLES = 4
 """Fewest samples in which a window can be predicted."""
 
+_BLOCK = 1_000_000  # rows looked at together
 _SCALES = {180 / np.pi: "degrees", 1000.0: "millimetres", 100.0: "centimetres"}
 
 
@@ -35,39 +36,45 @@ def check_episodes(episode: FloatArray) -> list[Problem]:
     return []
 
 
-def check_time(time: FloatArray, episode: IntArray) -> list[Problem]:
+def check_time(recording: Recording) -> list[Problem]:
     """Check that time increases in even steps within every episode."""
-    steps = np.diff(time)
-    inside = np.diff(episode) == 0
-    backward = np.flatnonzero((steps <= 0) & inside)
-    if len(backward):
-        return [_backward(time, int(i) + 1) for i in backward[:SHOWN]]
-    if not inside.any():
+    time, episode, median = recording.time, recording.episode, recording.step
+    backward: list[int] = []
+    gaps: list[int] = []
+    count, total, squares, worst, worst_row = 0, 0.0, 0.0, 0.0, 0
+    for start in range(0, len(time) - 1, _BLOCK):  # in blocks, so that a long record needs no second array
+        block = slice(start, start + _BLOCK + 1)
+        steps = np.diff(time[block])
+        inside = np.diff(episode[block]) == 0
+        backward += (start + 1 + np.flatnonzero((steps <= 0) & inside)).tolist()
+        gaps += (start + 1 + np.flatnonzero((steps > GAP * median) & inside)).tolist()
+        deviation = np.where(inside & (steps <= GAP * median), steps - median, 0.0)
+        count += int(inside.sum())
+        total += float(deviation.sum())
+        squares += float(deviation @ deviation)
+        if np.abs(deviation).max() > worst:
+            worst = float(np.abs(deviation).max())
+            worst_row = start + 1 + int(np.abs(deviation).argmax())
+    if backward:
+        return [_backward(time, row) for row in backward[:SHOWN]] + _more(backward, "such rows")
+    if count == 0:
         return []
-    median = float(np.median(steps[inside]))
-    gaps = np.flatnonzero((steps > GAP * median) & inside)
     problems = [
         Problem(
-            f"gap of {steps[i]:.6g} s (the other rows are {median:.6g} s apart); "
+            f"gap of {time[row] - time[row - 1]:.6g} s (the other rows are {median:.6g} s apart); "
             "number the stretches before and after it in a column 'episode'",
-            row=int(i) + 1,
+            row=row,
         )
-        for i in gaps[:SHOWN]
-    ]
-    if len(gaps) > SHOWN:
-        problems.append(Problem(f"and {len(gaps) - SHOWN} more gaps"))
-    even = inside & (steps <= GAP * median)
-    jitter = float(np.std(steps[even])) / median
+        for row in gaps[:SHOWN]
+    ] + _more(gaps, "gaps")
+    jitter = np.sqrt(max(0.0, squares / count - (total / count) ** 2)) / median
     if jitter > MAX_JITTER:
-        worst = int(np.argmax(np.where(even, np.abs(steps - median), -1.0))) + 1
-        problems.append(
-            Problem(
-                f"the time step varies by {100 * jitter:.2g} % (allowed: {100 * MAX_JITTER:g} %), most here; "
-                "interpolate the signals to an even step, or, if only the logger's clock is coarse, "
-                f"write t as row number times {median:.6g} s",
-                row=worst,
-            )
+        message = (
+            f"the time step varies by {100 * jitter:.2g} % (allowed: {100 * MAX_JITTER:g} %), most here; "
+            "interpolate the signals to an even step, or, if only the logger's clock is coarse, "
+            f"write t as row number times {median:.6g} s"
         )
+        problems.append(Problem(message, row=worst_row))
     return problems
 
 
@@ -117,6 +124,10 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
     return found
 
 
+def _more(rows: list[int], what: str) -> list[Problem]:
+    return [Problem(f"and {len(rows) - SHOWN} more {what}")] if len(rows) > SHOWN else []
+
+
 def _backward(time: FloatArray, row: int) -> Problem:
     restart = time[row] <= time[0] + 0.01 * (time[row - 1] - time[0])
     remedy = (
@@ -129,9 +140,11 @@ def _backward(time: FloatArray, row: int) -> Problem:
 
 def _wrong_scale(recording: Recording, position: str, velocity: str) -> list[str]:
     """Compare a signal's differences with its measured rate: their ratio tells a wrong unit."""
-    inside = np.diff(recording.episode) == 0
-    slope = (np.diff(recording[position]) / np.diff(recording.time))[inside]
-    rate = (0.5 * (recording[velocity][1:] + recording[velocity][:-1]))[inside]
+    part = slice(_BLOCK)
+    inside = np.diff(recording.episode[part]) == 0
+    slope = (np.diff(recording[position][part]) / np.diff(recording.time[part]))[inside]
+    measured = recording[velocity][part]
+    rate = (0.5 * (measured[1:] + measured[:-1]))[inside]
     product, power = float(slope @ rate), float(rate @ rate)
     if not product > 0:
         return []

@@ -198,10 +198,7 @@ def _missing(signal: str, name: str, header: Sequence[str], model: Model | None)
 def _check(
     table: Table, recording: Recording, model: Model | None, horizon: float | None, time_name: str
 ) -> None:
-    problems = [
-        Problem(p.message, p.column or time_name, p.row)
-        for p in check_time(recording.time, recording.episode)
-    ]
+    problems = [Problem(p.message, p.column or time_name, p.row) for p in check_time(recording)]
     if horizon is None and model is not None and model.horizons:
         horizon = min(model.horizons)
     if horizon is not None and not any(p.row is not None for p in problems):

@@ -28,7 +28,7 @@ from fieldmodels.recording import RecordingError
 SHOWN = 5
 """Problems of one kind that a message lists."""
 
-_BLOCK = 4 << 20  # bytes of text parsed at once
+_BLOCK = 1 << 20  # bytes of text parsed at once
 _BATCH = 1 << 17  # Parquet rows decoded at once
 _CONTENT = {
     b"PAR1": "a Parquet file: rename it to .parquet",
@@ -228,7 +228,7 @@ class ParquetTable(Table):
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._file = pq.ParquetFile(path)
+            self._file = pq.ParquetFile(path, buffer_size=_BLOCK)
         except (pa.ArrowInvalid, OSError) as error:
             raise RecordingError(
                 f"{path}: not a readable Parquet file ({str(error).splitlines()[0]}); "
@@ -244,7 +244,12 @@ class ParquetTable(Table):
             if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
                 remedy = "seconds as a number" if pa.types.is_temporal(kind) else "numbers"
                 raise self.fail([Problem(f"holds {kind}, not numbers; write {remedy}", name)])
-        batches = self._file.iter_batches(_BATCH, columns=list(names), use_threads=False)
+        groups = range(self._file.metadata.num_row_groups)
+        batches = (  # group by group, since a reader holds on to the groups that it has been through
+            batch
+            for group in groups
+            for batch in self._file.iter_batches(_BATCH, [group], list(names), use_threads=False)
+        )
         try:
             return _collect(batches, names, self._file.metadata.num_rows)
         except (pa.ArrowException, OSError) as error:
