@@ -17,6 +17,7 @@ from fieldmodels.diagnosis.fit import (
     held_out_loss,
     project,
     refit,
+    stacked,
 )
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.model import Effect, FloatArray
@@ -24,6 +25,8 @@ from fieldmodels.model import Effect, FloatArray
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
 TRIED = 2  # starts that are followed after screening
+BATCH = 100  # parameter vectors a call, which bounds memory
+MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as determined
 
 
@@ -60,6 +63,7 @@ class Candidates:
         folds: Fold of each window for held-out losses.
         whitener: Whitening matrix that all fits share.
         untestable: Effects that the free parameters absorb exactly.
+        seen: Screenings that were done, by parent and effect.
     """
 
     problem: Problem
@@ -68,6 +72,7 @@ class Candidates:
     folds: IntArray
     whitener: FloatArray
     untestable: set[str] = field(default_factory=set)
+    seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
 
     def free(self, effects: Names) -> IntArray:
         """Indices of parameters that a gradient moves: the base and the effects, less the fixed."""
@@ -107,18 +112,16 @@ class Candidates:
     def extend(self, parent: Candidate, name: str) -> Candidate | None:
         """Add an effect to a fitted set; None if the data cannot determine it beside the rest."""
         effect = self.problem.model.effect(name)
-        starts = self.screened(parent, effect)
-        if not starts:
-            return None
+        _, starts = self.screened(parent, effect)
         free = self.free((*parent.effects, name))
         states = parent.fit.states
-        tries = [fit(self.problem, s, free, self.whitener, states, 3) for s in starts[:TRIED]]
+        tries = [fit(self.problem, s, free, self.whitener, states, 3) for s in starts]
         best = min(tries, key=lambda f: f.cost)
         if not np.isfinite(best.cost):
             return None
         best = fit(self.problem, best.parameters, free, self.whitener, best.states, 12)
         best = self._profiled(best, effect)
-        search = np.log(max(len(_starts(self.problem, effect)), 1)) + parent.search
+        search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
         return self._judged((*parent.effects, name), best, float(search))
 
     def again(self, candidate: Candidate) -> Candidate:
@@ -138,52 +141,78 @@ class Candidates:
 
     def promise(self, parent: Candidate, name: str) -> float:
         """Improvement [nats] that an effect promises at its best start, to first order."""
-        return float(self.score(parent, self.problem.model.effect(name))[0].max())
+        return self.screened(parent, self.problem.model.effect(name))[0]
 
     def score(self, parent: Candidate, effect: Effect) -> tuple[FloatArray, FloatArray]:
         """Improvement [nats] that each start of an effect promises, to first order.
 
         Returns:
-            Improvements, shape (starts,), and the best multiple of each start's step, shape (starts,).
+            Improvements, shape (starts,), and the best multiple of each linear parameter's step,
+            shape (starts, group).
         """
         starts = _start_vectors(self.problem, parent.fit.parameters, effect)
-        change = self.problem.simulate(starts, parent.fit.states) - (self.problem.features - parent.fit.raw)
+        count, group, size = starts.shape
+        flat_starts = starts.reshape(-1, size)
+        simulated = np.concatenate(
+            [
+                self.problem.simulate(flat_starts[i : i + BATCH], parent.fit.states)
+                for i in range(0, len(flat_starts), BATCH)
+            ]
+        )
+        change = simulated - (self.problem.features - parent.fit.raw)
         columns = project(parent.fit, np.moveaxis(change, 0, 2))
-        flat = columns.reshape(-1, columns.shape[2])
-        own = parent.fit.jacobian[:, :, parent.fit.active].reshape(len(flat), -1)
-        residual = parent.fit.residual.reshape(-1)
+        flat, residual = self.beside(parent.fit, columns)
+        flat = flat.reshape(len(flat), count, group).transpose(1, 0, 2)
+        power = flat.transpose(0, 2, 1) @ flat
+        trace = np.trace(power, axis1=1, axis2=2)[:, None, None]
+        power = power + (1e-6 * trace + 1e-12) * np.eye(group)
+        slope = flat.transpose(0, 2, 1) @ residual
+        multiple = np.linalg.solve(power, slope[:, :, None])[:, :, 0]
+        return 0.5 * np.sum(multiple * slope, axis=1), multiple
+
+    @staticmethod
+    def beside(fitted: Fit, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Columns and residual of all windows with the fitted parameters projected out."""
+        flat = stacked(columns)
+        residual = fitted.residual.reshape(-1)
+        own = stacked(fitted.jacobian[:, :, fitted.active])
         if own.shape[1]:
             basis = np.linalg.qr(own)[0]
             flat = flat - basis @ (basis.T @ flat)
             residual = residual - basis @ (basis.T @ residual)
-        power = np.sum(flat**2, axis=0) + 1e-12
-        multiple = (flat.T @ residual) / power
-        return 0.5 * multiple**2 * power, multiple
+        return flat, residual
 
-    def screened(self, parent: Candidate, effect: Effect) -> list[FloatArray]:
-        """Start vectors of an effect beside a parent, most promising first."""
+    def screened(self, parent: Candidate, effect: Effect) -> tuple[float, list[FloatArray]]:
+        """Start vectors of an effect beside a parent, most promising first, and the best one's promise.
+
+        Parameters with one start go where the first order says, within reach.
+        """
+        key = (id(parent.fit), effect.name)
+        if key in self.seen:
+            return self.seen[key][1:]
         promise, multiple = self.score(parent, effect)
         starts = _start_vectors(self.problem, parent.fit.parameters, effect)
-        order = np.argsort(-promise)
-        place = self.problem.model.slice_of(effect.name)
-        single = len(effect.parameters) == 1
+        place = self.problem.model.slice_of(effect.name).start
+        linear = _linear(self.problem, effect)
         result = []
-        for i in order:
-            start = starts[i].copy()
-            if single and np.isfinite(multiple[i]):
-                # One number: go where the first order says, within reach.
-                neutral = parent.fit.parameters[place]
-                p = effect.parameters[0]
-                step = np.clip(multiple[i], -3, 3) if p.lower < p.nominal else np.clip(multiple[i], 0.2, 3)
-                if p.nominal < p.upper:
-                    start[place] = np.clip(neutral + step * (start[place] - neutral), p.lower, p.upper)
+        for i in np.argsort(-promise)[:TRIED]:
+            start = starts[i, 0].copy()
+            for g, k in enumerate(linear):
+                if len(_parameter_starts(self.problem, effect, k)) > 1:
+                    continue
+                p, step = effect.parameters[k], starts[i, g, place + k] - effect.parameters[k].nominal
+                least = -3.0 if p.lower < p.nominal < p.upper else 0.2
+                reach = np.clip(multiple[i, g], least, 3.0)
+                start[place + k] = np.clip(p.nominal + reach * step, p.lower, p.upper)
             result.append(start)
-        return result
+        # The fit is kept beside its id, so that the id cannot be given to another one.
+        self.seen[key] = parent.fit, float(promise.max()), result
+        return self.seen[key][1:]
 
     def determined(self, parent: Candidate, name: str) -> bool:
         """Whether the data can tell an effect from the base at all, by an exact rank test at its start."""
         effect = self.problem.model.effect(name)
-        start = self.screened(parent, effect)[0]
+        start = self.screened(parent, effect)[1][0]
         free = self.free((*parent.effects, name))
         here = fit(self.problem, start, free, self.whitener, parent.fit.states, 0)
         if _smallest_singular(here.jacobian) > 0.05:
@@ -222,11 +251,7 @@ class Candidates:
                 batch[:, place + k] = np.clip(around, parameter.lower, parameter.upper)
                 raw = self.problem.features - self.problem.simulate(batch, best.states)
                 shifted = project(best, np.moveaxis(raw, 0, 2))
-                flat = shifted.reshape(-1, shifted.shape[2])
-                own = best.jacobian[:, :, best.active].reshape(len(flat), -1)
-                if own.shape[1]:
-                    basis = np.linalg.qr(own)[0]
-                    flat = flat - basis @ (basis.T @ flat)
+                flat, _ = self.beside(best, shifted)
                 choice = int(np.argmin(np.sum(flat**2, axis=0)))
                 trial = fit(self.problem, batch[choice], best.free, self.whitener, best.states, 3)
                 if trial.cost < best.cost:
@@ -242,7 +267,7 @@ def is_quantisation(effect: Effect) -> bool:
 
 def _smallest_singular(jacobian: FloatArray) -> float:
     """Smallest singular value of unit columns; 0 if a column is empty."""
-    flat = jacobian.reshape(-1, jacobian.shape[2])
+    flat = stacked(jacobian)
     size = np.linalg.norm(flat, axis=0)
     if flat.shape[1] == 0 or size.min() <= 1e-9 * size.max():
         return 0.0
@@ -250,8 +275,14 @@ def _smallest_singular(jacobian: FloatArray) -> float:
 
 
 def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[float]:
-    """Starts of one parameter; a moment of change is searched over the whole record."""
+    """Starts of one parameter; a frequency and a moment of change are searched over the whole record."""
     parameter = effect.parameters[k]
+    if parameter.unit == "Hz":
+        duration = max(np.ptp(p.windows.recording.time) for p in problem.parts)
+        step = min(p.windows.recording.step for p in problem.parts)
+        grid = np.arange(max(1 / duration, 0.2), min(10.0, 0.4 / step), 0.5 / duration)
+        inside = grid[(grid > parameter.lower) & (grid < parameter.upper)]
+        return tuple(sorted({*inside[:MAX_FREQUENCIES].tolist(), *parameter.starts}))
     if parameter.starts:
         return parameter.starts
     if not parameter.smooth and parameter.unit == "s":
@@ -261,16 +292,30 @@ def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[floa
     return (step if step <= parameter.upper else parameter.nominal - parameter.scale,)
 
 
-def _starts(problem: Problem, effect: Effect) -> list[tuple[float, ...]]:
+def _linear(problem: Problem, effect: Effect) -> list[int]:
+    """Parameters with a single start, taken as linear in a first search; the others span its grid."""
+    single = [k for k, p in enumerate(effect.parameters) if len(_parameter_starts(problem, effect, k)) == 1]
+    return single or [0]
+
+
+def _grid(problem: Problem, effect: Effect) -> list[tuple[float, ...]]:
+    """All combinations of starts."""
     return list(
         itertools.product(*(_parameter_starts(problem, effect, k) for k in range(len(effect.parameters))))
     )
 
 
 def _start_vectors(problem: Problem, parameters: FloatArray, effect: Effect) -> FloatArray:
-    values = np.array(_starts(problem, effect))
-    result = np.repeat(parameters[None], len(values), axis=0)
-    result[:, problem.model.slice_of(effect.name)] = values
+    """Starts with one linear parameter switched on at a time, shape (starts, linear, parameters)."""
+    values = np.array(_grid(problem, effect))
+    linear = _linear(problem, effect)
+    place = problem.model.slice_of(effect.name)
+    result = np.tile(parameters, (len(values), len(linear), 1))
+    for g, k in enumerate(linear):
+        result[:, g, place] = values
+        for other in linear:
+            if other != k:
+                result[:, g, place.start + other] = effect.parameters[other].nominal
     return result
 
 

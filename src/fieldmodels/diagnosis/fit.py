@@ -60,7 +60,7 @@ class Fit:
     @property
     def information(self) -> FloatArray:
         """Fisher information in the free parameters' coordinates, shape (free, free)."""
-        flat = self.jacobian.reshape(-1, self.jacobian.shape[2])
+        flat = stacked(self.jacobian)
         return flat.T @ flat
 
 
@@ -86,6 +86,11 @@ class Coordinates:
     def slope(self, values: FloatArray) -> FloatArray:
         """Derivative of the values by the coordinates."""
         return np.where(self.log, values, self.scale)
+
+
+def stacked(columns: FloatArray) -> FloatArray:
+    """Columns of all windows below each other, shape (windows * rows, columns)."""
+    return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
 
 
 def fit(
@@ -177,12 +182,12 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
     loss = np.zeros(len(fitted.residual))
     active = fitted.active
     jacobian = fitted.jacobian[:, :, active]
-    flat = jacobian.reshape(-1, jacobian.shape[2])
+    flat = stacked(jacobian)
     whole, gradient = flat.T @ flat, flat.T @ fitted.residual.reshape(-1)
     for fold in np.unique(folds):
         inside = folds == fold
         own, residual = jacobian[inside], fitted.residual[inside]
-        flat = own.reshape(-1, own.shape[2])
+        flat = stacked(own)
         rest = whole - flat.T @ flat
         step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
         square = np.sum((residual - own @ step) ** 2, axis=1)

@@ -64,9 +64,10 @@ def share(
     rng: np.random.Generator,
 ) -> Share:
     """Reduction of an output's root mean square error in percent, resampled by blocks of windows."""
-    count = int(blocks.max()) + 1
+    number = np.unique(blocks, return_inverse=True)[1]
+    count = int(number.max()) + 1
     sums = np.stack([
-        np.bincount(blocks, weights=column[:, output], minlength=count)
+        np.bincount(number, weights=column[:, output], minlength=count)
         for column in (before.squares, after.squares)
     ])  # fmt: skip
     draws = rng.integers(0, count, size=(RESAMPLES, count))

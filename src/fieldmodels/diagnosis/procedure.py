@@ -12,12 +12,14 @@ from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import standard_errors
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, predict, share
+from fieldmodels.diagnosis.leftover import RIVAL_GAIN, Dictionary
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import (
     Cause,
     Diagnosis,
     Estimate,
     Evidence,
+    Leftover,
     SignalGain,
     Verdict,
 )
@@ -76,11 +78,16 @@ def diagnose(
     rng = np.random.default_rng(seed)
     main = _main_output(testing)
     causes = _causes(candidates, selection, testing, main, rng)
+    tell("looking for what is left over", 0.85)
+    causes, unknown = _leftover(candidates, selection, causes)
     verdict: Verdict = "consistent"
     if causes:
         verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
+    elif unknown:
+        verdict = "unknown"
     before = predict(testing, selection.base.fit.parameters)
-    after = predict(testing, selection.chosen.fit.parameters) if causes else before
+    extended = selection.chosen if causes else selection.base
+    after = predict(testing, extended.fit.parameters) if causes else before
     tell("done", 1.0)
     return Diagnosis(
         model=model.name,
@@ -88,10 +95,10 @@ def diagnose(
         causes=causes,
         misfit=(),
         gain=_gains(testing, before, after, rng),
-        unknown=None,
+        unknown=unknown,
         next_measurement=None,
-        parameters=_base_estimates(training, selection.chosen, fixed),
-        vector=selection.chosen.fit.parameters,
+        parameters=_base_estimates(training, extended, fixed),
+        vector=extended.fit.parameters,
         not_testable=_not_testable(selection),
         trained_on=tuple(r.source for r in train),
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
@@ -173,6 +180,27 @@ def _causes(
             )
         )
     return _with_alternatives(tuple(causes), selection)
+
+
+def _leftover(
+    candidates: Candidates, selection: Selection, causes: tuple[Cause, ...]
+) -> tuple[tuple[Cause, ...], Leftover | None]:
+    """What the chosen set leaves over; if that is more, or fits better, than the names, none stays."""
+    chosen, folds = selection.chosen, candidates.folds
+    dictionary = Dictionary(candidates.problem, chosen.fit)
+    left = dictionary.significant(chosen, folds)
+    shape = dictionary.shape(left, chosen) if left else None
+    if not causes:
+        return (), shape
+    if left and left.total > selection.base.total - chosen.total:
+        return (), shape
+    for name in chosen.effects:
+        rest = candidates.without(chosen, name)
+        own = Dictionary(candidates.problem, rest.fit)
+        rival = own.judge(rest, folds)[0]
+        if rest.total - rival.total < chosen.total - RIVAL_GAIN:
+            return (), own.shape(rival, rest)
+    return causes, shape
 
 
 def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:

@@ -1,0 +1,238 @@
+"""What no listed effect explains: its direction and shape, found by a dictionary of forces.
+
+A missing force is sought as tables and products of what moves along the fitted trajectories. A force on
+each of a few stretches of the windows is simulated once; every column of the dictionary is then a
+combination of these responses. All columns are judged on held-out windows beside the free parameters.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.result import Leftover
+from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, block_p_value
+from fieldmodels.model import FloatArray
+
+STRETCHES = 16  # pieces of a window on which a force is constant
+KNOTS = 8  # of a table
+MAX_P = 0.003  # of the best of some twenty groups
+RIVAL_GAIN = 3.0  # nats by which a dictionary group may not beat a named effect
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of the dictionary that make one shape.
+
+    Attributes:
+        direction: What the shape depends on.
+        unit: Unit of that.
+        values: Force columns on the stretches of every window, shape (windows, stretches, columns).
+        knots: Where the curve is drawn, shape (points,).
+        curves: Each column's value there, shape (points, columns).
+    """
+
+    direction: str
+    unit: str
+    values: FloatArray
+    knots: FloatArray
+    curves: FloatArray
+
+
+@dataclass(frozen=True)
+class Found:
+    """A group judged beside a fit.
+
+    Attributes:
+        group: The group.
+        gain: Improvement of every window's held-out loss [nats].
+        p_value: One-sided, over blocks of windows.
+        coefficients: One a column, in the disturbance's unit.
+    """
+
+    group: Group
+    gain: FloatArray
+    p_value: float
+    coefficients: FloatArray
+
+    @property
+    def total(self) -> float:
+        """Improvement of all windows [nats]."""
+        return float(self.gain.sum())
+
+
+class Dictionary:
+    """Force shapes along the trajectories of a fit, with the features' response to them."""
+
+    def __init__(self, problem: Problem, fitted: Fit) -> None:
+        self.problem = problem
+        self.stretch = [_stretches(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
+        self.response = _responses(problem, fitted)
+        self.groups = list(_groups(self._signals(fitted)))
+
+    def judge(self, candidate: Candidate, folds: NDArray[np.int64]) -> list[Found]:
+        """Judge every group beside a fit of the same problem, most probable first."""
+        fitted = candidate.fit
+        result = []
+        for group in self.groups:
+            columns = project(fitted, self.response @ group.values)
+            scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-30
+            columns = columns / scale
+            wide = replace(
+                fitted,
+                jacobian=np.concatenate([fitted.jacobian, columns], axis=2),
+                active=np.concatenate([fitted.active, np.ones(columns.shape[2], dtype=np.bool_)]),
+            )
+            gain = candidate.loss - held_out_loss(wide, folds)
+            coefficients = _solve(wide)[len(fitted.free) :] / scale
+            result.append(Found(group, gain, block_p_value(gain, self.problem.blocks), coefficients))
+        return sorted(result, key=lambda f: -f.total)
+
+    def significant(self, candidate: Candidate, folds: NDArray[np.int64]) -> Found | None:
+        """The best group if the data call for it beside a fit."""
+        least = max(MIN_GAIN, MIN_SHARE * float(candidate.loss.sum()))
+        for found in self.judge(candidate, folds):
+            if found.total > least and found.p_value < MAX_P:
+                return found
+        return None
+
+    def shape(self, found: Found, candidate: Candidate) -> Leftover:
+        """What a judged group looks like."""
+        unit = self.problem.model.disturbance_unit or "1"
+        curve = np.column_stack([found.group.knots, found.group.curves @ found.coefficients])
+        percent = 100 * found.total / float(candidate.loss.sum())
+        return Leftover(
+            found.group.direction,
+            unit,
+            found.group.unit,
+            curve,
+            found.p_value,
+            float(np.clip(percent, 0, 100)),
+        )
+
+    def _signals(self, fitted: Fit) -> Mapping[str, tuple[str, FloatArray]]:
+        """What moves, averaged over the stretches: outputs, their rates, inputs, and time."""
+        model = self.problem.model
+        first = 0
+        collected: dict[str, tuple[str, list[FloatArray]]] = {}
+        for part, stretch in zip(self.problem.parts, self.stretch, strict=True):
+            windows = part.windows
+            states = fitted.states[first : first + len(windows)]
+            first += len(windows)
+            outputs = model.simulate(fitted.parameters[None], windows.with_states(states))[0]
+            recording = windows.recording
+            rows = np.minimum(windows.starts[:, None] + np.arange(stretch.shape[1]), len(recording) - 1)
+            signals = {"time": ("s", recording.time[rows])}
+            units = {signal.unit for signal in model.outputs}
+            for j, signal in enumerate(model.outputs):
+                if np.isfinite(outputs[:, :, j])[stretch >= 0].mean() < 0.9:
+                    continue
+                signals[signal.name] = (signal.unit, outputs[:, :, j])
+                if f"{signal.unit}/s" not in units and f"{signal.unit}s" not in units:
+                    rate = np.gradient(outputs[:, :, j], recording.step, axis=1)
+                    signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
+            for signal in model.inputs:
+                values = recording[signal.name]
+                if len(np.unique(values)) > 2:  # a flag moves nothing
+                    signals[signal.name] = (signal.unit, values[rows])
+                    lag = max(1, stretch.shape[1] // STRETCHES)
+                    before = values[np.maximum(rows - lag, 0)]
+                    signals[f"change of {signal.name}"] = (signal.unit, values[rows] - before)
+            for name, (unit, values) in signals.items():
+                collected.setdefault(name, (unit, []))[1].append(_averaged(values, stretch))
+        joined = {name: (unit, np.concatenate(values)) for name, (unit, values) in collected.items()}
+        return {name: (unit, values) for name, (unit, values) in joined.items() if np.ptp(values) > 0}
+
+
+def _groups(signals: Mapping[str, tuple[str, FloatArray]]) -> Iterable[Group]:
+    """Tables of every signal, and products of pairs."""
+    for name, (unit, values) in signals.items():
+        if name.startswith("change of"):
+            yield _line(name, unit, values)
+            continue
+        knots = np.unique(np.quantile(values, np.linspace(0.01, 0.99, KNOTS)))
+        if len(knots) >= 4:
+            yield Group(name, unit, _hats(values, knots), knots, np.eye(len(knots)))
+    moving = [n for n in signals if n != "time" and not n.startswith(("change of", "rate of"))]
+    for first, second in itertools.combinations(moving, 2):
+        a, b = signals[first][1], signals[second][1]
+        unit = f"{signals[first][0]} {signals[second][0]}"
+        yield _line(f"{first} times {second}", unit, a * b)
+        yield _line(f"{first} times size of {second}", unit, a * np.abs(b))
+        yield _line(f"{second} times size of {first}", unit, np.abs(a) * b)
+
+
+def _line(direction: str, unit: str, values: FloatArray) -> Group:
+    """A force in proportion to one quantity."""
+    low, high = np.quantile(values, [0.01, 0.99])
+    knots = np.linspace(low, high, 9)
+    return Group(direction, unit, values[:, :, None], knots, knots[:, None])
+
+
+def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
+    """Piecewise-linear hats at the knots, constant beyond the outer ones; shape (..., knots)."""
+    eye = np.eye(len(knots))
+    return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
+
+
+def _stretches(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
+    """Number of the stretch that each sample belongs to, -1 beyond the window."""
+    position = np.arange(samples)[None, :] / lengths[:, None]
+    index = np.minimum((position * STRETCHES).astype(np.int64), STRETCHES - 1)
+    return np.where(position < 1, index, -1)
+
+
+def _averaged(values: FloatArray, stretch: NDArray[np.int64]) -> FloatArray:
+    """Mean over each stretch, shape (windows, stretches)."""
+    result = np.zeros((len(values), STRETCHES))
+    for k in range(STRETCHES):
+        inside = (stretch == k) & np.isfinite(values)
+        result[:, k] = np.where(inside, values, 0.0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
+    return result
+
+
+def _responses(problem: Problem, fitted: Fit) -> FloatArray:
+    """Change of the features by a unit force on each stretch, shape (windows, features, stretches).
+
+    A model without such an entry gets an offset of its outputs instead.
+    """
+    base = problem.features - fitted.raw
+    result = np.zeros((*base.shape, STRETCHES))
+    size = 1.0
+    for k in range(STRETCHES):
+        forces = []
+        for part in problem.parts:
+            stretch = _stretches(part.windows.lengths, part.slots.shape[1])
+            force = np.zeros(len(part.windows.recording))
+            window, sample = np.nonzero(stretch == k)
+            force[part.windows.starts[window] + sample] = 1.0
+            forces.append(force)
+        if not problem.model.disturbance_unit:
+            result[:, :, k] = problem.average(forces)
+            continue
+        for _ in range(2 if k == 0 else 1):
+            change = problem.response(fitted.parameters, fitted.states, [size * f for f in forces]) - base
+            if k == 0:
+                # Small against the motion, so that the response is linear.
+                size *= float(np.sqrt(np.mean(fitted.raw**2) / (np.mean(change**2) + 1e-300)))
+        result[:, :, k] = change / size
+    return np.where(np.isfinite(result), result, 0.0)
+
+
+def _solve(wide: Fit) -> FloatArray:
+    """Gauss-Newton step of all active columns, zeros for the others."""
+    active = wide.active
+    columns = wide.jacobian[:, :, active]
+    flat = stacked(columns)
+    step = np.zeros(len(active))
+    step[active] = np.linalg.pinv(flat.T @ flat, hermitian=True, rcond=1e-8) @ (
+        flat.T @ wide.residual.reshape(-1)
+    )
+    return step
