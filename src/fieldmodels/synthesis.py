@@ -128,7 +128,8 @@ def synthesise(
     Args:
         model: The model whose extended form is the reality.
         reality: What differs from the nominal simulation.
-        inputs: The name of an excitation ("swing" for a path, of an axis); or the commands themselves, each of shape (n,) per episode.
+        inputs: The name of an excitation ("swing" for a path, of an axis); or the commands
+            themselves, each of shape (n,) per episode.
         duration: Length of an episode [s], if an excitation is named.
         step: Sampling interval [s].
         amplitude: Peak of the excitation, in the input's unit; of a swing, in the position's.
@@ -205,9 +206,9 @@ def _commands(
     rng: np.random.Generator,
 ) -> list[FloatArray]:
     """Commands of each episode, each of shape (n, inputs)."""
-    if inputs == "swing" and isinstance(model, OneAxis):
-        return [swing(model, duration, step, amplitude, rng)[:, None] for _ in range(episodes)]
     if isinstance(inputs, str):
+        if inputs == "swing" and isinstance(model, OneAxis):
+            return [swing(model, duration, step, amplitude, rng)[:, None] for _ in range(episodes)]
         return [
             amplitude * np.column_stack([excitation(inputs, duration, step, rng) for _ in model.inputs])
             for _ in range(episodes)

@@ -1,0 +1,278 @@
+"""What holds for both benches: rig and pendulum share one kernel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fieldmodels.model import Model, ModelError
+from fieldmodels.one_axis.model import OneAxis
+from fieldmodels.recording import Recording, Windows
+from fieldmodels.registry import get_model, model_names
+from fieldmodels.synthesis import synthesise
+
+STEP = 0.01
+BENCHES = ("rig", "pendulum")
+
+
+def bench(name: str) -> OneAxis:
+    model = get_model(name)
+    assert isinstance(model, OneAxis)
+    return model
+
+
+def recording(model: Model, command: np.ndarray, step: float = STEP) -> Recording:
+    return Recording(
+        time=np.arange(len(command)) * step,
+        signals={model.inputs[0].name: command} | {o.name: np.zeros(len(command)) for o in model.outputs},
+    )
+
+
+def one_window(
+    model: Model, command: np.ndarray, state: tuple[float, float] = (0.0, 0.0), step: float = STEP
+) -> Windows:
+    n = len(command)
+    return Windows(
+        recording=recording(model, command, step),
+        starts=np.array([0]),
+        lengths=np.array([n]),
+        states=np.array([state]),
+        observed=np.ones((1, n, 2), dtype=bool),
+    )
+
+
+def run(model, command, effects=None, base=None, state=(0.0, 0.0), step=STEP):
+    windows = one_window(model, command, state, step)
+    return model.simulate(model.vector(base, effects)[None, :], windows)[0, 0]
+
+
+def wave(model: Model, n: int = 300, seed: int = 0) -> np.ndarray:
+    """A lively command of the bench's usual size."""
+    rng = np.random.default_rng(seed)
+    return {"rig": 6.0, "pendulum": 0.5}[model.name] * np.repeat(rng.uniform(-1, 1, n // 10 + 1), 10)[:n]
+
+
+def typical(model: OneAxis) -> dict[str, dict[str, float]]:
+    """Every effect at a size that shows."""
+    values = {}
+    for effect in model.effects:
+        values[effect.name] = {p.name: p.starts[-1] for p in effect.parameters}
+    values["parameter_step"] = {"time": 1.0, "factor": 0.8}
+    values["actuator_saturation"] = {"limit": 0.3 * float(np.max(wave(model)))}
+    values["actuator_dead_zone"] = {"width": 0.2 * float(np.max(wave(model)))}
+    return values
+
+
+EFFECTS = [(name, effect.name) for name in BENCHES for effect in bench(name).effects]
+
+
+def oracle(model, command, base, force, state=(0.0, 0.0), step=STEP):
+    """The equation of motion solved by an adaptive method, restarted where the held command switches."""
+    inertia, rest = base
+    out = np.empty((len(command), 2))
+    out[0] = state
+    for i, u in enumerate(command[:-1]):
+        result = solve_ivp(
+            lambda t, y, u=u: [y[1], (u + force(t, y[0], y[1]) + rest(y[0], y[1])) / inertia],
+            (i * step, (i + 1) * step), out[i], method="DOP853", rtol=1e-11, atol=1e-13,
+        )  # fmt: skip
+        out[i + 1] = result.y[:, -1]
+    return out
+
+
+def nominal_rest(model):
+    if model.name == "rig":
+        return 2.0, lambda x, v: -4.0 * v - 80.0 * x
+    return 0.0626, lambda x, v: -1.0 * np.sin(x)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_nominal_agrees_with_an_adaptive_integrator(name):
+    model = bench(name)
+    command = wave(model, 100)
+    expected = oracle(model, command, nominal_rest(model), lambda t, x, v: 0.0)
+    np.testing.assert_allclose(run(model, command), expected, atol=2e-6 * np.abs(expected).max())
+
+
+FORCES = {
+    "quadratic_drag": lambda p: lambda t, x, v: -p["coefficient"] * v * abs(v),
+    "cubic_stiffness": lambda p: lambda t, x, v: -p["coefficient"] * x**3,
+    "constant_force": lambda p: lambda t, x, v: next(iter(p.values())),
+    "periodic_force": lambda p: (
+        lambda t, x, v: (
+            p["sine"] * np.sin(2 * np.pi * p["frequency"] * t)
+            + p["cosine"] * np.cos(2 * np.pi * p["frequency"] * t)
+        )
+    ),
+    "viscous_friction": lambda p: lambda t, x, v: -p["coefficient"] * v,
+}
+
+
+@pytest.mark.parametrize(("name", "effect"), [pair for pair in EFFECTS if pair[1] in FORCES])
+def test_forces_agree_with_an_adaptive_integrator(name, effect):
+    model = bench(name)
+    command, values = wave(model, 60), typical(model)[effect]
+    expected = oracle(model, command, nominal_rest(model), FORCES[effect](values))
+    np.testing.assert_allclose(
+        run(model, command, {effect: values}), expected, atol=2e-6 * np.abs(expected).max()
+    )
+
+
+@pytest.mark.parametrize(("name", "effect"), EFFECTS)
+def test_an_effect_changes_the_output_and_its_neutral_values_do_not(name, effect):
+    model = bench(name)
+    command = wave(model)
+    nominal = run(model, command)
+    values = typical(model)[effect]
+    assert np.abs(run(model, command, {effect: values}) - nominal).max() > 1e-4 * np.abs(nominal).max()
+    off = {p.name: p.nominal for p in model.effect(effect).parameters}
+    np.testing.assert_array_equal(run(model, command, {effect: off}), nominal)
+    # The first parameter switches the effect, whatever the others are (the step's is its factor).
+    switches = {"periodic_force": ("sine", "cosine"), "parameter_step": ("factor",)}
+    for switch in switches.get(effect, (model.effect(effect).parameters[0].name,)):
+        values[switch] = off[switch]
+    np.testing.assert_array_equal(run(model, command, {effect: values}), nominal)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_row_of_a_batch_equals_the_same_simulation_alone_to_the_bit(name):
+    model = bench(name)
+    data = synthesise(model, None, "swing", duration=3.0, amplitude=0.1, rng=np.random.default_rng(0))
+    windows = model.windows(data, 0.3)
+    batch = np.array([model.vector(effects={effect: values}) for effect, values in typical(model).items()])
+    together = model.simulate(batch, windows)
+    for i in range(len(batch)):
+        np.testing.assert_array_equal(model.simulate(batch[i : i + 1], windows)[0], together[i])
+    for w in (0, len(windows) - 1):
+        alone = model.simulate(batch, windows.select(np.array([w])))
+        np.testing.assert_array_equal(alone[:, 0], together[:, w])
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_mirrored_commands_give_mirrored_motion(name):
+    model = bench(name)
+    command = wave(model)
+    one_sided = {"constant_force", "periodic_force", "actuator_asymmetry", "sensor_bias", "sensor_drift"}
+    effects = {k: v for k, v in typical(model).items() if k not in one_sided | {"sensor_quantisation"}}
+    np.testing.assert_array_equal(run(model, -command, effects), -run(model, command, effects))
+
+
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("delay", [0.03, 0.0237])
+def test_a_delay_shifts_the_response_and_sensor_delay_shows_the_velocity_in_time(name, delay):
+    model = bench(name)
+    command = np.concatenate([np.zeros(20), wave(model, 200)])
+    fine = np.repeat(command, 100)  # 0.1 ms: both delays are whole numbers of it
+    prompt = run(model, fine, step=STEP / 100)
+    shift = round(delay / STEP * 100)
+    expected = np.vstack([np.zeros((shift, 2)), prompt])[: len(fine) : 100]
+    scale = np.abs(prompt).max(axis=0)
+    late = run(model, command, {"actuator_delay": {"delay": delay}})
+    np.testing.assert_allclose(late / scale, expected / scale, atol=3e-6)
+    seen = run(model, command, {"sensor_delay": {"delay": delay}})
+    np.testing.assert_allclose(seen[:, 0] / scale[0], expected[:, 0] / scale[0], atol=3e-6)
+    np.testing.assert_allclose(seen[:, 1] / scale[1], prompt[::100, 1] / scale[1], atol=3e-6)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"actuator_delay": {"delay": 0.0137}},
+        {"actuator_lag": {"time_constant": 0.05}},
+        {"actuator_lag": {"time_constant": 0.05}, "actuator_delay": {"delay": 0.0237}},
+    ],
+)
+def test_a_window_remembers_the_commands_before_it(name, effects):
+    model = bench(name)
+    command = wave(model)
+    whole = run(model, command, effects)
+    later = replace(
+        one_window(model, command),
+        starts=np.array([100]),
+        lengths=np.array([200]),
+        states=whole[100:101],
+    )
+    got = model.simulate(model.vector(effects=effects)[None, :], later)[0, 0]
+    np.testing.assert_allclose(got, whole[100:], atol=1e-9 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_window_states_are_what_the_sensors_show(name):
+    model = bench(name)
+    command = wave(model)
+    for effect in ("sensor_gain", "sensor_drift", "backlash"):
+        values = {effect: typical(model)[effect]}
+        out = run(model, command, values, state=(0.05, 0.1))
+        assert out[0, 0] == pytest.approx(0.05, abs=1e-12), effect
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_coulomb_friction_holds_and_slides(name):
+    model = bench(name)
+    f = model.axis.force_name
+    restless = run(model, np.full(200, 0.099), {"coulomb_friction": {f: 0.1}})
+    np.testing.assert_array_equal(restless, 0.0)
+    # Sliding at F_c below the command equals no friction under the difference, until it turns.
+    pushed = run(model, np.full(10, 0.3), {"coulomb_friction": {f: 0.1}})
+    np.testing.assert_allclose(pushed, run(model, np.full(10, 0.2)), atol=1e-12)
+    # Released from a deflection, it comes to a full stop off its middle.
+    released = run(model, np.zeros(1500), {"coulomb_friction": {f: 0.1}}, state=(0.4, 0.0))
+    assert released[-1, 1] == 0.0
+    assert released[-1, 0] != 0.0
+    np.testing.assert_array_equal(released[-1], released[-100])
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_sampling_finer_does_not_change_coulomb_motion(name):
+    model = bench(name)
+    f = model.axis.force_name
+    command = wave(model, 200)
+    effects = {"coulomb_friction": {f: 0.3 * float(np.abs(command).max())}}
+    coarse = run(model, command, effects)
+    fine = run(model, np.repeat(command, 50), effects, step=STEP / 50)[::50]
+    scale = np.abs(fine).max(axis=0)
+    np.testing.assert_allclose(coarse / scale, fine / scale, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_initial_states_are_close_with_and_without_a_velocity_sensor(name):
+    model = bench(name)
+    rng = np.random.default_rng(3)
+    data = synthesise(model, None, "swing", duration=10.0, amplitude=0.3, rng=rng, noise=0.1)
+    truth = synthesise(
+        model, None, "swing", duration=10.0, amplitude=0.3, rng=np.random.default_rng(3), noise=False
+    )
+    starts = np.array([0, 1, 200, 500, 999])
+    bare = replace(data, signals={k: v for k, v in data.signals.items() if k != "velocity"})
+    for measured in (data, bare):
+        states = model.initial_states(measured, starts)
+        for j, signal in enumerate(model.outputs):
+            span = np.ptp(truth[signal.name])
+            assert np.abs(states[2:, j] - truth[signal.name][starts[2:]]).max() < 0.03 * span
+            assert np.abs(states[:2, j] - truth[signal.name][starts[:2]]).max() < 0.1 * span
+
+
+def test_scales_of_a_small_bench_are_found_from_its_data():
+    """A bench of grams and micrometres: the starts fit it, though the nominal values are kilograms."""
+    rig = bench("rig")
+    base = {"mass": 3e-3, "damping": 2e-2, "stiffness": 1.5}
+    data = synthesise(
+        rig, {"parameters": base}, "multisine", amplitude=1e-3, duration=20.0,
+        rng=np.random.default_rng(0), noise={"position": 1e-6, "velocity": 2e-5},
+    )  # fmt: skip
+    scaled = rig.scaled_to([data])
+    for parameter in scaled.parameters:
+        assert parameter.starts[0] == pytest.approx(base[parameter.name], rel=0.2)
+    assert scaled.outputs[0].noise == pytest.approx(1e-6, rel=0.1)
+    assert scaled.names == rig.names
+    np.testing.assert_array_equal(scaled.nominal, rig.nominal)
+
+
+def test_the_registry_knows_its_models_and_helps_with_a_slip():
+    assert {"rig", "pendulum", "heel_strike"} <= set(model_names())
+    with pytest.raises(ModelError, match="did you mean 'pendulum'"):
+        get_model("pendulm")
