@@ -166,7 +166,7 @@ class CsvTable(Table):
             if "Empty CSV file" in str(error) or "Could not skip" in str(error):  # nothing but the header
                 return {name: np.empty(0) for name in names}
             raise self.fail(list(islice(self._bad_cells(names), SHOWN)) or [Problem(str(error))]) from None
-        if any(not math.isfinite(values.sum()) for values in columns.values()):
+        if any(not np.isfinite(values).all() for values in columns.values()):
             bad = list(islice(self._bad_cells(names), SHOWN))
             if bad:
                 raise self.fail(bad)

@@ -1,0 +1,151 @@
+"""Public recordings are found, checked, and read with their own column names."""
+
+import hashlib
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from fieldmodels import datasets
+from fieldmodels.datasets import DatasetError, dataset_names, fetch, get_dataset, open_recording, recognise
+from fieldmodels.recording import RecordingError
+from fieldmodels.registry import get_model
+
+DDP = "dfki_simple_pendulum/ddp"
+
+
+@pytest.fixture
+def offline(monkeypatch, tmp_path):
+    """No local data, an empty cache, no network."""
+    import pooch
+
+    monkeypatch.delenv("FIELDGYM_DATA", raising=False)
+    monkeypatch.setattr(pooch, "os_cache", lambda _name: tmp_path / "cache")
+
+    def unreachable(*_args, **_more):
+        raise ConnectionError("no network")
+
+    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", unreachable)
+
+
+def test_every_entry_is_whole():
+    for name in dataset_names():
+        dataset = get_dataset(name)
+        assert re.fullmatch(r"[0-9a-f]{64}", dataset.sha256)
+        assert dataset.file.startswith(name.split("/")[0])
+        assert dataset.licence
+        if dataset.url:
+            assert re.match(r"https://raw\.githubusercontent\.com/[^/]+/[^/]+/[0-9a-f]{40}/", dataset.url)
+        assert not dataset.columns or "t" in dataset.columns
+
+
+def test_every_local_file_has_its_checksum(public_data):
+    present = [n for n in dataset_names() if (public_data / get_dataset(n).file).is_file()]
+    assert DDP in present
+    for name in present:
+        assert recognise(fetch(name)) is get_dataset(name)
+
+
+def test_a_public_recording_opens_by_name(public_data):
+    recording = open_recording(DDP, get_model("pendulum"))
+    assert len(recording) == 3000
+    assert recording.step == pytest.approx(0.002, rel=1e-3)
+    assert recording.units == {"torque": "N m", "angle": "rad", "velocity": "rad/s"}
+    assert recording["angle"][-1] == pytest.approx(np.pi, abs=0.05)  # the swing-up ends upright
+
+
+def test_its_content_is_recognised_under_any_name(public_data, tmp_path):
+    shutil.copy(fetch(DDP), tmp_path / "mine.csv")
+    assert "angle" in open_recording(tmp_path / "mine.csv", get_model("pendulum"))
+
+
+def test_degrees_and_per_cent_of_the_propeller_arm_are_converted(public_data):
+    recording = open_recording("quarter_drone/swept_sine")
+    assert recording["angle"][0] == pytest.approx(np.deg2rad(18.11), rel=1e-12)
+    assert recording["command"][0] == pytest.approx(-0.1, rel=1e-12)
+    assert recording.step == pytest.approx(0.01)
+
+
+def test_a_model_that_needs_another_signal_says_so(public_data):
+    with pytest.raises(RecordingError, match=r"'torque' .*is missing"):
+        open_recording("quarter_drone/steps", get_model("pendulum"))
+
+
+def test_a_gap_of_a_real_log_is_found(public_data):
+    with pytest.raises(RecordingError, match=r"'time', row 22: gap of 0\.00549"):
+        open_recording("dfki_simple_pendulum/gravity_compensation")
+
+
+def test_a_table_of_windows_is_no_recording(public_data):
+    with pytest.raises(DatasetError, match="no record over time"):
+        open_recording("drive_ugv/warthog")
+
+
+def test_a_damaged_local_file_is_refused(monkeypatch, tmp_path):
+    path = tmp_path / get_dataset(DDP).file
+    path.parent.mkdir()
+    path.write_text("t,angle\n0,1\n")
+    monkeypatch.setenv("FIELDGYM_DATA", str(tmp_path))
+    with pytest.raises(DatasetError, match=r"damaged or changed: its SHA-256 is not 14748fd189ab"):
+        fetch(DDP)
+
+
+def test_out_of_reach_says_where_to_put_it(offline):
+    with pytest.raises(
+        DatasetError, match=r"could not be fetched.*put the file at \$FIELDGYM_DATA/dfki_simple"
+    ):
+        fetch(DDP)
+    with pytest.raises(DatasetError, match="published in another format"):
+        fetch("drive_ugv/warthog")
+
+
+def test_fetched_once_then_taken_from_the_cache(offline, monkeypatch, tmp_path):
+    import pooch
+
+    content = b"time,position,velocity,torque\n"
+    fake = datasets.Dataset(
+        DDP,
+        "a/b.csv",
+        len(content),
+        hashlib.sha256(content).hexdigest(),
+        "",
+        "",
+        "",
+        url="https://example.org/b",
+    )
+    monkeypatch.setitem(datasets._BY_NAME, DDP, fake)
+    asked = []
+
+    def download(_self, url, output, _pooch):
+        asked.append(url)
+        with open(output, "wb") as file:  # noqa: PTH123
+            file.write(content)
+
+    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", download)
+    assert fetch(DDP).read_bytes() == content
+    assert fetch(DDP) == tmp_path / "cache" / "a" / "b.csv"
+    assert asked == ["https://example.org/b"]
+
+
+def test_a_download_of_other_content_is_refused(offline, monkeypatch):
+    import pooch
+
+    def download(_self, _url, output, _pooch):
+        with open(output, "wb") as file:  # noqa: PTH123
+            file.write(b"<html>moved</html>")
+
+    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", download)
+    with pytest.raises(DatasetError, match="is not the published file"):
+        fetch(DDP)
+
+
+@pytest.mark.parametrize("source", ["dfki_simple_pendulum/dpd", "quarter_drone"])
+def test_a_misspelt_name_is_guessed(source):
+    with pytest.raises(DatasetError, match=r"did you mean|known:"):
+        open_recording(source)
+
+
+def test_a_missing_file_is_no_name(tmp_path):
+    with pytest.raises(RecordingError, match="no such file"):
+        open_recording(tmp_path / "log.csv")

@@ -1,0 +1,448 @@
+"""Recordings survive a file; what is wrong with a file is said with column, row and remedy."""
+
+import subprocess
+import sys
+import textwrap
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fieldmodels.recording import Recording, RecordingError, RecordingWarning
+from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.registry import get_model
+
+PENDULUM = get_model("pendulum")
+RIG = get_model("rig")
+
+
+def table(**columns) -> str:
+    """CSV text of named columns."""
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(str(cell) for cell in row) for row in rows)]) + "\n"
+
+
+def bench(n=100, step=0.01, **more) -> dict[str, list]:
+    """Columns of a good record of the rig."""
+    time = [round(i * step, 9) for i in range(n)]
+    columns = {"t": time, "force": [0.5] * n, "position": [0.001 * (i % 7) for i in range(n)]}
+    return {**columns, **more}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a file and give its path."""
+
+    def write_(content: str | bytes, name="log.csv") -> Path:
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return write_
+
+
+def refused(path, *parts, model=RIG, **options) -> str:
+    """Loading fails; the message names the file and has all parts."""
+    with pytest.raises(RecordingError) as caught:
+        load_recording(path, model, **options)
+    message = str(caught.value)
+    for part in (str(path), *parts):
+        assert part in message, message
+    return message
+
+
+# Round trip
+
+NAMES = st.text(
+    st.characters(codec="utf-8", exclude_characters='"\r\n', exclude_categories=["Cs", "Cc", "Zs"]),
+    min_size=1,
+    max_size=8,
+).filter(lambda name: name.strip() == name and name not in ("t", "episode"))
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def recordings(draw) -> Recording:
+    """Any recording on an even grid, values of any size."""
+    lengths = draw(st.lists(st.integers(2, 5), min_size=1, max_size=3))
+    labels = draw(st.lists(st.integers(-(2**53), 2**53), min_size=3, max_size=3, unique=True))
+    step = draw(st.sampled_from([1e-3, 0.01, 1 / 3]))
+    n = sum(lengths)
+    column = st.lists(FINITE, min_size=n, max_size=n).map(np.array)
+    return Recording(
+        time=np.concatenate([np.arange(length) * step for length in lengths]),
+        signals=draw(st.dictionaries(NAMES, column, min_size=1, max_size=3)),
+        episode=np.repeat(labels[: len(lengths)], lengths),
+    )
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(recording=recordings())
+def test_saved_and_loaded_is_equal_to_the_bit(tmp_path, suffix, recording):
+    path = tmp_path / f"r{suffix}"
+    save_recording(recording, path)
+    loaded = load_recording(path)
+    assert list(loaded.signals) == list(recording.signals)
+    for name in recording.signals:
+        assert loaded[name].tobytes() == recording[name].tobytes()
+    assert loaded.time.tobytes() == recording.time.tobytes()
+    assert np.array_equal(loaded.episode, recording.episode)
+
+
+def test_parquet_keeps_units_and_converts_them(tmp_path):
+    time = np.arange(50) * 0.01
+    degrees = Recording(time, {"torque": time, "angle": 90 + time}, {"torque": "N m", "angle": "deg"})
+    save_recording(degrees, tmp_path / "r.parquet")
+    assert load_recording(tmp_path / "r.parquet").units == {"torque": "N m", "angle": "deg"}
+    loaded = load_recording(tmp_path / "r.parquet", PENDULUM)
+    assert loaded.units["angle"] == "rad"
+    assert loaded["angle"][0] == pytest.approx(np.pi / 2, rel=1e-15)
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path):
+    path = tmp_path / "r.csv"
+    time = np.arange(3.0)
+    save_recording(Recording(time, {"x": time}), path)
+    before = path.read_bytes()
+    with pytest.raises(RecordingError, match="signal 'x', sample 1: nan"):
+        save_recording(Recording(time, {"x": np.array([0, np.nan, 1])}), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
+
+
+@pytest.mark.parametrize("name", ["t", "episode", "", " x", 'a"b', "a\nb"])
+def test_a_name_that_no_header_carries_is_refused(tmp_path, name):
+    with pytest.raises(RecordingError, match="cannot be named"):
+        save_recording(Recording(np.arange(3.0), {name: np.arange(3.0)}), tmp_path / "r.csv")
+
+
+# What is read
+
+
+def test_only_the_models_signals_are_read(write):
+    path = write(table(**bench(note=["text"] * 100)))
+    loaded = load_recording(path, RIG)
+    assert sorted(loaded.signals) == ["force", "position"]
+    assert loaded.units == {"force": "N", "position": "m"}
+    assert loaded.step == pytest.approx(0.01)
+
+
+def test_columns_are_renamed_and_converted(write):
+    n = 100
+    path = write(table(time=[10 * i for i in range(n)], pos=[180] * n, Tau=[7.0] * n))
+    with pytest.warns(RecordingWarning, match="'angle' never changes"):
+        loaded = load_recording(path, PENDULUM, {"t": "time:ms", "angle": "pos:deg", "torque": "Tau:mNm"})
+    assert loaded.time[-1] == pytest.approx(0.99)
+    assert np.allclose(loaded["angle"], np.pi, rtol=1e-15)
+    assert np.allclose(loaded["torque"], 0.007, rtol=1e-15)
+
+
+def test_a_column_named_with_a_colon_is_taken_by_its_name(write):
+    path = write("t,angle:deg\n0,1\n0.1,2\n")
+    assert load_recording(path, columns={"angle": "angle:deg"})["angle"][1] == 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufefft,x\n0,1\n0.5,2\n",
+        "t , x\r\n0, 1\r\n0.5 ,2\r\n",
+        't,"x"\n0,"1"\n0.5,2',
+        "t,x\n0,1\n\n0.5,2\n\n",
+    ],
+    ids=["byte order mark", "spaces and CRLF", "quotes", "blank lines"],
+)
+def test_harmless_varieties_of_csv_are_read(write, text):
+    loaded = load_recording(write(text))
+    assert loaded.time.tolist() == [0, 0.5]
+    assert loaded["x"].tolist() == [1, 2]
+
+
+# Header
+
+
+def test_a_missing_column_is_guessed(write):
+    path = write(table(**bench(postion=[1] * 100)).replace(",position", ",x"))
+    refused(path, "column 'position' [m] is missing", "did you mean 'postion'?", "t, force, x, postion")
+
+
+def test_a_unit_in_the_header_leads_to_its_declaration(write):
+    refused(
+        write(table(**bench()).replace("position", "Position [mm]")), "declare 'position=Position [mm]:mm'"
+    )
+    refused(write(table(**bench()).replace("t,", "time (ms),", 1)), "declare 't=time (ms):ms'")
+
+
+def test_a_doubled_name_and_a_missing_column_are_both_reported(write):
+    path = write(table(**bench()).replace("t,force", "t,position"))
+    refused(path, "2 problems", "'position': appears more than once", "column 'force' [N] is missing")
+
+
+def test_a_wrong_mapping_is_reported(write):
+    path = write(table(**bench()))
+    refused(path, "no signal 'forze'", "did you mean 'force'", columns={"forze": "force"})
+    refused(path, "column 'force'", "'mm' does not measure a quantity in 'N'", columns={"force": "force:mm"})
+    refused(path, "column 'x'", "missing", columns={"force": "x"})
+    refused(path, "declared for two signals", columns={"force": "position"})
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("", ["empty"]),
+        ("\n\n", ["empty"]),
+        ("t,force,position", ["no data rows"]),
+        ("t,force,position\n", ["no data rows"]),
+        ("t,force,position\n0,1,2\n", ["one data row"]),
+        ("0,1,2\n0.1,1,2\n", ["row 1", "the first line must name the columns"]),
+        ("# log\nt,force,position\n0,1,2\n", ["row 1", "comment"]),
+        ("t;force;position\n0;1;2\n", ["separated by semicolons", "sep=';'"]),
+        ("t\tforce\tposition\n0\t1\t2\n", ["separated by tabs"]),
+    ],
+)
+def test_files_without_header_or_rows(write, text, parts):
+    refused(write(text), *parts)
+
+
+# Cells
+
+
+@pytest.mark.parametrize(
+    ("cell", "part"),
+    [
+        ("high", "'high' is not a number"),
+        ('"0,5"', "'0,5' has a decimal comma; write 0.5"),
+        ("", "the cell is empty"),
+        ("NaN", "NaN is not a finite number"),
+        ("inf", "inf is not a finite number"),
+        ("0x1p3", "'0x1p3' is not a number"),
+        ("0,5", "row 5: 4 cells, but the header has 3; a decimal comma?"),
+    ],
+)
+def test_a_bad_cell_is_named_by_column_and_row(write, cell, part):
+    lines = table(**bench()).splitlines()
+    lines[4] = f"0.03,{cell},0.1"
+    message = refused(write("\n".join(lines)), part, "row 5")
+    assert cell == "0,5" or "column 'force'" in message
+
+
+def test_rows_count_as_an_editor_shows_them(write):
+    lines = table(**bench()).splitlines()
+    lines[50] = "0.49,oops,0"
+    lines.insert(10, "")
+    lines.insert(20, "")
+    path = write("\n".join(lines))
+    row = 1 + path.read_text().splitlines().index("0.49,oops,0")
+    refused(path, f"column 'force', row {row}: 'oops'")
+
+
+def test_several_bad_cells_are_reported_at_once(write):
+    columns = bench()
+    columns["force"][3] = "a"
+    columns["position"][7] = ""
+    refused(write(table(**columns)), "2 problems", "'force', row 5", "'position', row 9")
+
+
+def test_a_bad_cell_far_down_is_found(write):
+    columns = bench(200_000)
+    columns["position"][199_000] = "x"
+    refused(write(table(**columns)), "column 'position', row 199002: 'x' is not a number")
+
+
+# Time
+
+
+def test_gaps_are_listed_and_the_rest_counted(write):
+    keep = [i for i in range(1000) if i % 100 not in (50, 51, 52)]
+    path = write(table(**{k: [v[i] for i in keep] for k, v in bench(1000).items()}))
+    refused(path, "'t', row 52: gap of 0.04 s (the other rows are 0.01 s apart)", "'episode'", "5 more gaps")
+
+
+def test_gaps_between_episodes_are_none(write):
+    columns = bench(200, episode=[1] * 120 + [2] * 80)
+    columns["t"] = [t + (100 if e == 2 else 0) for t, e in zip(columns["t"], columns["episode"], strict=True)]
+    assert load_recording(write(table(**columns)), RIG).bounds.tolist() == [[0, 120], [120, 200]]
+
+
+@pytest.mark.parametrize(("share", "bad"), [(0.005, False), (0.02, True)])
+def test_jitter_is_allowed_up_to_one_per_cent(write, share, bad):
+    steps = 0.01 * (1 + share * np.resize([1, -1], 999))
+    path = write(table(**{**bench(1000), "t": np.concatenate([[0], np.cumsum(steps)])}))
+    if bad:
+        refused(path, "'t', row", "the time step varies by 2 %", "interpolate")
+    else:
+        load_recording(path, RIG)
+
+
+def test_time_that_repeats_or_falls(write):
+    columns = bench()
+    columns["t"][40] = columns["t"][39]
+    refused(write(table(**columns)), "'t', row 42: t = 0.39 s does not come after 0.39 s; sort the rows")
+    two_runs = {k: v + v for k, v in bench().items()}
+    refused(write(table(**two_runs)), "row 102", "a new run? number the runs in a column 'episode'")
+
+
+def test_episode_numbers_are_integers_and_not_taken_up_again(write):
+    refused(write(table(**bench(episode=[1] * 50 + [1.5] * 50))), "'episode', row 52: 1.5 is not an integer")
+    refused(
+        write(table(**bench(episode=[1] * 20 + [2] * 20 + [1] * 60))), "row 42: episode 1 is taken up again"
+    )
+
+
+def test_a_record_shorter_than_the_horizon(write):
+    refused(write(table(**bench(15))), "the longest record lasts 0.14 s, shorter than the 0.2 s", "longer")
+    refused(write(table(**bench(50))), "0.49 s, shorter than the 2 s", horizon=2.0)
+    refused(write(table(**bench(50, step=0.1))), "one row every 0.1 s is too coarse", "sample faster")
+
+
+def test_milliseconds_are_recognised(write):
+    path = write(table(**bench(step=10)))
+    refused(path, "one row every 10 s", "looks like milliseconds: declare it as 't=t:ms'")
+    assert load_recording(path, RIG, {"t": "t:ms"}).step == pytest.approx(0.01)
+    with pytest.warns(RecordingWarning, match="'t=t:ms'"):
+        load_recording(path)
+
+
+# Suspicions
+
+
+def swing(scale=1.0, rate=1.0, amplitude=1.2) -> str:
+    t = np.arange(500) * 0.01
+    return table(
+        t=t,
+        torque=np.sin(t),
+        angle=scale * amplitude * np.sin(3 * t),
+        velocity=rate * 3 * amplitude * np.cos(3 * t),
+    )
+
+
+def test_a_good_record_raises_no_suspicion(write):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_recording(write(swing()), PENDULUM)
+        load_recording(write(table(**bench())), RIG)
+
+
+def test_an_angle_in_degrees_is_suspected_and_why(write):
+    degrees = 180 / np.pi
+    text = table(**{**bench(), "angle": np.linspace(-40, 40, 100), "torque": [0] * 100})
+    with pytest.warns(
+        RecordingWarning, match=r"'angle' spans 80, as radians 12\.7 turns; .*'angle=angle:deg'"
+    ):
+        load_recording(write(text), PENDULUM)
+    with pytest.warns(
+        RecordingWarning, match="'angle' looks like degrees: it changes 57.* as fast as 'velocity'"
+    ):
+        load_recording(write(swing(scale=degrees, amplitude=0.05)), PENDULUM)
+    with pytest.warns(RecordingWarning, match="'velocity' looks like degrees"):
+        load_recording(write(swing(rate=degrees)), PENDULUM)
+
+
+def test_a_position_in_millimetres_is_suspected(write):
+    t = np.arange(500) * 0.01
+    text = table(t=t, force=np.sin(t), position=100 * np.sin(3 * t), velocity=0.3 * np.cos(3 * t))
+    with pytest.warns(RecordingWarning, match="'position' looks like millimetres"):
+        load_recording(write(text), RIG)
+
+
+# Files that are not what they seem
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (b"\x00\x01\x02\x03" * 100, "binary file"),
+        (b"t,x\n0,1\n\x00\x00", "binary file"),
+        (b"PAR1\x15\x04", "a Parquet file: rename it"),
+        (b"PK\x03\x04\x14", "Excel"),
+        (b"\x1f\x8b\x08", "gzip"),
+        ("t,x\n0,1\n".encode("utf-16"), "UTF-16"),
+        ("t,Kraft ü\n0,1\n".encode("latin-1"), "row 1: byte 9 is not UTF-8"),
+        (b"\x93NUMPY\x01", "not UTF-8"),
+    ],
+)
+def test_other_content_named_csv(write, content, part):
+    refused(write(content), part)
+
+
+def test_binary_content_after_a_good_start(write):
+    text = table(**bench(20_000)).encode()
+    refused(write(text + bytes(range(1, 256)) * 10), "row 20002")
+
+
+@pytest.mark.parametrize("content", [b"", b"t,x\n0,1\n", b"PAR1" + b"\x00" * 50 + b"PAR1"])
+def test_broken_parquet(write, content):
+    refused(write(content, "log.parquet"), "not a readable Parquet file")
+
+
+def test_damaged_parquet_pages(write, tmp_path):
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table(bench(5000)), path)
+    data = bytearray(path.read_bytes())
+    data[4:400] = b"\xff" * 396
+    refused(write(bytes(data), "log.parquet"), "damaged Parquet data")
+
+
+def test_parquet_cells_and_types(tmp_path):
+    path = tmp_path / "log.parquet"
+    columns = bench()
+    columns["force"] = [*columns["force"][:9], None, *columns["force"][10:]]
+    pq.write_table(pa.table(columns), path)
+    refused(path, "column 'force', row 10: a missing value")
+    pq.write_table(pa.table(bench(force=["1"] * 100)), path)
+    refused(path, "column 'force'", "holds string, not numbers")
+    pq.write_table(pa.table(bench(t=pa.array(range(100), pa.timestamp("ms")))), path)
+    refused(path, "column 't'", "write seconds as a number")
+
+
+def test_paths_that_are_no_readable_file(tmp_path, write):
+    write("t,x\n", "bench_1.csv")
+    refused(tmp_path / "bench1.csv", "no such file", "did you mean", "bench_1.csv")
+    refused(tmp_path / "nowhere" / "a.csv", "there is no directory")
+    refused(tmp_path, "is a directory", "bench_1.csv")
+    refused(write("t,x\n", "log.xlsx"), "files named .xlsx are not read")
+
+
+# Size
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads Linux's /proc")
+def test_memory_is_bounded_by_the_columns_that_are_kept(tmp_path):
+    """150 MB of text, of which 3 columns of 24 are kept (5 MB): the peak stays far below the file's size."""
+    script = textwrap.dedent(
+        """
+        import sys, re
+        import numpy as np, pyarrow as pa, pyarrow.csv
+        from pathlib import Path
+        from fieldmodels.recording_files import load_recording
+        from fieldmodels.registry import get_model
+
+        peak = lambda: int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+        path, rows = Path(sys.argv[1]), 20_000
+        noise = np.random.default_rng(0).normal(size=(22, rows))
+        rig = get_model("rig")
+        with path.open("wb") as file:
+            file.write((",".join(["t", "force", "position", *(f"x{i}" for i in range(21))]) + "\\n").encode())
+            for block in range(17):
+                time = (block * rows + np.arange(rows)) * 0.001
+                columns = pa.table([time, *noise, np.sin(time)], names=[str(i) for i in range(24)])
+                pa.csv.write_csv(columns, file, pa.csv.WriteOptions(include_header=False))
+        before = peak()
+        recording = load_recording(path, rig)
+        assert len(recording) == 17 * rows
+        print(path.stat().st_size / 1e6, (peak() - before) / 1e3)
+        """
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script, tmp_path / "big.csv"], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    size, grown = map(float, run.stdout.split())
+    assert size > 130
+    assert grown < size / 2
