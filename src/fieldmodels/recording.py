@@ -112,8 +112,8 @@ class Windows:
 
     @property
     def samples(self) -> int:
-        """Length of the longest window."""
-        return int(self.lengths.max()) if len(self.lengths) else 0
+        """Samples that arrays over windows have room for: no window is longer."""
+        return int(self.observed.shape[1])
 
     def select(self, which: BoolArray | IntArray) -> Windows:
         """Keep some of the windows."""

@@ -26,6 +26,7 @@ IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
 TRIED = 2  # starts that are followed after screening
 BATCH = 100  # parameter vectors a call, which bounds memory
+SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
 MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as determined
 
@@ -277,7 +278,8 @@ def _smallest_singular(jacobian: FloatArray) -> float:
 def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[float]:
     """Starts of one parameter; a frequency and a moment of change are searched over the whole record."""
     parameter = effect.parameters[k]
-    if parameter.unit == "Hz":
+    large = sum(p.slots.shape[0] * p.slots.shape[1] for p in problem.parts) > SCANNED
+    if parameter.unit == "Hz" and not (large and parameter.starts):
         duration = max(np.ptp(p.windows.recording.time) for p in problem.parts)
         step = min(p.windows.recording.step for p in problem.parts)
         grid = np.arange(max(1 / duration, 0.2), min(10.0, 0.4 / step), 0.5 / duration)

@@ -6,8 +6,6 @@ walk), an off-centre mass (the same), a gravity error (the length).
 
 from __future__ import annotations
 
-import math
-
 from fieldmodels.model import Effect, Parameter
 
 ACCELERATION = "rad/s2"
@@ -20,7 +18,6 @@ def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)
         duration: Length of the longest recording [s]; times and frequencies are resolved by it.
         frequencies: Where a periodic force may be sought [Hz].
     """
-    phases = (0.0, math.pi / 2, math.pi, 3 * math.pi / 2)
     return (
         Effect(
             "viscous_friction",
@@ -55,11 +52,11 @@ def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)
             "A periodic torque acts on the leg, for example from an unbalanced motor.",
             "force",
             (
-                Parameter("amplitude", ACCELERATION, 0.0, 0.0, 5.0, 0.1, starts=(0.2,)),
+                Parameter("sine", ACCELERATION, 0.0, -5.0, 5.0, 0.1),
+                Parameter("cosine", ACCELERATION, 0.0, -5.0, 5.0, 0.1),
                 Parameter("frequency", "Hz", 1.0, 0.05, 20.0, 0.05 / duration, starts=frequencies),
-                Parameter("phase", "rad", 0.0, -4 * math.pi, 4 * math.pi, 0.1, starts=phases),
             ),
-            "+amplitude * sin(2 pi * frequency * t + phase)",
+            "sine * sin(2 pi * frequency * t) + cosine * cos(2 pi * frequency * t)",
         ),
         Effect(
             "gyro_bias",

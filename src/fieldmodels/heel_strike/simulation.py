@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.heel_strike.truth import (
-    AMPLITUDE,
     DELAY,
+    FREQUENCY,
     HISTORY,
     LENGTH,
     VISCOUS,
@@ -49,7 +49,7 @@ def simulate(
     for p in range(len(parameters)):
         reality = parameters[p]
         extended = False
-        for i in range(VISCOUS, AMPLITUDE + 1):
+        for i in range(VISCOUS, FREQUENCY):
             extended = extended or reality[i] != 0.0
         for w in range(len(starts)):
             k = starts[w]

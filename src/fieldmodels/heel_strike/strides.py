@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
-from fieldmodels.heel_strike.truth import FREQUENCY, HIDDEN, PARAMETERS, PHASE, STEP_TIME, TEETH
+from fieldmodels.heel_strike.truth import FREQUENCY, HIDDEN, PARAMETERS, STEP_TIME, TEETH
 from fieldmodels.heel_strike.walker import (
     ESTIMATORS,
     TRACES,
@@ -121,8 +121,8 @@ class Strides:
         neutral = np.zeros(HIDDEN)
         neutral[:PARAMETERS] = nominal
         off = self.realities == neutral
-        # A period, a phase or a time without amplitude is no effect.
-        off[:, [FREQUENCY, PHASE, STEP_TIME, TEETH]] = True
+        # A frequency or a time without amplitude is no effect.
+        off[:, [FREQUENCY, STEP_TIME, TEETH]] = True
         self.extended = not bool(off[:, 1:].all())
         self.bank = bank
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)

@@ -16,7 +16,7 @@ VISCOUS = 1
 COULOMB = 2
 DRAG = 3
 CONSTANT = 4
-AMPLITUDE, FREQUENCY, PHASE = 5, 6, 7
+SINE, COSINE, FREQUENCY = 5, 6, 7
 BIAS = 8
 DRIFT = 9
 GAIN = 10
@@ -37,12 +37,14 @@ HISTORY = 16
 @inlined
 def effect_acceleration(theta: float, omega: float, time: float, reality: FloatArray) -> float:
     """What the force effects add to the angular acceleration [rad/s2]."""
+    phase = 2 * math.pi * reality[FREQUENCY] * time
     value: float = (
         reality[CONSTANT]
         - reality[VISCOUS] * omega
         - reality[COULOMB] * omega / math.sqrt(omega * omega + CREEP * CREEP)
         - reality[DRAG] * omega * abs(omega)
-        + reality[AMPLITUDE] * math.sin(2 * math.pi * reality[FREQUENCY] * time + reality[PHASE])
+        + reality[SINE] * math.sin(phase)
+        + reality[COSINE] * math.cos(phase)
     )
     if len(reality) > COGGING:
         value += reality[COGGING] * math.sin(reality[TEETH] * theta)
