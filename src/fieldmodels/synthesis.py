@@ -84,7 +84,7 @@ def swing(model: OneAxis, duration: float, step: float, peak: float, rng: np.ran
         time
     )
     waves = np.sin(2 * np.pi * np.outer(time + 0.5 * step, frequencies) + phases) / np.sqrt(frequencies)
-    path = peak * _peak_one(waves.sum(axis=1) * envelope * np.minimum(time, 1.0) ** 3)
+    path = peak * _peak_one(waves.sum(axis=1) * envelope * np.sin(0.5 * np.pi * np.minimum(time, 1.0)) ** 4)
     velocity = np.gradient(path, step)
     q = model.rows(model.nominal[None, :])[0]
     inertia, damping = q[kernel.INERTIA], q[kernel.DAMPING]

@@ -114,16 +114,16 @@ def actuator_effects(axis: Axis, s: Scales) -> tuple[Effect, ...]:
             "actuator_saturation", "actuator", f"The actuator cannot give more than a certain {f}.",
             "|F| <= limit",
             Parameter(
-                "limit", newton, NO_LIMIT, 1e-9, NO_LIMIT, 0.05 * s.peak_force,
-                starts=tuple(s.peak_force * k for k in (0.9, 0.7, 0.5)),
+                "limit", newton, NO_LIMIT, 1e-9, NO_LIMIT, 0.05 * s.high_forces[0],
+                starts=s.high_forces,
             ),
         ),
         _effect(
             "actuator_dead_zone", "actuator", "Small commands have no effect.",
             "F = 0 for |u| < width, else u - width sign(u)",
             Parameter(
-                "width", newton, 0.0, 0.0, LARGE, 0.02 * s.peak_force,
-                starts=tuple(s.peak_force * k for k in (0.02, 0.1, 0.3)),
+                "width", newton, 0.0, 0.0, LARGE, 0.02 * s.high_forces[0],
+                starts=tuple(s.high_forces[0] * k for k in (0.02, 0.1, 0.3)),
             ),
         ),
     )  # fmt: skip

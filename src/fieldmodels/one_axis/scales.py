@@ -20,7 +20,7 @@ class Scales:
     Attributes:
         base: Estimates of the base parameters, in the model's order.
         force: Root mean square of the command [N or N m].
-        peak_force: Largest command [N or N m].
+        high_forces: Sizes that 0.5, 3, 10 and 30 % of the commands exceed [N or N m].
         position: Root mean square of the position about its mean [m or rad].
         velocity: Root mean square of the velocity [m/s or rad/s].
         duration: Length of the longest recording [s].
@@ -32,7 +32,7 @@ class Scales:
 
     base: tuple[float, ...]
     force: float
-    peak_force: float
+    high_forces: tuple[float, ...]
     position: float
     velocity: float
     duration: float
@@ -60,11 +60,12 @@ def measure_scales(
     slopes = np.concatenate([_slopes(r, position) for r in recordings])
     noise = float(np.median([white_noise(r[position]) for r in recordings]))
     with_velocity = [r for r in recordings if velocity in r]
+    high = np.quantile(np.abs(force), [0.995, 0.97, 0.9, 0.7])
     base, frequencies = _regress(recordings, command, position, axis, noise, nominal)
     return Scales(
         base=base,
         force=float(np.sqrt(np.mean(force**2))) or nominal.force,
-        peak_force=float(np.max(np.abs(force))) or nominal.peak_force,
+        high_forces=tuple(float(f) for f in high) if (high > 0).all() else nominal.high_forces,
         position=float(np.sqrt(np.mean(shown**2))) or nominal.position,
         velocity=float(np.sqrt(np.mean(slopes**2))) or nominal.velocity,
         duration=max(len(r) * r.step for r in recordings),
