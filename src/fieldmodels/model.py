@@ -126,6 +126,8 @@ class Model(ABC):
         horizons: Prediction horizons [s] of a diagnosis, shortest first; the second is the main one.
         disturbance_unit: Unit of the additive generalised force that ``Windows.disturbance`` holds,
             empty if the model has no such entry.
+        random_force: True if random forces drive the real machine, so that errors far above the sensors'
+            noise prove nothing by themselves.
     """
 
     name: str
@@ -136,6 +138,7 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     horizons: tuple[float, ...]
     disturbance_unit: str = ""
+    random_force: bool = False
 
     @abstractmethod
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:

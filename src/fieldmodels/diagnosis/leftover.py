@@ -24,7 +24,7 @@ from fieldmodels.model import FloatArray
 STRETCHES = 16  # pieces of a window on which a force is constant
 KNOTS = 8  # of a table
 MAX_P = 0.003  # of the best of some twenty groups
-RIVAL_GAIN = 3.0  # nats by which a dictionary group may not beat a named effect
+RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.05  # a dictionary group may not beat a named effect by more [nats, share]
 
 
 @dataclass(frozen=True)
@@ -102,6 +102,10 @@ class Dictionary:
             if found.total > least and found.p_value < MAX_P:
                 return found
         return None
+
+    def most_likely(self, candidate: Candidate, folds: NDArray[np.int64]) -> Leftover:
+        """Shape of the best group, significant or not: for a misfit that is certain in itself."""
+        return self.shape(self.judge(candidate, folds)[0], candidate)
 
     def shape(self, found: Found, candidate: Candidate) -> Leftover:
         """What a judged group looks like."""

@@ -12,24 +12,27 @@ from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import standard_errors
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, predict, share
-from fieldmodels.diagnosis.leftover import RIVAL_GAIN, Dictionary
+from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_SHARE, Dictionary
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.quantisation import coarse_sensor
 from fieldmodels.diagnosis.result import (
     Cause,
     Diagnosis,
     Estimate,
     Evidence,
     Leftover,
+    Share,
     SignalGain,
     Verdict,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value, select
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.model import Effect, FloatArray, Model
 from fieldmodels.recording import Recording, RecordingError
 
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
 FOLDS = 4
+FAR = 3.0  # times the noise: an error beyond needs an explanation even if no test finds its direction
 
 
 def diagnose(
@@ -77,17 +80,21 @@ def diagnose(
     tell("measuring the gain", 0.8)
     rng = np.random.default_rng(seed)
     main = _main_output(testing)
+    before = predict(testing, selection.base.fit.parameters)
     causes = _causes(candidates, selection, testing, main, rng)
     tell("looking for what is left over", 0.85)
     causes, unknown = _leftover(candidates, selection, causes)
-    verdict: Verdict = "consistent"
-    if causes:
-        verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
-    elif unknown:
-        verdict = "unknown"
-    before = predict(testing, selection.base.fit.parameters)
     extended = selection.chosen if causes else selection.base
     after = predict(testing, extended.fit.parameters) if causes else before
+    if unknown is None and not model.random_force and _far_from_noise(testing, after, main):
+        unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
+    verdict: Verdict = "unknown" if unknown else "consistent"
+    if causes:
+        verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
+    coarse = coarse_sensor(model, train, after.rmse())
+    if coarse and verdict != "unknown":
+        causes += (_quantisation(*coarse),)
+        verdict = "ambiguous" if verdict == "ambiguous" else "named"
     tell("done", 1.0)
     return Diagnosis(
         model=model.name,
@@ -198,9 +205,28 @@ def _leftover(
         rest = candidates.without(chosen, name)
         own = Dictionary(candidates.problem, rest.fit)
         rival = own.judge(rest, folds)[0]
-        if rest.total - rival.total < chosen.total - RIVAL_GAIN:
+        margin = max(RIVAL_GAIN, RIVAL_SHARE * (rest.total - chosen.total))
+        if rest.total - rival.total < chosen.total - margin:
             return (), own.shape(rival, rest)
     return causes, shape
+
+
+def _far_from_noise(testing: Problem, after: Prediction, output: int) -> bool:
+    """Whether what is left is so much larger than the sensor's noise that something must be missing."""
+    floor = noise_floor(testing, after, output)
+    return bool(after.rmse()[output] > FAR * floor)
+
+
+def _quantisation(effect: Effect, step: float, share: float) -> Cause:
+    """A coarse sensor as a cause; it explains noise, so it gains nothing in prediction."""
+    parameter = effect.parameters[0]
+    return Cause(
+        effect=effect.name,
+        cause=f"{effect.cause} It makes up {100 * share:.0f} % of the remaining error's variance.",
+        where=effect.where,
+        parameters={parameter.name: Estimate(step, 0.0, parameter.unit)},
+        gain=Share(0.0, (0.0, 0.0)),
+    )
 
 
 def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:

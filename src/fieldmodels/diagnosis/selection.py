@@ -18,8 +18,10 @@ Progress = Callable[[str, float], None]
 
 MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
 MAX_P = 0.01  # of a paired test over blocks of windows
+RARE_P, RARE_GAIN = 0.03, 40.0  # of a cause that shows in few windows only, but strongly there
 MIN_SHARE = 0.003  # of the whole misfit: what is smaller is not worth a name
 SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are told apart beyond these
+SAME_ANYHOW = 2.0  # nats: a difference that decides nothing, however steady (near twins differ little, always)
 MAX_CAUSES = 4
 PARENTS = 3  # best sets of a size that are extended
 TRIED_AT_LEAST, TRIED_ABOVE = 8, 3.0  # extensions fitted: so many, and all that promise more nats
@@ -68,7 +70,8 @@ def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
     gain = parent.loss - child.loss
     total = parent.total - child.total
     enough = total > MIN_GAIN and total > MIN_SHARE * float(parent.loss.sum())
-    return bool(enough and block_p_value(gain, blocks) < MAX_P)
+    p = block_p_value(gain, blocks)
+    return bool(enough and (p < MAX_P or (p < RARE_P and total > RARE_GAIN)))
 
 
 def select(candidates: Candidates, progress: Progress) -> Selection:
@@ -88,7 +91,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             progress(f"trying sets of {size}", 0.2 + 0.1 * size)
             whitener, parents = candidates.whitener, [c for c in level if c is not chosen][:PARENTS]
             children = _grown(candidates, [chosen, *parents] if chosen.effects else parents)
-            if not children or not accepted(candidates.again(chosen), children[0], blocks):
+            if not children or not _called_for(candidates, chosen, parents, children[0]):
                 candidates.whitener = whitener
                 break
             chosen, level = children[0], children
@@ -109,9 +112,22 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     )
 
 
+def _called_for(
+    candidates: Candidates, chosen: Candidate, parents: list[Candidate], child: Candidate
+) -> bool:
+    """Whether a larger set is accepted; a pair from nothing must also beat each of its parents clearly."""
+    blocks = candidates.problem.blocks
+    if not accepted(candidates.again(chosen), child, blocks):
+        return False
+    inside = [p for p in parents if set(p.effects) < set(child.effects)] if not chosen.effects else []
+    return all(accepted(candidates.again(p), child, blocks) for p in inside)
+
+
 def same(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
     """Whether the data cannot tell a better set from a worse one."""
     worse = second.total - first.total
+    if worse < SAME_ANYHOW:
+        return True
     return bool(worse < SAME_GAIN and block_p_value(second.loss - first.loss, blocks) > SAME_P)
 
 

@@ -1,0 +1,64 @@
+"""A coarse sensor, read off the measured values themselves.
+
+Once noise is of the order of the step, no prediction shows a coarse sensor; its lattice does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fieldmodels.diagnosis.candidates import is_quantisation
+from fieldmodels.model import Effect, FloatArray, Model
+from fieldmodels.recording import Recording
+
+SHARE = 1 / 3  # of the error's variance that the lattice must explain to be named
+TOLERANCE = 0.02  # of the step: how far values may lie from the lattice
+
+
+def lattice(values: FloatArray) -> float | None:
+    """Step of the lattice on which all values lie, or None if they lie on none that shows."""
+    unique = np.unique(values[np.isfinite(values)])
+    if len(unique) < 4:
+        return None
+    gaps = np.diff(unique)
+    gaps = gaps[gaps > 1e-9 * (unique[-1] - unique[0])]  # rounding errors of a conversion
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    for _ in range(3):
+        counts = np.round((unique - unique[0]) / step)
+        if counts[-1] < 3:
+            return None
+        step = float((counts @ (unique - unique[0])) / (counts @ counts))
+    counts = np.round((unique - unique[0]) / step)
+    distance = np.abs(unique - unique[0] - counts * step)
+    # By chance, values that are too dense for the lattice come near to it too.
+    filled = len(unique) <= counts[-1] + 1 and len(unique) < 0.5 * len(values)
+    return step if filled and float(distance.max()) < TOLERANCE * step else None
+
+
+def coarse_sensor(
+    model: Model, recordings: Sequence[Recording], rmse: FloatArray
+) -> tuple[Effect, float, float] | None:
+    """The quantisation effect that explains a good part of an output's error.
+
+    Args:
+        model: Its effect named ``...quantisation`` acts on the first measured output of that unit.
+        recordings: The measured data.
+        rmse: Prediction error of the chosen simulation by output.
+
+    Returns:
+        The effect, the step, and the share of the error's variance that it explains; or None.
+    """
+    for effect in filter(is_quantisation, model.effects):
+        for j, output in enumerate(model.outputs):
+            if output.unit != effect.parameters[0].unit or not all(output.name in r for r in recordings):
+                continue
+            steps = [lattice(recording[output.name]) for recording in recordings]
+            step = steps[0]
+            if step is not None and all(s is not None and abs(s - step) < 0.02 * step for s in steps):
+                share = step**2 / 12 / max(float(rmse[j]) ** 2, 1e-300)
+                if share >= SHARE:
+                    return effect, step, min(share, 1.0)
+            break
+    return None
