@@ -30,6 +30,7 @@ SHOWN = 5
 
 _BLOCK = 1 << 20  # bytes of text parsed at once
 _BATCH = 1 << 17  # Parquet rows decoded at once
+_ROWS = 1 << 27  # more than are ever expected: a damaged file may claim any number
 _CONTENT = {
     b"PAR1": "a Parquet file: rename it to .parquet",
     b"PK\x03\x04": "a zip archive (or an Excel workbook): unpack it, or export the sheet as CSV",
@@ -229,13 +230,13 @@ class ParquetTable(Table):
         self.path = path
         try:
             self._file = pq.ParquetFile(path, buffer_size=_BLOCK)
-        except (pa.ArrowInvalid, OSError) as error:
+            self._schema = self._file.schema_arrow
+            self.header = tuple(self._schema.names)
+        except (pa.ArrowException, ValueError, OSError) as error:
             raise RecordingError(
                 f"{path}: not a readable Parquet file ({str(error).splitlines()[0]}); "
                 "write it again, or rename it to .csv if it is text"
             ) from None
-        self._schema = self._file.schema_arrow
-        self.header = tuple(self._schema.names)
 
     def read(self, names: Sequence[str]) -> dict[str, FloatArray]:
         """Read columns in batches of rows."""
@@ -252,7 +253,7 @@ class ParquetTable(Table):
         )
         try:
             return _collect(batches, names, self._file.metadata.num_rows)
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, ValueError, OSError) as error:
             raise RecordingError(
                 f"{self.path}: damaged Parquet data ({str(error).splitlines()[0]}); write the file again"
             ) from None
@@ -264,7 +265,7 @@ class ParquetTable(Table):
     def unit(self, name: str) -> str | None:
         """The unit in the column's metadata."""
         metadata = self._schema.field(self.header.index(name)).metadata or {}
-        return metadata[b"unit"].decode() if b"unit" in metadata else None
+        return metadata[b"unit"].decode(errors="replace") if b"unit" in metadata else None
 
 
 def write_table(path: Path, columns: dict[str, Any], units: dict[str, str]) -> None:
@@ -292,8 +293,8 @@ def write_table(path: Path, columns: dict[str, Any], units: dict[str, str]) -> N
 
 def _collect(batches: Iterable[pa.RecordBatch], names: Sequence[str], expected: int) -> dict[str, FloatArray]:
     """Join batches into one array a column; pages beyond the last row are never touched, so cost nothing."""
-    columns = {name: np.empty(expected) for name in names}
-    size = expected
+    size = min(expected, _ROWS)
+    columns = {name: np.empty(size) for name in names}
     n = 0
     for batch in batches:
         stop = n + batch.num_rows

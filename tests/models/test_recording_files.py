@@ -389,6 +389,37 @@ def test_damaged_parquet_pages(write, tmp_path):
     refused(write(bytes(data), "log.parquet"), "damaged Parquet data")
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path, suffix):
+    """Bytes changed, cut out, put in: never another exception than the one that names the file."""
+    rng = np.random.default_rng(5)
+    t = np.arange(100) * 0.01
+    path = tmp_path / f"log{suffix}"
+    save_recording(Recording(t, {"force": np.sin(t), "position": np.cos(t)}), path)
+    whole = path.read_bytes()
+    refusals = []
+    for _ in range(150):
+        data = bytearray(whole)
+        for share in rng.random(rng.choice([1, 3, 20])):
+            place = int(share * len(data))
+            kind = rng.integers(3)
+            if kind == 0:
+                data[place] = rng.integers(256)
+            elif kind == 1:
+                del data[place : place + rng.integers(1, 100)]
+            else:
+                data[place:place] = [b",", b"\n", b'"', b"\r", b"e9", b"\0", b"nan"][rng.integers(7)]
+        path.write_bytes(data)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RecordingWarning)
+                load_recording(path, RIG)
+        except RecordingError as error:
+            refusals.append(str(error))
+    assert len(refusals) > 100
+    assert all(str(path) in message for message in refusals)
+
+
 def test_parquet_cells_and_types(tmp_path):
     path = tmp_path / "log.parquet"
     columns = bench()
