@@ -252,8 +252,6 @@ def diagnose(
     """
     from fieldagents import findings
     from fieldmodels.datasets import open_recording
-    from fieldmodels.diagnosis import diagnose as run
-    from fieldmodels.diagnosis.report import write_results
     from fieldmodels.registry import get_model
 
     chosen = get_model(model)
@@ -261,6 +259,10 @@ def diagnose(
     columns = findings.columns(chosen, column or [])
     recordings = [open_recording(source, chosen, columns) for source in data]
     tests = [open_recording(source, chosen, columns) for source in test or []]
+
+    from fieldmodels.diagnosis import diagnose as run
+    from fieldmodels.diagnosis.report import write_results
+
     with progress() as report:
         diagnosis = run(chosen, recordings, tests, fixed=held, progress=report, seed=seed)
     written = write_results(diagnosis, out or Path("results") / f"diagnosis-{model}")

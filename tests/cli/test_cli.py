@@ -237,3 +237,84 @@ def test_a_mistake_in_a_process_of_its_own_has_no_traceback(tmp_path):
     assert result.returncode == 2
     assert result.stdout == ""
     assert result.stderr == "Error: nowhere.yaml: no such file\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "messages"),
+    [
+        (["--model", "rigg"], ["no model 'rigg' (did you mean 'rig'?)"]),
+        (
+            ["--model", "rig", "--set", "mas=1", "--set", "mass=heavy", "--set", "mass=-1"],
+            [
+                "--set mas=1: rig has no base parameter 'mas' (did you mean 'mass'?)",
+                "--set mass=heavy: write --set mass=NUMBER",
+                "--set mass=-1: 'mass' = -1.0 is outside",
+            ],
+        ),
+        (
+            ["--model", "rig", "--column", "positon=x", "--column", "force"],
+            [
+                "--column positon=x: rig has no signal 'positon' (did you mean 'position'?)",
+                "--column force: write --column signal=column",
+            ],
+        ),
+        (["--model", "rig"], ["nowhere.csv"]),
+    ],
+)
+def test_mistakes_in_a_diagnosis(tmp_path, arguments, messages):
+    text = mistake("diagnose", tmp_path / "nowhere.csv", *arguments, "--out", tmp_path / "out")
+    for message in messages:
+        assert message in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_diagnose_reads_what_record_wrote_and_finds_what_it_hid(rig_config, tmp_path):
+    settings = ("--set", "duration=20", "--set", "reality.coulomb_friction.force=0.6")
+    for seed in (1, 2):
+        run("record", rig_config, *settings, "--set", f"seed={seed}", "--out", tmp_path / str(seed))
+    result = run(
+        "diagnose",
+        tmp_path / "1" / "rig.csv",
+        "--test",
+        tmp_path / "2" / "rig.csv",
+        "--model",
+        "rig",
+        "--out",
+        tmp_path / "out",
+        "--json",
+    )
+    assert result.exit_code == 0, result.output
+    diagnosis = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert diagnosis["verdict"] == "named"
+    assert [cause["effect"] for cause in diagnosis["causes"]] == ["coulomb_friction"]
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["diagnosis.json", "extended.yaml", "report.html"]
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text()) == diagnosis
+
+
+def test_what_a_diagnosis_found_reads_in_the_terminal():
+    from rich.console import Console
+
+    from fieldagents.findings import show
+
+    gain = {"percent": 52.1, "ci95": [48.0, 61.0]}
+    diagnosis = {
+        "verdict": "named",
+        "causes": [
+            {
+                "effect": "coulomb_friction",
+                "cause": "Dry friction.",
+                "where": "force",
+                "parameters": {"torque": {"value": 0.18, "std": 0.01, "unit": "N m"}},
+                "gain": gain,
+                "alternatives": [],
+            }
+        ],
+        "gain": {"angle": {"unit": "rad", "rmse_before": 0.66, "rmse_after": 0.15, "horizon_s": 0.2, **gain}},
+        "next_measurement": None,
+    }
+    console = Console(width=120, record=True)
+    show(diagnosis, console)
+    shown = console.export_text()
+    for part in ("named", "coulomb_friction", "0.18 ± 0.01 N m", "52.1 % (48.0 to 61.0)", "0.66", "0.2 s"):
+        assert part in shown
