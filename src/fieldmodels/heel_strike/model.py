@@ -52,6 +52,7 @@ class HeelStrikeModel(Model):
     states = (Signal("theta", "rad", noise=0.0066, angle=True), Signal("omega", "rad/s", noise=0.0041))
     horizons = (0.5, 1.0, 2.0)
     disturbance_unit = "rad/s2"
+    random_force = True
 
     def __init__(self, leg: Leg | None = None) -> None:
         """Take the nominal leg."""
