@@ -134,6 +134,11 @@ def test_a_killed_run_resumes_bit_for_bit(finished, tmp_path, monkeypatch, kills
     assert_equal_runs(finished, run)
 
 
+def test_a_run_killed_before_its_first_checkpoint_begins_anew(finished, tmp_path):
+    save_yaml(tiny().model_dump(mode="json"), tmp_path / "config.yaml")
+    assert_equal_runs(finished, train(tiny(), progress=False, resume=tmp_path))
+
+
 def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
     config = tmp_path / "tiny.yaml"
     run = tmp_path / "run"
