@@ -23,7 +23,7 @@ from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
 FIRST_SEED = 1000
-AMPLITUDE = {"rig": 8.0, "pendulum": 1.5}
+AMPLITUDE = {"rig": 8.0, "pendulum": 0.5}
 OUTSIDE = {
     "cogging": lambda s: lambda t, x, v, u: s * np.sin(8 * x / SCALE["x"]),
     "stribeck": lambda s: lambda t, x, v, u: -s * np.sign(v) * np.exp(-((v / (0.2 * SCALE["v"])) ** 2)),

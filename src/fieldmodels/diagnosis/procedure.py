@@ -10,16 +10,18 @@ import numpy as np
 
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.fit import standard_errors
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, predict, share
 from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_SHARE, Dictionary
+from fieldmodels.diagnosis.misfit import misfit
+from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.quantisation import coarse_sensor
 from fieldmodels.diagnosis.result import (
     Cause,
     Diagnosis,
     Estimate,
-    Evidence,
     Leftover,
     Share,
     SignalGain,
@@ -86,8 +88,11 @@ def diagnose(
     causes, unknown = _leftover(candidates, selection, causes)
     extended = selection.chosen if causes else selection.base
     after = predict(testing, extended.fit.parameters) if causes else before
-    if unknown is None and not model.random_force and _far_from_noise(testing, after, main):
-        unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
+    if not model.random_force and _far_from_noise(testing, after, main):
+        if causes and not _mostly_explained(testing, before, after, main):
+            causes, extended, after = (), selection.base, before
+        if unknown is None:
+            unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
     verdict: Verdict = "unknown" if unknown else "consistent"
     if causes:
         verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
@@ -100,10 +105,10 @@ def diagnose(
         model=model.name,
         verdict=verdict,
         causes=causes,
-        misfit=(),
+        misfit=misfit(training, selection.base, candidates.folds),
         gain=_gains(testing, before, after, rng),
         unknown=unknown,
-        next_measurement=None,
+        next_measurement=(next_measurement(candidates, selection, rng) if verdict == "ambiguous" else None),
         parameters=_base_estimates(training, extended, fixed),
         vector=extended.fit.parameters,
         not_testable=_not_testable(selection),
@@ -111,7 +116,7 @@ def diagnose(
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
         windows=(len(training), len(testing)),
         seconds=time.perf_counter() - began,
-        evidence=Evidence(ranking=_ranking(selection, training)),
+        evidence=collect(training, testing, selection, extended, _ranking(selection, training)),
     )
 
 
@@ -215,6 +220,12 @@ def _far_from_noise(testing: Problem, after: Prediction, output: int) -> bool:
     """Whether what is left is so much larger than the sensor's noise that something must be missing."""
     floor = noise_floor(testing, after, output)
     return bool(after.rmse()[output] > FAR * floor)
+
+
+def _mostly_explained(testing: Problem, before: Prediction, after: Prediction, output: int) -> bool:
+    """Whether the causes remove more of the error than they leave above the sensor's noise."""
+    first, last = before.rmse()[output] ** 2, after.rmse()[output] ** 2
+    return bool(first - last > last - noise_floor(testing, after, output) ** 2)
 
 
 def _quantisation(effect: Effect, step: float, share: float) -> Cause:

@@ -18,10 +18,10 @@ Progress = Callable[[str, float], None]
 
 MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
 MAX_P = 0.01  # of a paired test over blocks of windows
-RARE_P, RARE_GAIN = 0.03, 40.0  # of a cause that shows in few windows only, but strongly there
+RARE_P, RARE_GAIN = 0.02, 40.0  # of a cause that shows in few windows only, but strongly there
 MIN_SHARE = 0.003  # of the whole misfit: what is smaller is not worth a name
 SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are told apart beyond these
-SAME_ANYHOW = 2.0  # nats: a difference that decides nothing, however steady (near twins differ little, always)
+SAME_ANYHOW = 2.0  # nats: decides nothing, however steady (near twins differ little, but always)
 MAX_CAUSES = 4
 PARENTS = 3  # best sets of a size that are extended
 TRIED_AT_LEAST, TRIED_ABOVE = 8, 3.0  # extensions fitted: so many, and all that promise more nats
@@ -71,7 +71,8 @@ def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
     total = parent.total - child.total
     enough = total > MIN_GAIN and total > MIN_SHARE * float(parent.loss.sum())
     p = block_p_value(gain, blocks)
-    return bool(enough and (p < MAX_P or (p < RARE_P and total > RARE_GAIN)))
+    rare = p < RARE_P and total > RARE_GAIN and len(child.effects) == len(parent.effects) + 1
+    return bool(enough and (p < MAX_P or rare))
 
 
 def select(candidates: Candidates, progress: Progress) -> Selection:

@@ -1,0 +1,127 @@
+"""Arrays that a report draws: predictions beside measurements, residuals, errors by horizon."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.diagnosis import problem as problems
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.result import Evidence
+from fieldmodels.diagnosis.selection import Selection
+from fieldmodels.model import FloatArray
+from fieldmodels.recording import RecordingError
+
+DRAWN = 1500  # samples of a trace
+BINS = 24
+
+
+def collect(
+    training: Problem,
+    testing: Problem,
+    selection: Selection,
+    chosen: Candidate,
+    ranking: tuple[tuple[str, float, float, str], ...],
+) -> Evidence:
+    """Gather what the report draws."""
+    vectors = selection.base.fit.parameters, chosen.fit.parameters
+    return Evidence(
+        traces=_traces(testing, *vectors),
+        residuals=_residuals(training, *vectors),
+        horizons=_horizons(testing, *vectors),
+        ranking=ranking,
+    )
+
+
+def _used(problem: Problem) -> list[int]:
+    return [int(j) for j in np.unique(problem.outputs)]
+
+
+def _traces(problem: Problem, before: FloatArray, after: FloatArray) -> dict[str, dict[str, FloatArray]]:
+    """Consecutive test windows of the first recording."""
+    part = problem.parts[0]
+    count = max(1, DRAWN // part.windows.samples)
+    rows = part.windows.starts[:count, None] + np.arange(part.windows.samples)
+    recording = part.windows.recording
+    time = recording.time[np.minimum(rows, len(recording) - 1)]
+    outputs = tuple(o.name for o in problem.model.outputs)
+    measured = part.windows.measured(outputs)[:count]
+    first, last = (predict(problem, v).simulated[0][:count] for v in (before, after))
+    return {
+        outputs[j]: {
+            "time": time,
+            "measured": measured[:, :, j],
+            "before": first[:, :, j],
+            "after": last[:, :, j],
+        }
+        for j in _used(problem)
+    }
+
+
+def _residuals(problem: Problem, before: FloatArray, after: FloatArray) -> dict[str, dict[str, FloatArray]]:
+    """Mean residual with its standard error in bins of time, the signals and the inputs.
+
+    Rows of each array: centre of the bin, mean before, its standard error, mean after, its standard error.
+    """
+    outputs = tuple(o.name for o in problem.model.outputs)
+    errors: dict[int, list[FloatArray]] = {j: [] for j in _used(problem)}
+    against: dict[str, list[FloatArray]] = {}
+    windows_of: list[NDArray[np.int64]] = []
+    first, last = predict(problem, before), predict(problem, after)
+    offset = 0
+    for part, a, b in zip(problem.parts, first.simulated, last.simulated, strict=True):
+        recording = part.windows.recording
+        rows = np.minimum(part.windows.starts[:, None] + np.arange(a.shape[1]), len(recording) - 1)
+        measured = part.windows.measured(outputs)
+        inputs = [s.name for s in problem.model.inputs if len(np.unique(recording[s.name])) > 2]
+        against.setdefault("time", []).append(recording.time[rows].ravel())
+        for j in _used(problem):
+            against.setdefault(outputs[j], []).append(a[:, :, j].ravel())
+            errors[j].append(np.stack([(measured - s)[:, :, j].ravel() for s in (a, b)]))
+        for name in inputs:
+            against.setdefault(name, []).append(recording[name][rows].ravel())
+        windows_of.append(np.repeat(np.arange(len(rows)) + offset, rows.shape[1]))
+        offset += len(rows)
+    numbers = np.concatenate(windows_of)
+    return {
+        outputs[j]: {
+            name: _binned(np.concatenate(x), np.concatenate(errors[j], axis=1), numbers)
+            for name, x in against.items()
+        }
+        for j in _used(problem)
+    }
+
+
+def _binned(x: FloatArray, errors: FloatArray, windows: NDArray[np.int64]) -> FloatArray:
+    known = np.isfinite(x) & np.isfinite(errors).all(axis=0)
+    if known.sum() < BINS:
+        return np.zeros((0, 5))
+    x, errors, windows = x[known], errors[:, known], windows[known]
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
+    rows = []
+    for k in np.unique(index):
+        inside = index == k
+        # Samples of a window are not independent: the error is that of the windows' means.
+        effective = max(len(np.unique(windows[inside])), 1)
+        mean, spread = errors[:, inside].mean(axis=1), errors[:, inside].std(axis=1) / np.sqrt(effective)
+        rows.append([x[inside].mean(), mean[0], spread[0], mean[1], spread[1]])
+    return np.array(rows)
+
+
+def _horizons(testing: Problem, before: FloatArray, after: FloatArray) -> dict[str, FloatArray]:
+    """Error by horizon: rows (horizon, before, after) of every signal."""
+    recordings = [part.windows.recording for part in testing.parts]
+    model = testing.model
+    rows: dict[str, list[list[float]]] = {model.outputs[j].name: [] for j in _used(testing)}
+    for horizon in model.horizons:
+        try:
+            problem = problems.build(model, recordings, horizon)
+        except RecordingError:
+            continue
+        first, last = predict(problem, before).rmse(), predict(problem, after).rmse()
+        for j in _used(testing):
+            rows[model.outputs[j].name].append([horizon, float(first[j]), float(last[j])])
+    return {name: np.array(values) for name, values in rows.items() if values}

@@ -1,0 +1,59 @@
+"""What the refitted nominal simulation gets wrong: tests of its residual, signal by signal."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.fit import Fit, diagonal_whitener, fit, held_out_loss
+from fieldmodels.diagnosis.leftover import Dictionary
+from fieldmodels.diagnosis.problem import IntArray, Problem
+from fieldmodels.diagnosis.result import Misfit
+
+MAX_P = 0.01
+
+
+def misfit(problem: Problem, base: Candidate, folds: IntArray) -> tuple[Misfit, ...]:
+    """Failed tests of the refitted base, most certain first.
+
+    For each signal: whether its residual is white within a window, and whether a force that depends on
+    time, on what moves, or on the command would reduce it on held-out windows. p-values of the best of
+    several directions are multiplied by their number (Bonferroni).
+    """
+    result = []
+    for j in np.unique(problem.outputs):
+        signal = problem.model.outputs[j].name
+        mask = problem.outputs == j
+        # The other signals keep a weight so small that they tell nothing.
+        whitener = diagonal_whitener(base.fit.raw, problem.output_scale) * np.where(mask, 1.0, 1e-9)
+        own = fit(problem, base.fit.parameters, base.fit.free, whitener, base.fit.states, 0)
+        p = whiteness(own, np.flatnonzero(mask), problem.blocks)
+        if p < MAX_P:
+            result.append(Misfit(signal, "whiteness", p, "neighbouring errors within a window are alike"))
+        candidate = Candidate((), own, 0.0, held_out_loss(own, folds))
+        judged = Dictionary(problem, own).judge(candidate, folds)
+        for found in judged[:2]:
+            p = min(1.0, found.p_value * len(judged))
+            if p < MAX_P:
+                result.append(Misfit(signal, "dependence", p, f"depends on {found.group.direction}"))
+    return tuple(sorted(result, key=lambda m: m.p_value))
+
+
+def whiteness(fitted: Fit, features: IntArray, blocks: IntArray) -> float:
+    """Two-sided p-value that neighbouring residuals of a signal are correlated, by a t-test over blocks.
+
+    What removing the initial states makes alike in white noise is taken off.
+    """
+    if len(features) < 4:
+        return 1.0
+    residual = fitted.residual[:, features]
+    residual = residual / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-300)
+    basis = fitted.basis[:, features]
+    kept = np.eye(len(features)) - np.mean(basis @ basis.transpose(0, 2, 1), axis=0)
+    size = np.sqrt(np.diag(kept))
+    expected = float(np.sum(np.diag(kept, 1) / (size[1:] * size[:-1])))
+    excess = np.sum(residual[:, 1:] * residual[:, :-1], axis=1) - expected
+    number = np.unique(blocks, return_inverse=True)[1]
+    means = np.bincount(number, weights=excess) / np.bincount(number)
+    return float(stats.ttest_1samp(means, 0.0).pvalue)

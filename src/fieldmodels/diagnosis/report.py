@@ -1,0 +1,281 @@
+"""The report of a diagnosis: one HTML page, its JSON, and the extended simulation as YAML."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fieldmodels import html
+from fieldmodels.diagnosis.result import Diagnosis, Estimate
+from fieldmodels.files import write_text
+from fieldmodels.model import FloatArray
+from fieldmodels.yaml import save_yaml
+
+INK, BEFORE, AFTER = "#1c2430", "#c8553d", "#0b6e99"
+TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad"}
+
+
+def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
+    """Write ``diagnosis.json``, ``report.html`` and ``extended.yaml``; each appears whole or not at all.
+
+    Returns:
+        File name to path.
+    """
+    paths = {name: directory / name for name in ("diagnosis.json", "report.html", "extended.yaml")}
+    text = json.dumps(diagnosis.to_json(), indent=2, allow_nan=False, ensure_ascii=False)
+    write_text(paths["diagnosis.json"], text + "\n")
+    title = f"What the simulation {diagnosis.model!r} gets wrong"
+    write_text(paths["report.html"], html.page(title, report_section(diagnosis)))
+    save_yaml(diagnosis.extended(), paths["extended.yaml"])
+    return paths
+
+
+def report_section(diagnosis: Diagnosis) -> str:
+    """The report as an HTML fragment with its figures inline."""
+    verdict = diagnosis.verdict
+    parts = [
+        f'<p class="lead"><strong class="{TONE[verdict]}">{verdict.capitalize()}.</strong> '
+        f"{html.text(diagnosis.summary())}</p>",
+        _data(diagnosis),
+        _causes(diagnosis),
+        _gains(diagnosis),
+        _traces(diagnosis),
+        _next(diagnosis),
+        _leftover(diagnosis),
+        _misfit(diagnosis),
+        _ranking(diagnosis),
+        _base(diagnosis),
+        _not_testable(diagnosis),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _data(diagnosis: Diagnosis) -> str:
+    train, test = (", ".join(names) for names in (diagnosis.trained_on, diagnosis.tested_on))
+    return (
+        f'<p class="soft">Fitted and chosen on {html.text(train)} ({diagnosis.windows[0]} windows); gains '
+        f"measured on {html.text(test)} ({diagnosis.windows[1]} windows), which took no part in either. "
+        f"{diagnosis.seconds:.1f} s.</p>"
+    )
+
+
+def _causes(diagnosis: Diagnosis) -> str:
+    if not diagnosis.causes:
+        return ""
+    rows = []
+    for cause in diagnosis.causes:
+        values = "; ".join(f"{name} = {_estimate(e)}" for name, e in cause.parameters.items())
+        rows.append(
+            (
+                cause.effect.replace("_", " "),
+                cause.cause,
+                cause.where,
+                values,
+                _share(cause.gain.percent, cause.gain.ci95),
+                ", ".join(a.replace("_", " ") for a in cause.alternatives) or "–",
+            )
+        )
+    header = ("effect", "what happens", "where", "fitted", "gain (95 % interval)", "or instead")
+    return "<h2>Causes</h2>" + html.table(header, rows)
+
+
+def _gains(diagnosis: Diagnosis) -> str:
+    rows = [
+        (
+            name,
+            f"{_short(g.rmse_before)} {g.unit}",
+            f"{_short(g.rmse_after)} {g.unit}",
+            _share(g.gain.percent, g.gain.ci95),
+            f"{g.horizon:g} s",
+            f"{_short(g.noise_floor)} {g.unit}" if math.isfinite(g.noise_floor) else "–",
+        )
+        for name, g in diagnosis.gain.items()
+    ]
+    header = ("signal", "error before", "error after", "gain (95 % interval)", "windows of", "sensor noise")
+    note = (
+        '<p class="soft">Root mean square error of predicted windows on the test data: <em>before</em> with '
+        "the base parameters refitted, <em>after</em> with the causes added. Each window starts from the "
+        "state that fits it best, the same way before and after. Intervals by resampling blocks of "
+        "windows.</p>"
+    )
+    return "<h2>Gain</h2>" + html.table(header, rows) + note + _horizons(diagnosis)
+
+
+def _horizons(diagnosis: Diagnosis) -> str:
+    curves = {name: rows for name, rows in diagnosis.evidence.horizons.items() if len(rows) > 1}
+    if not curves or not diagnosis.causes:
+        return ""
+    figure, axes = _axes(len(curves))
+    for axis, (name, rows) in zip(axes, curves.items(), strict=True):
+        axis.plot(rows[:, 0], rows[:, 1], "o-", color=BEFORE, label="before")
+        axis.plot(rows[:, 0], rows[:, 2], "o-", color=AFTER, label="after")
+        axis.set(xlabel="window [s]", ylabel=f"error of {name} [{diagnosis.gain[name].unit}]", ylim=(0, None))
+    axes[0].legend(frameon=False)
+    return html.figure(figure, "Prediction error by length of the predicted window.")
+
+
+def _traces(diagnosis: Diagnosis) -> str:
+    traces = diagnosis.evidence.traces
+    if not traces:
+        return ""
+    figure = Figure(figsize=(10, 2.1 * len(traces)), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(len(traces), 1, sharex=True))
+    for axis, (name, trace) in zip(axes, traces.items(), strict=True):
+        sparse = np.isfinite(trace["measured"]).sum(axis=1).max() < 12
+        line = {"marker": ".", "linestyle": "none"} if sparse else {}
+        for key, colour in (("measured", INK), ("before", BEFORE), ("after", AFTER)):
+            if key == "after" and not diagnosis.causes:
+                continue
+            x, y = _joined(trace["time"], trace[key], sparse)
+            axis.plot(
+                x, y, color=colour, lw=1.0, label=key if key != "before" else "simulated before", **line
+            )
+        axis.set_ylabel(f"{name} [{diagnosis.gain[name].unit}]")
+        _plain(axis)
+    handles, labels = axes[0].get_legend_handles_labels()
+    labels = ["simulated after" if label == "after" else label for label in labels]
+    axes[0].legend(handles, labels, frameon=False, ncols=3, loc="upper right")
+    axes[-1].set_xlabel("time [s]")
+    return "<h2>Measured and simulated</h2>" + html.figure(
+        figure, "Test windows; the simulation starts anew in each."
+    )
+
+
+def _joined(time: FloatArray, values: FloatArray, sparse: bool) -> tuple[FloatArray, FloatArray]:
+    """Windows in a row, with a gap between them."""
+    if sparse:
+        known = np.isfinite(values)
+        return time[known], values[known]
+    gap = np.full((len(time), 1), np.nan)
+    return np.hstack([time, gap]).ravel(), np.hstack([values, gap]).ravel()
+
+
+def _next(diagnosis: Diagnosis) -> str:
+    if diagnosis.next_measurement is None:
+        return ""
+    compared = diagnosis.next_measurement.input.get("compared", {})
+    rows = [(name, f"{value:g}") for name, value in compared.items()] if isinstance(compared, Mapping) else []
+    table = html.table(("input of equal power", "separation [nats]"), rows) if rows else ""
+    return f"<h2>Measure next</h2><p>{html.text(diagnosis.next_measurement.why)}</p>{table}"
+
+
+def _leftover(diagnosis: Diagnosis) -> str:
+    left = diagnosis.unknown
+    if left is None:
+        return ""
+    figure, axes = _axes(1)
+    axes[0].plot(left.curve[:, 0], left.curve[:, 1], "o-", color=BEFORE)
+    axes[0].axhline(0, color=INK, lw=0.5)
+    axes[0].set(xlabel=f"{left.direction} [{left.direction_unit}]", ylabel=f"missing [{left.unit}]")
+    certain = (
+        f"It removes {left.percent:.1f} % of the remaining misfit on held-out windows "
+        f"(p = {_p(left.p_value)})."
+    )
+    if left.p_value > 0.01:
+        certain += (
+            " No direction is certain, but the error is far above the sensor's noise: something is missing."
+        )
+    return (
+        f"<h2>What no listed effect explains</h2><p>The shape that helps most depends on "
+        f"{html.text(left.direction)}. {certain}</p>" + html.figure(figure)
+    )
+
+
+def _misfit(diagnosis: Diagnosis) -> str:
+    rows = [(m.signal, m.test, m.where, _p(m.p_value)) for m in diagnosis.misfit]
+    table = html.table(("signal", "failed test", "where", "p"), rows) if rows else "<p>No test fails.</p>"
+    return "<h2>Misfit of the refitted simulation</h2>" + table + _residuals(diagnosis)
+
+
+def _residuals(diagnosis: Diagnosis) -> str:
+    residuals = {
+        name: {key: rows for key, rows in own.items() if len(rows) > 2}
+        for name, own in diagnosis.evidence.residuals.items()
+    }
+    residuals = {name: own for name, own in residuals.items() if own}
+    if not residuals:
+        return ""
+    columns = max(len(own) for own in residuals.values())
+    figure = Figure(figsize=(2.8 * columns, 2.2 * len(residuals)), layout="constrained")
+    axes = figure.subplots(len(residuals), columns, squeeze=False)
+    for row, (name, own) in zip(axes, residuals.items(), strict=True):
+        for axis in row[len(own) :]:
+            axis.set_visible(False)
+        for axis, (key, rows) in zip(row, own.items(), strict=False):
+            for column, colour in ((1, BEFORE), (3, AFTER)):
+                if column == 3 and not diagnosis.causes:
+                    continue
+                mean, band = rows[:, column], 2 * rows[:, column + 1]
+                axis.fill_between(rows[:, 0], mean - band, mean + band, color=colour, alpha=0.2, lw=0)
+                axis.plot(rows[:, 0], mean, color=colour, lw=1.2)
+            axis.axhline(0, color=INK, lw=0.5)
+            axis.set_xlabel(key)
+            _plain(axis)
+        row[0].set_ylabel(f"error of {name}")
+    after = " and with the causes (blue)" if diagnosis.causes else ""
+    return html.figure(
+        figure, f"Mean error with two standard errors: refitted base (red){after}, on the training data."
+    )
+
+
+def _ranking(diagnosis: Diagnosis) -> str:
+    rows = [
+        (name.replace("_", " "), f"{nats:.1f}", _p(p), values)
+        for name, nats, p, values in diagnosis.evidence.ranking
+    ]
+    if not rows:
+        return ""
+    table = html.table(("effect, alone", "held-out gain [nats]", "p", "fitted"), rows)
+    return f"<h2>All effects that were tried</h2><details open><summary>Ranking</summary>{table}</details>"
+
+
+def _base(diagnosis: Diagnosis) -> str:
+    rows = [(name, _estimate(e)) for name, e in diagnosis.parameters.items()]
+    return "<h2>Base parameters of the extended simulation</h2>" + html.table(("parameter", "value"), rows)
+
+
+def _not_testable(diagnosis: Diagnosis) -> str:
+    if not diagnosis.not_testable:
+        return ""
+    rows = [(name.replace("_", " "), reason) for name, reason in diagnosis.not_testable.items()]
+    return "<h2>Not testable with these data</h2>" + html.table(("effect", "why"), rows)
+
+
+def _axes(count: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(4.2 * count + 0.6, 2.8), layout="constrained")
+    axes = list(np.atleast_1d(figure.subplots(1, count)))
+    for axis in axes:
+        _plain(axis)
+    return figure, axes
+
+
+def _plain(axis: Axes) -> None:
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(alpha=0.25)
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "–"
+
+
+def _p(value: float) -> str:
+    return "–" if not math.isfinite(value) else f"{value:.2g}" if value >= 1e-12 else "< 1e-12"
+
+
+def _share(percent: float, interval: tuple[float, float]) -> str:
+    if not math.isfinite(percent):
+        return "–"
+    low, high = interval
+    return f"{percent:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def _estimate(estimate: Estimate) -> str:
+    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+    spread = f" ± {estimate.std:.2g}" if math.isfinite(estimate.std) and estimate.std > 0 else ""
+    return f"{estimate.value:.4g}{spread}{unit}"
