@@ -43,7 +43,8 @@ def test_classical_estimators_come_in_the_expected_order(errors):
     # Told the levels beats told the typical level; knowing the regime beats inferring it from the
     # observation, which beats the best constants, which beat the published constants.
     assert error["imm"] < error["ekf"] < error["fixed_tuned"]
-    assert error["imm"] < error["oracle_gains"] < error["adaptive"] < 0.85 * error["fixed_tuned"]
+    assert error["imm"] < error["oracle_gains"] < error["regime_filter"] < error["adaptive"]
+    assert error["adaptive"] < 0.85 * error["fixed_tuned"]
     assert error["fixed_tuned"] < error["ranger"]
     assert error["ranger_tuned"] < error["ranger"]
     assert error["fixed_tuned"] <= error["paper_grid"] * 1.01
@@ -58,7 +59,9 @@ def test_full_sensor_weight_is_rangers_estimator(errors):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["fixed_tuned", "gated_tuned", "adaptive", "oracle_gains", "ranger_tuned"])
+@pytest.mark.parametrize(
+    "name", ["fixed_tuned", "gated_tuned", "adaptive", "regime_filter", "oracle_gains", "ranger_tuned"]
+)
 def test_stored_scores_are_those_of_the_environment(kind, name):
     """What the tuning scored on recorded walks is what the environment's steps give on the same seeds."""
     found = mean_error(name, kind, TUNING_SEEDS[:WALKS])
@@ -120,6 +123,46 @@ def test_oracle_rows_are_all_different():
     levels = np.stack([bits[0], np.zeros(16, int), bits[1]], axis=1)
     previous = np.stack([np.zeros(16, int), bits[3], bits[2]], axis=1)
     assert sorted(oracle_row(levels, previous)) == list(range(16))
+
+
+@pytest.mark.parametrize(("kind", "least"), [("ar1", (0.98, 0.8, 0.95)), ("low_pass", (0.98, 0.8, 0.75))])
+def test_regime_filter_finds_the_hidden_levels(kind, least):
+    """On test seeds it names process, floor and collision level right in most strides."""
+    agent = make("regime_filter", kind)
+    envs = gymnasium.make_vec(
+        "fieldgym/HeelStrike-v0",
+        24,
+        vectorization_mode="vector_entry_point",
+        settings={"collision_kind": kind},
+    )
+    observation, _ = envs.reset(seed=TEST_SEEDS[0])
+    right = []
+    agent.begin_episodes(np.ones(24, dtype=bool))
+    np.testing.assert_allclose(agent.regimes(observation), 1 / 8)
+    for _ in range(200):
+        observation, _, _, _, info = envs.step(np.zeros((24, 3), dtype=np.float32))
+        believed = agent.regimes(observation)
+        np.testing.assert_allclose(believed.sum(axis=1), 1.0)
+        high = [believed[:, [r for r in range(8) if r & bit]].sum(axis=1) > 0.5 for bit in (4, 2, 1)]
+        right.append(np.stack(high, axis=1) == info["privileged"]["previous_levels"])
+    assert (np.mean(right, axis=(0, 1)) > least).all()
+    envs.close()
+
+
+def test_an_agents_memory_is_one_row_an_environment():
+    """A filter that acts on two walks at once thinks of each what it thinks of it alone."""
+    rng = np.random.default_rng(0)
+    walks = rng.normal(-8, 3, (10, 2, 6))
+    both = make("regime_filter", "ar1")
+    together = [both.act(observation, {}) for observation in walks]
+    for i in range(2):
+        alone = make("regime_filter", "ar1")
+        for observation, action in zip(walks, together, strict=True):
+            np.testing.assert_allclose(alone.act(observation[i : i + 1], {})[0], action[i], rtol=1e-6)
+    both.begin_episodes(np.array([True, False]))
+    after = both.act(walks[0], {})
+    np.testing.assert_array_equal(after[0], together[0][0])
+    assert (after[1] != together[0][1]).any()
 
 
 def test_rangers_reset_is_scored_without_running_it_again():

@@ -48,7 +48,7 @@ class FixedGains(Agent):
 
 
 class LinearRule(Agent):
-    """Log gains linear in the observation: trust the sensor less when it shakes, the floor when it is flat.
+    """Log gains linear in the observation.
 
     Args:
         name: The agent's name.
@@ -64,6 +64,73 @@ class LinearRule(Agent):
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
         """See ``Agent.act``."""
         return np.clip(observation @ self.weights.T + self.bias, -1, 1).astype(np.float32)
+
+
+class RegimeFilter(Agent):
+    """Infers the regime as a hidden Markov model does, and mixes the gains of the eight regimes.
+
+    It keeps one thing: how probable each regime is (forward algorithm, Baum 1966). The regimes look like
+    Gaussian clouds of log innovation^2, log torque^2 and log collision^2 of the latest stride.
+
+    Args:
+        name: The agent's name.
+        title: What it does.
+        means: Mean of the three features in each regime, shape (8, 3).
+        covariances: Their covariances, shape (8, 3, 3).
+        actions: Action for each regime, shape (8, 3); may lie beyond the action's limits, which hold
+            for the mixture.
+        dwell: Mean number of strides between switches of one noise level.
+    """
+
+    LATEST = (0, 2, 4)
+    """Columns of the observation that describe the latest stride alone."""
+
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        means: ArrayLike,
+        covariances: ArrayLike,
+        actions: ArrayLike,
+        dwell: float,
+    ) -> None:
+        self.name, self.title = name, title
+        self._means = np.asarray(means, dtype=np.float64)
+        self._precisions = np.linalg.inv(np.asarray(covariances, dtype=np.float64))
+        self._log_volumes = 0.5 * np.linalg.slogdet(self._precisions)[1]
+        self._actions = np.asarray(actions, dtype=np.float64)
+        switch = 1 / dwell
+        one = np.array([[1 - switch, switch], [switch, 1 - switch]])
+        self._transition = np.kron(one, np.kron(one, one))
+        self._probability = np.empty((0, 8))
+        self._begun = np.empty(0, dtype=np.bool_)
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """See ``Agent.begin_episodes``."""
+        if len(self._begun) != len(begun):
+            self._probability = np.full((len(begun), 8), 1 / 8)
+        self._begun = begun.copy()
+        self._probability[begun] = 1 / 8
+
+    def regimes(self, observation: NDArray[Any]) -> NDArray[np.float64]:
+        """Probability of each regime in the latest stride, shape (environments, 8); call once a stride.
+
+        Regime number: 4 process + 2 floor + collision, each 0 low or 1 high.
+        """
+        if len(self._begun) != len(observation):
+            self.begin_episodes(np.ones(len(observation), dtype=np.bool_))
+        away = np.asarray(observation, dtype=np.float64)[:, None, self.LATEST] - self._means
+        log = self._log_volumes - 0.5 * np.einsum("nri,rij,nrj->nr", away, self._precisions, away)
+        posterior = (self._probability @ self._transition) * np.exp(log - log.max(axis=1, keepdims=True))
+        posterior /= posterior.sum(axis=1, keepdims=True)
+        # Before the first stride there is nothing to learn from.
+        self._probability = np.where(self._begun[:, None], 1 / 8, posterior)
+        self._begun[:] = False
+        return self._probability.copy()
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """See ``Agent.act``."""
+        return np.clip(self.regimes(observation) @ self._actions, -1, 1).astype(np.float32)
 
 
 class OracleGains(Agent):
@@ -160,6 +227,9 @@ PAPER_GRID = "The dissertation's tuning: (2.14), best of its grids of S_FD, S_MS
 FIXED_TUNED = "(2.14) with the best fixed S_MS and S_HR of a logarithmic grid from 0.001"
 GATED_TUNED = "(2.14) with the best fixed gains, S_MS apart for the time of the collision noise"
 ADAPTIVE = "Log gains linear in the observation, tuned by CMA-ES"
+REGIME_FILTER = (
+    "Infers the hidden regime by a Gaussian hidden Markov model and mixes the gains tuned for each"
+)
 ORACLE = "The best gains for the regime of each stride, which it is told"
 EKF = "Extended Kalman filter with torque and collision states, told the typical noise levels"
 IMM = "Bank of eight such filters (interacting multiple models), told all levels and the dwell"
@@ -196,6 +266,16 @@ REFERENCES = (
             ADAPTIVE,
             _tuned(settings, "adaptive")["weights"],
             _tuned(settings, "adaptive")["bias"],
+        ),
+    ),
+    Reference(
+        "regime_filter",
+        "observation",
+        REGIME_FILTER,
+        lambda settings: RegimeFilter(
+            "regime_filter",
+            REGIME_FILTER,
+            *(_tuned(settings, "regime_filter")[key] for key in ("means", "covariances", "actions", "dwell")),
         ),
     ),
     Reference(

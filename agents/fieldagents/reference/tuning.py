@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from fieldagents.evaluation.seeds import TUNING_SEEDS
-from fieldagents.reference.heel_strike import oracle_row
+from fieldagents.reference.heel_strike import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
 from fieldmodels.files import write_text
 from fieldmodels.heel_strike.search import Walks, record_walks, score_gains
@@ -88,6 +88,19 @@ def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: No
         lambda w: _linear_scores(w, weights[None], bias[None], decay)[0],
         weights=weights,
         bias=bias,
+    )
+
+    means, covariances = _clouds(walks)
+    mixed = _regime_actions(walks, means, covariances, settings.dwell, gated, decay)
+    keep(
+        "regime_filter",
+        lambda w: float(
+            _mixed_scores(w, _regimes(w, means, covariances, settings.dwell), mixed[None], decay)[0]
+        ),
+        means=means,
+        covariances=covariances,
+        actions=mixed,
+        dwell=settings.dwell,
     )
 
     table = _oracle(walks, gated, decay)
@@ -166,6 +179,43 @@ def _linear_rule(walks: Walks, start: Floats, decay: float) -> tuple[Floats, Flo
     best = _cma(lambda x: _linear_scores(walks, *decode(x), decay), x.ravel(), evaluations=4000)
     weights, bias = decode(best)
     return weights[0], bias[0]
+
+
+def _clouds(walks: Walks) -> tuple[Floats, Floats]:
+    """Mean and covariance of the latest stride's features in each regime, shapes (8, 3), (8, 3, 3)."""
+    features = np.clip(walks.features, FEATURE_LOW, FEATURE_HIGH)[:, RegimeFilter.LATEST]
+    latest = np.roll(walks.regime, 1)  # features before a stride describe the one before
+    later = np.diff(walks.walk, prepend=-1) == 0
+    own = [features[later & (latest == regime)] for regime in range(8)]
+    return np.array([x.mean(axis=0) for x in own]), np.array([np.cov(x.T) for x in own])
+
+
+def _regimes(walks: Walks, means: Floats, covariances: Floats, dwell: float) -> Floats:
+    """What the regime filter thinks before each stride, shape (strides, 8)."""
+    number = walks.walk[-1] + 1
+    features = np.clip(walks.features, FEATURE_LOW, FEATURE_HIGH).reshape(number, -1, walks.features.shape[1])
+    agent = RegimeFilter("regime_filter", "", means, covariances, np.ones((8, 3)), dwell)
+    agent.begin_episodes(np.ones(number, dtype=np.bool_))
+    believed = [agent.regimes(features[:, stride]) for stride in range(features.shape[1])]
+    return np.stack(believed, axis=1).reshape(-1, 8)
+
+
+def _mixed_scores(walks: Walks, believed: Floats, actions: Floats, decay: float) -> Floats:
+    """Mean |error| [mm] of actions for the regimes, shape (sets, 8, 3), mixed by what is believed."""
+    mixed = np.einsum("nr,srg->sng", believed, actions)
+    return score_gains(walks, _with_decay(_gains(mixed), decay))
+
+
+def _regime_actions(
+    walks: Walks, means: Floats, covariances: Floats, dwell: float, start: Floats, decay: float
+) -> Floats:
+    believed = _regimes(walks, means, covariances, dwell)
+    best = _cma(
+        lambda x: _mixed_scores(walks, believed, x.reshape(-1, 8, 3), decay),
+        np.tile(_encode(start), 8),
+        evaluations=4000,
+    )
+    return best.reshape(8, 3)
 
 
 def _table_scores(walks: Walks, tables: Floats, decay: float) -> Floats:
