@@ -200,11 +200,11 @@ class ExcitationConfig(Config):
     """How the input of a model is driven.
 
     Attributes:
-        kind: ``mixed``, ``multisine``, ``prbs``, ``steps`` or ``chirp``.
-        amplitude: Peak of the command, in the input's unit.
+        kind: ``mixed``, ``multisine``, ``prbs``, ``steps``, ``chirp``; or ``swing``, a smooth path.
+        amplitude: Peak of the command, in the input's unit; of a swing, of the path.
     """
 
-    kind: Literal["mixed", "multisine", "prbs", "steps", "chirp"] = "mixed"
+    kind: Literal["mixed", "multisine", "prbs", "steps", "chirp", "swing"] = "mixed"
     amplitude: float = Field(default=1.0, gt=0)
 
 

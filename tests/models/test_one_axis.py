@@ -195,6 +195,7 @@ def test_a_window_remembers_the_commands_before_it(name, effects):
         starts=np.array([100]),
         lengths=np.array([200]),
         states=whole[100:101],
+        observed=np.ones((1, 200, 2), dtype=bool),
     )
     got = model.simulate(model.vector(effects=effects)[None, :], later)[0, 0]
     np.testing.assert_allclose(got, whole[100:], atol=1e-9 * np.abs(whole).max())

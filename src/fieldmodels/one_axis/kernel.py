@@ -101,6 +101,33 @@ def runge_kutta(
 
 
 @inlined
+def plain_runge_kutta(
+    x: float, v: float, h: float, force: float, inertia: float, c: float, k: float, gravity: float
+) -> tuple[float, float]:
+    """The same step where no effect is on in the equation of motion: about twice as fast."""
+    if gravity != 0.0:
+        a1 = (force - c * v - k * x - gravity * math.sin(x)) / inertia
+        v2 = v + 0.5 * h * a1
+        x2 = x + 0.5 * h * v
+        a2 = (force - c * v2 - k * x2 - gravity * math.sin(x2)) / inertia
+        v3 = v + 0.5 * h * a2
+        x3 = x + 0.5 * h * v2
+        a3 = (force - c * v3 - k * x3 - gravity * math.sin(x3)) / inertia
+        v4 = v + h * a3
+        x4 = x + h * v3
+        a4 = (force - c * v4 - k * x4 - gravity * math.sin(x4)) / inertia
+    else:
+        a1 = (force - c * v - k * x) / inertia
+        v2 = v + 0.5 * h * a1
+        a2 = (force - c * v2 - k * (x + 0.5 * h * v)) / inertia
+        v3 = v + 0.5 * h * a2
+        a3 = (force - c * v3 - k * (x + 0.5 * h * v2)) / inertia
+        v4 = v + h * a3
+        a4 = (force - c * v4 - k * (x + h * v3)) / inertia
+    return x + h / 6.0 * (v + 2.0 * (v2 + v3) + v4), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+@inlined
 def advance(
     x: float, v: float, t: float, h: float, target: float, lagged: float, q: FloatArray
 ) -> tuple[float, float]:
@@ -173,6 +200,31 @@ def lag(target: FloatArray, first: IntArray, step: float, time_constant: float, 
 
 
 @inlined
+def is_plain(q: FloatArray) -> bool:
+    """Whether no effect is on in the equation of motion or in the actuator's dynamics."""
+    return bool(
+        q[COULOMB] == 0.0
+        and q[DRAG] == 0.0
+        and q[CUBIC] == 0.0
+        and q[SINE] == 0.0
+        and q[COSINE] == 0.0
+        and q[LAG] == 0.0
+    )
+
+
+@inlined
+def is_static(q: FloatArray) -> bool:
+    """Whether a static effect of the actuator is on."""
+    return bool(
+        q[GAIN] != 1.0
+        or q[ASYMMETRY] != 0.0
+        or q[DEAD_ZONE] > 0.0
+        or q[LIMIT] < NO_LIMIT
+        or q[STEP_FACTOR] != 1.0
+    )
+
+
+@inlined
 def substeps_for(q: FloatArray, step: float, least: int) -> int:
     """Steps within a sampling interval: a power of two times ``least`` that resolves the fastest mode."""
     fastest = math.sqrt((q[STIFFNESS] + abs(q[GRAVITY])) / q[INERTIA]) + q[DAMPING] / q[INERTIA]
@@ -219,12 +271,17 @@ def simulate(
         out: Receives position and velocity, shape (batch, windows, samples, 2), filled with NaN.
     """
     n = len(command)
-    target = np.empty(n)
+    actuated = np.empty(n)
     filtered = np.empty(n)
     edges = np.zeros(4)
     for p in range(q.shape[0]):
         r = q[p]
-        actuate(command, step, r, target)
+        target = command
+        if is_static(r):
+            target = actuated
+            actuate(command, step, r, target)
+        plain = is_plain(r)
+        inertia, damping, stiffness, gravity = r[INERTIA], r[DAMPING], r[STIFFNESS], r[GRAVITY]
         if r[LAG] > 0.0:
             lag(target, first, step, r[LAG], filtered)
         substeps = substeps_for(r, step, least_substeps)
@@ -291,9 +348,15 @@ def simulate(
                     aim = target[min(max(source, low), high)]
                     t = ((start + j) + edges[piece]) * step - r[SENSOR_DELAY]
                     h = length * step / substeps
-                    for i in range(substeps):
-                        x, v = advance(x, v, t + i * h, h, aim + extra, lagged + extra, r)
-                        if r[LAG] > 0.0:
-                            lagged = aim + (lagged - aim) * math.exp(-h / r[LAG])
+                    if plain:
+                        for _ in range(substeps):
+                            x, v = plain_runge_kutta(
+                                x, v, h, aim + extra, inertia, damping, stiffness, gravity
+                            )
+                    else:
+                        for i in range(substeps):
+                            x, v = advance(x, v, t + i * h, h, aim + extra, lagged + extra, r)
+                            if r[LAG] > 0.0:
+                                lagged = aim + (lagged - aim) * math.exp(-h / r[LAG])
                     if edges[piece + 1] == ahead_part and j >= ahead and j - ahead < samples:
                         out[p, w, j - ahead, 1] = v + r[VELOCITY_BIAS]
