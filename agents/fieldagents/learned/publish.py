@@ -23,7 +23,7 @@ from fieldagents.learned.policy import OnnxAgent
 from fieldagents.learned.zoo import ZOO, ZooError
 from fieldmodels.files import write_bytes, write_text
 
-EPISODES = 100
+EPISODES = 50
 
 
 def publish(
