@@ -90,9 +90,8 @@ def main() -> None:
                           rng=np.random.default_rng(0))  # fmt: skip
         windows = model.windows(data, model.horizons[1])
         off = best(lambda: model.simulate(np.tile(model.nominal, (BATCH, 1)), windows))  # noqa: B023
-        print(
-            f"{name}: {BATCH * len(windows) * windows.samples / off / 1e6:.1f} million samples/s; time with an effect on:"
-        )
+        samples = BATCH * len(windows) * windows.samples
+        print(f"{name}: {samples / off / 1e6:.1f} million samples/s; time with an effect on:")
         for effect in model.effects:
             values = {p.name: p.starts[-1] if p.starts else p.nominal + p.scale for p in effect.parameters}
             vector = np.tile(model.vector(effects={effect.name: values}), (BATCH, 1))
