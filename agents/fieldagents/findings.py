@@ -74,7 +74,8 @@ def show(diagnosis: Mapping[str, Any], console: Console) -> None:
     from rich.table import Table
 
     verdict = diagnosis["verdict"]
-    console.print(f"\n[bold]{verdict}[/bold]: {SENTENCES[verdict]}\n")
+    console.print(f"\n[bold]{verdict}[/bold]: {SENTENCES[verdict]}")
+    console.print(diagnosis.get("summary", ""), markup=False)
     if diagnosis["causes"]:
         table = Table("effect", "where", "parameters", "gain", "cause")
         for cause in diagnosis["causes"]:
@@ -94,8 +95,12 @@ def show(diagnosis: Mapping[str, Any], console: Console) -> None:
                 f"{gain['horizon_s']:g} s",
             )
         console.print(table)
+    if diagnosis.get("unknown"):
+        console.print(f"Left over: {diagnosis['unknown']['direction']}", markup=False)
+    for effect, why in diagnosis.get("not_testable", {}).items():
+        console.print(f"Not testable: {effect}: {why}", markup=False)
     if diagnosis.get("next_measurement"):
-        console.print(f"Measure next: {diagnosis['next_measurement']['why']}")
+        console.print(f"Measure next: {diagnosis['next_measurement']['why']}", markup=False)
 
 
 def _value(entry: Mapping[str, Any]) -> str:
