@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy import integrate, special, stats
+
 from fieldmodels.compiled import compiled
 from fieldmodels.heel_strike.model import HeelStrikeModel
 from fieldmodels.heel_strike.parameters import SILENT, Gains, Leg, Noise, Regimes
@@ -10,7 +12,6 @@ from fieldmodels.heel_strike.streams import gaussian, normal_quantile, symmetric
 from fieldmodels.heel_strike.strides import Strides
 from fieldmodels.heel_strike.truth import truth_step
 from fieldmodels.model import ModelError
-from scipy import integrate, special, stats
 
 PAPER = (1.0, 1.0, 0.1, 1000 / 3)
 

@@ -24,8 +24,13 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
 
-AROUND = 15
-"""Samples before and after a strike over which the gyro is averaged for the push-off."""
+AROUND = 0.03
+"""Time before and after a strike over which the gyro is averaged for the push-off [s]."""
+
+
+def samples_around(recording: Recording) -> int:
+    """Samples of a recording in the time ``AROUND``."""
+    return max(3, round(AROUND / recording.step))
 
 
 class HeelStrikeModel(Model):
@@ -85,12 +90,12 @@ class HeelStrikeModel(Model):
             self.leg.gravity,
             self.leg.speed,
             self.leg.push_off,
-            AROUND,
+            samples_around(recording),
         )
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
         """Angle from the geometry and the gyro's integral since; speed from the gyro before the start."""
-        gyro, step = recording["gyro"], recording.step
+        gyro, step, around = recording["gyro"], recording.step, samples_around(recording)
         turned = np.cumsum(gyro) * step
         first = recording.bounds[np.searchsorted(recording.bounds[:, 0], starts, side="right") - 1, 0]
         struck = recording["strike"] > 0.5
@@ -101,7 +106,7 @@ class HeelStrikeModel(Model):
         for i, (start, begin) in enumerate(zip(starts, np.maximum(first, latest), strict=True)):
             # A strike's own sample is read before the push-off, so the samples up to it belong together.
             begin = first[i] if start == latest[i] else begin + 1
-            low = max(start - AROUND + 1, begin)
+            low = max(start - around + 1, begin)
             lag = np.arange(low - start, 1) * step
             level = gyro[low : start + 1].mean()
             slope = -self.leg.gravity / self.leg.length * np.sin(angle[i])
@@ -117,7 +122,7 @@ class HeelStrikeModel(Model):
         Raises:
             RecordingError: If the recording has too few strikes.
         """
-        recording = with_derived(recording, self.leg)
+        recording, around = with_derived(recording, self.leg), samples_around(recording)
         strikes = [
             np.flatnonzero(recording["strike"][a:b] > 0.5).astype(np.int64) + a for a, b in recording.bounds
         ]
@@ -133,11 +138,11 @@ class HeelStrikeModel(Model):
         starts: list[int] = []
         ends: list[int] = []
         for (begin, _), own in zip(recording.bounds, strikes, strict=True):
-            own = own[own - AROUND >= begin]
+            own = own[own - around >= begin]
             for i in range(0, len(own) - count, count):
                 inside = np.diff(own[i : i + count + 1])
                 # A stride of unusual length is a missed or a doubled strike.
-                if inside.max() < 1.5 * usual and inside.min() > max(0.5 * usual, 4 * AROUND):
+                if inside.max() < 1.5 * usual and inside.min() > max(0.5 * usual, 4 * around):
                     starts.append(int(own[i] + inside[0] // 2 if half else own[i]))
                     ends.append(int(own[i + count]))
         if not starts:
@@ -154,7 +159,7 @@ class HeelStrikeModel(Model):
         observed[:, :, 1] = struck
         if not half:
             observed[:, 1:, 2] = struck[:, 1:]
-            observed[:, AROUND, 3] = True
+            observed[:, around, 3] = True
         return Windows(
             recording=recording,
             starts=first,
@@ -167,6 +172,7 @@ class HeelStrikeModel(Model):
 def with_derived(recording: Recording, leg: Leg) -> Recording:
     """Add the derived signals ``closure`` (at strikes) and ``push_off`` (some samples after them)."""
     gyro, angle, step = recording["gyro"], recording["strike_angle"], recording.step
+    around = samples_around(recording)
     turned = np.concatenate([[0.0], np.cumsum(gyro)]) * step
     closure, push = np.zeros(len(recording)), np.zeros(len(recording))
     for begin, end in recording.bounds:
@@ -174,10 +180,10 @@ def with_derived(recording: Recording, leg: Leg) -> Recording:
         if len(strikes) > 1:
             now, then = strikes[1:], strikes[:-1]
             closure[now] = angle[now] - angle[then] - (turned[now + 1] - turned[then + 1])
-        inside = strikes[(strikes - AROUND + 1 >= begin) & (strikes + AROUND < end)]
-        before = (turned[inside + 1] - turned[inside + 1 - AROUND]) / (AROUND * step)
-        after = (turned[inside + 1 + AROUND] - turned[inside + 1]) / (AROUND * step)
-        push[inside + AROUND] = after - pushed(before, leg)
+        inside = strikes[(strikes - around + 1 >= begin) & (strikes + around < end)]
+        before = (turned[inside + 1] - turned[inside + 1 - around]) / (around * step)
+        after = (turned[inside + 1 + around] - turned[inside + 1]) / (around * step)
+        push[inside + around] = after - pushed(before, leg)
     return replace(
         recording,
         signals={**recording.signals, "closure": closure, "push_off": push},
