@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -277,3 +278,23 @@ def test_the_registry_knows_its_models_and_helps_with_a_slip():
     assert {"rig", "pendulum", "heel_strike"} <= set(model_names())
     with pytest.raises(ModelError, match="did you mean 'pendulum'"):
         get_model("pendulm")
+
+
+def test_scales_and_windows_of_a_long_recording_take_no_long_time_or_memory():
+    rig = bench("rig")
+    reality = {"periodic_force": {"sine": 0.3, "frequency": 1.7}}
+    data = synthesise(
+        rig, reality, "steps", duration=3000.0, amplitude=8.0, refine=1, rng=np.random.default_rng(0)
+    )
+    scaled = rig.scaled_to([data])
+    assert min(abs(f - 1.7) for f in scaled.scales.frequencies) < 1e-3
+    assert len(scaled.windows(data, 0.5)) == 3000 // 0.51
+
+
+def test_the_models_page_names_every_effect_and_parameter():
+    page = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
+    for name in BENCHES:
+        for effect in bench(name).effects:
+            line = next(line for line in page.splitlines() if line.startswith(f"| `{effect.name}`"))
+            for parameter in effect.parameters:
+                assert f"`{parameter.name}`" in line

@@ -96,16 +96,19 @@ class OneAxis(Model):
 
         A measured velocity is smoothed in the same way; otherwise it is the parabola's slope.
         """
+        first, last = _episode_edges(recording)
+        offsets = np.arange(-4, 5)
+        rows = starts[:, None] + offsets
+        inside = (rows >= first[starts][:, None]) & (rows <= last[starts][:, None])
+        rows = np.where(inside, rows, starts[:, None])
+        # Least squares with weight zero beyond an episode's ends.
+        powers = inside[:, :, None] * np.vander(offsets, 3, increasing=True)
+        solver = np.linalg.pinv(powers)
         position, velocity = (signal.name for signal in self.outputs)
-        states = np.empty((len(starts), 2))
-        for i, start in enumerate(starts):
-            episode = recording.bounds[np.searchsorted(recording.bounds[:, 1], start, side="right")]
-            low, high = max(start - 4, episode[0]), min(start + 5, episode[1])
-            offsets = np.arange(low, high) - start
-            fit = np.polynomial.polynomial.polyfit(offsets, recording[position][low:high], 2)
-            states[i] = fit[0], fit[1] / recording.step
-            if velocity in recording:
-                states[i, 1] = np.polynomial.polynomial.polyfit(offsets, recording[velocity][low:high], 2)[0]
+        parabola = np.einsum("wik,wk->wi", solver, recording[position][rows])
+        states = np.column_stack([parabola[:, 0], parabola[:, 1] / recording.step])
+        if velocity in recording:
+            states[:, 1] = np.einsum("wk,wk->w", solver[:, 0], recording[velocity][rows])
         return states
 
 
