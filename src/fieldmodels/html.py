@@ -114,7 +114,7 @@ def _matplotlib(drawing: Any) -> str:
     with mpl.rc_context({"svg.hashsalt": prefix, "svg.fonttype": "none"}):
         drawing.savefig(stream, format="svg", bbox_inches="tight", metadata={"Date": None})
     svg = stream.getvalue()
-    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     if len(svg) > 1_000_000:
         pixels = io.BytesIO()
         drawing.savefig(pixels, format="png", dpi=110, bbox_inches="tight")

@@ -20,11 +20,14 @@ from fieldmodels.diagnosis.fit import (
     stacked,
 )
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.response import responses, sample_times
 from fieldmodels.model import Effect, FloatArray
 
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
 TRIED = 2  # starts that are followed after screening
+PRICE = 1.0  # nats a parameter, on top of what it costs on held-out windows
+LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
 MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
@@ -40,17 +43,19 @@ class Candidate:
         fit: Parameters and states.
         search: Price [nats] of having searched several starts: the logarithm of their number.
         loss: Held-out loss [nats] of every window.
+        size: Number of the effects' parameters.
     """
 
     effects: Names
     fit: Fit
     search: float
     loss: FloatArray
+    size: int = 0
 
     @property
     def total(self) -> float:
-        """Held-out loss of all windows with the price of the search: what selection minimises."""
-        return float(self.loss.sum()) + self.search
+        """Held-out loss of all windows with the price of search and size: what selection minimises."""
+        return float(self.loss.sum()) + self.search + PRICE * self.size
 
 
 @dataclass
@@ -151,7 +156,7 @@ class Candidates:
             Improvements, shape (starts,), and the best multiple of each linear parameter's step,
             shape (starts, group).
         """
-        starts = _start_vectors(self.problem, parent.fit.parameters, effect)
+        starts = self.start_vectors(parent, effect)
         count, group, size = starts.shape
         flat_starts = starts.reshape(-1, size)
         simulated = np.concatenate(
@@ -170,6 +175,41 @@ class Candidates:
         slope = flat.transpose(0, 2, 1) @ residual
         multiple = np.linalg.solve(power, slope[:, :, None])[:, :, 0]
         return 0.5 * np.sum(multiple * slope, axis=1), multiple
+
+    def start_vectors(self, parent: Candidate, effect: Effect) -> FloatArray:
+        """Starts with one linear parameter switched on at a time, shape (starts, linear, parameters)."""
+        choices = [_parameter_starts(self.problem, effect, k) for k in range(len(effect.parameters))]
+        linear = [k for k, c in enumerate(choices) if len(c) == 1] or [0]
+        for k, parameter in enumerate(effect.parameters):
+            if parameter.unit == "Hz" and effect.where == "force" and self.problem.model.disturbance_unit:
+                choices[k] = self.lines(parent, np.array(choices[k]))
+        values = np.array(list(itertools.product(*choices)))
+        place = self.problem.model.slice_of(effect.name)
+        result = np.tile(parent.fit.parameters, (len(values), len(linear), 1))
+        for g, k in enumerate(linear):
+            result[:, g, place] = values
+            for other in linear:
+                if other != k:
+                    result[:, g, place.start + other] = effect.parameters[other].nominal
+        return result
+
+    def lines(self, parent: Candidate, grid: FloatArray) -> tuple[float, ...]:
+        """Frequencies of a force that would explain most beside a parent, from the response to a force."""
+        response, time = responses(self.problem, parent.fit), sample_times(self.problem)
+        gains = []
+        for i in range(0, len(grid), BATCH):
+            phase = 2 * np.pi * time[:, :, None] * grid[None, None, i : i + BATCH]
+            waves = np.concatenate([np.sin(phase), np.cos(phase)], axis=2)
+            flat, residual = self.beside(parent.fit, project(parent.fit, response @ waves))
+            half = flat.shape[1] // 2
+            sine, cosine = flat[:, :half], flat[:, half:]
+            a, b, c = (np.sum(x, axis=0) + 1e-300 for x in (sine**2, cosine**2, sine * cosine))
+            s, t = sine.T @ residual, cosine.T @ residual
+            determinant = np.maximum(a * b - c**2, 1e-6 * a * b)
+            gains.append((b * s**2 - 2 * c * s * t + a * t**2) / determinant)
+        gain = np.concatenate(gains)
+        peaks = [i for i in np.argsort(-gain) if gain[i] >= gain[max(i - 1, 0) : i + 2].max()]
+        return tuple(grid[peaks[:LINES]].tolist())
 
     @staticmethod
     def beside(fitted: Fit, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -192,7 +232,7 @@ class Candidates:
         if key in self.seen:
             return self.seen[key][1:]
         promise, multiple = self.score(parent, effect)
-        starts = _start_vectors(self.problem, parent.fit.parameters, effect)
+        starts = self.start_vectors(parent, effect)
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
         result = []
@@ -235,7 +275,8 @@ class Candidates:
         return project(here, np.moveaxis(outputs[0::2] - outputs[1::2], 0, 2) / (2 * step))
 
     def _judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
-        return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds))
+        size = sum(len(self.problem.model.effect(name).parameters) for name in effects)
+        return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds), size)
 
     def _profiled(self, best: Fit, effect: Effect) -> Fit:
         """Search parameters without derivative on ever finer grids around the best start."""
@@ -305,20 +346,6 @@ def _grid(problem: Problem, effect: Effect) -> list[tuple[float, ...]]:
     return list(
         itertools.product(*(_parameter_starts(problem, effect, k) for k in range(len(effect.parameters))))
     )
-
-
-def _start_vectors(problem: Problem, parameters: FloatArray, effect: Effect) -> FloatArray:
-    """Starts with one linear parameter switched on at a time, shape (starts, linear, parameters)."""
-    values = np.array(_grid(problem, effect))
-    linear = _linear(problem, effect)
-    place = problem.model.slice_of(effect.name)
-    result = np.tile(parameters, (len(values), len(linear), 1))
-    for g, k in enumerate(linear):
-        result[:, g, place] = values
-        for other in linear:
-            if other != k:
-                result[:, g, place.start + other] = effect.parameters[other].nominal
-    return result
 
 
 def _base_starts(problem: Problem, start: FloatArray, free: IntArray) -> FloatArray:

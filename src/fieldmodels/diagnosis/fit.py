@@ -190,10 +190,13 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
         flat = stacked(own)
         rest = whole - flat.T @ flat
         step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
-        square = np.sum((residual - own @ step) ** 2, axis=1)
-        features = fitted.raw.shape[1]
-        loss[inside] = 0.5 * (TAIL + features) * np.log1p(square / TAIL)
+        loss[inside] = heavy_tailed(residual - own @ step, fitted.raw.shape[1])
     return loss
+
+
+def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
+    """Negative log-likelihood [nats] of windows under Student's t, up to a constant, shape (windows,)."""
+    return np.asarray(0.5 * (TAIL + features) * np.log1p(np.sum(residual**2, axis=1) / TAIL))
 
 
 def diagonal_whitener(raw: FloatArray, scale: FloatArray) -> FloatArray:

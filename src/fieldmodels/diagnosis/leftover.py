@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.response import STRETCHES, averaged, responses, stretches
 from fieldmodels.diagnosis.result import Leftover
 from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, block_p_value
 from fieldmodels.model import FloatArray
 
-STRETCHES = 16  # pieces of a window on which a force is constant
 KNOTS = 8  # of a table
 MAX_P = 0.003  # of the best of some twenty groups
 RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.05  # a dictionary group may not beat a named effect by more [nats, share]
@@ -73,8 +73,8 @@ class Dictionary:
 
     def __init__(self, problem: Problem, fitted: Fit) -> None:
         self.problem = problem
-        self.stretch = [_stretches(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
-        self.response = _responses(problem, fitted)
+        self.stretch = [stretches(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
+        self.response = responses(problem, fitted)
         self.groups = list(_groups(self._signals(fitted)))
 
     def judge(self, candidate: Candidate, folds: NDArray[np.int64]) -> list[Found]:
@@ -128,7 +128,9 @@ class Dictionary:
         collected: dict[str, tuple[str, list[FloatArray]]] = {}
         for part, stretch in zip(self.problem.parts, self.stretch, strict=True):
             windows = part.windows
-            states = fitted.states[first : first + len(windows)]
+            # A fitted state knows the random force of its window, which would pass for a force that
+            # depends on where the state leads; the measured one does not.
+            states = windows.states if model.random_force else fitted.states[first : first + len(windows)]
             first += len(windows)
             outputs = model.simulate(fitted.parameters[None], windows.with_states(states))[0]
             recording = windows.recording
@@ -136,10 +138,13 @@ class Dictionary:
             signals = {"time": ("s", recording.time[rows])}
             units = {signal.unit for signal in model.outputs}
             for j, signal in enumerate(model.outputs):
-                if np.isfinite(outputs[:, :, j])[stretch >= 0].mean() < 0.9:
+                if np.isfinite(outputs[:, :, j])[stretch >= 0].mean() < 0.9 or (
+                    model.random_force and signal.optional
+                ):
                     continue
                 signals[signal.name] = (signal.unit, outputs[:, :, j])
-                if f"{signal.unit}/s" not in units and f"{signal.unit}s" not in units:
+                # Random forces shape the rates, which then cannot tell what the forces depend on.
+                if f"{signal.unit}/s" not in units and not model.random_force:
                     rate = np.gradient(outputs[:, :, j], recording.step, axis=1)
                     signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
             for signal in model.inputs:
@@ -150,7 +155,7 @@ class Dictionary:
                     before = values[np.maximum(rows - lag, 0)]
                     signals[f"change of {signal.name}"] = (signal.unit, values[rows] - before)
             for name, (unit, values) in signals.items():
-                collected.setdefault(name, (unit, []))[1].append(_averaged(values, stretch))
+                collected.setdefault(name, (unit, []))[1].append(averaged(values, stretch))
         joined = {name: (unit, np.concatenate(values)) for name, (unit, values) in collected.items()}
         return {name: (unit, values) for name, (unit, values) in joined.items() if np.ptp(values) > 0}
 
@@ -184,50 +189,6 @@ def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
     """Piecewise-linear hats at the knots, constant beyond the outer ones; shape (..., knots)."""
     eye = np.eye(len(knots))
     return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
-
-
-def _stretches(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
-    """Number of the stretch that each sample belongs to, -1 beyond the window."""
-    position = np.arange(samples)[None, :] / lengths[:, None]
-    index = np.minimum((position * STRETCHES).astype(np.int64), STRETCHES - 1)
-    return np.where(position < 1, index, -1)
-
-
-def _averaged(values: FloatArray, stretch: NDArray[np.int64]) -> FloatArray:
-    """Mean over each stretch, shape (windows, stretches)."""
-    result = np.zeros((len(values), STRETCHES))
-    for k in range(STRETCHES):
-        inside = (stretch == k) & np.isfinite(values)
-        result[:, k] = np.where(inside, values, 0.0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
-    return result
-
-
-def _responses(problem: Problem, fitted: Fit) -> FloatArray:
-    """Change of the features by a unit force on each stretch, shape (windows, features, stretches).
-
-    A model without such an entry gets an offset of its outputs instead.
-    """
-    base = problem.features - fitted.raw
-    result = np.zeros((*base.shape, STRETCHES))
-    size = 1.0
-    for k in range(STRETCHES):
-        forces = []
-        for part in problem.parts:
-            stretch = _stretches(part.windows.lengths, part.slots.shape[1])
-            force = np.zeros(len(part.windows.recording))
-            window, sample = np.nonzero(stretch == k)
-            force[part.windows.starts[window] + sample] = 1.0
-            forces.append(force)
-        if not problem.model.disturbance_unit:
-            result[:, :, k] = problem.average(forces)
-            continue
-        for _ in range(2 if k == 0 else 1):
-            change = problem.response(fitted.parameters, fitted.states, [size * f for f in forces]) - base
-            if k == 0:
-                # Small against the motion, so that the response is linear.
-                size *= float(np.sqrt(np.mean(fitted.raw**2) / (np.mean(change**2) + 1e-300)))
-        result[:, :, k] = change / size
-    return np.where(np.isfinite(result), result, 0.0)
 
 
 def _solve(wide: Fit) -> FloatArray:

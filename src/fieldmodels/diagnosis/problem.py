@@ -50,12 +50,14 @@ class Problem:
         parts: One part a recording.
         outputs: Index of the output that each feature belongs to, shape (features,).
         horizon: Length of a window [s].
+        bins: Averages a window and densely observed output.
     """
 
     model: Model
     parts: tuple[Part, ...]
     outputs: IntArray
     horizon: float
+    bins: int
 
     def __len__(self) -> int:
         """Number of windows."""
@@ -150,7 +152,7 @@ class Problem:
                         blocks=part.blocks[keep],
                     )
                 )
-        return Problem(self.model, tuple(parts), self.outputs, self.horizon)
+        return Problem(self.model, tuple(parts), self.outputs, self.horizon, self.bins)
 
 
 def build(model: Model, recordings: Sequence[Recording], horizon: float, bins: int | None = None) -> Problem:
@@ -191,7 +193,7 @@ def build(model: Model, recordings: Sequence[Recording], horizon: float, bins: i
         measured = np.nan_to_num(kept.measured(tuple(o.name for o in model.outputs)))
         features = _compress(measured[None], slots[whole], counts[whole])[0]
         parts.append(Part(kept, slots[whole], counts[whole], features, _blocks(kept, block)))
-    problem = Problem(model, tuple(parts), outputs, horizon)
+    problem = Problem(model, tuple(parts), outputs, horizon, bins)
     if len(problem) < MIN_WINDOWS:
         names = ", ".join(recording.source for recording in recordings)
         raise RecordingError(

@@ -11,8 +11,8 @@ import numpy as np
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.evidence import collect
-from fieldmodels.diagnosis.fit import standard_errors
-from fieldmodels.diagnosis.gain import Prediction, noise_floor, predict, share
+from fieldmodels.diagnosis.fit import fit, heavy_tailed, standard_errors
+from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
 from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_SHARE, Dictionary
 from fieldmodels.diagnosis.misfit import misfit
 from fieldmodels.diagnosis.next_measurement import next_measurement
@@ -80,10 +80,15 @@ def diagnose(
     )
     selection = select(candidates, tell)
     tell("measuring the gain", 0.8)
+    path = _path(candidates, selection)
+    kept = _confirmed(path, testing)
+    if kept < len(path):
+        path = path[:kept]
+        selection = replace(selection, chosen=path[-1], rivals=())
     rng = np.random.default_rng(seed)
     main = _main_output(testing)
     before = predict(testing, selection.base.fit.parameters)
-    causes = _causes(candidates, selection, testing, main, rng)
+    causes = _causes(candidates, selection, path, testing, main, rng)
     tell("looking for what is left over", 0.85)
     causes, unknown = _leftover(candidates, selection, causes)
     extended = selection.chosen if causes else selection.base
@@ -96,7 +101,10 @@ def diagnose(
     verdict: Verdict = "unknown" if unknown else "consistent"
     if causes:
         verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
-    coarse = coarse_sensor(model, train, after.rmse())
+    noise = after.rmse()
+    if model.random_force:  # which hides the sensor's noise in the error
+        noise = np.array([noise_floor(testing, after, j) for j in range(len(model.outputs))])
+    coarse = coarse_sensor(model, train, noise)
     if coarse and verdict != "unknown":
         causes += (_quantisation(*coarse),)
         verdict = "ambiguous" if verdict == "ambiguous" else "named"
@@ -134,7 +142,8 @@ def _start(model: Model, fixed: Mapping[str, float]) -> FloatArray:
 def _split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[Problem, Problem]:
     horizon = main_horizon(model, train)
     if test:
-        return problems.build(model, train, horizon), problems.build(model, test, horizon)
+        training = problems.build(model, train, horizon)
+        return training, problems.build(model, test, horizon, training.bins)
     whole = problems.build(model, train, horizon)
     kept = whole.blocks % HELD_OUT != HELD_OUT - 1
     return whole.select(kept), whole.select(~kept)
@@ -158,6 +167,7 @@ def _main_output(problem: Problem) -> int:
 def _causes(
     candidates: Candidates,
     selection: Selection,
+    path: Sequence[Candidate],
     testing: Problem,
     output: int,
     rng: np.random.Generator,
@@ -167,7 +177,6 @@ def _causes(
     model, problem = candidates.problem.model, candidates.problem
     if not chosen.effects:
         return ()
-    path = _path(candidates, selection)
     predictions = [predict(testing, c.fit.parameters) for c in path]
     errors = standard_errors(problem, chosen.fit)
     causes = []
@@ -243,9 +252,23 @@ def _quantisation(effect: Effect, step: float, share: float) -> Cause:
 def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:
     """Fits from the base to the chosen set, one effect more each."""
     path = [selection.chosen]
+    if not selection.chosen.effects:
+        return path
     for name in reversed(selection.chosen.effects[1:]):
         path.append(candidates.without(path[-1], name))
     return [selection.base, *reversed(path)]
+
+
+def _confirmed(path: Sequence[Candidate], testing: Problem) -> int:
+    """How many fits of a path stand on the test data: each must explain them better than the one before."""
+    losses = []
+    for candidate in path:
+        fitted = fit(testing, candidate.fit.parameters, NONE, path[-1].fit.whitener, iterations=6)
+        losses.append(float(heavy_tailed(fitted.residual, fitted.raw.shape[1]).sum()))
+    for k in range(1, len(path)):
+        if not losses[k] < losses[k - 1]:
+            return k
+    return len(path)
 
 
 def _with_alternatives(causes: tuple[Cause, ...], selection: Selection) -> tuple[Cause, ...]:

@@ -124,23 +124,24 @@ def _traces(diagnosis: Diagnosis) -> str:
     traces = diagnosis.evidence.traces
     if not traces:
         return ""
-    figure = Figure(figsize=(10, 2.1 * len(traces)), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(len(traces), 1, sharex=True))
-    for axis, (name, trace) in zip(axes, traces.items(), strict=True):
-        sparse = np.isfinite(trace["measured"]).sum(axis=1).max() < 12
-        line = {"marker": ".", "linestyle": "none"} if sparse else {}
-        for key, colour in (("measured", INK), ("before", BEFORE), ("after", AFTER)):
-            if key == "after" and not diagnosis.causes:
-                continue
-            x, y = _joined(trace["time"], trace[key], sparse)
-            axis.plot(
-                x, y, color=colour, lw=1.0, label=key if key != "before" else "simulated before", **line
-            )
-        axis.set_ylabel(f"{name} [{diagnosis.gain[name].unit}]")
-        _plain(axis)
-    handles, labels = axes[0].get_legend_handles_labels()
-    labels = ["simulated after" if label == "after" else label for label in labels]
-    axes[0].legend(handles, labels, frameon=False, ncols=3, loc="upper right")
+    figure = Figure(figsize=(10, 3.6 * len(traces)), layout="constrained")
+    axes = figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=[2, 1] * len(traces))
+    drawn = [("before", "simulated before", BEFORE)]
+    if diagnosis.causes:
+        drawn.append(("after", "simulated after", AFTER))
+    for (top, below), (name, trace) in zip(axes.reshape(-1, 2), traces.items(), strict=True):
+        sparse = bool(np.isfinite(trace["measured"]).sum(axis=1).max() < 12)
+        line = {"marker": ".", "linestyle": "none"} if sparse else {"lw": 1.0}
+        top.plot(*_joined(trace["time"], trace["measured"], sparse), color=INK, label="measured", **line)
+        for key, label, colour in drawn:
+            error = trace["measured"] - trace[key]
+            top.plot(*_joined(trace["time"], trace[key], sparse), color=colour, label=label, **line)
+            below.plot(*_joined(trace["time"], error, sparse), color=colour, **line)
+        top.set_ylabel(f"{name} [{diagnosis.gain[name].unit}]")
+        below.set_ylabel("error")
+        _plain(top)
+        _plain(below)
+    axes[0].legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
     axes[-1].set_xlabel("time [s]")
     return "<h2>Measured and simulated</h2>" + html.figure(
         figure, "Test windows; the simulation starts anew in each."
@@ -177,7 +178,7 @@ def _leftover(diagnosis: Diagnosis) -> str:
         f"It removes {left.percent:.1f} % of the remaining misfit on held-out windows "
         f"(p = {_p(left.p_value)})."
     )
-    if left.p_value > 0.01:
+    if not left.certain:
         certain += (
             " No direction is certain, but the error is far above the sensor's noise: something is missing."
         )

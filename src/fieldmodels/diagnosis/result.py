@@ -127,10 +127,15 @@ class Leftover:
     p_value: float
     percent: float
 
+    @property
+    def certain(self) -> bool:
+        """Whether the direction itself is significant, not only that something is missing."""
+        return self.p_value <= 0.01
+
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
-            "direction": self.direction,
+            "direction": self.direction if self.certain else f"undetermined; closest: {self.direction}",
             "direction_unit": self.direction_unit,
             "unit": self.unit,
             "curve": [[_number(a), _number(b)] for a, b in self.curve],
@@ -250,12 +255,24 @@ class Diagnosis:
         if self.verdict == "consistent":
             return "Nothing significant is missing: the refitted simulation explains these data."
         if self.verdict == "unknown":
-            shape = f"; its shape follows the {self.unknown.direction}" if self.unknown else ""
+            shape = ""
+            if self.unknown:
+                shape = (
+                    f"; it depends on {self.unknown.direction}"
+                    if self.unknown.certain
+                    else "; no direction of it is certain"
+                )
             return f"Something is missing that no listed effect explains{shape}. Nothing is named."
         if self.verdict == "ambiguous":
             rivals = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
             return f"Missing: {' and '.join(rivals)}; these data cannot tell which of these."
-        rest = f" More is missing, in the {self.unknown.direction}." if self.unknown else ""
+        rest = ""
+        if self.unknown:
+            rest = (
+                f" More is missing; it depends on {self.unknown.direction}."
+                if self.unknown.certain
+                else " More is missing; no direction of it is certain."
+            )
         return f"Missing: {names}.{rest}"
 
     def extended(self) -> dict[str, Any]:

@@ -125,8 +125,14 @@ def _called_for(
 
 
 def same(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
-    """Whether the data cannot tell a better set from a worse one."""
+    """Whether the data cannot tell a better set from a worse one.
+
+    A worse set with more parameters is no rival: it may be the better one in disguise (a jump at the
+    record's very start is a constant).
+    """
     worse = second.total - first.total
+    if worse > 0 and second.size > first.size:
+        return False
     if worse < SAME_ANYHOW:
         return True
     return bool(worse < SAME_GAIN and block_p_value(second.loss - first.loss, blocks) > SAME_P)

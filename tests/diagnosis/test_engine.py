@@ -1,0 +1,254 @@
+"""The diagnosis on a simulator of the user's own: thirty lines, no compiled kernel, no disturbance entry."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldmodels import datasets
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.fit import fit, heavy_tailed, held_out_loss, refit
+from fieldmodels.diagnosis.gain import predict, share
+from fieldmodels.diagnosis.problem import build
+from fieldmodels.diagnosis.quantisation import lattice
+from fieldmodels.diagnosis.report import write_results
+from fieldmodels.diagnosis.selection import block_p_value
+from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
+from fieldmodels.reality import read_reality
+from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+REAL = Path(os.environ.get("FIELDGYM_DATA", "nowhere")) / "dfki_simple_pendulum"
+STEP = 0.02
+
+
+class Tank(Model):
+    """A tank that drains: level' = inflow / area - outflow level; the level is measured."""
+
+    name = "tank"
+    inputs = (Signal("inflow", "m3/s"),)
+    outputs = (Signal("level", "m", noise=0.002),)
+    states = (Signal("level", "m"),)
+    parameters = (
+        Parameter("area", "m2", 1.0, 1e-3, 1e3, 0.1),
+        Parameter("outflow", "1/s", 0.5, 0.0, 100.0, 0.1),
+    )
+    effects = (
+        Effect("leak", "Water is lost.", "environment", (Parameter("rate", "m/s", 0.0, -10, 10, 0.05),)),
+        Effect("wall", "Walls lean.", "force", (Parameter("slope", "1/m s", 0.0, -10, 10, 0.05),)),
+        Effect("valve_gain", "The valve.", "actuator", (Parameter("gain", "1", 1.0, 0.1, 10.0, 0.1),)),
+        Effect(
+            "level_quantisation", "Coarse.", "sensor", (Parameter("step", "m", 0, 0, 1, 0.01, smooth=False),)
+        ),
+    )
+    horizons = (0.4, 0.8)
+
+    def simulate(self, parameters, windows):
+        area, outflow, leak, slope, gain, _ = np.atleast_2d(parameters).T[:, :, None]
+        inflow = windows.recording["inflow"]
+        level = np.repeat(windows.states[None, :, 0], len(area), axis=0)
+        result = np.empty((len(area), len(windows), windows.samples, 1))
+        for n in range(windows.samples):
+            result[:, :, n, 0] = level
+            now = inflow[np.minimum(windows.starts + n, len(inflow) - 1)]
+            level = level + STEP * (gain * now / area - outflow * level - slope * level**2 - leak)
+        return result
+
+    def initial_states(self, recording, starts):
+        return recording["level"][starts][:, None]
+
+
+def tank_record(seed, noise=0.002, count=3000, **effects):
+    rng = np.random.default_rng(seed)
+    inflow = np.repeat(rng.uniform(0, 2, count // 30), 30)
+    time = np.arange(count) * STEP
+    level, levels = 1.0, np.empty(count)
+    values = {"rate": 0.0, "slope": 0.0, "gain": 1.0, **effects}
+    for n in range(count):
+        levels[n] = level
+        flow = values["gain"] * inflow[n] / 1.3 - 0.4 * level - values["slope"] * level**2 - values["rate"]
+        level += STEP * flow
+    return Recording(
+        time, {"inflow": inflow, "level": levels + noise * rng.normal(size=count)}, source="tank"
+    )
+
+
+@pytest.fixture(scope="module")
+def leaking():
+    return diagnose(Tank(), [tank_record(1, rate=0.05)], [tank_record(2, rate=0.05)])
+
+
+def test_own_simulator_finds_the_leak(leaking):
+    assert leaking.verdict == "named"
+    (cause,) = leaking.causes
+    assert cause.effect == "leak"
+    rate = cause.parameters["rate"]
+    assert abs(rate.value - 0.05) < 4 * rate.std
+    assert rate.std < 0.01
+    assert leaking.parameters["area"].value == pytest.approx(1.3, abs=4 * leaking.parameters["area"].std)
+    assert cause.gain.ci95[0] > 0
+    assert "valve_gain" in leaking.not_testable
+
+
+def test_results_are_valid_and_load_back(leaking, tmp_path):
+    paths = write_results(leaking, tmp_path)
+
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    data = json.loads(paths["diagnosis.json"].read_text(), parse_constant=refuse)
+    assert data["schema"] == 1
+    assert data["verdict"] == "named"
+    assert data["causes"][0]["parameters"]["rate"]["unit"] == "m/s"
+    assert data["unknown"] is None
+    assert data["next_measurement"] is None
+    reality = read_reality(paths["extended.yaml"], Tank())
+    assert reality.effects["leak"]["rate"] == pytest.approx(0.05, abs=0.02)
+    page = paths["report.html"].read_text()
+    assert "Missing: leak" in page
+    assert "https://" not in page
+
+
+def test_nothing_hidden_is_consistent_and_gains_nothing():
+    result = diagnose(Tank(), [tank_record(3)])
+    assert result.verdict == "consistent"
+    assert result.causes == ()
+    assert result.gain["level"].gain.percent == 0
+    assert result.gain["level"].rmse_before == pytest.approx(0.002, rel=0.2)
+    assert result.gain["level"].noise_floor == pytest.approx(0.002, rel=0.1)
+    assert result.tested_on == ("held-out part of tank",)
+
+
+def test_fixed_base_makes_a_gain_testable():
+    known = {"area": 1.3, "outflow": 0.4}
+    result = diagnose(Tank(), [tank_record(4, gain=0.9)], fixed=known)
+    assert [c.effect for c in result.causes] == ["valve_gain"]
+    assert result.causes[0].parameters["gain"].value == pytest.approx(0.9, abs=0.01)
+    assert result.parameters["area"].value == 1.3
+
+
+def test_coarse_sensor_is_read_off_its_values():
+    record = tank_record(5)
+    coarse = Recording(record.time, {**record.signals, "level": np.round(record["level"] / 0.01) * 0.01})
+    result = diagnose(Tank(), [coarse])
+    assert [c.effect for c in result.causes] == ["level_quantisation"]
+    assert result.causes[0].parameters["step"].value == pytest.approx(0.01, rel=1e-6)
+
+
+def test_lattice():
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=2000)
+    assert lattice(values) is None
+    assert lattice(0.3 + np.round(values / 0.07) * 0.07) == pytest.approx(0.07)
+    # Gaps in the lattice do not double the step.
+    assert lattice(np.array([0.0, 1.0, 4.0, 6.0, 9.0] * 5)) == pytest.approx(1.0)
+
+
+def test_bad_requests_are_refused():
+    with pytest.raises(RecordingError, match="no recording"):
+        diagnose(Tank(), [])
+    with pytest.raises(ModelError, match="did you mean 'area'"):
+        diagnose(Tank(), [tank_record(1)], fixed={"aera": 1.0})
+    with pytest.raises(RecordingError, match="ecord longer"):
+        diagnose(Tank(), [tank_record(1, count=120)])
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    problem = build(Tank(), [tank_record(6)], 0.8)
+    candidates = Candidates(
+        problem, Tank().nominal, frozenset(), problem.blocks % 4, np.diag(1 / problem.output_scale)
+    )
+    return problem, candidates, candidates.base()
+
+
+def test_projected_jacobian_matches_the_true_profile(fitted):
+    """A small move of the parameters changes the profiled residual as the Jacobian says."""
+    problem, candidates, base = fitted
+    moved = base.fit.parameters.copy()
+    moved[1] += 1e-3
+    there = fit(problem, moved, np.zeros(0, dtype=np.int64), candidates.whitener, iterations=10)
+    change = base.fit.residual - there.residual
+    expected = base.fit.jacobian[:, :, 1] * 1e-3 / problem.model.parameters[1].scale
+    assert np.linalg.norm(change - expected) < 0.02 * np.linalg.norm(expected)
+
+
+def test_held_out_loss_equals_a_refit_without_the_fold(fitted):
+    problem, candidates, base = fitted
+    folds = candidates.folds
+    quick = held_out_loss(base.fit, folds)
+    rest = problem.select(folds != 0)
+    without = fit(rest, base.fit.parameters, base.fit.free, candidates.whitener)
+    inside = problem.select(folds == 0)
+    left = fit(inside, without.parameters, np.zeros(0, dtype=np.int64), candidates.whitener)
+    slow = heavy_tailed(left.residual, left.raw.shape[1])
+    assert quick[folds == 0] == pytest.approx(slow, rel=0.01)
+
+
+def test_refit_does_not_leave_the_optimum(fitted):
+    problem, candidates, base = fitted
+    again = refit(problem, base.fit, candidates.whitener)
+    assert again.cost <= base.fit.cost
+    assert again.parameters == pytest.approx(base.fit.parameters, rel=1e-3)
+
+
+def test_gain_of_the_same_is_zero(fitted):
+    problem, _, base = fitted
+    prediction = predict(problem, base.fit.parameters)
+    same = share(prediction, prediction, 0, problem.blocks, np.random.default_rng(0))
+    assert same.percent == 0
+    assert same.ci95 == (0, 0)
+
+
+def test_block_p_value_is_uniform_without_gain():
+    rng = np.random.default_rng(1)
+    blocks = np.repeat(np.arange(10), 4)
+    values = [block_p_value(rng.normal(size=40), blocks) for _ in range(400)]
+    assert np.mean(np.array(values) < 0.05) < 0.08
+    assert block_p_value(np.full(40, 1.0) + 0.1 * rng.normal(size=40), blocks) < 1e-6
+
+
+def test_lag_and_delay_are_ambiguous_and_a_measurement_is_proposed():
+    model = get_model("rig")
+    records = [
+        synthesise(
+            model, {"actuator_delay": {"delay": 0.004}}, "mixed", duration=24.0, amplitude=8.0,
+            rng=np.random.default_rng([9, k]),
+        )
+        for k in range(2)
+    ]  # fmt: skip
+    result = diagnose(model, records[:1], records[1:])
+    assert result.verdict == "ambiguous"
+    assert {result.causes[0].effect, *result.causes[0].alternatives} == {"actuator_delay", "actuator_lag"}
+    assert result.next_measurement is not None
+    compared = result.next_measurement.input["compared"]
+    # The slow multisine tells least; the fastest input tells most, as was seen by others.
+    assert compared["multisine 1 s"] == min(compared.values())
+    assert result.next_measurement.input["shortest_s"] <= 0.2
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="needs FIELDGYM_DATA with dfki_simple_pendulum")
+def test_real_pendulum_friction():
+    model = get_model("pendulum")
+    train, test = (
+        datasets.open_recording(f"dfki_simple_pendulum/{name}", model)
+        for name in ("ddp", "direct_collocation")
+    )
+    result = diagnose(model, [train], [test])
+    assert result.verdict == "named"
+    assert [c.effect for c in result.causes] == ["coulomb_friction"]
+    # The bench's own identification says 0.184 N m (with 0.047 N m s of viscous friction beside it).
+    assert 0.10 < result.causes[0].parameters["torque"].value < 0.22
+    assert result.gain["angle"].gain.ci95[0] > 50
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="needs FIELDGYM_DATA with dfki_simple_pendulum")
+def test_real_bang_bang_log_names_nothing():
+    model = get_model("pendulum")
+    result = diagnose(model, [datasets.open_recording("dfki_simple_pendulum/energy_shaping", model)])
+    assert result.verdict == "unknown"
+    assert result.causes == ()
