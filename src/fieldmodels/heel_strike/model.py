@@ -54,7 +54,7 @@ class HeelStrikeModel(Model):
         Signal("closure", "rad", noise=0.0093, optional=True, angle=True),
         Signal("push_off", "rad/s", noise=0.005, optional=True),
     )
-    states = (Signal("theta", "rad", noise=0.0066, angle=True), Signal("omega", "rad/s", noise=0.0041))
+    states = (Signal("theta", "rad", noise=0.0066, angle=True), Signal("omega", "rad/s", noise=0.003))
     horizons = (0.5, 1.0, 2.0)
     disturbance_unit = "rad/s2"
     random_force = True
