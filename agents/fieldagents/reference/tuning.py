@@ -1,6 +1,6 @@
 """Tuning of the reference agents of heel strike, on tuning seeds alone.
 
-``python -m fieldagents.reference.tuning`` writes ``heel_strike.json`` anew (a few minutes, one core).
+``python -m fieldagents.reference.tuning`` writes ``heel_strike.json`` anew (some minutes, one core).
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _linear_rule(walks: Walks, start: Floats, decay: float) -> tuple[Floats, Flo
 
     x = np.zeros((3, features.shape[1] + 1))
     x[:, -1] = _encode(start)
-    best = _cma(lambda x: _linear_scores(walks, *decode(x), decay), x.ravel(), evaluations=4000)
+    best = _cma(lambda x: _linear_scores(walks, *decode(x), decay), x.ravel(), evaluations=8000)
     weights, bias = decode(best)
     return weights[0], bias[0]
 
@@ -213,7 +213,7 @@ def _regime_actions(
     best = _cma(
         lambda x: _mixed_scores(walks, believed, x.reshape(-1, 8, 3), decay),
         np.tile(_encode(start), 8),
-        evaluations=4000,
+        evaluations=10000,
     )
     return best.reshape(8, 3)
 
