@@ -85,6 +85,9 @@ class Problem:
     @cached_property
     def state_scale(self) -> FloatArray:
         """How much each initial state varies between windows, shape (states,)."""
+        if self.model.random_force:
+            # A state that were free would take up the random force of its window, and bias every fit.
+            return 0.5 * np.array([state.noise for state in self.model.states])
         spread = self.states.std(axis=0)
         return np.asarray(np.maximum(spread, 1e-3 * np.abs(self.states).max(axis=0) + 1e-9))
 
