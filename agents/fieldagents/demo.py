@@ -83,10 +83,10 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
             "estimator's gains under noise whose level it is not told. The score is the error in the foot's "
             "height at heel strike. All agents meet the same noise on the same episodes.</p>",
             html.figure(_picture(), "The task as it is rendered: the leg, its traces and the strike errors."),
-            report_section(summary),
+            _below(report_section(summary)),
             "<h2>2. Diagnosis: what does the simulation of this pendulum get wrong?</h2>",
             f"<p>{html.text(bench.about)}</p>",
-            diagnosis_section(diagnosis),
+            _below(diagnosis_section(diagnosis)),
             "<h2>Where things are</h2>",
             "<p>Beside this page: <code>heel_strike/</code> holds every episode (Parquet), the summary and "
             "the evaluation's own report; <code>pendulum/</code> holds <code>diagnosis.json</code>, its own "
@@ -148,6 +148,11 @@ def _picture() -> object:
     axes.imshow(frame)
     axes.set_axis_off()
     return figure
+
+
+def _below(section: str) -> str:
+    """A report's body one level of headings deeper."""
+    return section.replace("<h3", "<h4").replace("</h3", "</h4").replace("<h2", "<h3").replace("</h2", "</h3")
 
 
 def _share(progress: Report, start: float, end: float) -> Callable[[str, float], None]:

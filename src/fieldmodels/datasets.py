@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fieldmodels.model import Model, did_you_mean
@@ -256,7 +256,8 @@ def open_recording(
         raise DatasetError(f"{path}: {dataset.name} is no record over time: {dataset.about}")
     wanted = None if model is None else {"t", *(s.name for s in (*model.inputs, *model.outputs))}
     known = {k: v for k, v in dataset.columns.items() if wanted is None or k in wanted}
-    return load_recording(path, model, {**known, **(columns or {})}, horizon)
+    recording = load_recording(path, model, {**known, **(columns or {})}, horizon)
+    return replace(recording, source=dataset.name)
 
 
 def _looks_like_name(source: str) -> bool:

@@ -1,0 +1,87 @@
+"""Every page that fieldgym writes is opened in a real browser: no error, nothing from outside, readable."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldagents import demo
+from fieldagents.config import EnvironmentConfig, EvaluateConfig
+from fieldagents.evaluation import evaluate
+from fieldmodels.datasets import DatasetError
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.report import write_results
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+REALITIES = {
+    "named": {"coulomb_friction": {"torque": 0.2}},
+    "consistent": {},
+}
+
+
+def check_page(browser, *, figures: int) -> str:
+    """The page has a title, its figures have a size, nothing sticks out; return its text."""
+    assert browser.title
+    shown = browser.execute_script(
+        "return [...document.querySelectorAll('figure svg, figure img, .plotly svg.main-svg')]"
+        ".filter(e => e.getBoundingClientRect().height > 60).length"
+    )
+    assert shown >= figures
+    width = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
+    assert width[0] <= width[1], "the page scrolls sideways"
+    words = browser.find_element("tag name", "body").text
+    for broken in ("nan", "NaN", "undefined", "{{", "None"):
+        assert broken not in words.split(), f"the page says {broken!r}"
+    return words
+
+
+def test_evaluation_report(open_page, tmp_path: Path):
+    config = EvaluateConfig(
+        name="pages",
+        task="heel_strike",
+        environments={"short": EnvironmentConfig(settings={"strides": 20})},
+        agents=["ranger", "fixed_tuned", "ekf"],
+        baseline="ranger",
+        episodes=20,
+    )
+    evaluate(config, tmp_path)
+    words = check_page(open_page(tmp_path / "report.html"), figures=1)
+    for agent in config.agents:
+        assert agent in words
+    assert "better" in words or "worse" in words
+
+
+@pytest.mark.parametrize("verdict", REALITIES)
+def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
+    pendulum = get_model("pendulum")
+    rng = np.random.default_rng(11)
+    records = [
+        synthesise(pendulum, REALITIES[verdict], "mixed", duration=25.0, step=0.01, amplitude=1.5, rng=rng)
+        for _ in range(2)
+    ]
+    diagnosis = diagnose(pendulum, records[:1], records[1:])
+    assert diagnosis.verdict == verdict
+    written = write_results(diagnosis, tmp_path)
+    words = check_page(open_page(written["report.html"]), figures=2)
+    for effect in REALITIES[verdict]:
+        assert effect in words or effect.replace("_", " ") in words
+
+
+def test_demo_report_says_that_its_data_are_simulated(open_page, tmp_path: Path, monkeypatch):
+    def unreachable(*_args, **_more):
+        raise DatasetError("there is no network here")
+
+    monkeypatch.setattr(demo, "open_recording", unreachable)
+    report = demo.run_demo(tmp_path, lambda _stage, _part: None, episodes=10)
+    words = check_page(open_page(report), figures=4)
+    assert "simulated data from a hidden reality" in words
+    assert "there is no network here" in words
+    assert "coulomb" in words.lower()
+
+
+def test_demo_takes_real_data_where_there_are_some(public_data):
+    bench = demo.find_bench(get_model("pendulum"))
+    assert bench.real
+    assert "DFKI" in bench.about
+    assert len(bench.train) == 3000
