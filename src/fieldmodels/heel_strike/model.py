@@ -40,7 +40,8 @@ class HeelStrikeModel(Model):
     ``strike_angle`` [rad] (the angle that the geometry gave at the latest strike, held). The gyro at a
     strike's sample is read before the push-off. ``closure`` [rad] (change of the strike angle less the
     gyro's integral) and ``push_off`` [rad/s] (speed after a strike less the one that the push-off aims at)
-    are derived; a recording need not have them. The base parameter is the pendulum's length.
+    are derived; a recording need not have them. The base parameter is the pendulum's length. A window's state
+    is the angle and the gyro's reading, from which the speed follows: the reading is known, the speed is not.
 
     The rounding of a coarse gyro is part of the truth, not of a prediction: noise dithers it, and the
     expected reading is the unrounded one.
@@ -54,7 +55,7 @@ class HeelStrikeModel(Model):
         Signal("closure", "rad", noise=0.0093, optional=True, angle=True),
         Signal("push_off", "rad/s", noise=0.005, optional=True),
     )
-    states = (Signal("theta", "rad", noise=0.0066, angle=True), Signal("omega", "rad/s", noise=0.003))
+    states = (Signal("theta", "rad", noise=0.0066, angle=True), Signal("reading", "rad/s", noise=0.003))
     horizons = (0.5, 1.0, 2.0)
     disturbance_unit = "rad/s2"
     random_force = True
@@ -94,7 +95,7 @@ class HeelStrikeModel(Model):
         )
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
-        """Angle from the geometry and the gyro's integral since; speed from the gyro before the start."""
+        """Angle from the geometry and the gyro's integral since; the gyro's reading up to the start."""
         gyro, step, around = recording["gyro"], recording.step, samples_around(recording)
         turned = np.cumsum(gyro) * step
         first = recording.bounds[np.searchsorted(recording.bounds[:, 0], starts, side="right") - 1, 0]

@@ -9,10 +9,12 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.heel_strike.truth import (
     DELAY,
     FREQUENCY,
+    GAIN,
     HISTORY,
     LENGTH,
     VISCOUS,
     extended_step,
+    offset,
     push_off,
     sensed,
     truth_step,
@@ -81,7 +83,8 @@ def _predict(
     lag = reality[DELAY] / step
     history = around + HISTORY
     # Backward in time: what the gyro showed before, and shows late.
-    theta, omega = state[0], state[1]
+    start = (state[1] - offset(time[0], reality)) / reality[GAIN]
+    theta, omega = state[0], start
     speeds[history] = omega
     for j in range(1, history + 1):
         if not extended:
@@ -95,7 +98,7 @@ def _predict(
     for j in range(around):
         before += sensed(at(speeds, history - j - lag), time[0] - j * step, reality) / around
     target = push_off(before, speed, share)
-    theta, omega = state[0], state[1]
+    theta, omega = state[0], start
     opened, turned, after, torque = theta, 0.0, 0.0, 0.0
     for n in range(len(window)):
         if n > 0:

@@ -151,11 +151,18 @@ def delayed(history: FloatArray, sample: int, delay: float, step: float) -> floa
 
 
 @inlined
-def sensed(omega: float, time: float, reality: FloatArray) -> float:
-    """What the gyro makes of a speed, without noise: gain, bias, drift, and a bias that jumps."""
-    value: float = reality[GAIN] * omega + reality[BIAS] + reality[DRIFT] * time
+def offset(time: float, reality: FloatArray) -> float:
+    """What the gyro adds to a speed [rad/s]: bias, drift, and a bias that jumps."""
+    value: float = reality[BIAS] + reality[DRIFT] * time
     if time >= reality[STEP_TIME]:
         value += reality[STEP_RATE]
+    return value
+
+
+@inlined
+def sensed(omega: float, time: float, reality: FloatArray) -> float:
+    """What the gyro makes of a speed, without noise."""
+    value: float = reality[GAIN] * omega + offset(time, reality)
     return value
 
 
