@@ -1,6 +1,6 @@
 """Hide an effect in a walk and require the diagnosis to name it, from gyro and heel strikes alone.
 
-A process torque of 0.15 rad/s2 and a floor of 1 mm, two minutes at 200 Hz: seeds apart from those used to
+A process torque of 0.15 rad/s2 and a floor of 1 mm, two minutes at 100 Hz: seeds apart from those used to
 develop.
 """
 
@@ -13,7 +13,7 @@ from fieldmodels.heel_strike.parameters import Leg, Noise
 from fieldmodels.heel_strike.recording import record_walk
 from fieldmodels.reality import Reality
 
-LEG = Leg(step=0.005)
+LEG = Leg(step=0.01)
 NOISE = Noise(process=0.15, floor=0.001)
 HIDDEN = {
     "viscous_friction": {"rate": 0.15},

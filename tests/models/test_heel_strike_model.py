@@ -1,0 +1,134 @@
+"""Heel strike as a model for diagnosis: predictions are the truth's, to the last digits."""
+
+import numpy as np
+import pytest
+
+from fieldmodels.heel_strike.model import HeelStrikeModel
+from fieldmodels.heel_strike.parameters import SILENT, Leg, Noise
+from fieldmodels.heel_strike.recording import record_walk
+from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.reality import Reality
+from fieldmodels.recording import Recording, RecordingError, Windows
+from fieldmodels.recording_files import load_recording, save_recording
+
+MODEL = HeelStrikeModel()
+OUTPUTS = tuple(output.name for output in MODEL.outputs)
+EFFECTS = {
+    "viscous_friction": {"rate": 0.1},
+    "coulomb_friction": {"acceleration": 0.2},
+    "quadratic_drag": {"coefficient": 0.2},
+    "constant_force": {"acceleration": 0.2},
+    "periodic_force": {"sine": 0.3, "cosine": 0.2, "frequency": 1.7},
+    "gyro_bias": {"rate": 0.01},
+    "gyro_drift": {"rate": 1e-3},
+    "gyro_gain": {"gain": 1.05},
+    "gyro_delay": {"delay": 0.0051},
+    "parameter_step": {"rate": 0.02, "time": 3.3},
+}
+
+
+def walk(
+    seed: int = 1, duration: float = 12.0, noise: Noise = SILENT, reality: Reality | None = None
+) -> Recording:
+    return record_walk(duration, np.random.default_rng(seed), noise, reality)
+
+
+def residual(windows: Windows, vector: FloatArray) -> FloatArray:
+    error = windows.measured(OUTPUTS) - MODEL.simulate(vector, windows)[0]
+    return np.where(windows.observed, error, 0.0).reshape(len(windows), -1)
+
+
+def best_states(windows: Windows, vector: FloatArray) -> Windows:
+    """Gauss-Newton on every window's own state."""
+    for _ in range(4):
+        here = residual(windows, vector)
+        columns = []
+        for j in range(2):
+            moved = windows.states.copy()
+            moved[:, j] += 1e-6
+            columns.append((here - residual(windows.with_states(moved), vector)) / 1e-6)
+        jacobian = np.stack(columns, axis=-1)
+        steps = [np.linalg.lstsq(j, r, rcond=None)[0] for j, r in zip(jacobian, here, strict=True)]
+        windows = windows.with_states(windows.states + steps)
+    return windows
+
+
+@pytest.mark.parametrize("horizon", MODEL.horizons)
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_prediction_in_the_true_reality_is_exact(effect, horizon):
+    reality = Reality(effects={effect: EFFECTS[effect]})
+    windows = MODEL.windows(walk(reality=reality), horizon)
+    vector = reality.vector(MODEL)
+    assert np.abs(residual(best_states(windows, vector), vector)).max() < 1e-11
+    nominal = best_states(windows, MODEL.nominal)
+    if horizon >= 1:
+        assert np.abs(residual(nominal, MODEL.nominal)).max() > 1e-4
+
+
+def test_closure_does_not_see_the_process_torque():
+    windows = MODEL.windows(walk(2, 40, Noise(gyro=0, collision=0, floor=0, process=0.5)), 1.0)
+    error = np.abs(windows.measured(OUTPUTS) - MODEL.simulate(MODEL.nominal, windows)[0])
+    error = np.nanmax(np.where(windows.observed, error, np.nan), axis=(0, 1))
+    assert error[0] > 0.05
+    assert error[2] < 2e-4
+
+
+def test_windows_run_from_strike_to_strike():
+    recording = walk(3, 30, Noise())
+    windows = MODEL.windows(recording, 1.0)
+    ends = windows.starts + windows.lengths - 1
+    assert np.all(recording["strike"][windows.starts] == 1)
+    assert np.all(recording["strike"][ends] == 1)
+    assert np.array_equal(ends[:-1], windows.starts[1:])
+    assert windows.observed[:, :, 1].sum() == 2 * len(windows)
+    half = MODEL.windows(recording, 0.5)
+    assert np.all(half.lengths < 0.6 * windows.lengths.max())
+    assert np.allclose(MODEL.windows(recording, 2.0).lengths, 2 * windows.lengths.mean(), rtol=0.05)
+
+
+def test_a_batch_gives_the_rows_of_single_calls():
+    windows = MODEL.windows(walk(4, 8, Noise()), 1.0)
+    vectors = np.array([MODEL.vector({"length": length}) for length in (0.9, 1.0, 1.1)])
+    batch = MODEL.simulate(vectors, windows)
+    for vector, row in zip(vectors, batch, strict=True):
+        assert np.array_equal(MODEL.simulate(vector, windows)[0], row, equal_nan=True)
+
+
+def test_a_disturbance_acts_like_a_constant_force():
+    windows = MODEL.windows(walk(5, 8), 1.0)
+    pushed = windows.with_disturbance(np.full(len(windows.recording), 0.3))
+    force = MODEL.vector(effects={"constant_force": {"acceleration": 0.3}})
+    assert MODEL.simulate(MODEL.nominal, pushed)[0, :, :, 1] == pytest.approx(
+        MODEL.simulate(force, windows)[0, :, :, 1], abs=1e-12, nan_ok=True
+    )
+
+
+def test_a_quantised_gyro_shows_multiples():
+    gyro = walk(reality=Reality(effects={"gyro_quantisation": {"step": 0.02}}))["gyro"]
+    assert np.abs(gyro / 0.02 - np.round(gyro / 0.02)).max() < 1e-9
+
+
+def test_a_recording_survives_a_file(tmp_path):
+    recording = walk(6, 5, Noise())
+    for name in ("walk.csv", "walk.parquet"):
+        save_recording(recording, tmp_path / name)
+        again = load_recording(tmp_path / name, MODEL)
+        for column in ("gyro", "strike", "strike_angle"):
+            assert again[column] == pytest.approx(recording[column], rel=1e-9, abs=1e-12)
+
+
+def test_bad_recordings_and_realities_are_refused():
+    recording = walk(7, 5)
+    blind = Recording(recording.time, {**recording.signals, "strike": np.zeros(len(recording))})
+    with pytest.raises(RecordingError, match="fewer than two heel strikes"):
+        MODEL.windows(blind, 1.0)
+    with pytest.raises(ModelError, match="did you mean 'gyro_bias'"):
+        walk(reality=Reality(effects={"gyro_bais": {"rate": 0.1}}))
+    with pytest.raises(ModelError, match="the leg fell"):
+        record_walk(
+            5,
+            np.random.default_rng(0),
+            SILENT,
+            Reality(effects={"coulomb_friction": {"acceleration": 2.0}}),
+            Leg(),
+        )
