@@ -19,6 +19,7 @@ from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
+from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -46,14 +47,16 @@ def error_without(model, recording, fixed):
     scaled = model.scaled_to([recording])
     problem = build(scaled, [recording], model.horizons[1])
     noise = np.array([model.outputs[j].noise for j in problem.outputs])
-    candidates = Candidates(problem, model.vector(fixed), frozenset(fixed), problem.blocks % 4, np.diag(1 / noise))
+    candidates = Candidates(
+        problem, model.vector(fixed), frozenset(fixed), problem.blocks % 4, np.diag(1 / noise)
+    )
     fitted = fit(problem, model.vector(fixed), candidates.free(()), candidates.whitener, iterations=8)
     rmse = predict(problem, fitted.parameters).rmse()
     known = np.array([o.noise for o in model.outputs])
     return float(np.nanmax(rmse / known))
 
 
-def unit_values(model, effect, size, rng):
+def unit_values(model, effect, size):
     """The effect's parameters at a multiple of their typical step."""
     values = {}
     for p in effect.parameters:
@@ -77,19 +80,19 @@ def sized(model, effect, percent, fixed):
     """Values that raise the base's error by a percentage over the sensors' noise."""
     scaled = model.scaled_to([record(model, {}, 7)])
     wanted = np.sqrt((1 + percent / 100) ** 2 - 1)
-    low, high = 1e-3, 1e3
     own = next(e for e in scaled.effects if e.name == effect.name)
     if effect.name.endswith("quantisation"):
         sigma = model.outputs[0].noise
         return {"step": float(wanted * sigma * np.sqrt(12))}
-    for _ in range(11):
-        size = np.sqrt(low * high)
-        values = unit_values(model, own, size, None)
+    # The error does not grow for ever (friction may stop the motion): take the first size that is enough.
+    for size in np.geomspace(1e-3, 1e3, 31):
+        values = unit_values(model, own, size)
         try:
             error = error_without(model, record(model, {effect.name: values}, 7, noise=False), fixed)
-        except Exception:  # a violent effect may break the simulation: too large
-            error = np.inf
-        low, high = (size, high) if error < wanted else (low, size)
+        except ModelError:
+            break
+        if error >= wanted:
+            break
     return values
 
 
@@ -133,11 +136,30 @@ def main() -> None:
             result = {"unknown": "right", "consistent": "abstained"}.get(diagnosis.verdict, "wrong")
         table.setdefault(label, Counter())[result] += 1
         if options.verbose or result in ("wrong", "with more"):
-            causes = [(c.effect, [f"{v.value:.3g}" for v in c.parameters.values()], round(c.nats, 1),
-                       f"{c.p_value:.1g}", c.alternatives) for c in diagnosis.causes]
+            causes = [
+                (
+                    c.effect,
+                    [f"{v.value:.3g}" for v in c.parameters.values()],
+                    round(c.nats, 1),
+                    f"{c.p_value:.1g}",
+                    c.alternatives,
+                )
+                for c in diagnosis.causes
+            ]
             ranks = [(r[0], round(r[1], 1), f"{r[2]:.1g}") for r in diagnosis.evidence.ranking[:3]]
             left = diagnosis.unknown and (diagnosis.unknown.direction, f"{diagnosis.unknown.p_value:.1g}")
-            print("   ", label, reality, result, diagnosis.verdict, causes, ranks, left, f"{diagnosis.seconds:.1f}s", flush=True)
+            print(
+                "   ",
+                label,
+                reality,
+                result,
+                diagnosis.verdict,
+                causes,
+                ranks,
+                left,
+                f"{diagnosis.seconds:.1f}s",
+                flush=True,
+            )
 
     for effect in model.effects:
         if options.effects is not None and effect.name not in options.effects:
@@ -148,7 +170,13 @@ def main() -> None:
         for percent in options.percent:
             values = sized(model, effect, percent, fixed)
             for k in range(options.seeds):
-                ask(f"{effect.name} {percent:g} %", effect.name, {effect.name: values}, options.first + k, fixed)
+                ask(
+                    f"{effect.name} {percent:g} %",
+                    effect.name,
+                    {effect.name: values},
+                    options.first + k,
+                    fixed,
+                )
     for k in range(options.nothing):
         ask("nothing, white noise", "", {}, options.first + 100 + k)
         ask("nothing, coloured noise", "", {}, options.first + 200 + k, coloured=0.5)
@@ -158,7 +186,13 @@ def main() -> None:
         SCALE["v"] = float(np.std(np.gradient(peak[model.outputs[0].name], STEP)))
         for name, make in OUTSIDE.items():
             for k in range(options.seeds):
-                ask(f"outside: {name}", "?", {}, options.first + 300 + k, outside=make(0.08 * AMPLITUDE[model.name]))
+                ask(
+                    f"outside: {name}",
+                    "?",
+                    {},
+                    options.first + 300 + k,
+                    outside=make(0.08 * AMPLITUDE[model.name]),
+                )
     columns = ["right", "in set", "with more", "abstained", "unknown", "named", "ambiguous", "wrong"]
     print(f"{'':34}" + "".join(f"{c:>11}" for c in columns))
     for label, counts in table.items():

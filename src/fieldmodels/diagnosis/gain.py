@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.diagnosis.fit import diagonal_whitener, fit
+from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Share
 from fieldmodels.model import FloatArray
@@ -42,8 +42,11 @@ class Prediction:
 def predict(problem: Problem, parameters: FloatArray) -> Prediction:
     """Predict every window with its best initial state."""
     raw = problem.features - problem.simulate(parameters[None], problem.states)[0]
-    whitener = diagonal_whitener(np.where(np.isfinite(raw), raw, 0.0), problem.output_scale)
-    fitted = fit(problem, parameters, NONE, whitener, iterations=5)
+    states = problem.states
+    for _ in range(3):
+        # Signals count by what is left of them, which the first states still blur.
+        fitted = fit(problem, parameters, NONE, _by_output(problem, raw), states, 5)
+        raw, states = fitted.raw, fitted.states
     simulated = problem.samples(parameters, fitted.states)
     outputs = tuple(o.name for o in problem.model.outputs)
     squares, counts = [], []
@@ -54,6 +57,16 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
         squares.append(np.where(seen, error, 0.0).__pow__(2).sum(axis=1))
         counts.append(seen.sum(axis=1))
     return Prediction(simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64))
+
+
+def _by_output(problem: Problem, raw: FloatArray) -> FloatArray:
+    """Whitener that divides each signal's features by their common root mean square."""
+    known = np.where(np.isfinite(raw), raw, 0.0)
+    size = np.empty(len(problem.outputs))
+    for j in np.unique(problem.outputs):
+        own = problem.outputs == j
+        size[own] = np.sqrt(np.mean(known[:, own] ** 2))
+    return np.asarray(np.diag(1 / np.maximum(size, 1e-6 * problem.output_scale)))
 
 
 def share(

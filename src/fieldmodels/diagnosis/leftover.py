@@ -19,12 +19,12 @@ from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import STRETCHES, averaged, responses, stretches
 from fieldmodels.diagnosis.result import Leftover
-from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, block_p_value
+from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, RARE_GAIN, RARE_P, block_p_value
 from fieldmodels.model import FloatArray
 
 KNOTS = 8  # of a table
-MAX_P = 0.003  # of the best of some twenty groups
-RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.05  # a dictionary group may not beat a named effect by more [nats, share]
+MAX_P = 0.005  # of the best of some twenty groups
+RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.025  # a dictionary group may not beat a named effect by more [nats, share]
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,8 @@ class Dictionary:
         """The best group if the data call for it beside a fit."""
         least = max(MIN_GAIN, MIN_SHARE * float(candidate.loss.sum()))
         for found in self.judge(candidate, folds):
-            if found.total > least and found.p_value < MAX_P:
+            rare = found.total > RARE_GAIN and found.p_value < RARE_P
+            if found.total > least and (found.p_value < MAX_P or rare):
                 return found
         return None
 

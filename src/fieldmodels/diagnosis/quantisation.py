@@ -33,7 +33,7 @@ def lattice(values: FloatArray) -> float | None:
     counts = np.round((unique - unique[0]) / step)
     distance = np.abs(unique - unique[0] - counts * step)
     # By chance, values that are too dense for the lattice come near to it too.
-    filled = len(unique) <= counts[-1] + 1 and len(unique) < 0.5 * len(values)
+    filled = len(unique) <= counts[-1] + 1
     return step if filled and float(distance.max()) < TOLERANCE * step else None
 
 
