@@ -1,6 +1,6 @@
 """Speed of the one-axis kernel, as ratios within this run.
 
-    python benchmarks/bench_kernels.py
+    python benchmarks/one_axis_speed.py
 
 Effects that are off should cost nothing: the kernel with every effect off is compared with one that knows
 no effects at all. Then each effect's cost when on, and the kernel against SciPy's integrator.
