@@ -25,13 +25,25 @@ from fieldmodels.synthesis import synthesise
 
 FIRST_SEED = 1000
 AMPLITUDE = {"rig": 8.0, "pendulum": 0.5}
-OUTSIDE = {
-    "cogging": lambda s: lambda t, x, v, u: s * np.sin(8 * x / SCALE["x"]),
-    "stribeck": lambda s: lambda t, x, v, u: -s * np.sign(v) * np.exp(-((v / (0.2 * SCALE["v"])) ** 2)),
-    "one-sided spring": lambda s: lambda t, x, v, u: -s * max(x / SCALE["x"], 0.0),
-    "drag with position": lambda s: lambda t, x, v, u: -s * v / SCALE["v"] * (x / SCALE["x"]) ** 2,
-}
+OUTSIDE = ("cogging", "stribeck", "one-sided spring", "drag with position")
 SCALE = {"x": 1.0, "v": 1.0}
+
+
+def outside_force(name, size):
+    """A force that no model lists, of a given size [N or N m] at the motion's usual amplitude."""
+
+    def force(t, x, v, u):
+        del t, u
+        x, v = x / SCALE["x"], v / SCALE["v"]
+        if name == "cogging":
+            return size * np.sin(8 * x)
+        if name == "stribeck":
+            return -size * np.sign(v) * np.exp(-((v / 0.2) ** 2))
+        if name == "one-sided spring":
+            return -size * max(x, 0.0)
+        return -size * v * x**2
+
+    return force
 
 
 def record(model, reality, seed, noise=True, coloured=0.0, outside=None):
@@ -184,14 +196,14 @@ def main() -> None:
         peak = record(model, {}, 7, noise=False)
         SCALE["x"] = float(np.std(peak[model.outputs[0].name]))
         SCALE["v"] = float(np.std(np.gradient(peak[model.outputs[0].name], STEP)))
-        for name, make in OUTSIDE.items():
+        for name in OUTSIDE:
             for k in range(options.seeds):
                 ask(
                     f"outside: {name}",
                     "?",
                     {},
                     options.first + 300 + k,
-                    outside=make(0.08 * AMPLITUDE[model.name]),
+                    outside=outside_force(name, 0.08 * AMPLITUDE[model.name]),
                 )
     columns = ["right", "in set", "with more", "abstained", "unknown", "named", "ambiguous", "wrong"]
     print(f"{'':34}" + "".join(f"{c:>11}" for c in columns))
