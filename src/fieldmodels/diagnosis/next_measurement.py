@@ -18,6 +18,7 @@ from fieldmodels.model import FloatArray, Model
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 SECONDS = 20.0
+ENOUGH = 8.0  # nats that tell two sets apart
 Input = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
@@ -53,7 +54,7 @@ def next_measurement(
         why=(
             f"A {kind} (shortest {switch:g} s, {model.inputs[0].name} up to {peak:.3g} "
             f"{model.inputs[0].unit}) separates {ours} from {theirs} best: {SECONDS:g} s of it promise "
-            f"{score:.1f} nats."
+            f"{score:.1f} nats; about {SECONDS * ENOUGH / max(score, 1e-3):.0f} s would decide."
         ),
         input={
             "signal": model.inputs[0].name,

@@ -233,7 +233,9 @@ def _ranking(diagnosis: Diagnosis) -> str:
     if not rows:
         return ""
     table = html.table(("effect, alone", "held-out gain [nats]", "p", "fitted"), rows)
-    return f"<h2>All effects that were tried</h2><details open><summary>Ranking</summary>{table}</details>"
+    return (
+        f"<h2>Single effects that came closest</h2><details open><summary>Ranking</summary>{table}</details>"
+    )
 
 
 def _base(diagnosis: Diagnosis) -> str:
