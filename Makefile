@@ -38,8 +38,9 @@ docs: $(READY)  ## the docs site, in site/
 build: $(READY)  ## wheel and source distribution, in dist/
 	$(BIN)/python -m build
 
-clean:  ## remove the virtual environment and everything that was built
+clean:  ## remove the virtual environment, what was built, and compiled kernels
 	rm -rf .venv dist build site
+	find src envs agents -name '*.nb[ci]' -delete
 
 # torch comes first and by its exact pin: a later release would pull gigabytes of CUDA libraries.
 $(READY): pyproject.toml constraints.txt
