@@ -36,6 +36,10 @@ class _Commands(TyperGroup):
 
 def _message(error: Exception) -> str | None:
     """What to tell the user, or None for an error that is not the user's."""
+    from fieldagents.config import ConfigError
+
+    if isinstance(error, ConfigError) and len(error.problems) > 1:
+        return "\n".join([f"{len(error.problems)} mistakes:", *error.problems])
     if type(error).__module__.split(".")[0] in OURS:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
@@ -44,9 +48,7 @@ def _message(error: Exception) -> str | None:
 
 
 def _fail(message: str) -> None:
-    lines = message.splitlines() or [""]
-    head = f"{len(lines)} mistakes:" if len(lines) > 1 and all(": " in line for line in lines) else ""
-    print("Error: " + "\n  ".join([head, *lines] if head else lines), file=sys.stderr)
+    print("Error: " + "\n  ".join(message.splitlines()), file=sys.stderr)
     raise typer.Exit(2)
 
 

@@ -107,14 +107,26 @@ def check_reality(model: str, reality: Any) -> None:
     from fieldmodels.registry import get_model
 
     problems: list[tuple[Location, str]] = []
-    parts = reality.items() if isinstance(reality, dict) else [(None, reality)]
-    for name, value in parts:
+    chosen = get_model(model)
+    for at, part in _parts(reality, [effect.name for effect in chosen.effects]):
         try:
-            read_reality(reality if name is None else {name: value}, get_model(model))
+            read_reality(part, chosen)
         except (ModelError, YamlError) as error:
-            problems.append((() if name is None else (name,), str(error)))
+            problems.append((at, str(error)))
     if problems:
         raise ProblemsError(problems)
+
+
+def _parts(reality: Any, effects: Sequence[str]) -> Iterator[tuple[Location, Any]]:
+    """A reality's single values, each with its place, so that each mistake is found and placed."""
+    if not isinstance(reality, dict):
+        yield (), reality
+        return
+    for name, values in reality.items():
+        if isinstance(values, dict) and name in ("parameters", *effects):
+            yield from (((name, key), {name: {key: value}}) for key, value in values.items())
+        else:
+            yield (name,), {name: values}
 
 
 def check_task(name: str) -> str:
@@ -190,9 +202,15 @@ class EvaluateConfig(Config):
     @field_validator("baseline")
     @classmethod
     def _baseline_takes_part(cls, baseline: str, info: ValidationInfo) -> str:
+        from fieldagents.evaluation.entrants import agent_names
+
         agents = info.data.get("agents")
         if agents is not None and baseline not in agents:
             raise ValueError(f"{baseline!r} is not among the agents{did_you_mean(baseline, agents)}")
+        if agents is None and "task" in info.data and not baseline.endswith(".onnx"):
+            known = agent_names(info.data["task"])
+            if baseline not in known:
+                raise ValueError(f"there is no agent {baseline!r}{did_you_mean(baseline, known)}")
         return baseline
 
 

@@ -231,6 +231,8 @@ class _Walk:
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
+        if not {"walkers", "elapsed", "generators"} <= set(state):
+            raise ValueError("not a snapshot of this environment; get_state makes one")
         if len(state["elapsed"]) != len(self.elapsed):
             raise ValueError(
                 f"the state is one of {len(state['elapsed'])} environments; make it with that num_envs"
@@ -492,7 +494,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Return to a snapshot; what follows is equal to the bit.
 
         Raises:
-            ValueError: If the snapshot is of another number of environments.
+            ValueError: If it is no snapshot, or one of another number of environments.
         """
         self._walk.set_state(state)
         self.np_random.bit_generator.state = state["generators"][0]
@@ -624,7 +626,7 @@ class HeelStrikeVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         """Return to a snapshot; what follows is equal to the bit.
 
         Raises:
-            ValueError: If the snapshot is of another number of environments.
+            ValueError: If it is no snapshot, or one of another number of environments.
         """
         self._walk.set_state(state)
         for generator, own in zip(self._generators, state["generators"], strict=True):

@@ -55,6 +55,8 @@ def check_time(recording: Recording) -> list[Problem]:
         if np.abs(deviation).max() > worst:
             worst = float(np.abs(deviation).max())
             worst_row = start + 1 + int(np.abs(deviation).argmax())
+    if len(backward) > len(time) // 2:
+        return [Problem("time falls from row to row; sort the rows by time", row=backward[0])]
     if backward:
         return [_backward(time, row) for row in backward[:SHOWN]] + _more(backward, "such rows")
     if count == 0:

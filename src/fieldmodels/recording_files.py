@@ -184,14 +184,14 @@ def _missing(signal: str, name: str, header: Sequence[str], model: Model | None)
     guess = next((bare[n] for n in (name.lower(), *_USUAL.get(signal, ())) if n in bare), "")
     unit = guess.partition("[" if "[" in guess else "(")[2].strip(" ])")
     suffix = f":{unit}" if unit and canonical(unit) in known_units() else ""
-    known = f"the header has {', '.join(header)}"
     if guess:
         return Problem(f"column {name!r} is missing; if it is {guess!r}, declare '{signal}={guess}{suffix}'")
     role = "seconds" if signal == TIME else ""
     if model is not None and signal != TIME:
         role = next((s.unit for s in (*model.inputs, *model.outputs) if s.name == signal), "")
     need = f" [{role}]" if role else ""
-    return Problem(f"column {name!r}{need} is missing{did_you_mean(name, header)}; {known}; "
+    close = did_you_mean(name, header).partition(" (known:")[0]
+    return Problem(f"column {name!r}{need} is missing{close}; the header has {', '.join(header)}; "
                    f"add it, or declare another one as '{signal}=NAME:UNIT'")  # fmt: skip
 
 

@@ -146,8 +146,8 @@ def synthesise(
         One row a sample: the commands and the measured outputs.
 
     Raises:
-        ModelError: For an unknown excitation or reality, commands of a wrong shape, or an
-            ``outside`` force that the model has no entry for.
+        ModelError: For an unknown excitation or reality, commands of a wrong shape, fewer than two
+            samples, or an ``outside`` force that the model has no entry for.
     """
     commands = _commands(model, inputs, duration, step, amplitude, episodes, rng)
     truth = read_reality(reality, model)
@@ -207,6 +207,8 @@ def _commands(
 ) -> list[FloatArray]:
     """Commands of each episode, each of shape (n, inputs)."""
     if isinstance(inputs, str):
+        if round(duration / step) < 2:
+            raise ModelError(f"{duration:g} s at a step of {step:g} s is no recording; record for longer")
         if inputs == "swing" and isinstance(model, OneAxis):
             return [swing(model, duration, step, amplitude, rng)[:, None] for _ in range(episodes)]
         return [

@@ -319,7 +319,21 @@ def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
     assert "ppo.yaml:2: task: there is no task 'heel_strik' (did you mean 'heel_strike'?)" in text
     assert "ppo.yaml:5: ppo.learning_rat: unknown key (did you mean 'learning_rate'?)" in text
     assert "ppo.yaml:6: ppo.gamma" in text
-    with pytest.raises(ValueError, match=r"batch_size 48 does not divide the 64 steps"):
+    path.write_text(
+        "name: ppo\ntask: heel_strike\nseed: 0.5\nsteps: 1000\nnum_envs: 3\n"
+        "environment:\n  settings:\n    dwel: 9\n  reality: {gyro_bais: {rate: 1}}\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, TrainConfig)
+    found = [problem.removeprefix(f"{tmp_path}/").split(": ")[:2] for problem in caught.value.problems]
+    assert found == [
+        ["ppo.yaml:3", "seed"],
+        ["ppo.yaml:8", "environment.settings.dwel"],
+        ["ppo.yaml:9", "environment.reality.gyro_bais"],
+        ["ppo.yaml:1", "ppo.batch_size"],
+    ]
+    with pytest.raises(ValueError, match=r"48 does not divide the 64 steps"):
         tiny(ppo={"n_steps": 16, "batch_size": 48})
     with pytest.raises(ValueError, match="stride"):
         tiny(environment={"settings": {"stride": 9}})

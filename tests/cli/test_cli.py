@@ -186,6 +186,17 @@ def test_evaluate_prints_a_table_and_its_files(tmp_path):
             ["environments.ar1.reality.gyro_bais: model 'heel_strike' has no effect 'gyro_bais'"],
         ),
         (["environments.ar1.reality=missing.yaml"], ["missing.yaml: no such file"]),
+        (
+            ["environments.ar1.reality.gyro_bias={rte: 1, rate: fast}"],
+            [
+                "environments.ar1.reality.gyro_bias.rte: effect 'gyro_bias' has no parameter 'rte'",
+                "environments.ar1.reality.gyro_bias.rate: 'gyro_bias.rate' must be a number",
+            ],
+        ),
+        (
+            ["agents=[rangr]", "baseline=rangr"],
+            ["2 mistakes:", "agents.0: there is no agent 'rangr'", "baseline: there is no agent 'rangr'"],
+        ),
     ],
 )
 def test_mistakes_in_an_evaluation_are_named_before_any_work(tmp_path, changes, messages):
@@ -200,9 +211,10 @@ def test_mistakes_in_an_evaluation_are_named_before_any_work(tmp_path, changes, 
     ("change", "message"),
     [
         ("model=rigg", "no model 'rigg' (did you mean 'rig'?)"),
-        ("reality.coulomb_friction.force=-1", "reality.coulomb_friction: "),
+        ("reality.coulomb_friction.force=-1", "reality.coulomb_friction.force: "),
         ("walk.regimes=true", "walk: model 'rig' does not take this key"),
         ("duration=0", "duration: Input should be greater than 0"),
+        ("duration=0.001", "record for longer"),
         ("name=../up", "name: "),
         ("format=xlsx", "format: Input should be 'csv' or 'parquet'"),
     ],
@@ -237,6 +249,14 @@ def test_a_mistake_in_a_process_of_its_own_has_no_traceback(tmp_path):
     assert result.returncode == 2
     assert result.stdout == ""
     assert result.stderr == "Error: nowhere.yaml: no such file\n"
+
+
+def test_problems_of_a_file_are_counted_once(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("t,force,position\n0,a,0\n0.01,b,0\n")
+    text = mistake("diagnose", path, "--model", "rig")
+    assert text.startswith(f"Error: {path}: 2 problems\n")
+    assert "mistakes" not in text
 
 
 @pytest.mark.parametrize(

@@ -216,6 +216,12 @@ def test_restored_state_continues_to_the_bit(env_id):
     )
 
 
+@every_environment
+def test_what_is_no_snapshot_is_refused(env_id):
+    with pytest.raises(ValueError, match="get_state"):
+        gym.make(env_id).unwrapped.set_state({"nothing": 0})
+
+
 def tuple_as_dict(step):
     return dict(enumerate(step))
 

@@ -284,6 +284,8 @@ def test_time_that_repeats_or_falls(write):
     columns = bench()
     columns["t"][40] = columns["t"][39]
     refused(write(table(**columns)), "'t', row 42: t = 0.39 s does not come after 0.39 s; sort the rows")
+    columns = {k: v[::-1] for k, v in bench().items()}
+    refused(write(table(**columns)), "'t', row 3: time falls from row to row; sort the rows by time")
     two_runs = {k: v + v for k, v in bench().items()}
     refused(write(table(**two_runs)), "row 102", "a new run? number the runs in a column 'episode'")
 

@@ -95,3 +95,5 @@ def test_slips_are_named():
         synthesise(Rig(), None, np.zeros((100, 2)), rng=rng())
     with pytest.raises(ModelError, match="force"):
         synthesise(Rig(), None, {"torque": np.zeros(100)}, rng=rng())
+    with pytest.raises(ModelError, match="record for longer"):
+        synthesise(Rig(), None, "mixed", duration=0.001, rng=rng())

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
 from fieldagents.config import Config, EnvironmentConfig, Name, ProblemsError, check_environment, check_task
 from fieldagents.evaluation.seeds import TRAINING_SEEDS, TUNING_SEEDS
@@ -81,7 +81,7 @@ class TrainConfig(Config):
     checkpoint_every: PositiveInt = 10
     """Updates between two checkpoints."""
     environment: EnvironmentConfig = EnvironmentConfig()
-    ppo: PpoConfig = PpoConfig()
+    ppo: PpoConfig = Field(default=PpoConfig(), validate_default=True)
     network: NetworkConfig = NetworkConfig()
     normalise: NormaliseConfig = NormaliseConfig()
     validation: ValidationConfig = ValidationConfig()
@@ -91,24 +91,24 @@ class TrainConfig(Config):
     def _task_exists(cls, task: str) -> str:
         return check_task(task)
 
-    @model_validator(mode="after")
-    def _environment_fits(self) -> Self:
-        try:
-            check_environment(self.task, self.environment)
-        except ProblemsError as error:
-            problems = [(("environment", *at), message) for at, message in error.problems]
-            raise ProblemsError(problems) from None
-        return self
+    @field_validator("environment")
+    @classmethod
+    def _environment_fits(cls, environment: EnvironmentConfig, info: ValidationInfo) -> EnvironmentConfig:
+        if "task" in info.data:
+            check_environment(info.data["task"], environment)
+        return environment
 
-    @model_validator(mode="after")
-    def _batch_fits(self) -> Self:
-        rollout = self.ppo.n_steps * self.num_envs
-        if rollout % self.ppo.batch_size:
-            raise ValueError(
-                f"ppo.batch_size {self.ppo.batch_size} does not divide the {rollout} steps"
-                f" of an update (ppo.n_steps {self.ppo.n_steps} x num_envs {self.num_envs})"
+    @field_validator("ppo")
+    @classmethod
+    def _batch_fits(cls, ppo: PpoConfig, info: ValidationInfo) -> PpoConfig:
+        rollout = ppo.n_steps * info.data.get("num_envs", ppo.batch_size)
+        if rollout % ppo.batch_size:
+            message = (
+                f"{ppo.batch_size} does not divide the {rollout} steps of an update"
+                f" (ppo.n_steps {ppo.n_steps} x num_envs {info.data['num_envs']})"
             )
-        return self
+            raise ProblemsError([(("batch_size",), message)])
+        return ppo
 
     @property
     def hash(self) -> str:
