@@ -194,7 +194,8 @@ def record(
 ) -> None:
     """Run a model in a (hidden) reality and save what its sensors measure, as CSV or Parquet.
 
-    The recording is what `fieldgym diagnose` reads; the reality is written beside it as `reality.yaml`.
+    The recording is what `fieldgym diagnose` reads; the reality is written beside it, as
+    `<name>.reality.yaml`.
 
     For example:
 

@@ -23,13 +23,13 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
 
     Returns:
         The ``recording`` (CSV or Parquet, without any trace of the reality) and the hidden ``reality``,
-        kept apart in ``reality.yaml`` to compare a diagnosis with.
+        kept apart in ``<name>.reality.yaml`` to compare a diagnosis with.
     """
     data = out / f"{config.name}.{config.format}"
     save_recording(make_recording(config), data)
     model = get_model(config.model)
     truth = read_reality(config.reality, model)
-    hidden = out / "reality.yaml"
+    hidden = out / f"{config.name}.reality.yaml"
     save_yaml(
         {
             "schema": 1,

@@ -103,13 +103,18 @@ def test_record_is_repeatable_and_keeps_the_reality_apart(rig_config, tmp_path):
     assert header.split(",")[:2] == ["t", "force"]
     assert len(rows) == 400
     assert "friction" not in (first / "rig.csv").read_text()
-    assert "coulomb_friction" in (first / "reality.yaml").read_text()
+    assert "coulomb_friction" in (first / "rig.reality.yaml").read_text()
 
 
 def test_recorded_reality_loads_back(rig_config, tmp_path):
     run("record", rig_config, "--out", tmp_path / "a")
     again = run(
-        "record", rig_config, "--set", f"reality={tmp_path / 'a' / 'reality.yaml'}", "--out", tmp_path / "b"
+        "record",
+        rig_config,
+        "--set",
+        f"reality={tmp_path / 'a' / 'rig.reality.yaml'}",
+        "--out",
+        tmp_path / "b",
     )
     assert again.exit_code == 0, again.output
     assert (tmp_path / "a" / "rig.csv").read_bytes() == (tmp_path / "b" / "rig.csv").read_bytes()
@@ -326,7 +331,7 @@ def test_what_a_diagnosis_found_reads_in_the_terminal():
                 "cause": "Dry friction.",
                 "where": "force",
                 "parameters": {"torque": {"value": 0.18, "std": 0.01, "unit": "N m"}},
-                "gain": gain,
+                "gain": {"signal": "angle", **gain},
                 "alternatives": [],
             }
         ],

@@ -10,9 +10,10 @@ import sys
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
@@ -27,6 +28,9 @@ Floats = NDArray[np.float64]
 
 WALKS = 40
 """Tuning walks of each kind of collision noise: the first seeds tune, as many later ones check."""
+
+RESULT = Path(__file__).with_name("heel_strike.json")
+"""What the reference agents read."""
 
 PAPER_DECAYS = np.arange(33.0, 634.0, 50.0)  # section 2.6.1 and Fig 2.12: S_FD from 33 to 633
 PAPER_RATIOS = np.linspace(0.0, 1.0, 21)  # section 2.5.3: S_MS from 0 to 1 by 0.05
@@ -259,15 +263,17 @@ def _cma(scores: Callable[[Floats], Floats], start: Floats, evaluations: int) ->
     return np.asarray(search.result.xbest)
 
 
-def main() -> None:
-    """Tune for both kinds of collision noise and write the result."""
+def _main(
+    out: Annotated[Path, typer.Option(help="Where the tuned values go.")] = RESULT,
+) -> None:
+    """Tune the reference agents of heel strike for both kinds of collision noise, in some minutes."""
     found: dict[str, Any] = {"command": "python -m fieldagents.reference.tuning"}
     for kind in ("ar1", "low_pass"):
         print(kind, file=sys.stderr)
         settings = HeelStrikeSettings(collision_kind=kind)
         found[kind] = tune(settings, lambda line: print(" ", line, file=sys.stderr, flush=True))
-    write_text(Path(__file__).with_name("heel_strike.json"), json.dumps(found, indent=1) + "\n")
+    write_text(out, json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(_main)
