@@ -192,7 +192,7 @@ def main() -> None:
     for k in range(options.nothing):
         ask("nothing, white noise", "", {}, options.first + 100 + k)
         ask("nothing, coloured noise", "", {}, options.first + 200 + k, coloured=0.5)
-    if options.effects is None:
+    if options.effects is None or "outside" in options.effects:
         peak = record(model, {}, 7, noise=False)
         SCALE["x"] = float(np.std(peak[model.outputs[0].name]))
         SCALE["v"] = float(np.std(np.gradient(peak[model.outputs[0].name], STEP)))

@@ -81,7 +81,13 @@ def show(diagnosis: Mapping[str, Any], console: Console) -> None:
         for cause in diagnosis["causes"]:
             values = "\n".join(f"{name} = {_value(entry)}" for name, entry in cause["parameters"].items())
             names = "\nor ".join([cause["effect"], *cause["alternatives"]])
-            table.add_row(names, cause["where"], values, _gain(cause["gain"]), cause["cause"])
+            table.add_row(
+                names,
+                cause["where"],
+                values,
+                f"{cause['gain']['signal']}: {_gain(cause['gain'])}",
+                cause["cause"],
+            )
         console.print(table)
     if diagnosis["gain"]:
         table = Table("signal", "unit", "error before", "after", "gain", "horizon")

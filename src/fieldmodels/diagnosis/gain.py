@@ -54,7 +54,7 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
     for part, values in zip(problem.parts, simulated, strict=True):
         error = part.windows.measured(outputs) - values
         seen = np.isfinite(error) & used
-        squares.append(np.where(seen, error, 0.0).__pow__(2).sum(axis=1))
+        squares.append((np.where(seen, error, 0.0) ** 2).sum(axis=1))
         counts.append(seen.sum(axis=1))
     return Prediction(simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64))
 

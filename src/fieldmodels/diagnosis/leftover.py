@@ -25,6 +25,8 @@ from fieldmodels.model import FloatArray
 KNOTS = 8  # of a table
 MAX_P = 0.005  # of the best of some twenty groups
 RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.025  # a dictionary group may not beat a named effect by more [nats, share]
+RIVAL_P = 0.1  # of the paired test that it does
+LEAST_SINE = 0.1  # of the angle between a shape's response and what the free parameters can do
 
 
 @dataclass(frozen=True)
@@ -83,15 +85,17 @@ class Dictionary:
         result = []
         for group in self.groups:
             columns = project(fitted, self.response @ group.values)
-            scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-30
-            columns = columns / scale
+            mixture = _own_shapes(columns, fitted)
+            if mixture.shape[1] == 0:
+                continue
+            columns = columns @ mixture
             wide = replace(
                 fitted,
                 jacobian=np.concatenate([fitted.jacobian, columns], axis=2),
                 active=np.concatenate([fitted.active, np.ones(columns.shape[2], dtype=np.bool_)]),
             )
             gain = candidate.loss - held_out_loss(wide, folds)
-            coefficients = _solve(wide)[len(fitted.free) :] / scale
+            coefficients = mixture @ _solve(wide)[len(fitted.free) :]
             result.append(Found(group, gain, block_p_value(gain, self.problem.blocks), coefficients))
         return sorted(result, key=lambda f: -f.total)
 
@@ -104,9 +108,10 @@ class Dictionary:
                 return found
         return None
 
-    def most_likely(self, candidate: Candidate, folds: NDArray[np.int64]) -> Leftover:
+    def most_likely(self, candidate: Candidate, folds: NDArray[np.int64]) -> Leftover | None:
         """Shape of the best group, significant or not: for a misfit that is certain in itself."""
-        return self.shape(self.judge(candidate, folds)[0], candidate)
+        best = self.judge(candidate, folds)[:1]
+        return self.shape(best[0], candidate) if best else None
 
     def shape(self, found: Found, candidate: Candidate) -> Leftover:
         """What a judged group looks like."""
@@ -190,6 +195,21 @@ def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
     """Piecewise-linear hats at the knots, constant beyond the outer ones; shape (..., knots)."""
     eye = np.eye(len(knots))
     return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
+
+
+def _own_shapes(columns: FloatArray, fitted: Fit) -> FloatArray:
+    """Mixtures of columns that the free parameters cannot imitate, shape (columns, mixtures).
+
+    A shape that is nearly a change of a free parameter (a force in proportion to the angle, beside the
+    stiffness) would be blown up until the little that is left of it fits the noise.
+    """
+    scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-30
+    left, size, right = np.linalg.svd(stacked(columns) / scale, full_matrices=False)
+    sound = size > 1e-6 * max(float(size[0]), 1e-30)
+    basis, _ = np.linalg.qr(stacked(fitted.jacobian[:, :, fitted.active]))
+    _, sines, turn = np.linalg.svd(left[:, sound] - basis @ (basis.T @ left[:, sound]), full_matrices=False)
+    own = turn[sines > LEAST_SINE].T
+    return np.asarray((right[sound].T / size[sound]) @ own / scale[:, None])
 
 
 def _solve(wide: Fit) -> FloatArray:

@@ -13,7 +13,7 @@ from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.fit import fit, heavy_tailed, standard_errors
 from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
-from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_SHARE, Dictionary
+from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_P, RIVAL_SHARE, Dictionary
 from fieldmodels.diagnosis.misfit import misfit
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.problem import Problem
@@ -88,7 +88,7 @@ def diagnose(
     rng = np.random.default_rng(seed)
     main = _main_output(testing)
     before = predict(testing, selection.base.fit.parameters)
-    causes = _causes(candidates, selection, path, testing, main, rng)
+    causes = _causes(candidates, selection, path, testing, rng)
     tell("looking for what is left over", 0.85)
     causes, unknown = _leftover(candidates, selection, causes)
     extended = selection.chosen if causes else selection.base
@@ -106,7 +106,7 @@ def diagnose(
         noise = np.array([noise_floor(testing, after, j) for j in range(len(model.outputs))])
     coarse = coarse_sensor(model, train, noise)
     if coarse and verdict != "unknown":
-        causes += (_quantisation(*coarse),)
+        causes += (_quantisation(model, *coarse),)
         verdict = "ambiguous" if verdict == "ambiguous" else "named"
     tell("done", 1.0)
     return Diagnosis(
@@ -160,8 +160,14 @@ def main_horizon(model: Model, recordings: Sequence[Recording]) -> float:
 
 
 def _main_output(problem: Problem) -> int:
-    """The output by which causes are told to gain: the first that is measured."""
+    """The first output that is measured."""
     return int(problem.outputs[0])
+
+
+def _telling_output(training: Problem, path: Sequence[Candidate]) -> int:
+    """The output whose error the causes reduce most, by the training data: there their gains are stated."""
+    before, after = (predict(training, c.fit.parameters).rmse() for c in (path[0], path[-1]))
+    return int(np.nanargmin(after / before))
 
 
 def _causes(
@@ -169,7 +175,6 @@ def _causes(
     selection: Selection,
     path: Sequence[Candidate],
     testing: Problem,
-    output: int,
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
     """The chosen effects with what each adds to those before it."""
@@ -177,6 +182,7 @@ def _causes(
     model, problem = candidates.problem.model, candidates.problem
     if not chosen.effects:
         return ()
+    output = _telling_output(problem, path)
     predictions = [predict(testing, c.fit.parameters) for c in path]
     errors = standard_errors(problem, chosen.fit)
     causes = []
@@ -195,6 +201,7 @@ def _causes(
                 cause=effect.cause,
                 where=effect.where,
                 parameters=values,
+                signal=model.outputs[output].name,
                 gain=share(predictions[k], predictions[k + 1], output, testing.blocks, rng),
                 p_value=block_p_value(gain, problem.blocks),
                 nats=path[k].total - path[k + 1].total,
@@ -218,10 +225,11 @@ def _leftover(
     for name in chosen.effects:
         rest = candidates.without(chosen, name)
         own = Dictionary(candidates.problem, rest.fit)
-        rival = own.judge(rest, folds)[0]
         margin = max(RIVAL_GAIN, RIVAL_SHARE * (rest.total - chosen.total))
-        if rest.total - rival.total < chosen.total - margin:
-            return (), own.shape(rival, rest)
+        for rival in own.judge(rest, folds)[:1]:
+            better = chosen.loss - (rest.loss - rival.gain)
+            if float(better.sum()) > margin and block_p_value(better, candidates.problem.blocks) < RIVAL_P:
+                return (), own.shape(rival, rest)
     return causes, shape
 
 
@@ -237,7 +245,7 @@ def _mostly_explained(testing: Problem, before: Prediction, after: Prediction, o
     return bool(first - last > last - noise_floor(testing, after, output) ** 2)
 
 
-def _quantisation(effect: Effect, step: float, share: float) -> Cause:
+def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Cause:
     """A coarse sensor as a cause; it explains noise, so it gains nothing in prediction."""
     parameter = effect.parameters[0]
     return Cause(
@@ -245,6 +253,7 @@ def _quantisation(effect: Effect, step: float, share: float) -> Cause:
         cause=f"{effect.cause} It makes up {100 * share:.0f} % of the remaining error's variance.",
         where=effect.where,
         parameters={parameter.name: Estimate(step, 0.0, parameter.unit)},
+        signal=model.outputs[0].name,
         gain=Share(0.0, (0.0, 0.0)),
     )
 

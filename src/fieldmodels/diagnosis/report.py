@@ -77,7 +77,7 @@ def _causes(diagnosis: Diagnosis) -> str:
                 cause.cause,
                 cause.where,
                 values,
-                _share(cause.gain.percent, cause.gain.ci95),
+                f"{cause.signal}: {_share(cause.gain.percent, cause.gain.ci95)}",
                 ", ".join(a.replace("_", " ") for a in cause.alternatives) or "–",
             )
         )

@@ -48,8 +48,8 @@ class Cause:
         cause: What happens in the real machine, in one sentence.
         where: Where in the loop it acts.
         parameters: Fitted values.
-        gain: What adding it to the causes before it gains on the main signal, on data not used to
-            choose it.
+        signal: The measured signal on which the causes gain most.
+        gain: What adding it to the causes before it gains on that signal, on data not used to choose it.
         alternatives: Effects that could stand in its place as far as these data tell.
         p_value: Of the paired test over blocks of windows.
         nats: Gain in held-out log-likelihood.
@@ -59,6 +59,7 @@ class Cause:
     cause: str
     where: str
     parameters: Mapping[str, Estimate]
+    signal: str
     gain: Share
     alternatives: tuple[str, ...] = ()
     p_value: float = float("nan")
@@ -221,7 +222,7 @@ class Diagnosis:
                     "cause": c.cause,
                     "where": c.where,
                     "parameters": {name: e.to_json() for name, e in c.parameters.items()},
-                    "gain": c.gain.to_json(),
+                    "gain": {"signal": c.signal, **c.gain.to_json()},
                     "alternatives": list(c.alternatives),
                     "p_value": _number(c.p_value),
                     "nats": _number(c.nats),
