@@ -184,6 +184,8 @@ class _Walk:
     def gains(self, actions: NDArray[Any]) -> Floats:
         """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
         batch = len(self.elapsed)
+        if np.shape(actions)[:1] != (batch,):
+            raise InvalidAction(f"actions of shape ({batch}, 3) are needed, not {np.shape(actions)}")
         if np.shape(actions) != (batch, 3):
             raise InvalidAction(f"an action of shape (3,) is needed, not {np.shape(actions)[1:]}")
         values = np.asarray(actions, dtype=np.float64)

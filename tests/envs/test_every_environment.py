@@ -284,6 +284,14 @@ def test_a_row_does_not_depend_on_the_batch(env_id):
 
 
 @needs_vector
+def test_a_batch_of_another_size_is_refused(env_id):
+    envs = gym.make_vec(env_id, num_envs=4)
+    envs.reset(seed=0)
+    with pytest.raises(gym.error.InvalidAction, match=r"shape \(4, "):
+        envs.step(envs.action_space.sample()[:3])
+
+
+@needs_vector
 def test_vector_state_continues_to_the_bit(env_id):
     env = gym.make_vec(env_id, num_envs=4)
     env.reset(seed=8)
