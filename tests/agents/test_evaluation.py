@@ -107,7 +107,15 @@ def test_report_stands_alone_and_names_all_agents(result):
     for rows in summary.scenarios.values():
         for row in rows:
             assert f">{row.agent}<" in page
+    assert "Settings: strides = 12. Reality: gyro_bias rate = 0.02." in page
     assert report_section(summary).startswith('<p class="lead">')
+
+
+def test_an_infinite_setting_is_written_down(tmp_path):
+    where = {"steady": {"settings": {"strides": 3, "dwell": float("inf")}}}
+    evaluate(config(2, environments=where, agents=["fixed_tuned"]), tmp_path)
+    stored = json.loads((tmp_path / "summary.json").read_text(), parse_constant=pytest.fail)
+    assert stored["environments"]["steady"]["settings"] == {"strides": 3, "dwell": "inf"}
 
 
 def test_few_episodes_are_said_to_be_insufficient(tmp_path):

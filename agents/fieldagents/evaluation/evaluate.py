@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from fieldagents.config import EvaluateConfig
+from fieldagents.config import EnvironmentConfig, EvaluateConfig
 from fieldagents.evaluation.entrants import make_entrant
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.metrics import METRICS
 from fieldagents.evaluation.report import write_report
 from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
+from fieldgym import TASKS
 from fieldmodels.files import replacing, write_text
+from fieldmodels.reality import read_reality
+from fieldmodels.registry import get_model
 
 
 class EvaluationError(ValueError):
@@ -64,6 +69,7 @@ def evaluate(
         episodes=config.episodes,
         first_seed=seeds[0],
         seconds=round(time.perf_counter() - began, 1),
+        environments={name: _written_out(config.task, one) for name, one in config.environments.items()},
         scenarios={
             str(scenario): summarise_scenario(part, config.task, config.baseline, labels)
             for scenario, part in episodes.groupby("scenario", sort=False)
@@ -74,6 +80,17 @@ def evaluate(
     write_text(out / "summary.json", json.dumps(summary.to_json(), indent=2, allow_nan=False) + "\n")
     write_report(summary, episodes, out / "report.html")
     return summary
+
+
+def _written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
+    """Settings and reality as plain values; a file may change later."""
+    truth = read_reality(environment.reality, get_model(TASKS[task].model))
+    groups = {"parameters": truth.base, **truth.effects} if truth.base else truth.effects
+    settings = {  # JSON has no infinity
+        key: str(value) if value == math.inf else value for key, value in environment.settings.items()
+    }
+    reality = {name: {k: float(v) for k, v in values.items()} for name, values in groups.items()}
+    return {"settings": settings, "reality": reality}
 
 
 def _report(progress: Callable[[str, float], None], stage: str, done: int, total: int, part: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,11 +40,23 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
         parts += [
             f"<h3>{html.text(scenario)}</h3>",
+            f"<p>{html.text(_conditions(summary.environments[scenario]))}</p>",
             html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
             html.table(*_table(rows, summary), caption),
         ]
     parts.append(_notes(summary))
     return "\n".join(parts)
+
+
+def _conditions(environment: Mapping[str, Any]) -> str:
+    """A scenario's settings and reality in a line."""
+    settings = ", ".join(f"{key} = {value}" for key, value in environment["settings"].items())
+    reality = ", ".join(
+        f"{group} {key} = {value:.4g}"
+        for group, values in environment["reality"].items()
+        for key, value in values.items()
+    )
+    return f"Settings: {settings or 'the defaults'}. Reality: {reality or 'the nominal simulation'}."
 
 
 def show(summary: Summary, console: Console) -> None:

@@ -58,6 +58,8 @@ class Summary:
         episodes: Episodes of every agent and run in every scenario.
         first_seed: Seed of the first episode; the others follow one by one.
         seconds: How long it took.
+        environments: Scenario to the ``settings`` that are not the defaults and to its ``reality``, in
+            full even where the config names a file.
         scenarios: Scenario to its rows, best agent first.
     """
 
@@ -67,6 +69,7 @@ class Summary:
     episodes: int
     first_seed: int
     seconds: float
+    environments: dict[str, dict[str, Any]]
     scenarios: dict[str, tuple[Row, ...]]
 
     def to_json(self) -> dict[str, Any]:
