@@ -60,7 +60,7 @@ def _data(diagnosis: Diagnosis) -> str:
     train, test = (", ".join(names) for names in (diagnosis.trained_on, diagnosis.tested_on))
     return (
         f'<p class="soft">Fitted and chosen on {html.text(train)} ({diagnosis.windows[0]} windows); gains '
-        f"measured on {html.text(test)} ({diagnosis.windows[1]} windows), which took no part in either. "
+        f"measured on {html.text(test)} ({diagnosis.windows[1]} windows), which could only veto a cause. "
         f"{diagnosis.seconds:.1f} s.</p>"
     )
 
@@ -115,7 +115,8 @@ def _horizons(diagnosis: Diagnosis) -> str:
     for axis, (name, rows) in zip(axes, curves.items(), strict=True):
         axis.plot(rows[:, 0], rows[:, 1], "o-", color=BEFORE, label="before")
         axis.plot(rows[:, 0], rows[:, 2], "o-", color=AFTER, label="after")
-        axis.set(xlabel="window [s]", ylabel=f"error of {name} [{diagnosis.gain[name].unit}]", ylim=(0, None))
+        axis.set(xlabel="window [s]", ylabel=f"error of {name} [{diagnosis.gain[name].unit}]")
+        axis.set_ylim(0, 1.1 * float(rows[:, 1:].max()))
     axes[0].legend(frameon=False)
     return html.figure(figure, "Prediction error by length of the predicted window.")
 
