@@ -11,6 +11,10 @@ from fieldagents.evaluation import evaluate
 from fieldmodels.datasets import DatasetError
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
+from fieldmodels.heel_strike.model import HeelStrikeModel
+from fieldmodels.heel_strike.parameters import Leg, Noise
+from fieldmodels.heel_strike.recording import record_walk
+from fieldmodels.reality import Reality
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -66,6 +70,15 @@ def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
     words = check_page(open_page(written["report.html"]), figures=2)
     for effect in REALITIES[verdict]:
         assert effect in words or effect.replace("_", " ") in words
+
+
+def test_heel_strike_diagnosis_report(open_page, tmp_path: Path):
+    """Its derived signals have no value at the shortest horizon."""
+    leg, noise = Leg(step=0.01), Noise(process=0.15, floor=0.001)
+    bias = Reality(effects={"gyro_bias": {"rate": 0.006}})
+    walk = record_walk(120.0, np.random.default_rng(3), noise, bias, leg)
+    written = write_results(diagnose(HeelStrikeModel(leg), [walk]), tmp_path)
+    assert "gyro bias" in check_page(open_page(written["report.html"]), figures=3)
 
 
 def test_demo_report_says_that_its_data_are_simulated(open_page, tmp_path: Path, monkeypatch):

@@ -252,3 +252,19 @@ def test_real_bang_bang_log_names_nothing():
     result = diagnose(model, [datasets.open_recording("dfki_simple_pendulum/energy_shaping", model)])
     assert result.verdict == "unknown"
     assert result.causes == ()
+
+
+def test_a_machine_that_hardly_moves_is_said_to_tell_little():
+    rng = np.random.default_rng(4)
+    time = np.arange(3000) * 0.01
+    recording = Recording(
+        time=time,
+        signals={
+            "torque": np.sin(time),
+            "angle": 0.5 * np.sin(1.3 * time) + 0.003 * rng.standard_normal(3000),
+        },
+    )
+    found = diagnose(get_model("pendulum"), [recording])
+    assert "inertia" in found.undetermined
+    assert "hardly determine" in found.summary()
+    assert found.to_json()["undetermined"] == list(found.undetermined)

@@ -34,6 +34,7 @@ from fieldmodels.recording import Recording, RecordingError
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
 FOLDS = 4
+UNDETERMINED = 0.5  # standard error of a base parameter, of its value, from which on it is not known
 FAR = 3.0  # times the noise: an error beyond needs an explanation even if no test finds its direction
 
 
@@ -108,6 +109,7 @@ def diagnose(
     if coarse and verdict != "unknown":
         causes += (_quantisation(model, *coarse),)
         verdict = "ambiguous" if verdict == "ambiguous" else "named"
+    base = _base_estimates(training, extended, fixed)
     tell("done", 1.0)
     return Diagnosis(
         model=model.name,
@@ -117,7 +119,12 @@ def diagnose(
         gain=_gains(testing, before, after, rng),
         unknown=unknown,
         next_measurement=(next_measurement(candidates, selection, rng) if verdict == "ambiguous" else None),
-        parameters=_base_estimates(training, extended, fixed),
+        parameters=base,
+        undetermined=tuple(
+            p.name
+            for p in model.parameters
+            if p.lower > 0 and not base[p.name].std <= UNDETERMINED * base[p.name].value
+        ),
         vector=extended.fit.parameters,
         not_testable=_not_testable(selection),
         trained_on=tuple(r.source for r in train),

@@ -116,7 +116,7 @@ def _horizons(diagnosis: Diagnosis) -> str:
         axis.plot(rows[:, 0], rows[:, 1], "o-", color=BEFORE, label="before")
         axis.plot(rows[:, 0], rows[:, 2], "o-", color=AFTER, label="after")
         axis.set(xlabel="window [s]", ylabel=f"error of {name} [{diagnosis.gain[name].unit}]")
-        axis.set_ylim(0, 1.1 * float(rows[:, 1:].max()))
+        axis.set_ylim(0, 1.1 * float(np.nanmax(rows[:, 1:])))
     axes[0].legend(frameon=False)
     return html.figure(figure, "Prediction error by length of the predicted window.")
 

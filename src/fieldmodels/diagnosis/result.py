@@ -184,6 +184,7 @@ class Diagnosis:
         unknown: What no listed effect explains, if anything.
         next_measurement: What to record next, if rivals remain.
         parameters: Refitted base parameters of the extended simulation.
+        undetermined: Positive base parameters whose standard error exceeds half of their value.
         vector: Whole parameter vector of the extended simulation.
         not_testable: Effects that could not be tested, with the reason.
         trained_on: Sources of the training data.
@@ -201,6 +202,7 @@ class Diagnosis:
     unknown: Leftover | None
     next_measurement: NextMeasurement | None
     parameters: Mapping[str, Estimate]
+    undetermined: tuple[str, ...]
     vector: FloatArray
     not_testable: Mapping[str, str]
     trained_on: tuple[str, ...]
@@ -241,6 +243,7 @@ class Diagnosis:
                 else None
             ),
             "parameters": {name: e.to_json() for name, e in self.parameters.items()},
+            "undetermined": list(self.undetermined),
             "not_testable": dict(self.not_testable),
             "data": {
                 "train": list(self.trained_on),
@@ -251,7 +254,16 @@ class Diagnosis:
         }
 
     def summary(self) -> str:
-        """The verdict in one plain sentence."""
+        """The verdict in one plain sentence, and a caution where the data hardly determine the base."""
+        if not self.undetermined:
+            return self._sentence()
+        names = " and ".join(name.replace("_", " ") for name in self.undetermined)
+        return (
+            f"{self._sentence()} Caution: these data hardly determine {names}, so the verdict says little; "
+            "excite the machine more."
+        )
+
+    def _sentence(self) -> str:
         names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
         if self.verdict == "consistent":
             return "Nothing significant is missing: the refitted simulation explains these data."
