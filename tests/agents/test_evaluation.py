@@ -171,14 +171,14 @@ def test_agents_that_met_other_noise_are_not_compared():
         _check_pairs(frame, TASK)
 
 
-def trained(runs: int, gain: float) -> tuple:
+def trained(runs: int, gain: float, episodes: int = 40) -> tuple:
     """Rows of a baseline and of a trained agent with several runs that is better by ``gain``."""
     rng = np.random.default_rng(0)
-    base = rng.gamma(4, 1, 40)
-    rows = [pd.DataFrame({"agent": "base", "run": 0, "seed": range(40), "error_mm": base})]
+    base = rng.gamma(4, 1, episodes)
+    rows = [pd.DataFrame({"agent": "base", "run": 0, "seed": range(episodes), "error_mm": base})]
     for run in range(runs):
-        scores = base - gain + rng.normal(0, 0.2) + rng.normal(0, 0.1, 40)
-        rows.append(pd.DataFrame({"agent": "ppo", "run": run, "seed": range(40), "error_mm": scores}))
+        scores = base - gain + rng.normal(0, 0.2) + rng.normal(0, 0.1, episodes)
+        rows.append(pd.DataFrame({"agent": "ppo", "run": run, "seed": range(episodes), "error_mm": scores}))
     frame = pd.concat(rows).assign(ranger_mm=1.0, **{"return": 0.0})
     labels = {"base": Labels("observation", "", False), "ppo": Labels("observation", "", True)}
     return {row.agent: row for row in summarise_scenario(frame, TASK, "base", labels)}["ppo"]
@@ -191,6 +191,7 @@ def test_training_runs_are_the_unit_of_replication():
     assert few.of_training.verdict == "insufficient"  # the algorithm
     assert many.of_training.verdict == "better"
     assert many.of_training.n == 8
+    assert trained(8, 1.0, episodes=5).of_training.verdict == "insufficient"
 
 
 def test_a_spread_between_runs_widens_what_is_said_of_the_algorithm():

@@ -124,7 +124,8 @@ def summarise_scenario(
                 runs,
                 np.full(len(runs), base.mean()),
                 lower_is_better=first.lower_is_better,
-                least=MIN_RUNS,
+                # Runs that agree on a handful of episodes may agree on their luck.
+                least=MIN_RUNS if len(base) >= MIN_EPISODES else len(runs) + 1,
             )
         mean_return = float(own["return"].mean())
         rows.append(
