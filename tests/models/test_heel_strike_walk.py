@@ -8,10 +8,10 @@ from fieldmodels.compiled import compiled
 from fieldmodels.heel_strike.model import HeelStrikeModel
 from fieldmodels.heel_strike.parameters import SILENT, Gains, Leg, Noise, Regimes
 from fieldmodels.heel_strike.search import record_walks, score_gains, stride_errors
-from fieldmodels.heel_strike.streams import gaussian, normal_quantile, symmetric
 from fieldmodels.heel_strike.strides import Strides
 from fieldmodels.heel_strike.truth import truth_step
 from fieldmodels.model import ModelError
+from fieldmodels.streams import gaussian, normal_quantile, symmetric
 
 PAPER = (1.0, 1.0, 0.1, 1000 / 3)
 

@@ -12,7 +12,6 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.heel_strike import kalman
 from fieldmodels.heel_strike.estimators import observer_step, ranger_step, reset
 from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
-from fieldmodels.heel_strike.streams import GAMMA, gaussian, mixed, symmetric, uniform
 from fieldmodels.heel_strike.truth import (
     DELAY,
     HISTORY,
@@ -26,6 +25,7 @@ from fieldmodels.heel_strike.truth import (
     truth_step,
 )
 from fieldmodels.model import FloatArray
+from fieldmodels.streams import GAMMA, gaussian, mixed, symmetric, uniform
 
 ESTIMATORS = ("agent", "ranger", "ranger_tuned", "ekf", "imm")
 FEATURES = (

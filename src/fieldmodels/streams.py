@@ -1,7 +1,7 @@
 """Random numbers inside kernels: one 64-bit key a stream, one counter a draw.
 
 A draw depends on nothing but its key and its counter (splitmix64, Steele, Lea and Flood 2014), so that
-every noise of every walker is the same whatever is estimated, switched on, or batched beside it.
+every noise is the same whatever is estimated, switched on, or batched beside it.
 """
 
 from __future__ import annotations
