@@ -1,0 +1,1 @@
+"""Pose reaching: a unicycle on a walled field, and what data say about a real one."""
