@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.metrics import METRICS
+from fieldagents.evaluation.metrics import METRICS, Metric
 from fieldgym import TASKS
+
+
+@dataclass(frozen=True)
+class Played:
+    """Episodes that an agent has played.
+
+    Attributes:
+        table: One row an episode: ``seed``, ``steps``, ``return`` and the task's metrics. An estimator's
+            row has no return and none of the other metrics: its actions mean nothing.
+        decision_ms: Time that the agent took for a decision [ms]: of a call for the whole batch, divided by
+            the number of its environments; the median over the calls. NaN for an estimator.
+    """
+
+    table: pd.DataFrame
+    decision_ms: float
 
 
 def run_episodes(
@@ -22,6 +40,17 @@ def run_episodes(
     seeds: range,
     progress: Callable[[float], None] = lambda _: None,
 ) -> pd.DataFrame:
+    """Run one episode for each seed; see `play_episodes`, whose table this is."""
+    return play_episodes(agent, task, environment, seeds, progress).table
+
+
+def play_episodes(
+    agent: Agent,
+    task: str,
+    environment: EnvironmentConfig,
+    seeds: range,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Played:
     """Run one episode for each seed.
 
     Args:
@@ -30,16 +59,8 @@ def run_episodes(
         environment: Its settings and reality.
         seeds: Consecutive seeds, one an episode.
         progress: Called with the part that is done, 0 to 1.
-
-    Returns:
-        One row an episode: ``seed``, ``steps``, ``return`` and the task's metrics, each averaged over
-        the episode's steps. An estimator's row has no return: its actions mean nothing.
     """
     n = len(seeds)
-    metrics = METRICS[task]
-    keys = [metric.key for metric in metrics]
-    if agent.estimator:
-        keys[0] = agent.estimator
     envs = gymnasium.make_vec(
         TASKS[task].env_id,
         num_envs=n,
@@ -54,23 +75,87 @@ def run_episodes(
         running = np.ones(n, dtype=np.bool_)
         steps = np.zeros(n, dtype=np.int64)
         returns = np.zeros(n)
-        sums = np.zeros((len(keys), n))
+        tallies = [Tally(metric, key, n) for metric, key in _measured(task, agent)]
+        took: list[float] = []
         longest = _episode_length(envs)
         while running.any():
-            action = agent.act(observation, visible(info, agent.sees))
+            seen = visible(info, agent.sees)
+            began = time.perf_counter()
+            action = agent.act(observation, seen)
+            took.append(time.perf_counter() - began)
             observation, reward, terminated, truncated, info = envs.step(action)
             steps += running
             returns += np.where(running, reward, 0.0)
-            for row, key in zip(sums, keys, strict=True):
-                row += np.where(running, look_up(info, key), 0.0)
+            for tally in tallies:
+                tally.add(info, running)
             running &= ~(terminated | truncated)
-            progress(float(steps.max()) / longest)
+            progress(min(float(steps.max()) / longest, 1.0))
     finally:
         envs.close()
-    averages = {metric.name: total / steps for metric, total in zip(metrics, sums, strict=True)}
+    values = {metric.name: np.full(n, np.nan) for metric in METRICS[task]}
+    values |= {tally.metric.name: tally.result(steps) for tally in tallies}
     if agent.estimator:
         returns[:] = np.nan
-    return pd.DataFrame({"seed": list(seeds), "steps": steps, "return": returns, **averages})
+    table = pd.DataFrame({"seed": list(seeds), "steps": steps, "return": returns, **values})
+    return Played(table, np.nan if agent.estimator else 1000 * float(np.median(took)) / n)
+
+
+class Tally:
+    """Makes a metric's number for each episode of a batch, step by step.
+
+    Args:
+        metric: What is measured.
+        key: Where ``info`` has it.
+        batch: Number of episodes.
+    """
+
+    def __init__(self, metric: Metric, key: str, batch: int) -> None:
+        self.metric, self._key = metric, key
+        self._value = np.zeros(batch)
+        self._given = np.ones(batch)
+        self._per = np.ones(batch)
+
+    def add(self, info: Mapping[str, Any], running: NDArray[np.bool_]) -> None:
+        """Take one step's ``info`` into account, for the episodes that are still running."""
+        value = look_up(info, self._key)
+        if self.metric.over == "last":
+            np.copyto(self._value, value, where=running)
+        else:
+            self._value += np.where(running, value, 0.0)
+        if self.metric.given:
+            np.copyto(self._given, look_up(info, self.metric.given), where=running)
+        if self.metric.per:
+            np.copyto(self._per, look_up(info, self.metric.per), where=running)
+
+    def result(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The episodes' numbers, shape (batch,); NaN where one has none.
+
+        Args:
+            steps: Number of steps of each episode, shape (batch,).
+
+        Raises:
+            MetricError: If a value is missing that must not be, or is not 0 or 1 where it must be.
+        """
+        metric = self.metric
+        value = self._value / steps if metric.over == "mean" else self._value
+        value = np.where(self._given > 0, value / self._per, np.nan)
+        if not metric.may_miss and np.isnan(value).any():
+            raise MetricError(f"{metric.name}: {self._key!r} of info is not a number in some episode")
+        if metric.binary and not np.isin(value[~np.isnan(value)], (0.0, 1.0)).all():
+            raise MetricError(f"{metric.name}: {self._key!r} of info must be 0 or 1 at an episode's end")
+        return value
+
+
+class MetricError(ValueError):
+    """An environment whose ``info`` does not hold what the task's metrics say."""
+
+
+def _measured(task: str, agent: Agent) -> list[tuple[Metric, str]]:
+    """Metrics that mean something for this agent, each with its key."""
+    first, *others = METRICS[task]
+    if agent.estimator:
+        return [(first, agent.estimator), *((metric, metric.key) for metric in others if metric.common)]
+    return [(metric, metric.key) for metric in (first, *others)]
 
 
 def look_up(info: Mapping[str, Any], key: str) -> Any:

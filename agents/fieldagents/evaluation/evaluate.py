@@ -10,11 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from fieldagents.config import EnvironmentConfig, EvaluateConfig
 from fieldagents.evaluation.entrants import make_entrant
-from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.evaluation.metrics import METRICS
 from fieldagents.evaluation.report import write_report
 from fieldagents.evaluation.seeds import TEST_SEEDS
@@ -51,10 +52,13 @@ def evaluate(
     ]
     total = sum(len(entrant.runs) for _, _, entrant in entrants)
     tables: list[pd.DataFrame] = []
+    took: dict[tuple[str, str], list[float]] = {}
     for scenario, environment, entrant in entrants:
         for run, agent in enumerate(entrant.runs):
             report = partial(_report, progress, f"{scenario}: {entrant.name}", len(tables), total)
-            table = run_episodes(agent, config.task, environment, seeds, report)
+            played = play_episodes(agent, config.task, environment, seeds, report)
+            took.setdefault((scenario, entrant.name), []).append(played.decision_ms)
+            table = played.table
             table.insert(0, "scenario", scenario)
             table.insert(1, "agent", entrant.name)
             table.insert(2, "run", run)
@@ -69,6 +73,10 @@ def evaluate(
         episodes=config.episodes,
         first_seed=seeds[0],
         seconds=round(time.perf_counter() - began, 1),
+        decision_ms={
+            scenario: {name: _median(took[scenario, name]) for name in config.agents}
+            for scenario in config.environments
+        },
         environments={name: _written_out(config.task, one) for name, one in config.environments.items()},
         scenarios={
             str(scenario): summarise_scenario(part, config.task, config.baseline, labels)
@@ -91,6 +99,11 @@ def _written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     }
     reality = {name: {k: float(v) for k, v in values.items()} for name, values in groups.items()}
     return {"settings": settings, "reality": reality}
+
+
+def _median(values: list[float]) -> float | None:
+    median = float(np.median(values))
+    return None if np.isnan(median) else float(f"{median:.3g}")
 
 
 def _report(progress: Callable[[str, float], None], stage: str, done: int, total: int, part: float) -> None:

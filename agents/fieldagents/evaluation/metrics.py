@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A number for each step that is averaged over an episode.
+    """A number for each episode, made from what ``info`` says at its steps.
 
     Attributes:
         name: Column of the results.
@@ -17,6 +18,15 @@ class Metric:
             the first metric's.
         lower_is_better: Whether a lower value is a better one.
         common: Whether it does not depend on the agent: proof that all met the same noise.
+        over: How an episode's number comes from its steps: their ``mean``, their ``sum``, or the ``last``
+            one's.
+        binary: Whether an episode's number is 0 or 1, as a success is; its mean is then a share, with an
+            interval of its own kind.
+        optional: Whether an episode may have no value (NaN), as the time at which something was reached
+            that was not; means and differences are then over the episodes that have one.
+        given: Entry of ``info`` without which an episode has no value: a metric of the successful episodes
+            names that of the success, which the episode's last step must hold.
+        per: Entry of ``info`` that the episode's value is divided by, as it is at the last step.
     """
 
     name: str
@@ -25,6 +35,22 @@ class Metric:
     key: str
     lower_is_better: bool = True
     common: bool = False
+    over: Literal["mean", "sum", "last"] = "mean"
+    binary: bool = False
+    optional: bool = False
+    given: str = ""
+    per: str = ""
+
+    @property
+    def may_miss(self) -> bool:
+        """Whether an episode may be without a value."""
+        return self.optional or bool(self.given)
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        unit = "%" if self.binary else self.unit
+        return self.title if unit == "1" else f"{self.title} [{unit}]"
 
 
 METRICS: dict[str, tuple[Metric, ...]] = {

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Comparison
+from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Comparison, Interval
 from fieldagents.evaluation.metrics import METRICS, Metric
 from fieldagents.evaluation.summary import Row, Summary
 from fieldmodels import html
@@ -33,19 +34,50 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         summary: What was found.
         episodes: The episodes' table; with it, each figure also shows the single episodes.
     """
-    metric = METRICS[summary.task][0]
-    caption = "Mean ± half the 95 % interval; the difference is paired, on the same episodes."
-    parts = [f'<p class="lead">{_lead(summary, metric)}</p>']
+    first, *others = _of_agents(summary)
+    parts = [f'<p class="lead">{_lead(summary, first)}</p>']
     for scenario, rows in summary.scenarios.items():
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
         parts += [
             f"<h3>{html.text(scenario)}</h3>",
             f"<p>{html.text(_conditions(summary.environments[scenario]))}</p>",
-            html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
-            html.table(*_table(rows, summary), caption),
+            html.figure(_figure(rows, summary, first, own), _caption(first, own is not None)),
+            html.table(*_table(rows, summary, first, summary.decision_ms[scenario]), _explained(first)),
         ]
+        if others:
+            parts.append(html.table(*_overview(rows, others), "The other metrics, each with its interval."))
+        for metric in others:
+            parts += [
+                f"<details><summary>{html.text(metric.title)}</summary>",
+                html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
+                html.table(*_table(rows, summary, metric), _explained(metric)),
+                "</details>",
+            ]
     parts.append(_notes(summary))
     return "\n".join(parts)
+
+
+def show(summary: Summary, console: Console) -> None:
+    """Print the results as tables."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    first, *others = _of_agents(summary)
+    for scenario, rows in summary.scenarios.items():
+        tables = [(first.label, _table(rows, summary, first, summary.decision_ms[scenario]))]
+        if others:
+            tables.append(("the other metrics", _overview(rows, others)))
+        for what, (header, body) in tables:
+            title = f"{scenario}: {what}, {summary.episodes} episodes (± 95 %)"
+            table = Table(*(escape(cell) for cell in header), title=escape(title), title_justify="left")
+            for cells in body:
+                table.add_row(*(escape(cell) for cell in cells))
+            console.print(table)
+
+
+def _of_agents(summary: Summary) -> list[Metric]:
+    """The metrics that depend on the agent."""
+    return [metric for metric in METRICS[summary.task] if not metric.common]
 
 
 def _conditions(environment: Mapping[str, Any]) -> str:
@@ -59,61 +91,85 @@ def _conditions(environment: Mapping[str, Any]) -> str:
     return f"Settings: {settings or 'the defaults'}. Reality: {reality or 'the nominal simulation'}."
 
 
-def show(summary: Summary, console: Console) -> None:
-    """Print the results as tables."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    metric = METRICS[summary.task][0]
-    for scenario, rows in summary.scenarios.items():
-        title = f"{scenario}: {metric.title} [{metric.unit}], {summary.episodes} episodes (± 95 %)"
-        header, body = _table(rows, summary)
-        table = Table(*header, title=escape(title), title_justify="left")
-        for cells in body:
-            table.add_row(*cells)
-        console.print(table)
+Cells = tuple[list[str], list[list[str]]]
 
 
-def _table(rows: tuple[Row, ...], summary: Summary) -> tuple[list[str], list[list[str]]]:
-    """Header and cells; the last column only where there are trained agents."""
-    metric = METRICS[summary.task][0]
-    header = ["agent", "sees", metric.name, f"against {summary.baseline}", "%", "verdict", "training runs"]
-    body = [_cells(row, metric) for row in rows]
-    if not any(row.of_training for row in rows):
-        return header[:-1], [cells[:-1] for cells in body]
+def _table(
+    rows: tuple[Row, ...],
+    summary: Summary,
+    metric: Metric,
+    decision_ms: Mapping[str, float | None] | None = None,
+) -> Cells:
+    """Header and cells for one metric; columns that would be empty are left out."""
+    header = ["agent", "sees", metric.name, "episodes", f"against {summary.baseline}", "%", "verdict"]
+    header += ["training runs", "ms a decision"]
+    body = []
+    for row in rows:
+        score = row.scores[metric.name]
+        paired, training = score.against_baseline, score.of_training
+        cells = [row.agent, row.kind, _mean(metric, score.mean, score.ci95)]
+        cells.append(f"{100 * score.share:.0f} %" if metric.may_miss else "")
+        if paired is None:
+            cells += ["baseline", "", ""]
+        else:
+            percent = "" if paired.percent is None else f"{paired.percent:+.1f}"
+            cells += [_mean(metric, paired.difference, paired.ci95, "+"), percent, paired.verdict]
+        cells.append(f"{training.n}: {training.verdict}" if training else "")
+        took = (decision_ms or {}).get(row.agent)
+        cells.append("" if took is None else f"{took:.2g}")
+        body.append(cells)
+    full = [j for j in range(len(header)) if any(cells[j] for cells in body)]
+    return [header[j] for j in full], [[cells[j] for j in full] for cells in body]
+
+
+def _overview(rows: tuple[Row, ...], metrics: Sequence[Metric]) -> Cells:
+    """Header and cells for several metrics: mean, interval, verdict."""
+    header = ["agent", *(f"{metric.name} [{'%' if metric.binary else metric.unit}]" for metric in metrics)]
+    body = []
+    for row in rows:
+        cells = [row.agent]
+        for metric in metrics:
+            score = row.scores[metric.name]
+            cell = _mean(metric, score.mean, score.ci95)
+            if metric.may_miss and score.mean is not None:
+                cell += f" in {100 * score.share:.0f} %"
+            if score.against_baseline and score.mean is not None:
+                cell += f", {score.against_baseline.verdict}"
+            cells.append(cell)
+        body.append(cells)
     return header, body
 
 
-def _cells(row: Row, metric: Metric) -> list[str]:
-    score = _with_interval(row.means[metric.name], row.ci95)
-    paired = row.against_baseline
-    if paired is None:
-        return [row.agent, row.kind, score, "baseline", "", "", ""]
-    percent = "" if paired.percent is None else f"{paired.percent:+.1f}"
-    difference = _with_interval(paired.difference, paired.ci95, "+.3f")
-    runs = f"{row.of_training.n}: {row.of_training.verdict}" if row.of_training else ""
-    return [row.agent, row.kind, score, difference, percent, paired.verdict, runs]
-
-
-def _with_interval(mean: float, interval: tuple[float, float] | None, form: str = ".3f") -> str:
-    """A mean and half the length of its interval, which is symmetric."""
-    return f"{mean:{form}}" + (f" ± {(interval[1] - interval[0]) / 2:.3f}" if interval else "")
+def _mean(metric: Metric, mean: float | None, interval: Interval | None, sign: str = "") -> str:
+    """A mean with its interval: half its length where it is symmetric, both ends for a share."""
+    if mean is None:
+        return "none"
+    if metric.binary:
+        ends = f" [{100 * interval[0]:{sign}.1f}, {100 * interval[1]:{sign}.1f}]" if interval else ""
+        return f"{100 * mean:{sign}.1f}{ends}"
+    if interval is None:
+        return f"{mean:{sign}.4g}"
+    half = (interval[1] - interval[0]) / 2
+    digits = min(max(1 - math.floor(math.log10(half)), 0), 6) if half > 0 else 3
+    return f"{mean:{sign}.{digits}f} ± {half:.{digits}f}"
 
 
 def _lead(summary: Summary, metric: Metric) -> str:
     """The result in a sentence for every scenario: who is best among those that play by the rules."""
     sentences = []
+    unit = "%" if metric.binary else metric.unit.removeprefix("1")
     for scenario, rows in summary.scenarios.items():
-        fair = [row for row in rows if row.kind == "observation"]
+        fair = [row for row in rows if row.kind == "observation" and row.first.mean is not None]
         if fair:
             best = fair[0]
             versus = ""
             if best.against_baseline is not None:
                 versus = f", {_against(best.against_baseline)} {summary.baseline}"
+            score = _mean(metric, best.first.mean, best.ci95)
             sentences.append(
                 f"<b>{html.text(scenario)}</b>: of the agents that see only the observation, "
                 f"<b>{html.text(best.agent)}</b> comes first with "
-                f"{best.means[metric.name]:.3f} {html.text(metric.unit)}{html.text(versus)}."
+                f"{html.text(f'{score} {unit}'.strip())}{html.text(versus)}."
             )
     return "<br>".join(sentences)
 
@@ -128,29 +184,65 @@ def _against(paired: Comparison) -> str:
     }[paired.verdict]
 
 
+def _explained(metric: Metric) -> str:
+    """What a table's numbers are."""
+    better = "lower" if metric.lower_is_better else "higher"
+    kind = "with its 95 % interval" if metric.binary else "± half the 95 % interval"
+    pairs = (
+        "The column episodes tells in how many of them there is a value; the difference is paired, "
+        "on the episodes in which both agents have one."
+        if metric.may_miss
+        else "The difference is paired, on the same episodes."
+    )
+    return f"{_capital(metric.label)}, mean {kind}; {better} is better. {pairs}"
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
 def _caption(metric: Metric, single: bool) -> str:
-    dots = " Faint dots: single episodes." if single else ""
+    dots = " Faint dots: single episodes." if single and not metric.binary else ""
     return (
-        f"Left: {metric.title} [{metric.unit}], mean and 95 % interval.{dots} Right: difference to the "
-        "baseline on the same episodes, in per cent. Blue: sees the observation; purple: also the settings; "
-        "red: privileged; grey: an estimator outside the action space."
+        f"Left: {metric.label}, mean and 95 % interval.{dots} Right: difference to the baseline on the same "
+        "episodes. Blue: sees the observation; purple: also the settings; red: privileged; grey: an "
+        "estimator outside the action space."
     )
 
 
 def _notes(summary: Summary) -> str:
     last = summary.first_seed + summary.episodes - 1
-    return f"""<h3>How to read this</h3>
-<ul>
-<li>Every agent meets the same {summary.episodes} episodes, seeds {summary.first_seed} to {last}; the noise
-does not depend on the agent (checked in every evaluation). Nothing was tuned or trained on these seeds.</li>
-<li>Differences are paired, with Student's t interval over episodes; each verdict is about one comparison
-at 95 %. Below {MIN_EPISODES} episodes there is no interval and no verdict.</li>
-<li>A verdict on a trained agent is about the policies that were scored. About its algorithm only several
-training runs can say something (last column): below {MIN_RUNS} runs they are insufficient.</li>
-<li><i>privileged</i> agents see the hidden truth, <i>estimators</i> do not act but read the same sensors on
-the same strides: both are bounds, no competitors.</li>
-</ul>
-<p class="soft">{summary.seconds:g} s in all.</p>"""
+    metrics = METRICS[summary.task]
+    seeds = (
+        f"Every agent meets the same {summary.episodes} episodes, seeds {summary.first_seed} to {last}. "
+        "Nothing was tuned or trained on these seeds."
+    )
+    if common := ", ".join(metric.title for metric in metrics if metric.common):
+        seeds += f" What does not depend on the agent was the same for all, to the bit: {common}."
+    notes = [
+        seeds,
+        "Differences are paired, with Student's t interval over episodes; each verdict is about one "
+        f"comparison at 95 %. Below {MIN_EPISODES} episodes there is no interval and no verdict.",
+        "A verdict on a trained agent is about the policies that were scored. About its algorithm only "
+        "several training runs can say something (column training runs): below "
+        f"{MIN_RUNS} runs they are insufficient.",
+        "<i>privileged</i> agents see the hidden truth, <i>estimators</i> do not act but read the same "
+        "sensors on the same episodes: both are bounds, no competitors.",
+        f"A decision's time is that of a call for a batch of {summary.episodes} environments, divided by "
+        "their number: the median over all calls, on the machine that wrote this page.",
+    ]
+    if any(metric.binary for metric in metrics):
+        notes.insert(2, "A share has Wilson's interval, a difference of shares that of Agresti and Min.")
+    if any(metric.may_miss for metric in metrics):
+        notes.insert(
+            2,
+            "A metric that an episode may lack is averaged over the episodes that have it, and two agents "
+            "are compared where both have it: it says nothing of the episodes that lack it.",
+        )
+    items = "\n".join(f"<li>{note}</li>" for note in notes)
+    return (
+        f'<h3>How to read this</h3>\n<ul>\n{items}\n</ul>\n<p class="soft">{summary.seconds:g} s in all.</p>'
+    )
 
 
 def _colour(row: Row) -> str:
@@ -158,38 +250,39 @@ def _colour(row: Row) -> str:
 
 
 def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None) -> Any:
+    """Left each agent's mean, right its difference to the baseline."""
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(10, 1.2 + 0.36 * len(rows)))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    scale = 100.0 if metric.binary else 1.0
+    percent = _in_percent(rows, metric)
     for y, row in enumerate(rows):
-        colour = _colour(row)
-        mean = row.means[metric.name]
-        if episodes is not None:
+        colour, score = _colour(row), row.scores[metric.name]
+        if episodes is not None and not metric.binary:
             single = episodes.loc[episodes["agent"] == row.agent, metric.name]
             left.plot(single, [y] * len(single), ".", color=colour, alpha=0.12, markersize=5, mew=0)
-        if row.ci95:
-            left.plot(row.ci95, [y, y], "-", color=colour, linewidth=3, solid_capstyle="butt")
-        left.plot([mean], [y], "o", color=colour, markersize=6)
-        paired = row.against_baseline
-        if paired is None or paired.percent is None:
+        _dot(left, y, score.mean, score.ci95, scale, colour)
+        paired = score.against_baseline
+        if paired is None:
             right.plot([0], [y], "D", color="#1c2430", markersize=5)
-            continue
-        scale = paired.percent / paired.difference if paired.difference else 0.0
-        if paired.ci95:
-            ends = [end * scale for end in paired.ci95]
-            right.plot(ends, [y, y], "-", color=colour, linewidth=3, solid_capstyle="butt")
-        right.plot([paired.percent], [y], "o", color=colour, markersize=6)
+        elif not percent:
+            _dot(right, y, paired.difference, paired.ci95, scale, colour)
+        elif paired.difference:
+            of_base = (paired.percent or 0.0) / paired.difference
+            _dot(right, y, paired.difference, paired.ci95, of_base, colour)
+        else:
+            _dot(right, y, paired.difference, None, 1.0, colour)
     left.set_yticks(range(len(rows)), [row.agent for row in rows])
-    left.invert_yaxis()
-    left.set_xscale("log")
-    left.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    left.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    left.xaxis.set_minor_formatter(NullFormatter())
-    left.set_xlabel(f"{metric.title} [{metric.unit}]")
+    left.set_ylim(len(rows) - 0.5, -0.5)
+    if metric.binary:
+        left.set_xlim(-2, 102)
+    elif _positive(rows, metric, episodes):
+        _logarithmic(left)
+    left.set_xlabel(metric.label)
     right.axvline(0, color="#1c2430", linewidth=1)
-    right.set_xlabel(f"difference to {summary.baseline} [%]")
+    unit = "%" if percent else "percentage points" if metric.binary else metric.unit
+    right.set_xlabel(f"difference to {summary.baseline}" + ("" if unit == "1" else f" [{unit}]"))
     for axes in (left, right):
         axes.grid(axis="x", color="#d9dee6", linewidth=0.8)
         axes.set_axisbelow(True)
@@ -197,3 +290,36 @@ def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: p
         axes.tick_params(axis="y", length=0)
     figure.tight_layout()
     return figure
+
+
+def _dot(axes: Any, y: int, mean: float | None, interval: Interval | None, scale: float, colour: str) -> None:
+    """A mean with its interval."""
+    if interval:
+        ends = [end * scale for end in interval]
+        axes.plot(ends, [y, y], "-", color=colour, linewidth=3, solid_capstyle="butt")
+    if mean is not None:
+        axes.plot([mean * scale], [y], "o", color=colour, markersize=6)
+
+
+def _in_percent(rows: tuple[Row, ...], metric: Metric) -> bool:
+    """Whether all differences can be given in per cent of the baseline."""
+    paired = [row.scores[metric.name].against_baseline for row in rows]
+    return all(one is None or one.percent is not None for one in paired if one is None or one.n)
+
+
+def _positive(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame | None) -> bool:
+    """Whether a logarithmic axis can show everything, and helps."""
+    means = [score.mean for row in rows if (score := row.scores[metric.name]).mean is not None]
+    ends = [end for row in rows for end in row.scores[metric.name].ci95 or ()]
+    single = [] if episodes is None else episodes[metric.name].dropna().tolist()
+    shown = [*means, *ends, *single]
+    return bool(shown) and min(shown) > 0 and max(shown) > 3 * min(shown)
+
+
+def _logarithmic(axes: Any) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())

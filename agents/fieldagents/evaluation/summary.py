@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,32 @@ from fieldagents.evaluation.comparison import (
     MIN_EPISODES,
     MIN_RUNS,
     Comparison,
+    Interval,
     compare,
     mean_interval,
 )
-from fieldagents.evaluation.metrics import METRICS
+from fieldagents.evaluation.metrics import METRICS, Metric
+
+
+@dataclass(frozen=True)
+class Score:
+    """One agent's score by one metric in one scenario.
+
+    Attributes:
+        mean: Mean over the episodes that have a value (over runs first); None if none has.
+        ci95: Interval of the mean over episodes; None with too few of them.
+        share: Part of the episodes of all runs that have a value.
+        against_baseline: Difference to the baseline over episodes, of these very policies; None for the
+            baseline itself.
+        of_training: Difference to the baseline over training runs: what it says of the algorithm; None
+            for agents that were not trained.
+    """
+
+    mean: float | None
+    ci95: Interval | None
+    share: float
+    against_baseline: Comparison | None
+    of_training: Comparison | None
 
 
 @dataclass(frozen=True)
@@ -27,24 +49,48 @@ class Row:
         kind: What it sees, or that it is an estimator which does not act.
         title: What it does.
         runs: Number of its training runs (1 for an agent that was not trained).
-        means: Mean of every metric over runs and episodes.
-        ci95: Interval of the first metric's mean over episodes; None with too few episodes.
         episode_return: Mean return; None for an estimator, which does not act.
-        against_baseline: Difference to the baseline over episodes, of these very policies; None for the
-            baseline itself.
-        of_training: Difference to the baseline over training runs: what it says of the algorithm; None
-            for agents that were not trained.
+        scores: Its score by each of the task's metrics; the first one is what verdicts are about.
     """
 
     agent: str
     kind: str
     title: str
     runs: int
-    means: dict[str, float]
-    ci95: tuple[float, float] | None
     episode_return: float | None
-    against_baseline: Comparison | None
-    of_training: Comparison | None
+    scores: dict[str, Score]
+
+    @property
+    def first(self) -> Score:
+        """Its score by the first metric."""
+        return next(iter(self.scores.values()))
+
+    @property
+    def means(self) -> dict[str, float | None]:
+        """Mean of every metric over runs and episodes."""
+        return {name: score.mean for name, score in self.scores.items()}
+
+    @property
+    def ci95(self) -> Interval | None:
+        """Interval of the first metric's mean."""
+        return self.first.ci95
+
+    @property
+    def against_baseline(self) -> Comparison | None:
+        """Difference to the baseline in the first metric, over episodes."""
+        return self.first.against_baseline
+
+    @property
+    def of_training(self) -> Comparison | None:
+        """Difference to the baseline in the first metric, over training runs."""
+        return self.first.of_training
+
+    def to_json(self) -> dict[str, Any]:
+        """Its part of ``summary.json``; the first metric's values stand at the top, too."""
+        plain = asdict(self)
+        scores = plain.pop("scores")
+        headline = {key: value for key, value in asdict(self.first).items() if key not in ("mean", "share")}
+        return {**plain, "means": self.means, **headline, "scores": scores}
 
 
 @dataclass(frozen=True)
@@ -58,6 +104,9 @@ class Summary:
         episodes: Episodes of every agent and run in every scenario.
         first_seed: Seed of the first episode; the others follow one by one.
         seconds: How long it took.
+        decision_ms: Scenario and agent to the time of a decision [ms], in a batch of ``episodes``
+            environments, on the machine at hand; None for an estimator. It and ``seconds`` are what
+            differs from one evaluation to the next.
         environments: Scenario to the ``settings`` that are not the defaults and to its ``reality``, in
             full even where the config names a file.
         scenarios: Scenario to its rows, best agent first.
@@ -69,13 +118,16 @@ class Summary:
     episodes: int
     first_seed: int
     seconds: float
+    decision_ms: dict[str, dict[str, float | None]]
     environments: dict[str, dict[str, Any]]
     scenarios: dict[str, tuple[Row, ...]]
 
     def to_json(self) -> dict[str, Any]:
         """The content of ``summary.json``."""
-        metric = METRICS[self.task][0]
-        return {"schema": 1, "metric": asdict(metric), **asdict(self)}
+        metrics = [asdict(metric) for metric in METRICS[self.task]]
+        rows = {name: [row.to_json() for row in rows] for name, rows in self.scenarios.items()}
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {"schema": 1, "metric": metrics[0], "metrics": metrics, **plain, "scenarios": rows}
 
 
 @dataclass(frozen=True)
@@ -99,7 +151,7 @@ def summarise_scenario(
     """Compare the agents of one scenario.
 
     Args:
-        episodes: Rows of ``agent``, ``run``, ``seed``, ``return`` and the metrics.
+        episodes: Rows of ``agent``, ``run``, ``seed``, ``return`` and the metrics (NaN: none).
         task: Name of the task.
         baseline: Name of the baseline.
         labels: Every agent's labels.
@@ -107,26 +159,10 @@ def summarise_scenario(
     Returns:
         One row an agent, the best first.
     """
-    metrics = METRICS[task]
-    first = metrics[0]
-    by_episode = episodes.pivot_table(index="seed", columns="agent", values=first.name)
-    base = by_episode[baseline].to_numpy()
+    first = METRICS[task][0]
     rows = []
     for agent, label in labels.items():
         own = episodes[episodes["agent"] == agent]
-        scores = by_episode[agent].to_numpy()
-        paired = training = None
-        if agent != baseline:
-            paired = compare(scores, base, lower_is_better=first.lower_is_better)
-        if agent != baseline and label.learned:
-            runs = own.groupby("run")[first.name].mean().to_numpy()
-            training = compare(
-                runs,
-                np.full(len(runs), base.mean()),
-                lower_is_better=first.lower_is_better,
-                # Runs that agree on a handful of episodes may agree on their luck.
-                least=MIN_RUNS if len(base) >= MIN_EPISODES else len(runs) + 1,
-            )
         mean_return = float(own["return"].mean())
         rows.append(
             Row(
@@ -134,11 +170,46 @@ def summarise_scenario(
                 kind=label.kind,
                 title=label.title,
                 runs=int(own["run"].nunique()),
-                means={metric.name: float(own[metric.name].mean()) for metric in metrics},
-                ci95=mean_interval(scores, MIN_EPISODES),
                 episode_return=None if np.isnan(mean_return) else mean_return,
-                against_baseline=paired,
-                of_training=training,
+                scores={
+                    metric.name: _score(episodes, agent, baseline, metric, label.learned)
+                    for metric in METRICS[task]
+                },
             )
         )
-    return tuple(sorted(rows, key=lambda row: row.means[first.name], reverse=not first.lower_is_better))
+    return tuple(sorted(rows, key=lambda row: _rank(row.first.mean, first)))
+
+
+def _score(episodes: pd.DataFrame, agent: str, baseline: str, metric: Metric, learned: bool) -> Score:
+    """Score an agent by one metric; NaN in the episodes' table is an episode without a value."""
+    table = episodes.pivot_table(index="seed", columns=["agent", "run"], values=metric.name, dropna=False)
+    runs = table.loc[:, [agent]]
+    scores = runs.mean(axis=1).to_numpy()  # of the runs that have a value
+    base = table.loc[:, [baseline]].mean(axis=1).to_numpy()
+    paired = training = None
+    if agent != baseline:
+        paired = compare(scores, base, lower_is_better=metric.lower_is_better, binary=metric.binary)
+    if agent != baseline and learned:
+        level = float(np.nanmean(base)) if not np.isnan(base).all() else np.nan
+        by_run = level + runs.sub(base, axis=0).mean().to_numpy()
+        training = compare(
+            by_run,
+            np.full(len(by_run), level),
+            lower_is_better=metric.lower_is_better,
+            # Runs that agree on a handful of episodes may agree on their luck.
+            least=MIN_RUNS if len(base) >= MIN_EPISODES else len(by_run) + 1,
+        )
+    return Score(
+        mean=None if np.isnan(scores).all() else float(np.nanmean(scores)),
+        ci95=mean_interval(scores, MIN_EPISODES, binary=metric.binary),
+        share=float(runs.notna().to_numpy().mean()),
+        against_baseline=paired,
+        of_training=training,
+    )
+
+
+def _rank(mean: float | None, metric: Metric) -> float:
+    """Sorts the best mean first and an agent without one last."""
+    if mean is None:
+        return np.inf
+    return mean if metric.lower_is_better else -mean

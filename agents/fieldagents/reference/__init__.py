@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pkgutil import resolve_name
 from typing import Any
 
 from fieldagents.agent import Agent, Sees
@@ -33,10 +34,14 @@ class Reference:
         return f"estimator, {self.sees}" if self.estimator else self.sees
 
 
+TABLES = {
+    "heel_strike": "fieldagents.reference.heel_strike:REFERENCES",
+}
+"""Where each task's reference agents are listed, in the order of presentation; imported when asked for."""
+
+
 def references(task: str) -> dict[str, Reference]:
     """The reference agents of a task by name, in the order of presentation."""
-    if task == "heel_strike":
-        from fieldagents.reference.heel_strike import REFERENCES
-
-        return {reference.name: reference for reference in REFERENCES}
-    return {}
+    if task not in TABLES:
+        return {}
+    return {reference.name: reference for reference in resolve_name(TABLES[task])}
