@@ -277,6 +277,51 @@ def diagnose(
 
 
 @app.command()
+def reproduce(
+    what: Annotated[
+        str | None, typer.Argument(metavar="[WHAT]", help="A table or figure; without it all are listed.")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="OPTION=VALUE", help="Change an option of it; repeatable."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Result folder (default: `results/reproduce/<what>`).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Redo a table or figure of the sources, with the printed numbers beside ours.
+
+    Writes `table.csv`, a PNG for each figure, and `report.html`.
+
+    For example:
+
+        fieldgym reproduce
+
+        fieldgym reproduce heel_strike/figure-2.12
+
+        fieldgym reproduce heel_strike/figure-2.14 --set strides=1000 --json
+    """
+    from fieldagents import reproduce as room
+    from fieldagents.reproduce import report as pages
+
+    if what is None:
+        if as_json:
+            _print_json({"entries": [entry.to_json(name) for name, entry in room.ENTRIES.items()]})
+        else:
+            pages.show_entries(_console())
+        return
+    folder = out or Path("results") / "reproduce" / what
+    with progress() as shown:
+        result = room.reproduce(what, folder, overrides or [], shown)
+    if as_json:
+        _print_json(pages.to_json(result, folder))
+    else:
+        pages.show(result, _console())
+        _done(pages.written(result, folder))
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/demo"), as_json: Json = False
 ) -> None:
