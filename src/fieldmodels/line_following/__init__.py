@@ -1,0 +1,1 @@
+"""Line following: a biped with delayed steering, a camera and a taped line."""

@@ -1,0 +1,150 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fieldmodels.line_following.firmware import calibrate, centroid, line_position
+from fieldmodels.line_following.parameters import TAPES, Camera, Exposure, Lighting
+from fieldmodels.line_following.renderer import Renderer, make_view
+from fieldmodels.line_following.sensor import make_optics, see_line
+from fieldmodels.line_following.tracks import TRACKS, straight
+from fieldmodels.model import ModelError
+
+CAMERA = Camera()
+THRESHOLD = Exposure().threshold
+
+
+def test_band_sees_the_floor_a_metre_ahead():
+    # by hand: rows 40 and 79 lie 6.48 degrees above and below the axis, which looks down by 45 degrees
+    assert np.isclose(CAMERA.distance(40), 1 / math.tan(math.radians(45 - 6.484)), rtol=1e-4)
+    assert np.isclose(CAMERA.distance(79), 1 / math.tan(math.radians(45 + 6.484)), rtol=1e-4)
+    assert np.isclose(CAMERA.look_ahead, 1.0, atol=1e-9)
+    assert np.isclose(CAMERA.metres_per_pixel, math.sqrt(2) / CAMERA.focal)
+
+
+def test_levels_are_those_of_figure_3_13():
+    image = Renderer(straight(), CAMERA).image((20, 0.0, 0.0), 20, 1)
+    assert 25 <= np.median(image[40:80, 79:81]) <= 45
+    assert 160 <= np.median(image) <= 170
+
+
+@pytest.mark.parametrize("name", ["straight", "s", "oval"])
+def test_centroid_of_images_agrees_with_geometry_within_a_millimetre(name):
+    track, rng, errors = TRACKS[name](), np.random.default_rng(1), []
+    renderer, optics = Renderer(track, CAMERA), make_optics(CAMERA)
+    for k in range(400):
+        arc, offset = rng.uniform(5, 55), rng.uniform(-0.3, 0.3)
+        x, y, along = track.at(arc)
+        x, y = x - offset * math.sin(along), y + offset * math.cos(along)
+        heading = along + rng.uniform(-0.2, 0.2)
+        seen, found = line_position(renderer.image((x, y, heading), arc, k), CAMERA, THRESHOLD)
+        meant, there = see_line(
+            track.table, track.spacing, track.closed, TAPES["duvetyne"].width, x, y,
+            math.cos(heading), math.sin(heading), arc, 0.0, optics,
+        )  # fmt: skip
+        if found and there:
+            errors.append(seen - meant)
+    assert len(errors) > 350
+    assert np.std(errors) < 1e-3
+    assert abs(np.mean(errors)) < 2e-4
+
+
+def test_centroid_counts_what_is_below_the_threshold_in_the_band_only():
+    image = np.full((120, 160), 200, dtype=np.uint8)
+    image[10:30, 3:9] = 10
+    image[50:60, 100:104] = 89
+    image[60, 140] = 90
+    column, count = centroid(image, 40, 80, 90.0)
+    assert count == 40
+    assert column == 102.0
+    assert line_position(image, CAMERA, 90.0) == (0.0, False)  # 40 pixels are too few
+
+
+def test_dark_loses_the_line_and_wider_tape_brings_it_back():
+    """The dark corner of section 3.6: lost with two inches of tape, found with four."""
+
+    def share(tape, light):
+        renderer = Renderer(straight(), CAMERA, make_view(CAMERA, tape, lighting=Lighting(ambient=light)))
+        images = (renderer.image((20, 0.05, 0.0), 20, k) for k in range(40))
+        return np.mean([line_position(image, CAMERA, THRESHOLD)[1] for image in images])
+
+    assert share("duvetyne", 1.0) == 1
+    assert share("duvetyne", 0.12) < 0.1
+    assert share("duvetyne_wide", 0.12) > 0.8
+    assert share("duvetyne_wide", 0.0) == 0  # no light: lost, not tape everywhere
+
+
+def test_dark_corner_is_dark_only_there():
+    lighting = Lighting(dark_x=20.0, dark_radius=2.0, dark_light=0.03)
+    renderer = Renderer(straight(), CAMERA, make_view(CAMERA, lighting=lighting))
+    assert not line_position(renderer.image((19, 0, 0), 19, 1), CAMERA, THRESHOLD)[1]
+    assert line_position(renderer.image((5, 0, 0), 5, 1), CAMERA, THRESHOLD)[1]
+
+
+def test_own_shadow_draws_the_centroid_aside():
+    """Section 3.6: at times the robot's own shadow contrasted enough with the floor to confuse it."""
+    lighting = Lighting(sun_length=2.0, sun_azimuth=0.4)
+    renderer = Renderer(straight(), CAMERA, make_view(CAMERA, lighting=lighting))
+    place, found = line_position(renderer.image((20, 0, 0), 20, 1), CAMERA, THRESHOLD)
+    assert found
+    assert place > 0.2  # the line is straight ahead, the shadow falls to the left
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-0.3, 0.3), st.floats(-0.2, 0.2))
+def test_mirrored_pose_mirrors_the_centroid(offset, heading):
+    track, optics = straight(), make_optics(CAMERA)
+    places = [
+        see_line(
+            track.table, track.spacing, False, 0.05, 20.0, sign * offset,
+            math.cos(heading), math.sin(sign * heading), 20.0, 0.0, optics,
+        )[0]
+        for sign in (1, -1)
+    ]  # fmt: skip
+    assert math.isclose(places[0], -places[1], abs_tol=1e-12)
+
+
+def test_same_key_gives_the_same_image_and_another_key_another_noise():
+    renderer = Renderer(straight(), CAMERA)
+    first, same, other = (renderer.image((20, 0, 0), 20, key) for key in (5, 5, 6))
+    assert np.array_equal(first, same)
+    assert not np.array_equal(first, other)
+    difference = first.astype(float) - other
+    assert math.isclose(difference[:, :60].std() / math.sqrt(2), 5, abs_tol=0.15)  # levels
+
+
+def photos(lights):
+    images, masks = [], []
+    for k, light in enumerate(lights):
+        view = make_view(CAMERA, lighting=Lighting(ambient=light))
+        images.append(Renderer(straight(), CAMERA, view).image((20, 0, 0), 20, k))
+        mask = np.zeros((120, 160), dtype=bool)
+        mask[:, 78:82] = True
+        masks.append(mask)
+    floor = np.ones((120, 160), dtype=bool)
+    floor[:, 70:90] = False
+    return images, masks, floor
+
+
+def test_calibration_puts_the_threshold_between_tape_and_floor():
+    images, masks, floor = photos([1.0, 0.5, 0.3])
+    wide = [np.where(mask | floor, image, 165) for image, mask in zip(images, masks, strict=True)]
+    level = calibrate(wide, masks)
+    assert 75 < level < 130
+    for image in images:
+        assert line_position(image, CAMERA, level)[1]
+
+
+def test_calibration_says_when_no_level_separates_tape_from_floor():
+    images, masks, _ = photos([1.0, 0.02])
+    with pytest.raises(ModelError, match="leave out the darkest light"):
+        calibrate(images, masks)
+
+
+def test_band_outside_the_image_is_refused():
+    with pytest.raises(ModelError, match="no band of 120 rows"):
+        Camera(first_row=100, last_row=130)
+    with pytest.raises(ModelError, match="above the horizon"):
+        Camera(pitch=0.2)

@@ -1,0 +1,212 @@
+import math
+
+import numpy as np
+import pytest
+
+from fieldmodels.line_following.body import Body, Hardware
+from fieldmodels.line_following.parameters import Camera, Noise
+from fieldmodels.line_following.plant import (
+    LATENCY,
+    MOTOR_LIMIT,
+    NEUTRAL,
+    PARAMETERS,
+    SLIP_TURN,
+    STEERING_BIAS,
+    TURN_GAIN,
+    turn_of,
+)
+from fieldmodels.line_following.sensor import make_optics, see_line
+from fieldmodels.line_following.tracks import TRACKS, nearest, straight
+from fieldmodels.line_following.walks import Walks
+from fieldmodels.model import ModelError
+
+QUIET = Noise(0, 0, 0, 0)
+GAINS = (-0.3, 0.8, 0.2)
+
+
+def walks(batch=1, track="straight", seed=3, **options):
+    result = Walks(batch, TRACKS[track](), **options)
+    result.restart(range(batch), [np.random.default_rng(seed + i) for i in range(batch)])
+    return result
+
+
+def law(walk):
+    """Equation (3.1)."""
+    a, b, c = GAINS
+    state = walk.walks
+    return a * state["lines"][:, 0, 1] + b * state["lines"][:, 0, 0] + c * state["commands"][:, 0]
+
+
+def test_a_turn_shows_one_stride_late():
+    walk = walks(noise=QUIET, offset=0.0, misalignment=0.0)
+    places = []
+    for command in (0.1, 0.0, 0.0):
+        walk.advance([command])
+        places.append((float(walk.walks["x"][0]), float(walk.walks["y"][0]), float(walk.walks["heading"][0])))
+    assert np.allclose(places[0], (0.7, 0.0, 0.1))  # the whole stride went along the old heading
+    assert np.allclose(places[1], (0.7 + 0.7 * math.cos(0.1), 0.7 * math.sin(0.1), 0.1))
+
+
+def test_rows_of_a_batch_are_batches_of_one():
+    together = walks(5, "oval")
+    alone = [walks(1, "oval", seed=3 + i) for i in range(5)]
+    for _ in range(20):
+        together.advance(law(together))
+        for i, one in enumerate(alone):
+            one.advance(law(one))
+            assert one.walks[0] == together.walks[i]
+
+
+def test_noise_does_not_depend_on_commands():
+    first, second = walks(1, noise=Noise(bias=0.0)), walks(1, noise=Noise(bias=0.0))
+    turns = []
+    for walk, command in ((first, 0.0), (second, 0.1)):
+        before = float(walk.walks["heading"][0])
+        walk.advance([command])
+        turns.append(float(walk.walks["heading"][0]) - before - command)
+    assert math.isclose(turns[0], turns[1], abs_tol=1e-15)
+
+
+def test_state_comes_back_exactly():
+    walk = walks(4, "s")
+    for _ in range(3):
+        walk.advance(law(walk))
+    kept = walk.state()
+    for _ in range(5):
+        walk.advance(law(walk))
+    end = walk.state()
+    walk.set_state(kept)
+    for _ in range(5):
+        walk.advance(law(walk))
+    assert (walk.walks == end).all()
+
+
+@pytest.mark.parametrize("track", ["straight", "s", "oval"])
+def test_bodies_and_kinematics_agree_in_closed_loop(track):
+    """Two plants of one robot: on dry floor they stay together within 3 mm on average."""
+    walk = walks(1, track, noise=QUIET, offset=0.2, misalignment=0.1)
+    line, optics, camera = walk.track, make_optics(Camera()), Camera()
+    x, y, heading = (float(walk.walks[name][0]) for name in ("x", "y", "heading"))
+    body, arc = Body(), float(walk.walks["arc"][0])
+    body.place(x, y, heading)
+    seen, command, apart = [0.0, float(walk.walks["lines"][0, 0, 0])], 0.0, []
+    for _ in range(60):
+        command = GAINS[0] * seen[-2] + GAINS[1] * seen[-1] + GAINS[2] * command
+        command = min(max(command, -0.15), 0.15)
+        walk.advance(law(walk))
+        body.stride(command)
+        x, y, heading = body.pose
+        arc, offset, _, _ = nearest(line.table, line.spacing, line.closed, x, y, arc + 0.7)
+        seen.append(
+            see_line(
+                line.table, line.spacing, line.closed, 0.0508, x, y,
+                math.cos(heading), math.sin(heading), arc, 0.0, optics,
+            )[0]
+        )  # fmt: skip
+        apart.append(abs(offset - float(walk.walks["offset"][0])))
+    assert np.mean(apart) <= 3e-3
+    assert camera.look_ahead < 1.01
+
+
+def turned(commands, **hardware):
+    body, headings = Body(hardware=Hardware(**hardware)), [0.0]
+    for command in commands:
+        body.stride(command)
+        headings.append(body.pose[2])
+    return np.diff(headings), body
+
+
+def test_bodies_turn_as_told_on_dry_floor():
+    turns, body = turned([0.0, 0.1, 0.1, -0.15, 0.0])
+    assert np.allclose(turns, [0.0, 0.1, 0.1, -0.15, 0.0], atol=5e-4)
+    assert 0.99 * 5 * 0.7 < math.hypot(*body.pose[:2]) <= 5 * 0.7
+
+
+def test_slippery_feet_lose_turn_and_way():
+    dry, _ = turned([0.0, 0.1, 0.1, 0.1])
+    wet, body = turned([0.0, 0.1, 0.1, 0.1], friction=0.15)
+    assert (np.abs(wet[1:] - dry[1:]) > 0.005).all()
+    assert math.hypot(*body.pose[:2]) < 0.97 * 4 * 0.7
+
+
+def test_weak_motor_gives_way():
+    strong, _ = turned([0.0, 0.15, 0.15])
+    weak, _ = turned([0.0, 0.15, 0.15], motor=0.1)
+    assert (weak[1:] < 0.7 * strong[1:]).all()
+
+
+def test_finer_steps_of_the_bodies_agree():
+    coarse, _ = turned([0.0, 0.1, -0.1])
+    fine, _ = turned([0.0, 0.1, -0.1], rate=240)
+    assert np.allclose(coarse, fine, atol=3e-4)
+
+
+def test_every_plant_parameter_turns_as_it_says():
+    commands = np.array([0.1, 0.05, 0.0, 0.0])
+
+    def turn(**changes):
+        plant = NEUTRAL.copy()
+        for index, value in changes.items():
+            plant[int(index[1:])] = value
+        return turn_of(commands, plant, 0.0, 0.15)
+
+    assert turn() == 0.1
+    assert math.isclose(turn(**{f"_{STEERING_BIAS}": 0.01}), 0.11)
+    assert math.isclose(turn(**{f"_{TURN_GAIN}": 0.8}), 0.08)
+    assert math.isclose(turn(**{f"_{LATENCY}": 1.0}), 0.05)
+    assert math.isclose(turn(**{f"_{LATENCY}": 0.25}), 0.0875)
+    assert math.isclose(turn(**{f"_{MOTOR_LIMIT}": 0.07}), 0.07)
+    assert math.isclose(turn(**{f"_{SLIP_TURN}": 0.2}), 0.08)
+
+
+def test_latency_delays_every_command():
+    now, late = walks(noise=QUIET), walks(noise=QUIET, latency=1)
+    headings = []
+    for walk in (now, late):
+        start = float(walk.walks["heading"][0])
+        turns = []
+        for command in (0.1, -0.05, 0.02, 0.0):
+            walk.advance([command])
+            turns.append(float(walk.walks["heading"][0]) - start)
+            start = float(walk.walks["heading"][0])
+        headings.append(turns)
+    assert np.allclose(headings[0], [0.1, -0.05, 0.02, 0.0])
+    assert np.allclose(headings[1], [0.0, 0.1, -0.05, 0.02])
+
+
+def test_lost_line_keeps_the_last_place_and_is_counted():
+    walk = walks(noise=QUIET, offset=0.0, misalignment=0.0)
+    before = float(walk.walks["lines"][0, 0, 0])
+    for _ in range(12):
+        walk.advance([0.15])  # walk in a circle until the line is out of view
+        if walk.walks["lost"][0, 0]:
+            break
+        before = float(walk.walks["lines"][0, 0, 0])
+    assert walk.walks["count"][0] < 12
+    assert walk.walks["lines"][0, 0, 0] == before
+    assert walk.walks["lost_strides"][0] == 1
+    walk.advance([0.15])
+    assert walk.walks["lost_strides"][0] == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"batch": 0}, "at least one walk"),
+        ({"bands": 3}, "1 or 2 bands"),
+        ({"latency": 2}, "0 or 1 strides"),
+        ({"plant": np.zeros(3)}, f"shape \\({PARAMETERS},\\)"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(ModelError, match=message):
+        Walks(**{"batch": 1, "track": straight(), **options})
+
+
+def test_walk_must_begin_before_it_goes_on():
+    with pytest.raises(ModelError, match="restart every walk"):
+        Walks(2, straight()).advance([0.0, 0.0])
+    with pytest.raises(ModelError, match="commands must have shape"):
+        walks(2).advance([0.0])
+    with pytest.raises(ModelError, match="friction must be positive"):
+        Hardware(friction=0.0)
