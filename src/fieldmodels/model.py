@@ -38,6 +38,7 @@ class Parameter:
         source: Where the nominal value comes from ("Table I", "section 2.4.3", "assumed").
         starts: Values from which a fit tries to start (several where the misfit has local minima).
         smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
+        refitted: False for a base parameter that is known (a wheel's radius): a diagnosis keeps it.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Parameter:
     source: str = "assumed"
     starts: tuple[float, ...] = ()
     smooth: bool = True
+    refitted: bool = True
 
     def __post_init__(self) -> None:
         """Check that the numbers make sense.
@@ -74,6 +76,7 @@ class Signal:
         noise: Standard deviation of the sensor's white noise in that unit (0 for an input).
         optional: True for an output that a recording may lack.
         angle: True for an angle in radians (so that a column in degrees can be suspected).
+        averaged: True for a mean since the sample before, as of a counter (an encoder), else a sample.
     """
 
     name: str
@@ -81,6 +84,7 @@ class Signal:
     noise: float = 0.0
     optional: bool = False
     angle: bool = False
+    averaged: bool = False
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ class Recording:
         units: Column name to unit.
         episode: Episode number of each sample, shape (n,); episodes are contiguous.
         source: Where the data come from (a path, "simulation of rig"), for messages and reports.
+        known: Values of a model's base parameters that are known of this machine (a wheel's radius).
     """
 
     time: FloatArray
@@ -42,6 +43,7 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     episode: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     source: str = "memory"
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Give a recording without episodes a single one; check that all columns have one length.

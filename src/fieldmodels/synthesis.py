@@ -181,7 +181,7 @@ def synthesise(
         raise ModelError(f"model {model.name!r} takes no force from outside its library")
     signals = {signal.name: np.concatenate(commands)[:, i] for i, signal in enumerate(model.inputs)}
     for j, signal in enumerate(model.outputs):
-        values = result[:, ::refine, j] + _noise(
+        values = _sampled(result[:, :, j], refine, signal) + _noise(
             _deviation(noise, signal), coloured, (episodes, count), step, rng
         )
         if j == 0 and quantum > 0:
@@ -232,6 +232,14 @@ def _without_quantisation(reality: Reality) -> tuple[Reality, float]:
     effects = {k: v for k, v in reality.effects.items() if k != "sensor_quantisation"}
     quantum = float(reality.effects.get("sensor_quantisation", {}).get("step", 0.0))
     return replace(reality, effects=effects), quantum
+
+
+def _sampled(fine: FloatArray, refine: int, signal: Signal) -> FloatArray:
+    """What a sensor shows of a fine simulation, shape (episodes, n)."""
+    if not signal.averaged:
+        return fine[:, ::refine]
+    sums = np.cumsum(fine, axis=1)[:, ::refine]
+    return np.concatenate([fine[:, :1], np.diff(sums, axis=1) / refine], axis=1)
 
 
 def _deviation(noise: Noise, signal: Signal) -> float:

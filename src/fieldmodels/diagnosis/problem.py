@@ -88,7 +88,9 @@ class Problem:
         if self.model.random_force:
             # A state that were free would take up the random force of its window, and bias every fit.
             return 0.5 * np.array([state.noise for state in self.model.states])
-        spread = self.states.std(axis=0)
+        # Where all windows start alike by definition, their measured states still have noise.
+        noise = np.array([state.noise for state in self.model.states])
+        spread = np.maximum(self.states.std(axis=0), noise)
         return np.asarray(np.maximum(spread, 1e-3 * np.abs(self.states).max(axis=0) + 1e-9))
 
     @cached_property

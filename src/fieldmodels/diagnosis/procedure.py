@@ -52,7 +52,8 @@ def diagnose(
         model: The simulation, with the effects that may be missing from it.
         train: Recordings to fit and to choose on.
         test: Separate recordings to measure the gain on; without them a part of ``train`` is kept for it.
-        fixed: Values of parameters that are known and not refitted, by full name.
+        fixed: Values of parameters that are known and not refitted, by full name; they go before what
+            recordings say of their machine.
         progress: Called with what is being done and the share done.
         seed: Seed of the resampling in confidence intervals.
 
@@ -67,7 +68,7 @@ def diagnose(
     tell = progress or (lambda _what, _share: None)
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
-    fixed = dict(fixed or {})
+    fixed = {**_known(model, [*train, *test]), **(fixed or {})}
     start = _start(model, fixed)
     model = model.scaled_to([*train, *test])
     tell("cutting the data into windows", 0.0)
@@ -133,6 +134,25 @@ def diagnose(
         seconds=time.perf_counter() - began,
         evidence=collect(training, testing, selection, extended, _ranking(selection, training)),
     )
+
+
+def _known(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Base parameters that are not refitted, and what the recordings say of their machine.
+
+    Raises:
+        RecordingError: If two recordings are of different machines.
+    """
+    known = {p.name: p.nominal for p in model.parameters if not p.refitted}
+    names = {p.name for p in model.parameters}
+    stated: dict[str, float] = {}
+    for recording in recordings:
+        for name in names & set(recording.known):
+            if stated.setdefault(name, recording.known[name]) != recording.known[name]:
+                raise RecordingError(
+                    f"{recording.source}: {name} {recording.known[name]:g}, but another recording has "
+                    f"{stated[name]:g}; diagnose one machine at a time"
+                )
+    return {**known, **stated}
 
 
 def _start(model: Model, fixed: Mapping[str, float]) -> FloatArray:

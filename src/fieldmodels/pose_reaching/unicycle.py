@@ -34,10 +34,10 @@ def half_turn(a: float) -> tuple[float, float, float]:
 
 
 @inlined
-def arc(
-    x: float, y: float, cosine: float, sine: float, distance: float, turn: float
+def slipping_arc(
+    x: float, y: float, cosine: float, sine: float, distance: float, lateral: float, turn: float
 ) -> tuple[float, float, float, float]:
-    """Drive an arc.
+    """Drive an arc, sliding to the side.
 
     Args:
         x: Position [m].
@@ -45,6 +45,7 @@ def arc(
         cosine: Cosine of the heading.
         sine: Sine of the heading.
         distance: Length of the arc, speed times time [m].
+        lateral: The same of the sideways slip, positive to the left [m].
         turn: Change of heading, turn rate times time [rad].
 
     Returns:
@@ -54,13 +55,20 @@ def arc(
     c, s, chord = half_turn(0.5 * turn)
     middle_cosine = cosine * c - sine * s
     middle_sine = sine * c + cosine * s
-    length = distance * chord
     return (
-        x + length * middle_cosine,
-        y + length * middle_sine,
+        x + chord * (distance * middle_cosine - lateral * middle_sine),
+        y + chord * (distance * middle_sine + lateral * middle_cosine),
         middle_cosine * c - middle_sine * s,
         middle_sine * c + middle_cosine * s,
     )
+
+
+@inlined
+def arc(
+    x: float, y: float, cosine: float, sine: float, distance: float, turn: float
+) -> tuple[float, float, float, float]:
+    """Drive an arc without slip; arguments and result as of ``slipping_arc``."""
+    return slipping_arc(x, y, cosine, sine, distance, 0.0, turn)
 
 
 @inlined

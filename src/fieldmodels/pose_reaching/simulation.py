@@ -1,0 +1,259 @@
+"""The compiled simulation of all windows, for a batch of parameter sets.
+
+Time runs on each recording's samples. A command is held until the next; so a rim's travel since the
+episode's start is known in closed form at every time, lag included, and a window is driven along the
+differences of travel between its samples, cut where a (delayed) command switches.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.model import FloatArray
+from fieldmodels.pose_reaching.drive import (
+    DELAY,
+    HEADING_BIAS,
+    LAG,
+    RADIUS,
+    SENSOR_DELAY,
+    SLOPE_X,
+    SLOPE_Y,
+    STEP_FACTOR,
+    STEP_TIME,
+    TRACK,
+    body,
+    excess_after,
+    excess_travel,
+    rims,
+)
+from fieldmodels.pose_reaching.unicycle import body_speeds, slipping_arc
+
+IntArray = NDArray[np.int64]
+
+AIM, EXCESS, TRAVEL = 0, 1, 2
+"""Rows of a rim's course: what it aims at from a sample on [m/s], how far it then is from that [m/s], and
+its travel since the episode's start [m]."""
+
+
+@compiled
+def follow_commands(
+    commands: FloatArray,
+    wheel_front: bool,
+    before: FloatArray,
+    first: IntArray,
+    time: FloatArray,
+    step: float,
+    q: FloatArray,
+    course: FloatArray,
+) -> None:
+    """Course of both rims along the whole recording, without the delay.
+
+    Args:
+        commands: Speed [m/s] and turn rate [rad/s], or left and right wheel speed [rad/s], shape (n, 2).
+        wheel_front: True for wheel speeds.
+        before: Rim speeds at each sample's episode's start, NaN if unknown (then its first command's).
+        first: First sample of each sample's episode, shape (n,).
+        time: Sample times [s], shape (n,).
+        step: Sampling interval [s].
+        q: Parameters, shape (PARAMETERS,).
+        course: Receives the course, shape (n, 2, 3).
+    """
+    for i in range(len(commands)):
+        speed, rate = commands[i, 0], commands[i, 1]
+        if wheel_front:
+            speed, rate = body_speeds(speed, rate, q[RADIUS], q[TRACK])
+        jumped = 0.0
+        if q[STEP_FACTOR] != 1.0:
+            jumped = min(max((time[i] - q[STEP_TIME]) / step + 1.0, 0.0), 1.0)
+        left, right = rims(speed, rate, jumped, q)
+        course[i, 0, AIM], course[i, 1, AIM] = left, right
+        for side in range(2):
+            aim = course[i, side, AIM]
+            if i == first[i]:
+                course[i, side, TRAVEL] = 0.0
+                known = not math.isnan(before[i, side])
+                course[i, side, EXCESS] = before[i, side] - aim if known and q[LAG] > 0.0 else 0.0
+            else:
+                last, excess = course[i - 1, side, AIM], course[i - 1, side, EXCESS]
+                now = last + excess_after(excess, step, q[LAG])
+                course[i, side, TRAVEL] = (
+                    course[i - 1, side, TRAVEL] + last * step + excess_travel(excess, step, q[LAG])
+                )
+                course[i, side, EXCESS] = now - aim if q[LAG] > 0.0 else 0.0
+
+
+@compiled
+def follow_wheels(
+    wheels: FloatArray, first: IntArray, step: float, radius: float, course: FloatArray
+) -> None:
+    """Course of both rims by their measured speeds, each the mean since the sample before.
+
+    Args:
+        wheels: Measured speeds [rad/s], shape (n, 2).
+        first: First sample of each sample's episode, shape (n,).
+        step: Sampling interval [s].
+        radius: Radius of the wheels [m].
+        course: Receives the course, shape (n, 2, 3).
+    """
+    n = len(wheels)
+    for i in range(n):
+        ahead = i + 1 if i + 1 < n and first[i + 1] == first[i] else i
+        for side in range(2):
+            course[i, side, AIM] = radius * wheels[ahead, side]
+            course[i, side, EXCESS] = 0.0
+            course[i, side, TRAVEL] = (
+                0.0 if i == first[i] else course[i - 1, side, TRAVEL] + radius * wheels[i, side] * step
+            )
+
+
+@inlined
+def travelled(
+    course: FloatArray,
+    side: int,
+    sample: int,
+    part: float,
+    first: int,
+    last: int,
+    step: float,
+    time_constant: float,
+    before: float,
+) -> float:
+    """Travel of a rim at a time between two samples, or outside its episode [m].
+
+    Args:
+        course: Course of both rims, shape (n, 2, 3).
+        side: 0 left, 1 right.
+        sample: Sample before that time; may lie before the episode's first.
+        part: Share of the step since then.
+        first: The episode's first sample.
+        last: Its last.
+        step: Sampling interval [s].
+        time_constant: Of the lag [s].
+        before: Speed of the rim before the episode [m/s].
+    """
+    if sample < first:
+        return ((sample - first) + part) * step * before
+    time = part * step
+    if sample > last:
+        time += (sample - last) * step
+        sample = last
+    beyond = excess_travel(course[sample, side, EXCESS], time, time_constant)
+    result: float = course[sample, side, TRAVEL] + course[sample, side, AIM] * time + beyond
+    return result
+
+
+@compiled
+def simulate(
+    parameters: FloatArray,
+    commands: FloatArray,
+    wheel_front: bool,
+    wheels: FloatArray,
+    first: IntArray,
+    last: IntArray,
+    time: FloatArray,
+    step: float,
+    disturbance: FloatArray,
+    starts: IntArray,
+    lengths: IntArray,
+    states: FloatArray,
+    pose_driven_by_wheels: bool,
+    out: FloatArray,
+) -> None:
+    """Simulate every window for every row of parameters.
+
+    Args:
+        parameters: Parameter vectors, shape (batch, PARAMETERS).
+        commands: Of the whole recording, as in ``follow_commands``, shape (n, 2).
+        wheel_front: True if they are wheel speeds.
+        wheels: Measured wheel speeds [rad/s], shape (n, 2), or (0, 2) if there are none.
+        first: First sample of each sample's episode, shape (n,).
+        last: Last sample of each sample's episode, shape (n,).
+        time: Sample times [s], shape (n,).
+        step: Sampling interval [s].
+        disturbance: Additional turn rate [rad/s], shape (n,), or (0,) for none.
+        starts: First sample of each window, shape (windows,).
+        lengths: Samples of each window, shape (windows,).
+        states: x [m], y [m], heading [rad] as shown at the window's start, shape (windows, 3).
+        pose_driven_by_wheels: True drives the body by the measured wheels, False by the simulated ones.
+        out: Receives x, y, heading (not wrapped) and both wheels' mean speeds since the sample before
+            [rad/s], shape (batch, windows, samples, 5), filled with NaN.
+    """
+    n = len(commands)
+    simulated = np.empty((n, 2, 3))
+    measured = np.empty((n if pose_driven_by_wheels else 0, 2, 3))
+    before = np.full((n, 2), np.nan)
+    shown = np.empty((2, 2))
+    for p in range(len(parameters)):
+        q = parameters[p]
+        if len(wheels) > 0:
+            for i in range(n):
+                for side in range(2):
+                    before[i, side] = q[RADIUS] * wheels[first[i], side]
+        follow_commands(commands, wheel_front, before, first, time, step, q, simulated)
+        course = simulated
+        pose_shift, pose_lag = (q[DELAY] + q[SENSOR_DELAY]) / step, q[LAG]
+        if pose_driven_by_wheels:
+            follow_wheels(wheels, first, step, q[RADIUS], measured)
+            course = measured
+            pose_shift, pose_lag = q[SENSOR_DELAY] / step, 0.0
+        wheel_whole = math.ceil(q[DELAY] / step)
+        wheel_part = wheel_whole - q[DELAY] / step
+        whole = math.ceil(pose_shift)
+        part = whole - pose_shift
+        for w in range(len(starts)):
+            start = starts[w]
+            low, high = first[start], last[start]
+            rest = np.empty(2)
+            for side in range(2):
+                rest[side] = before[start, side]
+                if math.isnan(rest[side]):
+                    rest[side] = simulated[low, side, AIM]
+            x, y = states[w, 0], states[w, 1]
+            heading = states[w, 2] - q[HEADING_BIAS]
+            cosine, sine = math.cos(heading), math.sin(heading)
+            for j in range(lengths[w]):
+                out[p, w, j, 0] = x
+                out[p, w, j, 1] = y
+                out[p, w, j, 2] = heading + q[HEADING_BIAS]
+                for side in range(2):
+                    for k in range(2):
+                        shown[side, k] = travelled(
+                            simulated,
+                            side,
+                            start + j - wheel_whole - 1 + k,
+                            wheel_part,
+                            low,
+                            high,
+                            step,
+                            q[LAG],
+                            rest[side],
+                        )
+                    out[p, w, j, 3 + side] = (shown[side, 1] - shown[side, 0]) / (q[RADIUS] * step)
+                if j == lengths[w] - 1:
+                    break
+                # From `part` of a step after sample `at` to as much after the next, where a command
+                # switches in between.
+                at = start + j - whole
+                extra = disturbance[start + j] if len(disturbance) > 0 else 0.0
+                for piece in range(2):
+                    begin, begin_part = (at, part) if piece == 0 else (at + 1, 0.0)
+                    end, end_part = (at + 1, 0.0) if piece == 0 else (at + 1, part)
+                    duration = ((end - begin) + (end_part - begin_part)) * step
+                    if duration <= 0.0:
+                        continue
+                    left = travelled(
+                        course, 0, end, end_part, low, high, step, pose_lag, rest[0]
+                    ) - travelled(course, 0, begin, begin_part, low, high, step, pose_lag, rest[0])
+                    right = travelled(
+                        course, 1, end, end_part, low, high, step, pose_lag, rest[1]
+                    ) - travelled(course, 1, begin, begin_part, low, high, step, pose_lag, rest[1])
+                    distance, lateral, turn = body(left, right, duration, extra, q)
+                    x, y, cosine, sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
+                    heading += turn
+                    if q[SLOPE_X] != 0.0 or q[SLOPE_Y] != 0.0:
+                        x += q[SLOPE_X] * abs(distance)
+                        y += q[SLOPE_Y] * abs(distance)
