@@ -10,12 +10,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import pymunk
 
 from fieldmodels.line_following.parameters import Gait
-from fieldmodels.model import ModelError
+from fieldmodels.model import FloatArray, ModelError
 
 GRAVITY = 9.81
+FRAME_RADIUS = 0.15
+"""Radius of gyration of the frame [m] (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class Body:
     Attributes:
         gait: Step length, step time, largest turn.
         hardware: Masses, friction, motor.
+        state: Place, angle, velocity and rate of frame, outer and inner legs, and the steering angle that was
+            commanded last: all that the next stride depends on, shape (19,).
     """
 
     def __init__(self, gait: Gait | None = None, hardware: Hardware | None = None) -> None:
@@ -75,51 +80,65 @@ class Body:
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Put the robot, at rest and straight, at a pose [m, m, rad]."""
-        hardware, step = self.hardware, self.gait.step
-        space = self._space = pymunk.Space()
-        space.iterations = hardware.iterations
-        self._frame = self._add(hardware.frame_mass, 0.15, (x, y), heading)
-        back = 0.5 * step
-        ahead = (math.cos(heading), math.sin(heading))
-        self._outer = self._add(
-            hardware.leg_mass, hardware.width, (x + back * ahead[0], y + back * ahead[1]), heading
+        back = 0.5 * self.gait.step
+        ahead_x, ahead_y = back * math.cos(heading), back * math.sin(heading)
+        resting = [heading, 0.0, 0.0, 0.0]
+        self.state = np.array(
+            [
+                *(x, y, *resting),
+                *(x + ahead_x, y + ahead_y, *resting),
+                *(x - ahead_x, y - ahead_y, *resting),
+                0.0,
+            ]
         )
-        self._inner = self._add(
-            hardware.leg_mass, hardware.inner_width, (x - back * ahead[0], y - back * ahead[1]), heading
-        )
-        self._outer_slide = self._join(self._outer, -back)
-        self._inner_slide = self._join(self._inner, back)
-        straight = pymunk.GearJoint(self._outer, self._frame, 0.0, 1.0)
-        straight.error_bias = 0.0
-        self._steering = pymunk.GearJoint(self._inner, self._frame, 0.0, 1.0)
-        self._steering.error_bias = 0.0
-        self._steering.max_force = hardware.motor
-        rubbing = pymunk.DampedRotarySpring(self._inner, self._frame, 0.0, 0.0, hardware.damping)
-        space.add(straight, self._steering, rubbing)
-        self._phase = 0.0
 
     def stride(self, turn: float) -> None:
         """Take one stride: a step over the outer legs, then one over the inner legs that turns.
 
         Args:
-            turn: Commanded turn [rad], left positive, limited to the gait's limit.
+            turn: Commanded turn [rad], left positive; not limited here.
         """
-        limit = self.gait.limit
-        turn = min(max(turn, -limit), limit)
+        # A space made anew for each stride keeps no hidden memory of the solver: the state is exact.
+        self._build()
+        outer, inner = self.hardware.width, self.hardware.inner_width
         # the inner legs swing forward and straighten, the body rolls over the outer feet
-        self._step(self._outer, self.hardware.width, self._outer_slide, self._inner_slide, self._phase, 0.0)
+        self._step(self._outer, outer, self._outer_slide, self._inner_slide, float(self.state[-1]), 0.0)
         # the outer legs swing forward with the frame, which turns over the inner feet
-        self._step(self._inner, self.hardware.inner_width, self._inner_slide, self._outer_slide, 0.0, turn)
-        self._phase = turn
+        self._step(self._inner, inner, self._inner_slide, self._outer_slide, 0.0, turn)
+        numbers = [
+            number
+            for body in (self._frame, self._outer, self._inner)
+            for number in (*body.position, body.angle, *body.velocity, body.angular_velocity)
+        ]
+        self.state = np.array([*numbers, turn])
 
     @property
     def pose(self) -> tuple[float, float, float]:
         """Place [m] and heading [rad] of the frame."""
-        return self._frame.position.x, self._frame.position.y, self._frame.angle
+        return float(self.state[0]), float(self.state[1]), float(self.state[2])
 
-    def _add(self, mass: float, radius: float, position: tuple[float, float], angle: float) -> pymunk.Body:
+    def _build(self) -> None:
+        """Make the bodies and joints of the robot as they are now."""
+        hardware, back = self.hardware, 0.5 * self.gait.step
+        space = self._space = pymunk.Space()
+        space.iterations = hardware.iterations
+        self._frame = self._add(hardware.frame_mass, FRAME_RADIUS, self.state[0:6])
+        self._outer = self._add(hardware.leg_mass, hardware.width, self.state[6:12])
+        self._inner = self._add(hardware.leg_mass, hardware.inner_width, self.state[12:18])
+        self._outer_slide = self._join(self._outer, -back)
+        self._inner_slide = self._join(self._inner, back)
+        straight = pymunk.GearJoint(self._outer, self._frame, 0.0, 1.0)
+        straight.error_bias = 0.0
+        self._steering = pymunk.GearJoint(self._inner, self._frame, float(self.state[-1]), 1.0)
+        self._steering.error_bias = 0.0
+        self._steering.max_force = hardware.motor
+        rubbing = pymunk.DampedRotarySpring(self._inner, self._frame, 0.0, 0.0, hardware.damping)
+        space.add(straight, self._steering, rubbing)
+
+    def _add(self, mass: float, radius: float, state: FloatArray) -> pymunk.Body:
         body = pymunk.Body(mass, mass * radius * radius)
-        body.position, body.angle = position, angle
+        x, y, body.angle, speed_x, speed_y, body.angular_velocity = (float(v) for v in state)
+        body.position, body.velocity = (x, y), (speed_x, speed_y)
         self._space.add(body)
         return body
 

@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.line_following.sensor import Optics, see_line
@@ -39,9 +40,14 @@ MEMORY = 4
 """Strides whose commands, turns and line positions are remembered; the newest first."""
 BANDS = 2
 """Bands of rows that can be looked at."""
+BODIES = 19
+"""Numbers that hold the state of the rigid bodies, where they are the plant."""
 
 NEUTRAL = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, math.inf])
 """The plant as the nominal simulation has it."""
+
+DRAWS = 8
+"""Random draws that are set aside for each stride: yaw, lateral, two bands, pixels."""
 
 WALK = np.dtype(
     [
@@ -59,6 +65,7 @@ WALK = np.dtype(
         ("lines", np.float64, (BANDS, MEMORY)),
         ("lost", np.uint8, (BANDS,)),  # 1 where the line is lost; Numba nests no booleans
         ("lost_strides", np.int64),
+        ("bodies", np.float64, (BODIES,)),
     ]
 )
 """State of one walk. ``offset`` is the distance from the line, left positive [m]; ``misalignment`` the
@@ -84,38 +91,46 @@ def turn_of(commands: FloatArray, plant: FloatArray, bias: float, limit: float) 
 
 
 @inlined
-def look(
-    walks: Any, i: int, table: FloatArray, spacing: float, closed: bool, width: float,
-    bands: Any, with_inner: bool, plant: FloatArray, noise: float, counter: int,
-) -> None:  # fmt: skip
-    """Read the camera: one place of the line a band, or the lost flag."""
+def remember(walks: Any, i: int, band: int, place: float, found: bool) -> None:
+    """Take in what the camera board sent for a band: a place of the line [m], or the lost flag."""
+    for k in range(MEMORY - 1, 0, -1):
+        walks[i]["lines"][band, k] = walks[i]["lines"][band, k - 1]
+    walks[i]["lost"][band] = 0 if found else 1
+    if found:
+        walks[i]["lines"][band, 0] = place
+    if band == 0:
+        walks[i]["lost_strides"] = 0 if found else walks[i]["lost_strides"] + 1
+
+
+@inlined
+def measured(place: float, plant: FloatArray) -> float:
+    """The place that a wrongly scaled and coarse sensor gives for the true one [m]."""
+    place *= plant[SENSOR_GAIN]
+    if plant[QUANTUM] > 0.0:
+        place = plant[QUANTUM] * math.floor(place / plant[QUANTUM] + 0.5)
+    return place
+
+
+@inlined
+def draw_of(walks: Any, i: int, draw: int) -> float:
+    """One of the standard normal draws of the current stride."""
+    return gaussian(walks[i]["key"], DRAWS * (walks[i]["count"] + 1) + draw)
+
+
+@inlined
+def viewing(walks: Any, i: int, plant: FloatArray, with_inner: bool) -> float:
+    """Direction in which the camera looks [rad]."""
     heading = walks[i]["heading"] + plant[CAMERA_YAW]
-    if with_inner:
-        heading -= walks[i]["turned"]  # the inner feet still point where the last stride came from
-    forward_x, forward_y = math.cos(heading), math.sin(heading)
-    for b in range(len(bands)):
-        place, found = see_line(
-            table, spacing, closed, width, walks[i]["x"], walks[i]["y"], forward_x, forward_y,
-            walks[i]["arc"], plant[PITCH_ERROR], bands[b],
-        )  # fmt: skip
-        for k in range(MEMORY - 1, 0, -1):
-            walks[i]["lines"][b, k] = walks[i]["lines"][b, k - 1]
-        walks[i]["lost"][b] = 0 if found else 1
-        if found:
-            place = plant[SENSOR_GAIN] * place + noise * gaussian(walks[i]["key"], counter + b)
-            if plant[QUANTUM] > 0.0:
-                place = plant[QUANTUM] * math.floor(place / plant[QUANTUM] + 0.5)
-            walks[i]["lines"][b, 0] = place
-    walks[i]["lost_strides"] = walks[i]["lost_strides"] + 1 if walks[i]["lost"][0] == 1 else 0
+    # the inner feet still point where the last stride came from
+    return float(heading - walks[i]["turned"] if with_inner else heading)
 
 
 @compiled
-def begin(
-    walks: Any, i: int, key: Any, table: FloatArray, spacing: float, closed: bool, width: float,
-    bands: tuple[Optics, ...], with_inner: bool, plant: FloatArray, noises: FloatArray,
-    offset: float, misalignment: float,
+def start(
+    walks: Any, i: int, key: Any, table: FloatArray, spacing: float, closed: bool,
+    bias: float, offset: float, misalignment: float, sided: bool,
 ) -> None:  # fmt: skip
-    """Put a walk on its track and look for the first time.
+    """Put a walk on its track.
 
     Args:
         walks: All walks, dtype ``WALK``.
@@ -123,14 +138,11 @@ def begin(
         key: Key of its noise, uint64.
         table: The track's points and tangents.
         spacing: Arc length between them [m].
-        closed: Whether the track is closed.
-        width: Width of the tape [m].
-        bands: Optics of each band.
-        with_inner: Whether the camera turns with the inner legs.
-        plant: Parameter vector of the plant.
-        noises: Sensor [m], yaw [rad], lateral [m], bias [rad].
-        offset: Largest offset at the start [m].
-        misalignment: Largest misalignment at the start [rad].
+        closed: Whether the track is closed; then the walk starts anywhere on it.
+        bias: Largest steering bias [rad a stride].
+        offset: Largest offset [m].
+        misalignment: Largest misalignment [rad].
+        sided: Whether the offset is the largest one, to either side, and never less.
     """
     for k in range(MEMORY):
         walks[i]["commands"][k] = 0.0
@@ -142,11 +154,12 @@ def begin(
     walks[i]["count"] = 0
     walks[i]["lost_strides"] = 0
     walks[i]["turned"] = 0.0
-    walks[i]["bias"] = noises[3] * symmetric(key, 0)
+    walks[i]["bias"] = bias * symmetric(key, 0)
     count = len(table)
-    start = (0.5 + 0.5 * symmetric(key, 1)) * spacing * count if closed else 0.0
-    at = int(start / spacing) % count
-    sideways = offset * symmetric(key, 2)
+    first = (0.5 + 0.5 * symmetric(key, 1)) * count if closed else 0.0
+    at = int(first) % count
+    side = symmetric(key, 2)
+    sideways = math.copysign(offset, side) if sided else offset * side
     crooked = misalignment * symmetric(key, 3)
     walks[i]["x"] = table[at, 0] - sideways * table[at, 3]
     walks[i]["y"] = table[at, 1] + sideways * table[at, 2]
@@ -154,7 +167,15 @@ def begin(
     walks[i]["arc"] = at * spacing
     walks[i]["offset"] = sideways
     walks[i]["misalignment"] = crooked
-    look(walks, i, table, spacing, closed, width, bands, with_inner, plant, noises[0], 4)
+
+
+@inlined
+def ordered(walks: Any, i: int, command: float, plant: FloatArray, latency: int, limit: float) -> float:
+    """Take in a command; the turn that it and its forerunners make, before noise [rad]."""
+    for k in range(MEMORY - 1, 0, -1):
+        walks[i]["commands"][k] = walks[i]["commands"][k - 1]
+    walks[i]["commands"][0] = min(max(command, -limit), limit)
+    return turn_of(walks[i]["commands"][latency:], plant, walks[i]["bias"], limit)
 
 
 @inlined
@@ -170,12 +191,11 @@ def locate(walks: Any, i: int, table: FloatArray, spacing: float, closed: bool, 
 
 
 @compiled
-def advance(
-    walks: Any, commands: FloatArray, table: FloatArray, spacing: float, closed: bool, width: float,
-    bands: tuple[Optics, ...], with_inner: bool, latency: int, plants: FloatArray, noises: FloatArray,
-    stride: float, limit: float,
+def move(
+    walks: Any, commands: FloatArray, table: FloatArray, spacing: float, closed: bool, latency: int,
+    plants: FloatArray, yaw: float, lateral: float, stride: float, limit: float,
 ) -> None:  # fmt: skip
-    """Take every walk through one stride and look again.
+    """Take every walk through one stride.
 
     Args:
         walks: All walks, dtype ``WALK``.
@@ -183,27 +203,17 @@ def advance(
         table: The track's points and tangents.
         spacing: Arc length between them [m].
         closed: Whether the track is closed.
-        width: Width of the tape [m].
-        bands: Optics of each band.
-        with_inner: Whether the camera turns with the inner legs.
         latency: Strides that a command waits beside the gait's own delay.
         plants: Parameter vectors, shape (batch, PARAMETERS).
-        noises: Sensor [m], yaw [rad], lateral [m], bias [rad].
+        yaw: Standard deviation of a stride's turn [rad].
+        lateral: Standard deviation of a stride's sideways slip [m].
         stride: Length of a stride [m].
         limit: Largest turn of a stride [rad].
     """
-    waiting = np.zeros(MEMORY)
     for i in range(len(walks)):
         plant = plants[i]
-        counter = 8 + 8 * walks[i]["count"]
-        key = walks[i]["key"]
-        for k in range(MEMORY - 1, 0, -1):
-            walks[i]["commands"][k] = walks[i]["commands"][k - 1]
-        walks[i]["commands"][0] = min(max(commands[i], -limit), limit)
-        for k in range(MEMORY):
-            waiting[k] = walks[i]["commands"][k + latency] if k + latency < MEMORY else 0.0
-        turn = turn_of(waiting, plant, walks[i]["bias"], limit) + noises[1] * gaussian(key, counter)
-        sideways = noises[2] * gaussian(key, counter + 1)
+        turn = ordered(walks, i, commands[i], plant, latency, limit) + yaw * draw_of(walks, i, 0)
+        sideways = lateral * draw_of(walks, i, 1)
         cosine, sine = math.cos(walks[i]["heading"]), math.sin(walks[i]["heading"])
         length = stride * (1.0 - plant[SLIP_STEP])
         walks[i]["x"] += length * cosine - sideways * sine
@@ -212,4 +222,67 @@ def advance(
         walks[i]["turned"] = turn
         walks[i]["count"] += 1
         locate(walks, i, table, spacing, closed, length)
-        look(walks, i, table, spacing, closed, width, bands, with_inner, plant, noises[0], counter + 2)
+
+
+@compiled
+def look(
+    walks: Any, which: NDArray[np.int64], table: FloatArray, spacing: float, closed: bool, width: float,
+    bands: tuple[Optics, ...], with_inner: bool, plants: FloatArray, noise: float,
+) -> None:  # fmt: skip
+    """Let walks read their cameras, by geometry.
+
+    Args:
+        walks: All walks, dtype ``WALK``.
+        which: Indices of those that look.
+        table: The track's points and tangents.
+        spacing: Arc length between them [m].
+        closed: Whether the track is closed.
+        width: Width of the tape [m].
+        bands: Optics of each band.
+        with_inner: Whether the camera turns with the inner legs.
+        plants: Parameter vectors, shape (batch, PARAMETERS).
+        noise: Standard deviation of the line's place [m].
+    """
+    for i in which:
+        plant = plants[i]
+        heading = viewing(walks, i, plant, with_inner)
+        forward_x, forward_y = math.cos(heading), math.sin(heading)
+        for b in range(len(bands)):
+            place, found = see_line(
+                table, spacing, closed, width, walks[i]["x"], walks[i]["y"], forward_x, forward_y,
+                walks[i]["arc"], plant[PITCH_ERROR], bands[b],
+            )  # fmt: skip
+            remember(walks, i, b, measured(place + noise * draw_of(walks, i, 2 + b), plant), found)
+
+
+@compiled
+def take_in(walks: Any, i: int, band: int, place: float, found: bool, plant: FloatArray) -> None:
+    """Let one walk take in what its camera board read from an image."""
+    remember(walks, i, band, measured(place, plant), found)
+
+
+@compiled
+def order(walks: Any, i: int, command: float, plant: FloatArray, latency: int, limit: float) -> float:
+    """Let one walk take in a command; gives the turn that is asked of the bodies [rad]."""
+    return ordered(walks, i, command, plant, latency, limit)
+
+
+@compiled
+def land(
+    walks: Any, i: int, x: float, y: float, heading: float,
+    table: FloatArray, spacing: float, closed: bool, stride: float,
+) -> None:  # fmt: skip
+    """Put one walk where its bodies have come to."""
+    turned = heading - walks[i]["heading"]
+    moved = (x - walks[i]["x"]) * math.cos(walks[i]["heading"]) + (y - walks[i]["y"]) * math.sin(
+        walks[i]["heading"]
+    )
+    walks[i]["x"], walks[i]["y"], walks[i]["heading"], walks[i]["turned"] = x, y, heading, turned
+    walks[i]["count"] += 1
+    locate(walks, i, table, spacing, closed, min(moved, stride))
+
+
+@compiled
+def draw(walks: Any, i: int, which: int) -> float:
+    """One of the standard normal draws of a walk's current stride."""
+    return draw_of(walks, i, which)

@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.line_following.parameters import (
@@ -274,12 +274,29 @@ class Renderer:
         shape = (self.camera.rows, self.camera.width)
         self._cover, self._light = np.empty(shape), np.empty(shape)
 
-    def image(self, pose: ArrayLike, expected: float, key: int, out: Image | None = None) -> Image:
-        """Image from a camera's pose (x, y [m], heading [rad]) near an arc length [m]."""
+    def image(
+        self,
+        pose: tuple[float, float, float],
+        expected: float,
+        key: int,
+        out: Image | None = None,
+        pitch_error: float = 0.0,
+    ) -> Image:
+        """Render what a camera sees.
+
+        Args:
+            pose: Place [m] and heading [rad].
+            expected: Arc length near which the camera is [m].
+            key: Key of the pixels' noise.
+            out: Image to fill, shape (rows, width), uint8; None makes a new one.
+            pitch_error: True pitch minus the camera's own [rad].
+        """
         image = np.empty(self._cover.shape, dtype=np.uint8) if out is None else out
-        x, y, heading = (float(v) for v in np.asarray(pose, dtype=np.float64))
+        view = self.view
+        if pitch_error:
+            view = view._replace(pitch=view.pitch + pitch_error)
         render(
-            self.view, self.track.table, self.track.spacing, self.track.closed,
-            x, y, heading, expected, np.uint64(key), self._cover, self._light, image,
+            view, self.track.table, self.track.spacing, self.track.closed,
+            *pose, expected, np.uint64(key), self._cover, self._light, image,
         )  # fmt: skip
         return image
