@@ -1,0 +1,1 @@
+"""Excitation: a mobile manipulator that shakes its vehicle to learn it."""
