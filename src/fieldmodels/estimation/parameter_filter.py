@@ -1,0 +1,593 @@
+"""Filters of unknowns that enter linearly, A x = F, when A itself is measured with noise.
+
+A and F are linear in what a sample measures, its features y (``Terms``). So the sum of y y' over the
+samples, and the sum of the covariance V of their noise, hold all that these filters need, for any weights
+W of the equations: A'WA, A'WF, and the moments E[dA'WdA], E[dA'WdF] that noise adds to them. A filter is a
+way to read this statistic:
+
+* ``naive``: the Kalman filter as published (section IV of Sujan and Dubowsky; constant unknowns, no
+  process noise, R_k the noise of F). It takes A for exact: E[dA'WdA] counts as information and pulls the
+  estimate towards zero.
+* ``compensated``: subtracts both moments (bias-compensated least squares, Söderström 2007), weights each
+  equation by the noise of F - A x at the current estimate, and gives the score the covariance it has.
+* ``low_passed``: the same on means of 8 neighbouring samples, regressor and target alike.
+
+The compensated filter in a few lines, unknowns scaled to prior mean 0 and prior covariance I:
+
+    W = (covariance of F - A x, expected over the current estimate)^-1
+    N = sum A'WA                      what was measured
+    M = N - sum E[dA'WdA]             what it would be without noise, on average
+    g = sum A'WF - E[dA'WdF]          a measurement of M x whose noise has covariance N
+    information = I + M N^-1 M,   mean = information^-1 M N^-1 g
+
+N is a sum of squares and the information at least the prior's: whatever noise does to M, which need not be
+definite, nothing becomes singular, and directions that were never excited stay as uncertain as they were.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.model import FloatArray, ModelError
+
+
+class Terms(NamedTuple):
+    """A and F of one mode as linear functions of its features.
+
+    [A | F][row, column] = sum of coefficient * y[feature]; the last column is F.
+
+    Attributes:
+        row: Equation, int64, shape (terms,).
+        column: Unknown; their number stands for F; int64, shape (terms,).
+        feature: What is multiplied, int64, shape (terms,).
+        coefficient: Shape (terms,).
+    """
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    feature: NDArray[np.int64]
+    coefficient: FloatArray
+
+
+class Method(NamedTuple):
+    """How a filter reads the statistic.
+
+    Attributes:
+        compensated: False takes A for exact.
+        average: Neighbouring samples that are averaged first.
+    """
+
+    compensated: bool
+    average: int
+
+
+METHODS: Mapping[str, Method] = {
+    "naive": Method(False, 1),
+    "compensated": Method(True, 1),
+    "low_passed": Method(True, 8),
+}
+PASSES = 2
+"""How often weights and estimate are found from each other in one update (each starts from the last)."""
+
+# Information that a direction without any gets, beside the prior's 1: keeps N definite.
+_FLOOR = 1e-6
+# Rounding of sums, relative.
+_ROUNDING = 1e-12
+
+
+@inlined
+def accumulate(y: FloatArray, average: int, moments: FloatArray) -> None:
+    """Add a chunk of one mode to its sum of y y', in place.
+
+    Means of neighbouring samples are one and the same low-pass of regressor and target, so that A x = F
+    still holds, and white noise stays white.
+
+    Args:
+        y: Features, shape (samples, K).
+        average: Neighbouring samples that are averaged first; divides the samples.
+        moments: Shape (K, K); the upper triangle is kept.
+    """
+    features = y.shape[1]
+    share = 1.0 / average
+    mean = np.empty(features)
+    for block in range(len(y) // average):
+        for k in range(features):
+            total = 0.0
+            for j in range(average):
+                total += y[block * average + j, k]
+            mean[k] = total * share
+        for k in range(features):
+            value = mean[k]
+            for m in range(k, features):
+                moments[k, m] += value * mean[m]
+
+
+@inlined
+def accumulate_noise(noise: FloatArray, average: int, total: FloatArray) -> None:
+    """Add the noise of a chunk, summed over its samples, as it is after averaging; upper triangles."""
+    share = 1.0 / (average * average)
+    for k in range(len(noise)):
+        for m in range(k, len(noise)):
+            total[k, m] += noise[k, m] * share
+
+
+@compiled
+def estimate(
+    terms: Terms,
+    moments: FloatArray,
+    noise: FloatArray,
+    samples: float,
+    active: NDArray[np.bool_],
+    prior_mean: FloatArray,
+    prior_deviation: FloatArray,
+    compensated: bool,
+    passes: int,
+    mean: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Estimate the unknowns from the statistic, in place of the last estimate.
+
+    Args:
+        terms: Of every mode.
+        moments: Sum of y y' of each mode, shape (modes, K, K), upper triangles.
+        noise: Sum of V of each mode, of that shape.
+        samples: Number of samples (after averaging) in both sums, positive.
+        active: Which equations of a mode are used, shape (rows,).
+        prior_mean: Shape (unknowns,).
+        prior_deviation: Standard deviations, shape (unknowns,); 0 holds an unknown at its prior mean.
+        compensated: False takes A for exact.
+        passes: How often weights and estimate are found from each other.
+        mean: The last estimate, or the prior's; becomes the new one; shape (unknowns,).
+        covariance: The same, shape (unknowns, unknowns).
+    """
+    n = len(prior_mean)
+    rows = len(active)
+    second = np.empty((n + 1, n + 1))
+    weights = np.empty((rows, rows))
+    measured = np.empty((n + 1, n + 1))
+    free = np.empty((n + 1, n + 1))
+    score = np.empty((n, n))
+    right = np.empty((n, n + 1))
+    information = np.empty((n, n))
+    for _ in range(passes if compensated else 1):
+        _second_moment(mean, covariance, compensated, second)
+        measured[:, :] = 0.0
+        free[:, :] = 0.0
+        for mode in range(len(moments)):
+            row_noise(terms, second, noise[mode], 1.0 / samples, weights)
+            _invert(weights, active)
+            _contract(terms, weights, moments[mode], noise[mode], measured, free)
+        if not compensated:
+            free[:, :] = measured
+        # Scaled by the prior's deviations, around the prior's mean.
+        for i in range(n):
+            target = free[i, n]
+            for j in range(n):
+                target -= free[i, j] * prior_mean[j]
+                scale = prior_deviation[i] * prior_deviation[j]
+                right[i, j] = free[i, j] * scale
+                score[i, j] = measured[i, j] * scale
+            right[i, n] = target * prior_deviation[i]
+            score[i, i] += _FLOOR + _ROUNDING * score[i, i]
+        if compensated:
+            _cholesky(score)
+            _forward(score, right)
+            _gram(right, information)
+        else:
+            # M = N: then M N^-1 M is N itself, and M N^-1 g is g.
+            information[:, :] = right[:, :n]
+        for i in range(n):
+            information[i, i] += 1.0
+            total = 0.0
+            if compensated:
+                for k in range(n):
+                    total += right[k, i] * right[k, n]
+            else:
+                total = right[i, n]
+            mean[i] = total
+        _cholesky(information)
+        _inverse(information, score)
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += score[i, j] * mean[j]
+            second[i, n] = total
+        for i in range(n):
+            mean[i] = prior_mean[i] + prior_deviation[i] * second[i, n]
+            for j in range(n):
+                covariance[i, j] = score[i, j] * prior_deviation[i] * prior_deviation[j]
+
+
+@compiled
+def row_noise(terms: Terms, second: FloatArray, noise: FloatArray, share: float, out: FloatArray) -> None:
+    """Covariance of the noise of the equations F - A x of one mode, in place of ``out``, (rows, rows).
+
+    Args:
+        terms: Of the mode.
+        second: E[z z'] of z = (x, -1), shape (unknowns + 1, unknowns + 1).
+        noise: Covariance of the features' noise, shape (K, K), upper triangle.
+        share: Factor of the noise.
+        out: Overwritten.
+    """
+    out[:, :] = 0.0
+    count = len(terms.row)
+    for a in range(count):
+        k = terms.feature[a]
+        i, first, row = terms.column[a], share * terms.coefficient[a], terms.row[a]
+        for b in range(count):
+            m = terms.feature[b]
+            moment = noise[k, m] if k <= m else noise[m, k]
+            if moment != 0.0:
+                out[row, terms.row[b]] += first * terms.coefficient[b] * second[i, terms.column[b]] * moment
+
+
+@inlined
+def _second_moment(mean: FloatArray, covariance: FloatArray, uncertain: bool, out: FloatArray) -> None:
+    """E[z z'] of z = (x, -1); for the naive filter that of (0, -1), the noise of F alone."""
+    n = len(mean)
+    out[:, :] = 0.0
+    if uncertain:
+        for i in range(n):
+            for j in range(n):
+                out[i, j] = mean[i] * mean[j] + covariance[i, j]
+            out[i, n] = -mean[i]
+            out[n, i] = -mean[i]
+    out[n, n] = 1.0
+
+
+@compiled
+def _contract(
+    terms: Terms,
+    weights: FloatArray,
+    moments: FloatArray,
+    noise: FloatArray,
+    measured: FloatArray,
+    free: FloatArray,
+) -> None:
+    """Add [A | F]' W [A | F] of one mode, as measured and freed of the noise's moments."""
+    count = len(terms.row)
+    for a in range(count):
+        i, k, first, row = terms.column[a], terms.feature[a], terms.coefficient[a], terms.row[a]
+        for b in range(count):
+            weight = weights[row, terms.row[b]]
+            if weight != 0.0:
+                weight *= first * terms.coefficient[b]
+                j, m = terms.column[b], terms.feature[b]
+                low, high = min(k, m), max(k, m)
+                measured[i, j] += weight * moments[low, high]
+                free[i, j] += weight * (moments[low, high] - noise[low, high])
+
+
+@compiled
+def _invert(matrix: FloatArray, active: NDArray[np.bool_]) -> None:
+    """Turn the covariance of equations into their weights, in place; equations left out weigh nothing."""
+    size = len(matrix)
+    trace = 0.0
+    for i in range(size):
+        trace += matrix[i, i] if active[i] else 0.0
+    # An equation without noise (a signal that never moved) stays finite: a millionth of the others'
+    # deviation, and never below 1e-9 of a newton.
+    floor = 1e-12 * trace + 1e-18
+    for i in range(size):
+        if not active[i]:
+            matrix[i, :] = 0.0
+            matrix[:, i] = 0.0
+        matrix[i, i] += floor
+    factor = matrix.copy()
+    _cholesky(factor)
+    _inverse(factor, matrix)
+    for i in range(size):
+        if not active[i]:
+            matrix[i, i] = 0.0
+
+
+@compiled
+def _cholesky(matrix: FloatArray) -> None:
+    """Lower Cholesky factor in place; the upper triangle is left as it was."""
+    size = len(matrix)
+    for j in range(size):
+        least = _ROUNDING * matrix[j, j]
+        for k in range(j):
+            matrix[j, j] -= matrix[j, k] * matrix[j, k]
+        root = math.sqrt(max(matrix[j, j], least))
+        matrix[j, j] = root
+        for i in range(j + 1, size):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = total / root
+
+
+@compiled
+def _forward(factor: FloatArray, right: FloatArray) -> None:
+    """Solve L z = right in place, for each column of ``right``."""
+    columns = right.shape[1]
+    for i in range(len(factor)):
+        for k in range(i):
+            value = factor[i, k]
+            if value != 0.0:
+                for c in range(columns):
+                    right[i, c] -= value * right[k, c]
+        value = 1.0 / factor[i, i]
+        for c in range(columns):
+            right[i, c] *= value
+
+
+@compiled
+def _gram(z: FloatArray, out: FloatArray) -> None:
+    """Z'Z of the leading square of ``z``, in place of ``out``."""
+    n = len(z)
+    out[:, :] = 0.0
+    for k in range(n):
+        for i in range(n):
+            value = z[k, i]
+            if value != 0.0:
+                for j in range(n):
+                    out[i, j] += value * z[k, j]
+
+
+@compiled
+def _inverse(factor: FloatArray, out: FloatArray) -> None:
+    """(L L')^-1 in place of ``out``, exactly symmetric."""
+    size = len(factor)
+    root = np.zeros((size, size))
+    for i in range(size):
+        root[i, i] = 1.0
+    _forward(factor, root)
+    out[:, :] = 0.0
+    for k in range(size):
+        for i in range(k + 1):
+            value = root[k, i]
+            if value != 0.0:
+                for j in range(k + 1):
+                    out[i, j] += value * root[k, j]
+
+
+@inlined
+def kalman_step(
+    mean: FloatArray, covariance: FloatArray, regressor: FloatArray, target: FloatArray, variance: FloatArray
+) -> None:
+    """One update of the Kalman filter as published (Fig. 5; no process noise), in place, row by row.
+
+    With independent noises, scalar updates one after the other equal the joint update of all rows.
+
+    Args:
+        mean: Shape (unknowns,).
+        covariance: Shape (unknowns, unknowns).
+        regressor: A, shape (rows, unknowns).
+        target: F, shape (rows,).
+        variance: Diagonal of R_k, shape (rows,), positive.
+    """
+    n = len(mean)
+    shadow = np.empty(n)
+    for r in range(len(target)):
+        total = variance[r]
+        innovation = target[r]
+        for i in range(n):
+            value = 0.0
+            for j in range(n):
+                value += covariance[i, j] * regressor[r, j]
+            shadow[i] = value
+            total += regressor[r, i] * value
+            innovation -= regressor[r, i] * mean[i]
+        gain = 1.0 / total
+        for i in range(n):
+            mean[i] += shadow[i] * gain * innovation
+            for j in range(i, n):
+                covariance[i, j] -= shadow[i] * shadow[j] * gain
+                covariance[j, i] = covariance[i, j]
+
+
+@compiled
+def kalman_run(
+    mean: FloatArray,
+    covariance: FloatArray,
+    regressors: FloatArray,
+    targets: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """``kalman_step`` over samples: regressors (samples, rows, unknowns), targets (samples, rows)."""
+    for k in range(len(targets)):
+        kalman_step(mean, covariance, regressors[k], targets[k], variance)
+
+
+@compiled
+def _accumulate_all(
+    y: FloatArray, noise: FloatArray, average: int, moments: FloatArray, total: FloatArray
+) -> None:
+    for b in range(len(y)):
+        for mode in range(y.shape[1]):
+            accumulate(y[b, mode], average, moments[b, mode])
+            accumulate_noise(noise[b, mode], average, total[b, mode])
+
+
+@compiled
+def _estimate_all(
+    terms: Terms,
+    moments: FloatArray,
+    noise: FloatArray,
+    samples: FloatArray,
+    active: NDArray[np.bool_],
+    prior_mean: FloatArray,
+    prior_deviation: FloatArray,
+    compensated: bool,
+    passes: int,
+    mean: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    for b in range(len(mean)):
+        if samples[b] > 0.0:
+            estimate(
+                terms,
+                moments[b],
+                noise[b],
+                samples[b],
+                active,
+                prior_mean,
+                prior_deviation,
+                compensated,
+                passes,
+                mean[b],
+                covariance[b],
+            )
+
+
+class ParameterFilters:
+    """A batch of filters, each told the same samples and read by one or more methods.
+
+    Attributes:
+        mean: Estimates by method, each of shape (batch, unknowns).
+        covariance: Their covariances by method, each of shape (batch, unknowns, unknowns).
+    """
+
+    def __init__(
+        self,
+        batch: int,
+        terms: Terms,
+        prior_mean: ArrayLike,
+        prior_deviation: ArrayLike,
+        *,
+        modes: int = 3,
+        methods: Sequence[str] = ("compensated",),
+        active: ArrayLike | None = None,
+        passes: int = PASSES,
+    ) -> None:
+        """Make filters that know the prior.
+
+        Args:
+            batch: Number of filters.
+            terms: A and F of a mode.
+            prior_mean: Shape (unknowns,).
+            prior_deviation: Prior standard deviations, shape (unknowns,); 0 holds an unknown at its mean.
+            modes: Runs side by side whose equations are stacked.
+            methods: Names out of ``METHODS``.
+            active: Which equations of a mode are used, shape (rows,); None uses all.
+            passes: How often weights and estimate are found from each other in one update.
+
+        Raises:
+            ModelError: If shapes do not fit, a deviation is negative, or a method is unknown.
+        """
+        unknown = [name for name in methods if name not in METHODS]
+        if unknown or not methods:
+            raise ModelError(
+                f"methods must be out of {', '.join(METHODS)}, not {', '.join(unknown) or 'none'}"
+            )
+        if batch < 1 or modes < 1 or passes < 1:
+            raise ModelError("batch, modes and passes are each at least 1")
+        row, column, feature = (np.ascontiguousarray(part, dtype=np.int64) for part in terms[:3])
+        self._terms = Terms(row, column, feature, np.array(terms.coefficient, dtype=np.float64))
+        self._prior_mean = np.array(prior_mean, dtype=np.float64)
+        self._prior_deviation = np.array(prior_deviation, dtype=np.float64)
+        unknowns = len(self._prior_mean)
+        if self._prior_deviation.shape != (unknowns,) or terms.column.max() != unknowns:
+            raise ModelError(f"the terms have {terms.column.max()} unknowns; the prior must have as many")
+        if not np.all(self._prior_deviation >= 0.0) or not np.all(np.isfinite(self._prior_mean)):
+            raise ModelError("the prior needs finite means and standard deviations of at least zero")
+        rows = int(terms.row.max()) + 1
+        self._active = np.ones(rows, dtype=np.bool_) if active is None else np.array(active, dtype=np.bool_)
+        if self._active.shape != (rows,):
+            raise ModelError(f"active needs one flag for each of {rows} equations, not {self._active.shape}")
+        self.methods = tuple(methods)
+        self._passes = passes
+        self._features = int(terms.feature.max()) + 1
+        shape = (batch, modes, self._features, self._features)
+        averages = sorted({METHODS[name].average for name in methods})
+        self._moments = {average: np.zeros(shape) for average in averages}
+        self._noise = {average: np.zeros(shape) for average in averages}
+        self._samples = np.zeros(batch)
+        self.mean = {name: np.tile(self._prior_mean, (batch, 1)) for name in methods}
+        self.covariance = {
+            name: np.tile(np.diag(self._prior_deviation**2), (batch, 1, 1)) for name in methods
+        }
+
+    def __len__(self) -> int:
+        """Number of filters."""
+        return len(self._samples)
+
+    def restart(self, which: Iterable[int] | None = None) -> None:
+        """Forget all samples of some filters, or of all."""
+        index = slice(None) if which is None else np.array(list(which), dtype=np.int64)
+        self._samples[index] = 0.0
+        for average in self._moments:
+            self._moments[average][index] = 0.0
+            self._noise[average][index] = 0.0
+        for name in self.methods:
+            self.mean[name][index] = self._prior_mean
+            self.covariance[name][index] = np.diag(self._prior_deviation**2)
+
+    def update(self, features: ArrayLike, noise: ArrayLike) -> None:
+        """Take in a chunk of samples and estimate anew.
+
+        Args:
+            features: y, shape (batch, modes, samples, K); samples divisible by each method's average.
+            noise: V summed over the chunk's samples, shape (batch, modes, K, K).
+
+        Raises:
+            ModelError: If a shape does not fit or a number is not finite; nothing is taken in then.
+        """
+        y = np.ascontiguousarray(features, dtype=np.float64)
+        v = np.ascontiguousarray(noise, dtype=np.float64)
+        batch, modes, k = next(iter(self._moments.values())).shape[:3]
+        if y.ndim != 4 or (y.shape[0], y.shape[1], y.shape[3]) != (batch, modes, k) or y.shape[2] == 0:
+            raise ModelError(f"features must have shape ({batch}, {modes}, samples, {k}), not {y.shape}")
+        if v.shape != (batch, modes, k, k):
+            raise ModelError(f"noise must have shape ({batch}, {modes}, {k}, {k}), not {v.shape}")
+        for average in self._moments:
+            if y.shape[2] % average:
+                raise ModelError(f"a chunk must hold a multiple of {average} samples, not {y.shape[2]}")
+        if not np.isfinite(y).all() or not np.isfinite(v).all():
+            raise ModelError("features and noise must be finite")
+        for average in self._moments:
+            _accumulate_all(y, v, average, self._moments[average], self._noise[average])
+        self._samples += y.shape[2]
+        for name in self.methods:
+            method = METHODS[name]
+            _estimate_all(
+                self._terms,
+                self._moments[method.average],
+                self._noise[method.average],
+                self._samples / method.average,
+                self._active,
+                self._prior_mean,
+                self._prior_deviation,
+                method.compensated,
+                self._passes,
+                self.mean[name],
+                self.covariance[name],
+            )
+
+    def statistic(self, method: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What one method reads: moments and noise (batch, modes, K, K), samples (batch,); copies."""
+        average = METHODS[method].average
+        return self._moments[average].copy(), self._noise[average].copy(), self._samples / average
+
+    def state(self) -> dict[str, FloatArray]:
+        """An exact snapshot: plain arrays by name."""
+        parts = {f"moments_{a}": m for a, m in self._moments.items()}
+        parts |= {f"noise_{a}": v for a, v in self._noise.items()}
+        parts |= {f"mean_{name}": m for name, m in self.mean.items()}
+        parts |= {f"covariance_{name}": c for name, c in self.covariance.items()}
+        return {name: part.copy() for name, part in (parts | {"samples": self._samples}).items()}
+
+    def set_state(self, state: Mapping[str, FloatArray]) -> None:
+        """Return to a snapshot.
+
+        Raises:
+            ModelError: If the snapshot is of other filters.
+        """
+        own = self.state()
+        if own.keys() != state.keys() or any(own[name].shape != state[name].shape for name in own):
+            raise ModelError("the snapshot is of filters with other methods, modes, or another batch size")
+        for average in self._moments:
+            self._moments[average][...] = state[f"moments_{average}"]
+            self._noise[average][...] = state[f"noise_{average}"]
+        for name in self.methods:
+            self.mean[name][...] = state[f"mean_{name}"]
+            self.covariance[name][...] = state[f"covariance_{name}"]
+        self._samples[...] = state["samples"]
