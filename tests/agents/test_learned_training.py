@@ -33,17 +33,30 @@ TINY = {
     "steps": 640,
     "num_envs": 4,
     "checkpoint_every": 1,
-    # episodes of 9 strides end inside, at the end of and across the updates of 16 steps
+    # episodes of 9 strides end inside, at the end of and across the rounds of 16 steps
     "environment": {"settings": {"strides": 9}},
-    "ppo": {"n_steps": 16, "batch_size": 32, "n_epochs": 2, "learning_rate_decay": "linear"},
     "network": {"hidden": [8]},
     "normalise": {"reward": True},
     "validation": {"every": 3, "episodes": 4},
 }
+SECTIONS = {
+    "ppo": {"n_steps": 16, "batch_size": 32, "n_epochs": 2, "learning_rate_decay": "linear"},
+    # the buffer's 80 rows are written twice; the first checkpoints hold random actions only
+    "sac": {
+        "buffer_size": 320,
+        "learning_starts": 150,
+        "batch_size": 32,
+        "train_freq": 2,
+        "gradient_steps": 2,
+        "n_steps": 3,
+        "log_interval": 8,
+        "learning_rate_decay": "linear",
+    },
+}
 
 
-def tiny(**changes) -> TrainConfig:
-    return TrainConfig(**{**TINY, **changes})
+def tiny(algorithm="ppo", **changes) -> TrainConfig:
+    return TrainConfig(**{**TINY, "algorithm": algorithm, algorithm: SECTIONS[algorithm], **changes})
 
 
 class Killed(BaseException):
@@ -51,11 +64,30 @@ class Killed(BaseException):
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    return train(tiny(), progress=False, out=tmp_path_factory.mktemp("runs") / "whole")
+def finished_runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    return {name: train(tiny(name), progress=False, out=folder / name) for name in SECTIONS}
 
 
-def test_the_run_folder_holds_what_it_promises(finished):
+@pytest.fixture(params=SECTIONS)
+def algorithm(request):
+    return request.param
+
+
+@pytest.fixture
+def finished_each(finished_runs, algorithm):
+    """The finished run of each algorithm in turn."""
+    return finished_runs[algorithm]
+
+
+@pytest.fixture
+def finished(finished_runs):
+    """The finished run of PPO, where the algorithm does not matter."""
+    return finished_runs["ppo"]
+
+
+def test_the_run_folder_holds_what_it_promises(finished_each, algorithm):
+    finished = finished_each
     names = {path.name for path in finished.iterdir()}
     assert names == {
         "config.yaml",
@@ -66,7 +98,7 @@ def test_the_run_folder_holds_what_it_promises(finished):
         "run.json",
         "tensorboard",
     }
-    assert load_config(finished / "config.yaml", TrainConfig) == tiny()
+    assert load_config(finished / "config.yaml", TrainConfig) == tiny(algorithm)
     assert json.loads((finished / "versions.json").read_text())["torch"] == torch.__version__
     curve = pd.read_csv(finished / "curve.csv")
     assert list(curve["steps"]) == list(range(64, 641, 64))
@@ -101,15 +133,15 @@ def assert_equal_state(one, other):
         assert one == other
 
 
-def test_equal_seeds_train_equally_and_others_do_not(finished, tmp_path):
-    assert_equal_runs(finished, train(tiny(), progress=False, out=tmp_path / "again"))
-    other = train(tiny(seed=2), progress=False, out=tmp_path / "other")
-    assert (finished / "policy.onnx").read_bytes() != (other / "policy.onnx").read_bytes()
+def test_equal_seeds_train_equally_and_others_do_not(finished_each, algorithm, tmp_path):
+    assert_equal_runs(finished_each, train(tiny(algorithm), progress=False, out=tmp_path / "again"))
+    other = train(tiny(algorithm, seed=2), progress=False, out=tmp_path / "other")
+    assert (finished_each / "policy.onnx").read_bytes() != (other / "policy.onnx").read_bytes()
 
 
 @pytest.mark.parametrize("kills", [(1, 4), (5,)])
-def test_a_killed_run_resumes_bit_for_bit(finished, tmp_path, monkeypatch, kills):
-    from fieldagents.learned import ppo
+def test_a_killed_run_resumes_bit_for_bit(finished_each, algorithm, tmp_path, monkeypatch, kills):
+    from fieldagents.learned import recorder
 
     run = tmp_path / "run"
     resume = None
@@ -122,16 +154,16 @@ def test_a_killed_run_resumes_bit_for_bit(finished, tmp_path, monkeypatch, kills
             if len(saved) == kill:
                 raise Killed
 
-        monkeypatch.setattr(ppo, "save_checkpoint", save_and_die)
+        monkeypatch.setattr(recorder, "save_checkpoint", save_and_die)
         with pytest.raises(Killed):
-            train(tiny(), progress=False, resume=resume, out=None if resume else run)
+            train(tiny(algorithm), progress=False, resume=resume, out=None if resume else run)
         resume = run
         # what other work does to the global streams meanwhile must not matter
         torch.manual_seed(99)
         np.random.seed(99)  # noqa: NPY002
-    monkeypatch.setattr(ppo, "save_checkpoint", save_checkpoint)
-    train(tiny(), progress=False, resume=run)
-    assert_equal_runs(finished, run)
+    monkeypatch.setattr(recorder, "save_checkpoint", save_checkpoint)
+    train(tiny(algorithm), progress=False, resume=run)
+    assert_equal_runs(finished_each, run)
 
 
 def test_a_run_killed_before_its_first_checkpoint_begins_anew(finished, tmp_path):
@@ -142,7 +174,8 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(finished, tmp_path
 def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
     config = tmp_path / "tiny.yaml"
     run = tmp_path / "run"
-    save_yaml({**TINY, "steps": 64 * 16, "validation": {"every": 20, "episodes": 2}}, config)
+    changed = {"steps": 64 * 16, "validation": {"every": 20, "episodes": 2}}
+    save_yaml({**TINY, "ppo": SECTIONS["ppo"], **changed}, config)
     script = (
         "import sys; from pathlib import Path; from fieldagents.config import load_config;"
         "from fieldagents.learned.config import TrainConfig; from fieldagents.learned.training import train;"
@@ -161,30 +194,67 @@ def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
     assert_equal_runs(train(checked, progress=False, out=tmp_path / "whole"), run)
 
 
-def test_onnx_acts_as_the_trained_policy_does(finished):
+def test_onnx_acts_as_the_trained_policy_does(finished_each, algorithm):
     import gymnasium
 
     import fieldgym
     from fieldagents.learned.export import to_onnx
-    from fieldagents.learned.ppo import Run
+    from fieldagents.learned.run import make_run
     from fieldagents.learned.vector import NativeVecEnv
 
     env_id = fieldgym.TASKS["heel_strike"].env_id
     native = gymnasium.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point")
-    run = Run(tiny(), NativeVecEnv(native, seed=0))
-    run.restore(load_checkpoint(sorted((finished / "checkpoints").glob("*.pt"))[-1]))
+    run = make_run(tiny(algorithm), NativeVecEnv(native, seed=0))
+    run.restore(load_checkpoint(sorted((finished_each / "checkpoints").glob("*.pt"))[-1]))
     agent = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
     rng = np.random.default_rng(0)
     low, high = native.single_observation_space.low, native.single_observation_space.high
     observation = rng.uniform(low, high, (500, len(low))).astype(np.float32)
-    with torch.no_grad():  # large outputs, so that some actions are clipped
-        run.policy.action_net.weight.mul_(100)
+    last = run.policy.action_net if algorithm == "ppo" else run.policy.actor.mu
+    with torch.no_grad():  # large outputs, so that some actions meet their limits
+        last.weight.mul_(100)
     loud = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
     expected = run.model.predict(run.normaliser.normalize_obs(observation), deterministic=True)[0]
     np.testing.assert_allclose(loud.act(observation, {}), expected, atol=1e-5)
-    assert 0.05 < np.mean(np.abs(expected) == 1) < 0.999
+    assert 0.05 < np.mean(np.abs(expected) > 0.9999) < 0.999
     assert not np.allclose(agent.act(observation, {}), expected, atol=1e-2)
     run.environment.close()
+
+
+@pytest.mark.parametrize("kind", ["PPO", "SAC"])
+def test_onnx_keeps_other_limits_and_shapes(kind):
+    """Actions between limits of their own; observations in two dimensions; normalisation that clips."""
+    import gymnasium
+    import stable_baselines3
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from fieldagents.learned.export import to_onnx
+
+    class Odd(gymnasium.Env):
+        observation_space = gymnasium.spaces.Box(-5, 5, (2, 3), np.float32)
+        action_space = gymnasium.spaces.Box(np.array([0, -4], np.float32), np.array([1, 4], np.float32))
+
+        def reset(self, *, seed=None, options=None):
+            super().reset(seed=seed)
+            return self.observation_space.sample(), {}
+
+        def step(self, action):
+            return self.observation_space.sample(), 0.0, False, True, {}
+
+    normaliser = VecNormalize(DummyVecEnv([Odd]), clip_obs=1.0)
+    normaliser.obs_rms.mean[:] = np.arange(6).reshape(2, 3)
+    model = getattr(stable_baselines3, kind)("MlpPolicy", normaliser, seed=0, device="cpu")
+    observation = np.random.default_rng(0).uniform(-5, 5, (300, 2, 3)).astype(np.float32)
+    with torch.no_grad():
+        if kind == "PPO":  # its last layer begins a hundredth as large
+            model.policy.action_net.weight.mul_(2000)
+        else:
+            model.policy.actor.mu.weight.mul_(20)
+    expected = model.predict(normaliser.normalize_obs(observation), deterministic=True)[0]
+    agent = OnnxAgent(to_onnx(model.policy, normaliser, "test"))
+    assert agent.shape == (2, 3)
+    np.testing.assert_allclose(agent.act(observation, {}), expected, atol=1e-4)
+    assert np.abs(expected[:, 1]).max() > 1.5  # limits of -1 and 1 would cut it
 
 
 def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
@@ -237,7 +307,7 @@ def test_checkpoints_are_checked_and_run_no_code(tmp_path):
         def __reduce__(self):
             return (os.mkdir, (str(tmp_path / "ran"),))
 
-    torch.save({"schema": 1, "policy": Evil()}, path)
+    torch.save({"schema": 2, "policy": Evil()}, path)
     with pytest.raises(CheckpointError, match="not a checkpoint"):
         load_checkpoint(path)
     path.write_bytes(pickle.dumps(Evil(), protocol=2))
@@ -339,10 +409,49 @@ def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
         tiny(environment={"settings": {"stride": 9}})
 
 
-def test_a_diverged_training_stops_with_the_reason(tmp_path):
-    wild = {**TINY["ppo"], "learning_rate": 1e30}
-    with pytest.raises(ValueError, match=r"diverged at step \d+: try a lower"):
-        train(tiny(ppo=wild), progress=False, out=tmp_path / "run")
+def test_keys_of_the_other_algorithm_are_refused_with_their_lines(tmp_path):
+    path = tmp_path / "sac.yaml"
+    path.write_text(
+        "name: sac\ntask: heel_strike\nalgorithm: sac\nsteps: 1000\nnum_envs: 8\nppo:\n  n_steps: 16\n"
+        "sac:\n  n_epochs: 3\n  gradient_steps: 0\n  ent_coef: automatic\nnetwork: {log_std_init: -1}\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, TrainConfig)
+    text = str(caught.value)
+    assert "sac.yaml:6: ppo: the algorithm is sac: leave this section out" in text
+    assert "sac.yaml:9: sac.n_epochs: unknown key" in text
+    assert "sac.yaml:10: sac.gradient_steps: nothing is learned without" in text
+    assert "sac.yaml:11: sac.ent_coef: a number, auto or auto_0.1, not 'automatic'" in text
+    assert "sac.yaml:12: network.log_std_init" in text
+    path.write_text(
+        "name: sac\ntask: heel_strike\nalgorithm: sac\nsteps: 1000\nnum_envs: 8\n"
+        "sac: {learning_starts: 1000, buffer_size: 8}\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, TrainConfig)
+    assert "sac.learning_starts: 1000 leaves none of the 1000 steps" in str(caught.value)
+    assert "sac.buffer_size: 8 is less than 16" in str(caught.value)
+    with pytest.raises(ValueError, match="algorithm is ppo: leave this section out"):
+        tiny(sac={})
+
+
+def test_sac_needs_bounded_continuous_actions():
+    import gymnasium
+
+    from fieldagents.learned.run import SpaceError, make_run
+    from fieldagents.learned.vector import NativeVecEnv
+
+    native = gymnasium.make_vec("CartPole-v1", num_envs=4, vectorization_mode="vector_entry_point")
+    with pytest.raises(SpaceError, match=r"continuous actions with bounds, not Discrete"):
+        make_run(tiny("sac"), NativeVecEnv(native, seed=0))
+
+
+def test_a_diverged_training_stops_with_the_reason(tmp_path, algorithm):
+    wild = {**SECTIONS[algorithm], "learning_rate": 1e30}
+    with pytest.raises(ValueError, match=rf"diverged at step \d+: try a lower {algorithm}.learning_rate"):
+        train(tiny(**{"algorithm": algorithm, algorithm: wild}), progress=False, out=tmp_path / "run")
 
 
 def test_training_seeds_never_meet_tuning_or_test_seeds():

@@ -17,7 +17,7 @@ import torch
 
 from fieldmodels.files import replacing
 
-SCHEMA = 1
+SCHEMA = 2
 NPY = "npy"
 
 

@@ -10,20 +10,24 @@ import numpy as np
 import onnx
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.sac.policies import SACPolicy
 
 
 class DeterministicPolicy(torch.nn.Module):
-    """Raw observation to the action an agent takes: normalise, network, most likely action, clip."""
+    """Raw observation to the action an agent takes: normalise, network, most likely action, limits.
+
+    PPO's most likely action is clipped to the limits; SAC's is squashed between them.
+    """
 
     mean: torch.Tensor
     scale: torch.Tensor
     low: torch.Tensor
     high: torch.Tensor
 
-    def __init__(self, policy: ActorCriticPolicy, normaliser: VecNormalize) -> None:
+    def __init__(self, policy: BasePolicy, normaliser: VecNormalize) -> None:
         super().__init__()
         self.policy = policy
         self.clip = float(normaliser.clip_obs) if normaliser.norm_obs else np.inf
@@ -44,6 +48,11 @@ class DeterministicPolicy(torch.nn.Module):
         """Actions, shape (batch, ...), for observations, shape (batch, ...)."""
         # in double precision, as the normaliser of the training does it
         normal = ((observation.double() - self.mean) / self.scale).clamp(-self.clip, self.clip).float()
+        if isinstance(self.policy, SACPolicy):
+            actor = self.policy.actor
+            squashed = torch.tanh(actor.mu(actor.latent_pi(normal.flatten(1))))
+            return self.low + 0.5 * (squashed + 1.0) * (self.high - self.low)
+        assert isinstance(self.policy, ActorCriticPolicy)
         latent = self.policy.mlp_extractor.forward_actor(normal.flatten(1))
         action: torch.Tensor = self.policy.action_net(latent)
         if self.discrete:
@@ -51,7 +60,7 @@ class DeterministicPolicy(torch.nn.Module):
         return torch.minimum(torch.maximum(action, self.low), self.high)
 
 
-def to_onnx(policy: ActorCriticPolicy, normaliser: VecNormalize, note: str) -> bytes:
+def to_onnx(policy: BasePolicy, normaliser: VecNormalize, note: str) -> bytes:
     """Export a policy; equal weights give equal bytes.
 
     Args:

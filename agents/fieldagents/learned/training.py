@@ -36,8 +36,8 @@ def train(
 ) -> Path:
     """Train an agent; a finished run is not trained again.
 
-    The folder holds ``config.yaml``, ``versions.json``, ``tensorboard/``, ``curve.csv`` (one row an
-    update), ``checkpoints/``, ``policy.onnx`` (the best by validation) and, when finished, ``run.json``.
+    The folder holds ``config.yaml``, ``versions.json``, ``tensorboard/``, ``curve.csv`` (one row a
+    round), ``checkpoints/``, ``policy.onnx`` (the best by validation) and, when finished, ``run.json``.
 
     Args:
         config: What to train.
@@ -74,11 +74,11 @@ def train(
         save_yaml(config.model_dump(mode="json"), folder / "config.yaml")
         write_text(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
 
-    from fieldagents.learned.ppo import run_ppo
+    from fieldagents.learned.run import run_training
 
     try:
         with showing_progress(quiet=not progress) as report:
-            run_ppo(config, folder, report)
+            run_training(config, folder, report)
     except KeyboardInterrupt:
         print(f"stopped; go on with --resume {folder}", file=sys.stderr)
         raise

@@ -1,0 +1,190 @@
+"""A training run: its parts, their state as a whole, and what is recorded while it is under way."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import VecNormalize
+
+from fieldagents.learned.checkpoint import load_checkpoint, random_state, restore_random_state, to_arrays
+from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.vector import NativeVecEnv
+from fieldagents.progress import Report
+from fieldgym import TASKS
+
+ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
+
+
+class DivergedError(ValueError):
+    """Training has lost itself in weights that are no numbers."""
+
+    def __init__(self, steps: int, algorithm: str) -> None:
+        super().__init__(f"training diverged at step {steps}: try a lower {algorithm}.learning_rate")
+
+
+class SpaceError(ValueError):
+    """An environment whose observations or actions the algorithm cannot take."""
+
+
+class Run(ABC):
+    """The parts of a training run, and their state as a whole; one subclass an algorithm.
+
+    Attributes:
+        model: The learner of Stable-Baselines3.
+        environment: The training environments.
+        normaliser: Normalises what they give.
+        best: Steps and mean return of the best validation so far.
+        logged: What the learner logs of an update and the learning curve keeps.
+    """
+
+    model: BaseAlgorithm
+    logged: ClassVar[tuple[str, ...]]
+
+    def __init__(self, config: TrainConfig, environment: NativeVecEnv) -> None:
+        space = environment.observation_space
+        if not isinstance(space, gymnasium.spaces.Box) or not np.issubdtype(space.dtype, np.floating):
+            raise SpaceError(f"training needs observations that are arrays of floating numbers, not {space}")
+        self.config, self.environment = config, environment
+        self.best: tuple[int, float] = (0, -np.inf)
+        self.normaliser = VecNormalize(
+            environment,
+            norm_obs=config.normalise.observation,
+            norm_reward=config.normalise.reward,
+            clip_obs=config.normalise.clip,
+            clip_reward=config.normalise.clip,
+            gamma=config.learner.gamma,
+        )
+
+    @property
+    def policy(self) -> BasePolicy:
+        """The policy that is being trained."""
+        return self.model.policy
+
+    @abstractmethod
+    def learn(self, steps: int, recorder: Any, fresh: bool) -> None:
+        """Train for some more steps.
+
+        Args:
+            steps: How many.
+            recorder: The callback to call.
+            fresh: Whether the run begins.
+        """
+
+    @abstractmethod
+    def learner_state(self) -> dict[str, Any]:
+        """What the next update depends on in this algorithm alone: optimisers, buffers, its own streams."""
+
+    @abstractmethod
+    def restore_learner(self, state: dict[str, Any]) -> None:
+        """Set what `learner_state` gave, after a round trip through a file."""
+
+    def state(self) -> dict[str, Any]:
+        """All that the next update depends on."""
+        model, normaliser = self.model, self.normaliser
+        return {
+            "algorithm": self.config.algorithm,
+            "steps": model.num_timesteps,
+            "updates": model._n_updates,
+            "policy": self.policy.state_dict(),
+            "learner": self.learner_state(),
+            "observation": model._last_obs,
+            "episode_starts": model._last_episode_starts,
+            "episodes": list(model.ep_info_buffer or ()),
+            "observation_statistics": _statistics(normaliser.obs_rms) if normaliser.norm_obs else None,
+            "return_statistics": _statistics(normaliser.ret_rms),
+            "returns": normaliser.returns,
+            "environment": self.environment.get_state(),
+            "random": random_state(),
+            "best": self.best,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from a state that `state` gave, after a round trip through a file."""
+        model, normaliser = self.model, self.normaliser
+        model.learn(0, reset_num_timesteps=True)  # has the library set up what it sets up only here
+        model.num_timesteps = state["steps"]
+        model._n_updates = state["updates"]
+        self.policy.load_state_dict(state["policy"])
+        self.restore_learner(state["learner"])
+        model._last_obs = state["observation"].numpy()
+        model._last_episode_starts = state["episode_starts"].numpy()
+        assert model.ep_info_buffer is not None
+        model.ep_info_buffer.extend(state["episodes"])
+        if normaliser.norm_obs:
+            _restore_statistics(normaliser.obs_rms, state["observation_statistics"])
+        _restore_statistics(normaliser.ret_rms, state["return_statistics"])
+        normaliser.returns = state["returns"].numpy()
+        self.environment.set_state(to_arrays(state["environment"]))
+        self.best = (state["best"][0], state["best"][1])
+        restore_random_state(state["random"])  # last, since building the rest draws from these streams
+
+
+def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
+    """Train to the end, from the folder's last checkpoint if it has one.
+
+    Args:
+        config: What to train.
+        folder: The run's folder.
+        report: Shown the progress.
+    """
+    from fieldagents.learned.recorder import Recorder
+
+    torch.set_num_threads(1)  # small networks: more threads only wait, and sums keep their order
+    set_random_seed(config.seed)
+    native = gymnasium.make_vec(
+        TASKS[config.task].env_id,
+        num_envs=config.num_envs,
+        vectorization_mode="vector_entry_point",
+        settings=config.environment.settings,
+        reality=config.environment.reality,
+    )
+    run = make_run(config, NativeVecEnv(native, seed=config.environment_seed))
+    try:
+        run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+        checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
+        if checkpoints:
+            run.restore(load_checkpoint(checkpoints[-1]))
+        recorder = Recorder(run, folder, report)
+        run.learn(config.steps - run.model.num_timesteps, recorder, fresh=not checkpoints)
+    except ValueError as error:
+        if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn
+            raise
+        raise DivergedError(run.model.num_timesteps, config.algorithm) from error
+    finally:
+        run.environment.close()
+
+
+def make_run(config: TrainConfig, environment: NativeVecEnv) -> Run:
+    """The run of the config's algorithm."""
+    if config.algorithm == "sac":
+        from fieldagents.learned.sac import SacRun
+
+        return SacRun(config, environment)
+    from fieldagents.learned.ppo import PpoRun
+
+    return PpoRun(config, environment)
+
+
+def schedule(rate: float, decay: str) -> float | Callable[[float], float]:
+    """The learning rate over the remaining part of the training, 1 to 0."""
+    return (lambda remaining: rate * remaining) if decay == "linear" else rate
+
+
+def _statistics(statistics: Any) -> list[Any]:
+    running = cast(RunningMeanStd, statistics)
+    return [np.asarray(running.mean), np.asarray(running.var), float(running.count)]
+
+
+def _restore_statistics(statistics: Any, saved: list[Any]) -> None:
+    statistics.mean, statistics.var, statistics.count = saved[0].numpy(), saved[1].numpy(), saved[2]
