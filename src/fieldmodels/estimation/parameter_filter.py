@@ -138,7 +138,7 @@ def estimate(
         moments: Sum of y y' of each mode, shape (modes, K, K), upper triangles.
         noise: Sum of V of each mode, of that shape.
         samples: Number of samples (after averaging) in both sums, positive.
-        active: Which equations of a mode are used, shape (rows,).
+        active: Which equations of each mode are used, shape (modes, rows).
         prior_mean: Shape (unknowns,).
         prior_deviation: Standard deviations, shape (unknowns,); 0 holds an unknown at its prior mean.
         compensated: False takes A for exact.
@@ -147,7 +147,7 @@ def estimate(
         covariance: The same, shape (unknowns, unknowns).
     """
     n = len(prior_mean)
-    rows = len(active)
+    rows = active.shape[1]
     second = np.empty((n + 1, n + 1))
     weights = np.empty((rows, rows))
     measured = np.empty((n + 1, n + 1))
@@ -161,7 +161,7 @@ def estimate(
         free[:, :] = 0.0
         for mode in range(len(moments)):
             row_noise(terms, second, noise[mode], 1.0 / samples, weights)
-            _invert(weights, active)
+            _invert(weights, active[mode])
             _contract(terms, weights, moments[mode], noise[mode], measured, free)
         if not compensated:
             free[:, :] = measured
@@ -467,7 +467,8 @@ class ParameterFilters:
             prior_deviation: Prior standard deviations, shape (unknowns,); 0 holds an unknown at its mean.
             modes: Runs side by side whose equations are stacked.
             methods: Names out of ``METHODS``.
-            active: Which equations of a mode are used, shape (rows,); None uses all.
+            active: Which equations of each mode are used, shape (modes, rows) or (modes * rows,); None uses
+                all.
             passes: How often weights and estimate are found from each other in one update.
 
         Raises:
@@ -490,9 +491,10 @@ class ParameterFilters:
         if not np.all(self._prior_deviation >= 0.0) or not np.all(np.isfinite(self._prior_mean)):
             raise ModelError("the prior needs finite means and standard deviations of at least zero")
         rows = int(terms.row.max()) + 1
-        self._active = np.ones(rows, dtype=np.bool_) if active is None else np.array(active, dtype=np.bool_)
-        if self._active.shape != (rows,):
-            raise ModelError(f"active needs one flag for each of {rows} equations, not {self._active.shape}")
+        flags = np.ones((modes, rows), dtype=np.bool_) if active is None else np.array(active, dtype=np.bool_)
+        if flags.shape not in ((modes, rows), (modes * rows,)):
+            raise ModelError(f"active needs a flag for each of {modes} x {rows} equations, not {flags.shape}")
+        self._active = flags.reshape(modes, rows)
         self.methods = tuple(methods)
         self._passes = passes
         self._features = int(terms.feature.max()) + 1
