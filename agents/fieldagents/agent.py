@@ -72,6 +72,14 @@ class Agent(ABC):
             Actions of the batch, shape (environments, ...), dtype of the action space.
         """
 
+    def sketch(self) -> Mapping[str, Any] | None:
+        """What a picture may show of the latest decision, or None.
+
+        It is handed to the environment's method ``show`` by name before the next step is drawn; the
+        evaluation never asks for it.
+        """
+        return None
+
 
 def visible(info: Mapping[str, Any], sees: Sees) -> Mapping[str, Any]:
     """Cut an ``info`` down to what an agent may see."""

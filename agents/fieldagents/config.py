@@ -313,7 +313,40 @@ def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
         raise ConfigError([str(error) + _neighbours(path)]) from None
     if not isinstance(data, dict):
         raise ConfigError([f"{path}: must be a mapping of keys to values, as in 'name: benchmark'"])
-    places = dict(_places(path))
+    return _checked(data, dict(_places(path)), kind, overrides)
+
+
+def environment_of(task: str, overrides: Sequence[str] = ()) -> EnvironmentConfig:
+    """A task's environment from the command line alone.
+
+    Args:
+        task: Name of the task.
+        overrides: ``"settings.a=value"`` or ``"reality.effect.parameter=value"`` each.
+
+    Raises:
+        ConfigError: With the mistakes.
+    """
+    places: dict[Location, str] = {(): "--set"}
+    try:
+        check_task(task)
+    except ValueError as error:
+        raise ConfigError([str(error)]) from None
+    environment = _checked({}, places, EnvironmentConfig, overrides)
+    try:
+        check_environment(task, environment)
+    except ProblemsError as error:
+        raise ConfigError(
+            [f"{_place(at, places)}: {'.'.join(map(str, at))}: {message}" for at, message in error.problems]
+        ) from None
+    return environment
+
+
+def _checked(data: dict[str, Any], places: dict[Location, str], kind: type[C], overrides: Sequence[str]) -> C:
+    """Apply the overrides and check the whole.
+
+    Raises:
+        ConfigError: With every mistake at once.
+    """
     problems = [problem for text in overrides if (problem := _override(data, places, text))]
     try:
         config = kind.model_validate(data)

@@ -390,7 +390,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
     - `reality`: what the simulation truly is: effects of the model `heel_strike`, the path of an
       `extended.yaml` that a diagnosis wrote, or None for the nominal simulation. The estimators go on
       believing in the nominal leg.
-    - `render_mode`: `rgb_array` (960 x 540, one frame a stride; `stride_frames` gives slices of it) or
+    - `render_mode`: `rgb_array` (960 x 540, one frame a stride; `step_frames` gives slices of it) or
       `human`.
 
     `get_state` and `set_state` save and restore everything, to the bit.
@@ -457,7 +457,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise ResetNeeded("call reset before step")
         outcome = self._walk.step(np.asarray(action)[None])
         if self.render_mode == "human":
-            for frame in self.stride_frames(FRAMES_PER_SECOND):
+            for frame in self.step_frames(FRAMES_PER_SECOND):
                 self._show(frame)
         return (
             outcome.observation[0],
@@ -475,7 +475,7 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
             return None
         return self._walk.frame(0)
 
-    def stride_frames(self, frames_per_second: float) -> Iterator[Frame]:
+    def step_frames(self, frames_per_second: float) -> Iterator[Frame]:
         """Draw the latest stride in slices of time, for films; needs a render mode.
 
         Args:

@@ -220,9 +220,9 @@ def test_vector_takes_a_seed_for_each_environment():
 def test_stride_is_drawn_in_slices():
     env = gym.make(ID, render_mode="rgb_array").unwrapped
     env.reset(seed=0)
-    assert list(env.stride_frames(10)) == []
+    assert list(env.step_frames(10)) == []
     env.step(np.zeros(3, np.float32))
-    frames = list(env.stride_frames(5))
+    frames = list(env.step_frames(5))
     assert len(frames) in (5, 6)
     assert np.array_equal(frames[-1], env.render())
     assert not np.array_equal(frames[0], frames[-1])
