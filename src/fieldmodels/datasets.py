@@ -11,10 +11,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fieldmodels.model import Model, did_you_mean
 from fieldmodels.recording import Recording
 from fieldmodels.recording_files import load_recording
+from fieldmodels.windowed_tables import Layout, load_windows
 
 DATA_VARIABLE = "FIELDGYM_DATA"
 _TIMEOUT = 20.0  # seconds without an answer
@@ -36,9 +40,9 @@ class Dataset:
         source: Where it was published: repository, commit and path.
         licence: Its licence.
         about: What was recorded.
-        columns: Signal to column and unit, as ``load_recording`` takes it; empty for a table that is
-            not a record over time.
+        columns: Signal to column and unit, as ``load_recording`` takes it; empty for a table of windows.
         url: Where to fetch it; empty if the published file has another format.
+        windows: How a table of windows is laid out, None for a record over time.
     """
 
     name: str
@@ -50,6 +54,7 @@ class Dataset:
     about: str
     columns: Mapping[str, str] = field(default_factory=dict)
     url: str = ""
+    windows: Layout | None = None
 
 
 def _github(repository: str, commit: str, path: str) -> str:
@@ -94,6 +99,34 @@ def _drone(name: str, file: str, size: int, sha256: str, commit: str, about: str
         about=about,
         columns={"t": time, "reference": reference, "angle": angle, "command": command},
         url=_github("helonayala/sysid", commit, path),
+    )
+
+
+def _warthog(name: str, part: int | None, about: str) -> Dataset:
+    return Dataset(
+        name=f"drive_ugv/{name}",
+        file="drive_ugv/warthog_torch_ready_dataframe.csv",
+        size=4013703,
+        sha256="bfce3074ef4475d0adf377076094ba78de4647edd7072f79451650bf9f5d4849",
+        source="norlab-ulaval/DRIVE@e158a19b, calib_data/test_warthog/torch_ready_dataframe.pkl, as CSV",
+        licence="BSD-3-Clause",
+        about=f"skid-steered vehicle driven in steps of commands, windows of 2 s at 20 Hz{about}",
+        windows=Layout(
+            columns={
+                "left_command": "cmd_left_#:rad/s",
+                "right_command": "cmd_right_#:rad/s",
+                "left_wheel": "left_wheel_vel_#:rad/s",
+                "right_wheel": "right_wheel_vel_#:rad/s",
+                "x": "icp_x_#:m",
+                "y": "icp_y_#:m",
+                "heading": "icp_yaw_#:rad",
+            },
+            step=0.05,
+            group="calib_step",
+            part=part,
+            # model_training/complete_training.py of the same repository.
+            known={"wheel_radius": 0.3, "track": 1.1652},
+        ),
     )
 
 
@@ -168,15 +201,9 @@ _DATASETS = (
         "8a650d0df3a91addd0770ee1128a7b82ea0a272e7b6cde2fcbf7026808a6163e", _DRONE_SIGNALS,
         "propeller arm in closed loop, multisine, 100 Hz",
     ),
-    Dataset(
-        name="drive_ugv/warthog",
-        file="drive_ugv/warthog_torch_ready_dataframe.csv",
-        size=4013703,
-        sha256="bfce3074ef4475d0adf377076094ba78de4647edd7072f79451650bf9f5d4849",
-        source="norlab-ulaval/DRIVE@e158a19b, calib_data/test_warthog/torch_ready_dataframe.pkl, as CSV",
-        licence="BSD-3-Clause",
-        about="skid-steered vehicle, one row per window of 2 s (40 samples in columns)",
-    ),
+    _warthog("warthog", None, ""),
+    _warthog("warthog_even_steps", 0, "; the half with even command steps"),
+    _warthog("warthog_odd_steps", 1, "; the half with odd command steps"),
 )  # fmt: skip
 _BY_NAME = {dataset.name: dataset for dataset in _DATASETS}
 
@@ -243,21 +270,43 @@ def open_recording(
         horizon: As in ``load_recording``.
 
     Raises:
-        DatasetError: If the public recording is out of reach, damaged, or no record over time.
+        DatasetError: If the public recording is out of reach or damaged, or a table of windows that has not
+            what the model needs.
         RecordingError: If the file cannot be used.
     """
-    path = Path(source)
+    path, dataset = Path(source), None
     if not path.exists() and (str(source) in _BY_NAME or _looks_like_name(str(source))):
         path = fetch(str(source))
-    dataset = recognise(path)
+        dataset = get_dataset(str(source))
+    dataset = dataset or recognise(path)
     if dataset is None:
         return load_recording(path, model, columns, horizon)
-    if not dataset.columns:
-        raise DatasetError(f"{path}: {dataset.name} is no record over time: {dataset.about}")
     wanted = None if model is None else {"t", *(s.name for s in (*model.inputs, *model.outputs))}
+    if dataset.windows:
+        recording = _with_body_speeds(load_windows(path, dataset.windows))
+        lacking = [s.name for s in model.inputs if s.name not in recording] if model else []
+        if columns or lacking:
+            reason = f"has no {', '.join(lacking)}" if lacking else "takes no column declarations"
+            raise DatasetError(f"{path}: {dataset.name}, a table of windows, {reason}")
+        kept = {k: v for k, v in recording.signals.items() if wanted is None or k in wanted}
+        return replace(recording, signals=kept, source=dataset.name)
     known = {k: v for k, v in dataset.columns.items() if wanted is None or k in wanted}
     recording = load_recording(path, model, {**known, **(columns or {})}, horizon)
     return replace(recording, source=dataset.name)
+
+
+def _with_body_speeds(recording: Recording) -> Recording:
+    """Add the speed and turn rate that commanded wheel speeds mean for an ideal differential drive."""
+    from fieldmodels.pose_reaching.unicycle import body_speeds
+
+    left: Any = recording["left_command"]  # the kernel takes arrays as it takes numbers
+    right: Any = recording["right_command"]
+    speed, rate = body_speeds(left, right, recording.known["wheel_radius"], recording.known["track"])
+    return replace(
+        recording,
+        signals={**recording.signals, "speed": np.asarray(speed), "turn_rate": np.asarray(rate)},
+        units={**recording.units, "speed": "m/s", "turn_rate": "rad/s"},
+    )
 
 
 def _looks_like_name(source: str) -> bool:

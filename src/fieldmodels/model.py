@@ -106,6 +106,19 @@ class Effect:
     equation: str = ""
 
 
+@dataclass(frozen=True)
+class Stage:
+    """A part of a machine whose inputs and outputs are measured, so that it is diagnosed by itself.
+
+    Attributes:
+        model: The model, comparing this stage's outputs only; names and their order are the whole's.
+        effects: Names of the effects that act in this stage.
+    """
+
+    model: Model
+    effects: tuple[str, ...]
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return " (did you mean 'x'?)" for the closest known name, or the list of known names."""
     choices = list(known)
@@ -188,6 +201,14 @@ class Model(ABC):
         """
         del recordings
         return self
+
+    def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
+        """The parts that these data let a diagnosis look at one by one; by default the whole.
+
+        A drive whose wheels are measured is such a machine: command to wheels, wheels to motion.
+        """
+        del recordings
+        return (Stage(self, tuple(effect.name for effect in self.effects)),)
 
     @cached_property
     def all_parameters(self) -> tuple[Parameter, ...]:

@@ -37,14 +37,16 @@ def test_every_entry_is_whole():
         assert dataset.licence
         if dataset.url:
             assert re.match(r"https://raw\.githubusercontent\.com/[^/]+/[^/]+/[0-9a-f]{40}/", dataset.url)
-        assert not dataset.columns or "t" in dataset.columns
+        assert ("t" in dataset.columns) != (dataset.windows is not None)
 
 
 def test_every_local_file_has_its_checksum(public_data):
     present = [n for n in dataset_names() if (public_data / get_dataset(n).file).is_file()]
     assert DDP in present
     for name in present:
-        assert recognise(fetch(name)) is get_dataset(name)
+        known = recognise(fetch(name))
+        assert known is not None
+        assert known.sha256 == get_dataset(name).sha256
 
 
 def test_a_public_recording_opens_by_name(public_data):
@@ -77,9 +79,26 @@ def test_a_gap_of_a_real_log_is_found(public_data):
         open_recording("dfki_simple_pendulum/gravity_compensation")
 
 
-def test_a_table_of_windows_is_no_recording(public_data):
-    with pytest.raises(DatasetError, match="no record over time"):
-        open_recording("drive_ugv/warthog")
+def test_a_table_of_windows_opens_as_episodes_with_what_is_known_of_the_machine(public_data):
+    whole = open_recording("drive_ugv/warthog")
+    halves = [open_recording(f"drive_ugv/warthog_{half}_steps") for half in ("even", "odd")]
+    assert (np.diff(whole.bounds, axis=1) == 40).all()
+    assert [len(r.bounds) for r in (whole, *halves)] == [360, 180, 180]
+    assert not set(halves[0].episode) & set(halves[1].episode)
+    assert whole.known == {"wheel_radius": 0.3, "track": 1.1652}
+    assert whole.step == pytest.approx(0.05)
+    assert whole["x"][::40] == pytest.approx(0.0, abs=1e-9)  # each window starts at its own origin
+    # Straight ahead, an ideal differential drive is as fast as its rims.
+    straight = np.abs(whole["left_command"] - whole["right_command"]) < 0.05
+    assert straight.any()
+    assert whole["speed"][straight] == pytest.approx(0.3 * whole["left_command"][straight], abs=0.01)
+
+
+def test_a_table_of_windows_says_what_it_lacks(public_data):
+    with pytest.raises(DatasetError, match="a table of windows, has no torque"):
+        open_recording("drive_ugv/warthog", get_model("pendulum"))
+    with pytest.raises(DatasetError, match="takes no column declarations"):
+        open_recording("drive_ugv/warthog", columns={"x": "icp_x_0"})
 
 
 def test_a_damaged_local_file_is_refused(monkeypatch, tmp_path):

@@ -28,6 +28,7 @@ from fieldmodels.diagnosis.result import (
     Verdict,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value, select
+from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.model import Effect, FloatArray, Model
 from fieldmodels.recording import Recording, RecordingError
 
@@ -64,11 +65,37 @@ def diagnose(
         ModelError: For an unknown or impossible fixed value.
         RecordingError: If there are no or too few data.
     """
-    began = time.perf_counter()
     tell = progress or (lambda _what, _share: None)
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
     fixed = {**_known(model, [*train, *test]), **(fixed or {})}
+    stages = model.stages([*train, *test])
+    return joined(
+        model,
+        [
+            _diagnose_stage(
+                stage.model,
+                train,
+                test,
+                {**held(stage), **fixed},
+                scaled_progress(tell, number, len(stages)),
+                seed,
+            )
+            for number, stage in enumerate(stages)
+        ],
+    )
+
+
+def _diagnose_stage(
+    model: Model,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    fixed: Mapping[str, float],
+    tell: Progress,
+    seed: int,
+) -> Diagnosis:
+    """Diagnose one stage by itself; arguments as of ``diagnose``."""
+    began = time.perf_counter()
     start = _start(model, fixed)
     model = model.scaled_to([*train, *test])
     tell("cutting the data into windows", 0.0)

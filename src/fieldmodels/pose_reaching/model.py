@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.model import FloatArray, Model, Parameter, Signal
+from fieldmodels.model import FloatArray, Model, Parameter, Signal, Stage
 from fieldmodels.pose_reaching.drive import PARAMETERS
 from fieldmodels.pose_reaching.effects import Scales, drive_effects
 from fieldmodels.pose_reaching.parameters import ROBOCUP, Wheels
@@ -24,6 +24,8 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 IntArray = NDArray[np.int64]
 
 POSE, WHEELS = ("x", "y", "heading"), ("left_wheel", "right_wheel")
+AFTER_THE_WHEELS = ("unequal_wheels", "yaw_slip", "sideways_slip", "slope", "sensor_delay", "heading_bias")
+"""Effects that act between the wheels' turning and the pose that is shown; all others act before."""
 DRIVEN_BY_WHEELS = "driven by measured wheels"
 """Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
 
@@ -58,14 +60,26 @@ class PoseReaching(Model):
     disturbance_unit = "rad/s"
     wheel_front: ClassVar[bool] = False
 
-    def __init__(self, wheels: Wheels = ROBOCUP, scales: Scales | None = None) -> None:
-        """Declare parameters and effects for a robot with these wheels, at these scales."""
+    def __init__(
+        self,
+        wheels: Wheels = ROBOCUP,
+        scales: Scales | None = None,
+        compared: tuple[str, ...] = POSE + WHEELS,
+    ) -> None:
+        """Declare parameters and effects for a robot with these wheels, at these scales.
+
+        Args:
+            wheels: The robot's nominal wheels.
+            scales: Typical sizes of its record.
+            compared: Outputs that windows compare with measured ones.
+        """
         self.parameters = (
             Parameter("wheel_radius", "m", wheels.radius, 1e-3, 10.0, 0.01, refitted=False),
             Parameter("track", "m", wheels.track, 1e-3, 100.0, 0.05, refitted=False),
         )
         self.effects = drive_effects(scales or Scales())
         self.wheels = wheels
+        self.compared = compared
         assert len(self.names) == PARAMETERS
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
@@ -89,7 +103,20 @@ class PoseReaching(Model):
                 duration=max(float(np.ptp(r.time)) for r in recordings),
                 step=recordings[0].step,
             ),
+            self.compared,
         )
+
+    def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
+        """Wheels to pose, and command to wheels, where both are measured; else the whole."""
+        names = tuple(effect.name for effect in self.effects)
+        before = tuple(name for name in names if name not in AFTER_THE_WHEELS)
+        pose, wheels = (all(n in r for r in recordings for n in group) for group in (POSE, WHEELS))
+        if wheels and not pose:
+            return (Stage(self, before),)
+        if not wheels or self.compared != POSE + WHEELS:
+            return (Stage(self, names),)
+        motion, drive = (type(self)(self.wheels, compared=group) for group in (POSE, WHEELS))
+        return Stage(motion, AFTER_THE_WHEELS), Stage(drive, before)
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``; headings are continuous within a window."""
@@ -162,7 +189,7 @@ class PoseReaching(Model):
         ready = replace(recording, signals=signals)
         observed = np.zeros((len(starts), length, len(self.outputs)), dtype=np.bool_)
         for j, output in enumerate(self.outputs):
-            observed[:, :, j] = output.name in recording
+            observed[:, :, j] = output.name in recording and output.name in self.compared
         return Windows(
             recording=ready,
             starts=starts,

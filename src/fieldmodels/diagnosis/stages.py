@@ -1,0 +1,68 @@
+"""One diagnosis from those of a machine's stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fieldmodels.diagnosis.result import Diagnosis, Evidence, Verdict
+from fieldmodels.model import FloatArray, Model, Stage
+
+Progress = Callable[[str, float], None]
+
+
+def held(stage: Stage) -> dict[str, float]:
+    """Parameters of the effects that do not act in a stage, at their neutral values."""
+    return {
+        f"{effect.name}.{p.name}": p.nominal
+        for effect in stage.model.effects
+        if effect.name not in stage.effects
+        for p in effect.parameters
+    }
+
+
+def scaled_progress(tell: Progress, number: int, count: int) -> Progress:
+    """Progress of one of several stages as progress of the whole."""
+    return lambda what, share: tell(what, (number + share) / count)
+
+
+def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
+    """Join the stages' diagnoses: every cause, every signal's gain, and the gravest verdict that names."""
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+    found = [part.verdict for part in parts]
+    order: tuple[Verdict, ...] = ("ambiguous", "named", "unknown", "consistent")
+    return Diagnosis(
+        model=model.name,
+        verdict=next(verdict for verdict in order if verdict in found),
+        causes=tuple(cause for part in parts for cause in part.causes),
+        misfit=tuple(sorted((m for part in parts for m in part.misfit), key=lambda m: m.p_value)),
+        gain={name: gain for part in parts for name, gain in part.gain.items()},
+        unknown=next((part.unknown for part in parts if part.unknown), None),
+        next_measurement=next((part.next_measurement for part in parts if part.next_measurement), None),
+        parameters=first.parameters,
+        undetermined=first.undetermined,
+        vector=_vector(model, [part.vector for part in parts]),
+        not_testable={name: why for part in parts for name, why in part.not_testable.items()},
+        trained_on=first.trained_on,
+        tested_on=first.tested_on,
+        windows=first.windows,
+        seconds=sum(part.seconds for part in parts),
+        evidence=Evidence(
+            traces={name: rows for part in parts for name, rows in part.evidence.traces.items()},
+            residuals={name: rows for part in parts for name, rows in part.evidence.residuals.items()},
+            horizons={name: rows for part in parts for name, rows in part.evidence.horizons.items()},
+            ranking=tuple(row for part in parts for row in part.evidence.ranking),
+        ),
+    )
+
+
+def _vector(model: Model, vectors: Sequence[FloatArray]) -> FloatArray:
+    """What any stage has moved away from the nominal value."""
+    result = model.nominal.copy()
+    for vector in vectors:
+        moved = vector != model.nominal
+        result[moved] = vector[moved]
+    return np.asarray(result)
