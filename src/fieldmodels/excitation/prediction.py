@@ -37,7 +37,6 @@ from fieldmodels.excitation.parameters import (
     LOWER,
     MASS,
     MODES,
-    PRIOR_MEAN,
     PRIOR_VARIANCE,
     SAMPLE,
     SAMPLES,
@@ -45,8 +44,10 @@ from fieldmodels.excitation.parameters import (
     UPPER,
     Arm,
     Limits,
+    SensorNoise,
 )
 from fieldmodels.excitation.regression import FEATURES, SIGNALS, TERMS, add_feature_noise, fill_features
+from fieldmodels.excitation.sensors import FULL, Variant
 from fieldmodels.model import FloatArray, ModelError
 
 SUBSTEPS = 1
@@ -65,12 +66,12 @@ class Situation:
     Attributes:
         mean: Estimates, shape (batch, 22).
         covariance: Their covariances, shape (batch, 22, 22).
-        moments: The filter's sums of y y', shape (batch, 3, 30, 30).
-        noise: Its sums of the features' noise, shape (batch, 3, 30, 30).
+        moments: The filter's sums of y y', shape (batch, 3, 30, 30), upper triangles.
+        noise: Its sums of the features' noise, of that shape.
         samples: Number of samples in the sums, shape (batch,).
         command: Arm's command in force, shape (batch, 3).
         phase: Its phase [rad], shape (batch,).
-        variances: Variance of the noise on each signal, shape (batch, 3, 24).
+        variances: Of the noise on each signal, as it is now, shape (batch, 3, 24).
     """
 
     mean: FloatArray
@@ -85,6 +86,20 @@ class Situation:
     def __len__(self) -> int:
         """Number of experiments."""
         return len(self.mean)
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What candidates are expected to lead to.
+
+    Attributes:
+        covariance: Of the filter, shape (batch, candidates, 22, 22).
+        gram: A'A of all that will have been sensed, noise included, columns in units of the prior's
+            deviations, shape (batch, candidates, 22, 22).
+    """
+
+    covariance: FloatArray
+    gram: FloatArray
 
 
 @inlined
@@ -121,6 +136,21 @@ def fill_past(command: FloatArray, phase: float, motion: FloatArray) -> None:
         )  # fmt: skip
 
 
+@inlined
+def add_gram(
+    terms: Terms, active: NDArray[np.bool_], deviation: FloatArray, moments: FloatArray, gram: FloatArray
+) -> None:
+    """Add A'A of one mode, in units of the prior's deviations, from its sums of y y'."""
+    for a in range(len(terms.row)):
+        for b in range(len(terms.row)):
+            i, j = terms.column[a], terms.column[b]
+            if i < UNKNOWNS and j < UNKNOWNS and terms.row[a] == terms.row[b] and active[terms.row[a]]:
+                low = min(terms.feature[a], terms.feature[b])
+                high = max(terms.feature[a], terms.feature[b])
+                scale = deviation[i] * deviation[j] * terms.coefficient[a] * terms.coefficient[b]
+                gram[i, j] += scale * moments[low, high]
+
+
 @compiled
 def _predict(
     terms: Terms,
@@ -130,9 +160,10 @@ def _predict(
     substeps: int,
     average: int,
     compensated: bool,
+    fraction: float,
+    running: bool,
     active: NDArray[np.bool_],
-    prior_mean: FloatArray,
-    prior_deviation: FloatArray,
+    deviation: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
     vehicles: FloatArray,
@@ -145,17 +176,20 @@ def _predict(
     phase: FloatArray,
     variances: FloatArray,
     wanted: FloatArray,
-    result: FloatArray,
+    covariances: FloatArray,
+    grams: FloatArray,
 ) -> None:
-    """Fill the covariances after each candidate; see ``Predictor.covariances``."""
+    """Fill covariances and grams after each candidate; see ``Predictor.outlook``."""
     exact = np.zeros(SIGNALS)
+    share = fraction * fraction / 3.0  # of a square: the variance of noise up to that fraction
     vehicle = np.empty(VEHICLE)
     motion = np.empty((SAMPLES * substeps + 1, 3))
-    signals = np.empty((SAMPLES, SIGNALS))
+    signals = np.empty((MODES, SAMPLES, SIGNALS))
     y = np.empty((SAMPLES, FEATURES))
     spread = np.empty((FEATURES, FEATURES))
     shaken = np.empty((MODES, STATE))
     state = np.empty((MODES, STATE))
+    variance = np.empty((MODES, SIGNALS))
     sums, noises = np.empty_like(moments[0]), np.empty_like(noise[0])
     before, after, believed = np.empty(3), np.empty(3), np.empty(UNKNOWNS)
     for b in range(len(mean)):
@@ -163,11 +197,12 @@ def _predict(
         fill_past(command[b], phase[b], motion)
         shaken[:, :] = 0.0
         for mode in range(MODES):
-            advance_mode(vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, shaken[mode], signals)
+            advance_mode(vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, shaken[mode], signals[mode])
         for c in range(wanted.shape[1]):
             state[:, :] = shaken
             sums[:, :, :] = moments[b]
             noises[:, :, :] = noise[b]
+            variance[:, :] = variances[b]
             before[:] = command[b]
             angle = phase[b]
             for h in range(wanted.shape[2]):
@@ -177,45 +212,56 @@ def _predict(
                 before[:] = after
                 for mode in range(MODES):
                     advance_mode(
-                        vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, state[mode], signals
+                        vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, state[mode], signals[mode]
                     )
+                if running:
+                    # A sensor is the same in all modes, and so is its maximum; the decision's own counts.
+                    for i in range(SIGNALS):
+                        largest = 0.0
+                        for mode in range(MODES):
+                            largest = max(largest, variance[mode, i])
+                            for k in range(SAMPLES):
+                                largest = max(largest, share * signals[mode, k, i] ** 2)
+                        variance[:, i] = largest
+                for mode in range(MODES):
                     spread[:, :] = 0.0
                     for k in range(SAMPLES):
-                        fill_features(signals[k], exact, arm[4], y[k])
-                        add_feature_noise(signals[k], variances[b, mode], arm[4], spread)
+                        fill_features(signals[mode, k], exact, arm[4], y[k])
+                        add_feature_noise(signals[mode, k], variance[mode], arm[4], spread)
                     accumulate(y, average, sums[mode])
                     # Measured features carry noise, which the filter's sums will hold on average.
                     accumulate_noise(spread, average, sums[mode])
                     accumulate_noise(spread, average, noises[mode])
+            grams[b, c] = 0.0
+            for mode in range(MODES):
+                add_gram(terms, active[mode], deviation, sums[mode], grams[b, c])
             believed[:] = mean[b]
-            result[b, c] = covariance[b]
+            covariances[b, c] = covariance[b]
             estimate(
                 terms,
                 sums,
                 noises,
                 samples[b] + wanted.shape[2] * SAMPLES / average,
                 active,
-                prior_mean,
-                prior_deviation,
+                mean[b],
+                deviation,
                 compensated,
                 1,
                 believed,
-                result[b, c],
+                covariances[b, c],
             )
 
 
 class Predictor:
-    """Predicts the filter's next covariance for candidate commands."""
+    """Predicts what the filter will know after candidate commands."""
 
     def __init__(
         self,
         arm: Arm | None = None,
         limits: Limits = LIMITS["wide"],
+        noise: SensorNoise | None = None,
         method: str = "compensated",
-        *,
-        active: ArrayLike | None = None,
-        prior_mean: ArrayLike = PRIOR_MEAN,
-        prior_variance: ArrayLike = PRIOR_VARIANCE,
+        variant: Variant = FULL,
         substeps: int = SUBSTEPS,
     ) -> None:
         """Say what experiment this is.
@@ -223,35 +269,30 @@ class Predictor:
         Args:
             arm: The arm, which is known.
             limits: Of its motion.
+            noise: Of the sensors.
             method: How the filter reads its sums, out of ``METHODS``.
-            active: Which equations of a mode the filter uses, shape (6,); None uses all.
-            prior_mean: Of the filter, shape (22,).
-            prior_variance: The same; 0 holds an unknown at its mean.
+            variant: Equations in use and unknowns that are estimated.
             substeps: Integration steps a sampling interval.
 
         Raises:
-            ModelError: If the method is unknown or a shape is wrong.
+            ModelError: If the method is unknown.
         """
         if method not in METHODS:
             raise ModelError(f"the method must be one of {', '.join(METHODS)}, not {method!r}")
         self._arm = (arm or Arm()).row()
         self._acceleration = limits.acceleration
+        self._noise = noise or SensorNoise()
         self._method = METHODS[method]
         self._substeps = substeps
         row, column, feature, coefficient = TERMS
         self._terms = Terms(row, column, feature, coefficient)
-        self._active = np.ones(EQUATIONS, np.bool_) if active is None else np.array(active, np.bool_)
-        self._mean = np.array(prior_mean, dtype=np.float64)
-        self._deviation = np.sqrt(np.array(prior_variance, dtype=np.float64))
-        if self._active.shape != (EQUATIONS,) or not (
-            self._mean.shape == self._deviation.shape == (UNKNOWNS,)
-        ):
-            raise ModelError(f"active has {EQUATIONS} flags, the prior {UNKNOWNS} means and variances")
+        self._active = variant.rows.reshape(MODES, EQUATIONS)
+        self._deviation = np.sqrt(np.where(variant.unknowns, PRIOR_VARIANCE, 0.0))
 
-    def covariances(
+    def outlook(
         self, situation: Situation, commands: ArrayLike, vehicles: ArrayLike | None = None
-    ) -> FloatArray:
-        """Covariances that the filter is expected to have after each candidate.
+    ) -> Outlook:
+        """What the filter is expected to know after each candidate.
 
         Args:
             situation: Before the decision.
@@ -261,7 +302,7 @@ class Predictor:
                 who is told the truth has others.
 
         Returns:
-            After the last of these decisions, shape (batch, candidates, 22, 22).
+            After the last of these decisions.
 
         Raises:
             ModelError: If the commands have the wrong shape or are not finite.
@@ -273,8 +314,8 @@ class Predictor:
             )
         if not np.isfinite(wanted).all():
             raise ModelError("commands must be finite")
-        result = np.empty((*wanted.shape[:2], UNKNOWNS, UNKNOWNS))
-        shaken = situation.mean if vehicles is None else np.ascontiguousarray(vehicles, dtype=np.float64)
+        shape = (*wanted.shape[:2], UNKNOWNS, UNKNOWNS)
+        result = Outlook(np.empty(shape), np.empty(shape))
         _predict(
             self._terms,
             self._arm,
@@ -283,12 +324,13 @@ class Predictor:
             self._substeps,
             self._method.average,
             self._method.compensated,
+            self._noise.fraction,
+            self._noise.kind == "running_max",
             self._active,
-            self._mean,
             self._deviation,
             LOWER,
             UPPER,
-            shaken,
+            situation.mean if vehicles is None else np.ascontiguousarray(vehicles, dtype=np.float64),
             situation.mean,
             situation.covariance,
             situation.moments,
@@ -298,6 +340,7 @@ class Predictor:
             situation.phase,
             situation.variances,
             wanted,
-            result,
+            result.covariance,
+            result.gram,
         )
         return result
