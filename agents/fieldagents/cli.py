@@ -322,6 +322,54 @@ def reproduce(
 
 
 @app.command()
+def watch(
+    task: Annotated[str, typer.Argument(help="Name of the task; `fieldgym list` names them.")],
+    agent: Annotated[
+        str | None,
+        typer.Option(help="Who acts (default: the first of the task's agents), or a `policy.onnx`."),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="`settings.KEY=VALUE` or `reality.EFFECT.PARAMETER=VALUE`."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the episode.", min=0)] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Write a film (`.gif` or `.webp`) instead of opening a window.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Longest film [s].", min=0.1, max=600)] = 20.0,
+    as_json: Json = False,
+) -> None:
+    """Watch an agent at work, in a window or as a film.
+
+    For example:
+
+        fieldgym watch heel_strike --agent ppo
+
+        fieldgym watch heel_strike --agent adaptive --set settings.collision_kind=low_pass --out walk.gif
+    """
+    from fieldagents.config import environment_of
+    from fieldagents.watch import watch as run
+
+    environment = environment_of(task, overrides or [])
+    with progress() as report:
+        seen = run(task, agent, environment, seed=seed, film=out, seconds=seconds, progress=report)
+    result = {
+        "agent": seen.agent,
+        "seed": seen.seed,
+        "steps": seen.steps,
+        "return": seen.episode_return,
+        "finished": seen.finished,
+        "film": None if out is None else str(out),
+    }
+    if as_json:
+        _print_json(result)
+    else:
+        _done({name: str(value) for name, value in result.items() if value is not None})
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/demo"), as_json: Json = False
 ) -> None:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from fieldagents.cli import app
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-COMMANDS = ("list", "train", "evaluate", "record", "diagnose", "reproduce", "demo")
+COMMANDS = ("list", "train", "evaluate", "record", "diagnose", "reproduce", "watch", "demo")
 RIG = """\
 name: rig
 model: rig

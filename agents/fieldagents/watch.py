@@ -1,0 +1,214 @@
+"""`fieldgym watch`: an agent of the table at work, in a window or as a film."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldagents.agent import Agent, visible
+from fieldagents.config import EnvironmentConfig
+from fieldagents.evaluation.entrants import agent_names, make_entrant
+from fieldagents.progress import Report
+from fieldagents.reference import references
+from fieldgym import TASKS
+from fieldmodels.files import replacing
+from fieldmodels.model import did_you_mean
+
+FILMS = (".gif", ".webp")
+SLICES = 10
+"""Pictures a second of a film whose steps are long enough to be drawn in slices."""
+
+Frame = NDArray[np.uint8]
+
+
+class WatchError(ValueError):
+    """What cannot be watched, or not on this machine."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """An episode that was watched.
+
+    Attributes:
+        agent: Who acted.
+        seed: Seed of the episode.
+        steps: Its steps.
+        episode_return: Sum of its rewards.
+        finished: Whether it came to its end (a film ends earlier where it is long enough).
+    """
+
+    agent: str
+    seed: int
+    steps: int
+    episode_return: float
+    finished: bool
+
+
+def watch(
+    task: str,
+    agent: str | None,
+    environment: EnvironmentConfig,
+    *,
+    seed: int = 0,
+    film: Path | None = None,
+    seconds: float = 20.0,
+    progress: Report = lambda _stage, _part: None,
+) -> Watched:
+    """Let an agent play one episode where it can be seen.
+
+    Args:
+        task: Name of the task.
+        agent: Its name as ``fieldgym list`` has it, or the path of a ``policy.onnx``; None takes the first
+            one in the task's table that acts.
+        environment: Settings and reality.
+        seed: Seed of the episode.
+        film: Write a film to this file, by its ending ``.gif`` or ``.webp``, instead of opening a window.
+        seconds: Longest film [s].
+        progress: Called with what is being done and the part of the film that is done.
+
+    Raises:
+        WatchError: If there is no such agent, it does not act, the file's ending is not that of a film, or
+            there is no screen.
+    """
+    acting = _acting(task)
+    if agent is None and not acting:
+        raise WatchError(f"task {task!r} has no agent that acts; name a policy file: --agent policy.onnx")
+    name = agent or acting[0]
+    if not name.endswith(".onnx") and name not in acting:
+        if name in agent_names(task):
+            raise WatchError(f"{name} is an estimator and does not act; watch one of {', '.join(acting)}")
+        raise WatchError(f"there is no agent {name!r}{did_you_mean(name, acting)}")
+    if film is not None and film.suffix.lower() not in FILMS:
+        raise WatchError(f"{film}: a film ends in {' or '.join(FILMS)}")
+    if film is None:
+        _check_screen()
+    actor = make_entrant(name, task, environment.settings).runs[0]
+    env = gymnasium.make(
+        TASKS[task].env_id,
+        render_mode="human" if film is None else "rgb_array",
+        disable_env_checker=True,
+        settings={**environment.settings, **actor.settings},
+        reality=environment.reality,
+    ).unwrapped
+    episode = _Episode(env, actor, seed)
+    try:
+        if film is None:
+            for _ in episode.steps():
+                progress(f"{name}, step {episode.count}", 0.0)
+                if _closed():
+                    break
+        else:
+            rate = SLICES if hasattr(env, "step_frames") else float(env.metadata["render_fps"])
+            most = max(1, round(seconds * rate))
+            frames = islice(_frames(episode, rate), most)
+            write_film(film, frames, rate, lambda n: progress(f"{name}, step {episode.count}", n / most))
+    finally:
+        env.close()
+    return Watched(name, seed, episode.count, episode.total, episode.over)
+
+
+class _Episode:
+    """An agent of the batch interface in a single environment."""
+
+    def __init__(self, env: Any, agent: Agent, seed: int) -> None:
+        self.env, self._agent, self._seed = env, agent, seed
+        self.count, self.total, self.over = 0, 0.0, False
+
+    def steps(self) -> Iterator[None]:
+        """Play; what there is to draw can be drawn after each step."""
+        agent, env = self._agent, self.env
+        agent.reset(self._seed)
+        observation, info = env.reset(seed=self._seed)
+        agent.begin_episodes(np.ones(1, dtype=np.bool_))
+        while not self.over:
+            action = agent.act(np.asarray(observation)[None], visible(_batch(info), agent.sees))[0]
+            if (sketch := agent.sketch()) is not None and hasattr(env, "show"):
+                env.show(**sketch)
+            observation, reward, terminated, truncated, info = env.step(action)
+            self.count, self.total = self.count + 1, self.total + float(reward)
+            self.over = terminated or truncated
+            yield
+
+
+def write_film(path: Path, frames: Iterator[Frame], rate: float, done: Callable[[int], None]) -> None:
+    """Write an animated GIF or WebP; it appears whole or not at all.
+
+    Args:
+        path: The file; its ending says which.
+        frames: Pictures, shape (height, width, 3), uint8; at least one.
+        rate: Pictures a second.
+        done: Called with the number of pictures taken.
+    """
+    from PIL import Image
+
+    def images() -> Iterator[Image.Image]:
+        for number, frame in enumerate(frames, 1):
+            done(number)
+            image = Image.fromarray(frame)
+            yield image.quantize(64) if path.suffix.lower() == ".gif" else image
+
+    taken = images()
+    with replacing(path) as temporary:
+        next(taken).save(
+            temporary,
+            format=path.suffix[1:].upper(),
+            save_all=True,
+            append_images=taken,
+            duration=round(1000 / rate),
+            loop=0,
+        )
+
+
+def _frames(episode: _Episode, rate: float) -> Iterator[Frame]:
+    """Pictures of an episode: slices of each step where the environment draws them, else one a step."""
+    env = episode.env
+    for _ in episode.steps():
+        if hasattr(env, "step_frames"):
+            yield from env.step_frames(rate)
+        else:
+            yield env.render()
+
+
+def _batch(info: Mapping[str, Any]) -> dict[str, Any]:
+    """The info of a batch of one from that of a single environment."""
+    return {
+        key: _batch(value) if isinstance(value, Mapping) else np.asarray(value)[None]
+        for key, value in info.items()
+    }
+
+
+def _acting(task: str) -> list[str]:
+    """Names of the task's agents that act."""
+    known = references(task)
+    return [name for name in agent_names(task) if name not in known or not known[name].estimator]
+
+
+def _check_screen() -> None:
+    """Raise unless a window can be seen, or the user has chosen a driver."""
+    if os.environ.get("SDL_VIDEODRIVER"):
+        return
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    import pygame
+
+    try:
+        pygame.display.init()
+        driver = pygame.display.get_driver()
+    except pygame.error as error:
+        driver = str(error)
+    if driver not in ("x11", "wayland", "windows", "cocoa"):
+        raise WatchError(f"no window can be opened here ({driver}): write a film with --out film.gif instead")
+
+
+def _closed() -> bool:
+    """Whether the window has been closed."""
+    import pygame
+
+    return bool(pygame.event.get(pygame.QUIT))

@@ -1,0 +1,123 @@
+"""Watching an agent: the very episode that the evaluation scores, in a window or as a film."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from fieldagents import watch as room
+from fieldagents.agent import Agent
+from fieldagents.cli import app
+from fieldagents.config import ConfigError, EnvironmentConfig, environment_of
+from fieldagents.evaluation.entrants import Entrant, make_entrant
+from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.watch import WatchError, watch
+
+SHORT = EnvironmentConfig(settings={"strides": 1})
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, ["watch", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("agent", ["oracle_gains", "ppo"])
+def test_a_film_shows_the_episode_that_is_scored(tmp_path, agent):
+    seen = watch("heel_strike", agent, SHORT, seed=5, film=tmp_path / "walk.gif")
+    scored = run_episodes(
+        make_entrant(agent, "heel_strike", SHORT.settings).runs[0], "heel_strike", SHORT, range(5, 6)
+    )
+    assert (seen.steps, seen.finished) == (1, True)
+    assert seen.episode_return == pytest.approx(scored["return"].item(), rel=1e-12)
+    with Image.open(tmp_path / "walk.gif") as film:
+        assert film.size == (960, 540)
+        assert 7 < film.n_frames < 14  # a stride of about a second, ten pictures a second
+        first = np.asarray(film.convert("RGB"))
+        film.seek(film.n_frames - 1)
+        assert (first != np.asarray(film.convert("RGB"))).any()
+
+
+def test_a_film_is_no_longer_than_asked_for(tmp_path):
+    seen = watch("heel_strike", None, EnvironmentConfig(), film=tmp_path / "walk.webp", seconds=0.6)
+    assert seen.agent == "sensor_only"  # the first in the table that acts
+    assert not seen.finished
+    with Image.open(tmp_path / "walk.webp") as film:
+        assert film.n_frames == 6
+
+
+def test_a_window_can_be_closed_at_any_time(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    asked = iter([True])
+    monkeypatch.setattr(room, "_closed", lambda: next(asked))
+    seen = watch("heel_strike", "gated_tuned", EnvironmentConfig())
+    assert (seen.steps, seen.finished) == (1, False)
+
+
+def test_what_an_agent_sketches_is_shown(monkeypatch, tmp_path):
+    from fieldgym.heel_strike import HeelStrikeEnv
+
+    class Sketcher(Agent):
+        name = "sketcher"
+
+        def act(self, observation, info):
+            return np.zeros((1, 3), dtype=np.float32)
+
+        def sketch(self):
+            return {"chosen": 7}
+
+    shown = []
+    monkeypatch.setattr(HeelStrikeEnv, "show", lambda self, chosen: shown.append(chosen), raising=False)
+    monkeypatch.setattr(room, "make_entrant", lambda *_: Entrant("sketcher", (Sketcher(),)))
+    watch("heel_strike", "ppo", SHORT, film=tmp_path / "walk.gif")
+    assert shown == [7]
+
+
+def test_the_command_prints_what_was_seen(tmp_path):
+    done = run(
+        "heel_strike", "--set", "settings.strides=1", "--out", tmp_path / "w.gif", "--seed", 3, "--json"
+    )
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert (result["agent"], result["seed"], result["steps"], result["finished"]) == (
+        "sensor_only",
+        3,
+        1,
+        True,
+    )
+    assert (tmp_path / "w.gif").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("agent", "film", "message"),
+    [
+        ("gated_tuned", "walk.avi", r"walk\.avi: a film ends in \.gif or \.webp"),
+        ("imm", "walk.gif", "imm is an estimator and does not act; watch one of sensor_only"),
+        ("gated", "walk.gif", "no agent 'gated' .did you mean 'gated_tuned'"),
+    ],
+)
+def test_what_cannot_be_watched_is_said(tmp_path, agent, film, message):
+    with pytest.raises(WatchError, match=message):
+        watch("heel_strike", agent, SHORT, film=tmp_path / film)
+    assert not list(tmp_path.iterdir())
+
+
+def test_mistakes_in_settings_name_what_was_typed():
+    with pytest.raises(ConfigError, match=r"--set settings.stride=5: settings.stride: unknown key"):
+        environment_of("heel_strike", ["settings.stride=5"])
+    with pytest.raises(ConfigError, match="no task 'heel' "):
+        environment_of("heel")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a screen cannot be hidden")
+def test_a_machine_without_a_screen_is_told_what_to_do():
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
+    environment = {key: value for key, value in os.environ.items() if key not in hidden}
+    command = [sys.executable, "-c", "from fieldagents.cli import main; main()", "watch", "heel_strike"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 2
+    assert "\nError: no window can be opened here" in "\n" + done.stderr
+    assert "--out film.gif" in done.stderr
