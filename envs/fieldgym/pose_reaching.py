@@ -8,6 +8,7 @@ numbers in this module are that chapter's.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import gymnasium as gym
@@ -24,9 +25,11 @@ from fieldgym.info import row
 from fieldgym.settings import read_settings
 from fieldmodels.model import ModelError
 from fieldmodels.pose_reaching.dubins import dubins_path
-from fieldmodels.pose_reaching.field import NUMBERS, Robots, Rules, Score, Tick
+from fieldmodels.pose_reaching.field import Robots, Rules, Score, Tick
+from fieldmodels.pose_reaching.model import PoseReaching
 from fieldmodels.pose_reaching.parameters import GOAL, LOOSE, STRICT, Limits
-from fieldmodels.reality import Reality
+from fieldmodels.pose_reaching.play import NUMBERS
+from fieldmodels.reality import Reality, read_reality
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame, Window
@@ -94,7 +97,7 @@ class PoseReachingSettings:
 
 
 SettingsLike = PoseReachingSettings | Mapping[str, Any] | None
-RealityLike = Reality | Mapping[str, Any] | str | None
+RealityLike = Reality | Mapping[str, Any] | str | Path | None
 
 
 class _Play:
@@ -102,10 +105,9 @@ class _Play:
 
     def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, tracing: bool) -> None:
         self.settings = read_settings(settings, PoseReachingSettings)
-        if reality:
-            raise ValueError("this environment has no other reality yet")
-        self.reality = Reality()
-        self.robots = Robots(batch, self.settings.rules)
+        model = PoseReaching()
+        self.reality = read_reality(reality, model)
+        self.robots = Robots(batch, self.settings.rules, self.reality.vector(model))
         self.ready = False
         self._trails: list[list[Floats]] | None = [[] for _ in range(batch)] if tracing else None
         self._commands = [(0.0, 0.0)] * batch
@@ -156,7 +158,7 @@ class _Play:
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on."""
-        return {"robots": self.robots.state()}
+        return dict(self.robots.state())
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
@@ -166,7 +168,7 @@ class _Play:
             raise ValueError(
                 f"the state is one of {len(state['robots'])} environments; make it with that num_envs"
             )
-        self.robots.set_state(state["robots"])
+        self.robots.set_state(state)
         self.ready = True
         if self._trails is not None:
             self._begin(range(len(self.robots)), self.robots.look())

@@ -51,5 +51,15 @@ TASKS: dict[str, Task] = {
             title="Heel strike",
             description="Choose a walking robot's estimator gains, stride by stride, under hidden noise.",
         ),
+        Task(
+            name="pose_reaching",
+            env_id="fieldgym/PoseReaching-v0",
+            entry_point="fieldgym.pose_reaching:PoseReachingEnv",
+            vector_entry_point="fieldgym.pose_reaching:PoseReachingVectorEnv",
+            settings_class="fieldgym.pose_reaching:PoseReachingSettings",
+            model="pose_reaching",
+            title="Pose reaching",
+            description="Drive a unicycle to a ball and arrive with the right heading.",
+        ),
     )
 }

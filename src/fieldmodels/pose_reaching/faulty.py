@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from fieldmodels.compiled import inlined
 from fieldmodels.model import FloatArray
 from fieldmodels.pose_reaching.drive import (
     DELAY,
     HEADING_BIAS,
     LAG,
-    PARAMETERS,
     SENSOR_DELAY,
     SLOPE_X,
     SLOPE_Y,
@@ -137,10 +134,3 @@ def shown(
     y = memory[newer + 1] + part * (memory[older + 1] - memory[newer + 1])
     heading = memory[newer + 2] + part * wrapped(memory[older + 2] - memory[newer + 2])
     return x, y, wrapped(heading + q[HEADING_BIAS])
-
-
-def check_realities(reality: FloatArray, batch: int) -> FloatArray | None:
-    """Parameter rows for a batch, shape (batch, PARAMETERS); None if the shape is wrong."""
-    if reality.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
-        return None
-    return np.ascontiguousarray(np.broadcast_to(reality, (batch, PARAMETERS)))

@@ -15,7 +15,9 @@ import numpy as np
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.model import FloatArray
 
-_SERIES = 0.5  # half turn [rad] up to which the series below are exact to the last bits
+_SERIES = 0.4  # half turn [rad] up to which the series below are exact to the last bits
+_C8, _C10, _C12 = (sign / math.factorial(n) for n, sign in ((8, 1.0), (10, -1.0), (12, 1.0)))
+_S8, _S10, _S12 = (sign / math.factorial(n + 1) for n, sign in ((8, 1.0), (10, -1.0), (12, 1.0)))
 
 
 @inlined
@@ -24,12 +26,8 @@ def half_turn(a: float) -> tuple[float, float, float]:
     if abs(a) > _SERIES:
         return math.cos(a), math.sin(a), math.sin(a) / a
     z = a * a
-    cosine = 1.0 - z / 2.0 * (
-        1.0 - z / 12.0 * (1.0 - z / 30.0 * (1.0 - z / 56.0 * (1.0 - z / 90.0 * (1.0 - z / 132.0))))
-    )
-    chord = 1.0 - z / 6.0 * (
-        1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0 * (1.0 - z / 110.0 * (1.0 - z / 156.0))))
-    )
+    cosine = 1.0 + z * (-1 / 2 + z * (1 / 24 + z * (-1 / 720 + z * (_C8 + z * (_C10 + z * _C12)))))
+    chord = 1.0 + z * (-1 / 6 + z * (1 / 120 + z * (-1 / 5040 + z * (_S8 + z * (_S10 + z * _S12)))))
     return cosine, a * chord, chord
 
 
