@@ -60,5 +60,29 @@ METRICS: dict[str, tuple[Metric, ...]] = {
             "ranger_mm", "mm", "the published estimator's on the same strides", "error_mm_ranger", common=True
         ),
     ),
+    "pose_reaching": (
+        Metric("success", "1", "arrived", "success", lower_is_better=False, over="last", binary=True),
+        Metric("time", "s", "time, if arrived", "time", over="last", given="success"),
+        Metric(
+            "time_ratio",
+            "1",
+            "time over the Dubins path's at full speed, if arrived",
+            "time",
+            over="last",
+            given="success",
+            per="dubins_time",
+        ),
+        Metric(
+            "length_ratio",
+            "1",
+            "length over the Dubins path's, if arrived",
+            "path_length",
+            over="last",
+            given="success",
+            per="dubins_length",
+        ),
+        Metric("wall_hits", "1", "walls driven into", "wall_hits", over="last"),
+        Metric("dubins_length", "m", "length of the Dubins path", "dubins_length", over="last", common=True),
+    ),
 }
 """A task's metrics; the first is the one that verdicts are about."""

@@ -36,6 +36,7 @@ class Reference:
 
 TABLES = {
     "heel_strike": "fieldagents.reference.heel_strike:REFERENCES",
+    "pose_reaching": "fieldagents.reference.pose_reaching:REFERENCES",
 }
 """Where each task's reference agents are listed, in the order of presentation; imported when asked for."""
 

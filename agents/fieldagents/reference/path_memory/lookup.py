@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from typing import Literal
 
@@ -265,5 +265,5 @@ def _squares(columns: Integers, position: Floats, grids: Sequence[Grid]) -> Floa
     return total
 
 
-FORMS = {"dense": Dense, "sparse": Sparse, "table": BinTable, "tree": Tree}
+FORMS: dict[str, Callable[..., Lookup]] = {"dense": Dense, "sparse": Sparse, "table": BinTable, "tree": Tree}
 """The forms by name."""

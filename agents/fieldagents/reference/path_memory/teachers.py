@@ -72,6 +72,19 @@ def graceful_command(
     return speed, curvature * speed
 
 
+@compiled
+def graceful_commands(
+    poses: FloatArray, goal_heading: float, max_speed: float, max_rate: float
+) -> FloatArray:
+    """Speed and turn rate of the smooth control law at each pose, shape (batch, 2)."""
+    told = np.empty((len(poses), 2))
+    for i in range(len(poses)):
+        told[i, 0], told[i, 1] = graceful_command(
+            poses[i, 0], poses[i, 1], poses[i, 2], goal_heading, max_speed, max_rate
+        )
+    return told
+
+
 def graceful_path(start: Floats, limits: Limits = LIMITS) -> Floats:
     """Poses of a path by the smooth control law, 2 ms apart, shape (n, 3); headings are continuous."""
     return _graceful(start, GOAL_HEADING, limits.max_speed, limits.max_rate, FINE, round(60 / FINE))

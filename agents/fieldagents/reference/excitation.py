@@ -1,0 +1,259 @@
+"""Excitation: the source's constant and adaptive commands, other criteria, longer views, and bounds.
+
+Source: V. A. Sujan and S. Dubowsky, "An optimal information method for mobile manipulator dynamic parameter
+identification", IEEE/ASME Trans. Mechatronics 8(2), 2003. Tuned values are in ``excitation.json``, made by
+``python -m fieldagents.reference.excitation_tuning``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldagents.agent import Agent, Sees
+from fieldagents.reference import Reference
+from fieldagents.reference.excitation_criteria import (
+    CRITERIA,
+    Floats,
+    Forecast,
+    forecast,
+    residuals_frozen,
+)
+from fieldgym.excitation import ExcitationSettings
+from fieldgym.settings import read_settings
+from fieldmodels.excitation.adjustment import adjust
+from fieldmodels.excitation.motion import CONSTANT
+from fieldmodels.excitation.parameters import LIMITS, Limits, SensorNoise
+from fieldmodels.excitation.prediction import Predictor, Situation
+from fieldmodels.excitation.shaker import VARIANTS
+
+ActionArray = NDArray[np.float32]
+
+RANDOM_CANDIDATES, LOCAL_STEPS = 16, 8
+"""Of a decision: random commands, then steps from the best of them."""
+FIRST_STEP = 0.5
+"""Standard deviation of the first local step, in the action's units; each step is 0.75 of the last."""
+
+
+def command_ranges(limits: Limits) -> tuple[Floats, Floats]:
+    """Smallest and largest amplitude [rad], frequency [rad/s] and offset [rad], each of shape (3,)."""
+    ends = zip((0.0, limits.amplitude), limits.frequency, limits.offset, strict=True)
+    low, high = (np.array(end) for end in ends)
+    return low, high
+
+
+def to_command(action: ArrayLike, limits: Limits) -> Floats:
+    """Commands that the environment makes of actions, shape (..., 3)."""
+    low, high = command_ranges(limits)
+    return np.asarray(low + (high - low) * (np.clip(np.asarray(action, dtype=np.float64), -1, 1) + 1) / 2)
+
+
+def to_action(command: ArrayLike, limits: Limits) -> Floats:
+    """Actions that choose commands; those out of range are taken to its ends, shape (..., 3)."""
+    low, high = command_ranges(limits)
+    return np.asarray(np.clip(2 * (np.asarray(command, dtype=np.float64) - low) / (high - low) - 1, -1, 1))
+
+
+class Schedule(Agent):
+    """The same actions in every episode, decided before it begins.
+
+    Args:
+        name: The agent's name.
+        title: What it does.
+        actions: Action of each decision, shape (decisions, 3); the last one is kept up.
+        sees: ``privileged`` if the schedule was made for the true vehicle.
+    """
+
+    def __init__(self, name: str, title: str, actions: ArrayLike, sees: Sees = "observation") -> None:
+        self.name, self.title, self.sees = name, title, sees
+        self._actions = np.asarray(actions, dtype=np.float32)
+        self._decision = np.empty(0, dtype=np.int64)
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """See ``Agent.begin_episodes``."""
+        if len(self._decision) != len(begun):
+            self._decision = np.zeros(len(begun), dtype=np.int64)
+        self._decision[begun] = 0
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """See ``Agent.act``."""
+        if len(self._decision) != len(observation):
+            self.begin_episodes(np.ones(len(observation), dtype=np.bool_))
+        chosen = self._actions[np.minimum(self._decision, len(self._actions) - 1)]
+        self._decision += 1
+        return chosen
+
+
+class RandomCommands(Agent):
+    """A new command at every decision, uniform within the limits."""
+
+    def __init__(self, name: str, title: str) -> None:
+        self.name, self.title = name, title
+        self._rng = np.random.default_rng(0)
+
+    def reset(self, seed: int) -> None:
+        """See ``Agent.reset``."""
+        self._rng = np.random.default_rng(seed)
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
+        """See ``Agent.act``."""
+        return self._rng.uniform(-1, 1, (len(observation), 3)).astype(np.float32)
+
+
+class ModelBased(Agent):
+    """What agents share that foresee what a command will teach.
+
+    Args:
+        name: The agent's name.
+        title: What it does.
+        settings: Of the environment.
+        oracle: True shakes the true vehicle in its forecasts (privileged).
+    """
+
+    sees: Sees = "model"
+
+    def __init__(self, name: str, title: str, settings: ExcitationSettings, oracle: bool = False) -> None:
+        self.name, self.title = name, title
+        self.sees = "privileged" if oracle else "model"
+        self._oracle = oracle
+        self.limits = LIMITS[settings.limits]
+        variant = VARIANTS[settings.variant]
+        self._estimated, self._most = variant.unknowns, settings.bits
+        self._predictor = Predictor(
+            limits=self.limits,
+            noise=SensorNoise(settings.noise, settings.noise_fraction),
+            method=settings.estimator,
+            variant=variant,
+        )
+        self._rng = np.random.default_rng(0)
+
+    def reset(self, seed: int) -> None:
+        """See ``Agent.reset``."""
+        self._rng = np.random.default_rng(seed)
+
+    def foresee(self, info: Mapping[str, Any], actions: Floats) -> Forecast:
+        """What candidates are expected to lead to.
+
+        Args:
+            info: Of the environment.
+            actions: Of each decision ahead, shape (environments, candidates, decisions, 3).
+        """
+        now = situation(info)
+        truth = info["privileged"]["truth"] if self._oracle else None
+        outlook = self._predictor.outlook(now, to_command(actions, self.limits), truth)
+        return forecast(now, outlook, self._estimated, self._most)
+
+
+class Search(ModelBased):
+    """Takes the best of random commands, improved by local steps, under one criterion.
+
+    All environments of a batch try the same random candidates and steps: a row does not depend on its
+    neighbours.
+
+    Args:
+        name: The agent's name.
+        title: What it does.
+        settings: Of the environment.
+        criterion: Cost of a forecast.
+        horizon: Decisions ahead; the first of them is made, then all are chosen anew.
+        candidates: Random plans tried at a decision.
+        steps: Local steps from the best one.
+        oracle: See ``ModelBased``.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        settings: ExcitationSettings,
+        criterion: Callable[[Forecast], Floats],
+        horizon: int = 1,
+        candidates: int = RANDOM_CANDIDATES,
+        steps: int = LOCAL_STEPS,
+        oracle: bool = False,
+    ) -> None:
+        super().__init__(name, title, settings, oracle)
+        self._criterion = criterion
+        self._horizon, self._candidates, self._steps = horizon, candidates, steps
+        self._plan = np.empty((0, horizon, 3))
+        self._planned = np.empty(0, dtype=np.bool_)
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """See ``Agent.begin_episodes``."""
+        if len(self._planned) != len(begun):
+            self._plan = np.zeros((len(begun), self._horizon, 3))
+            self._planned = np.zeros(len(begun), dtype=np.bool_)
+        self._planned[begun] = False
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:
+        """See ``Agent.act``."""
+        count = len(observation)
+        if len(self._planned) != count:
+            self.begin_episodes(np.ones(count, dtype=np.bool_))
+        tried = self._rng.uniform(-1, 1, (self._candidates, self._horizon, 3))
+        plans = np.tile(tried, (count, 1, 1, 1))
+        if self._horizon > 1:
+            # The rest of the last plan is a candidate too, its last command kept up.
+            kept = np.concatenate([self._plan[:, 1:], self._plan[:, -1:]], axis=1)
+            plans[self._planned, 0] = kept[self._planned]
+        costs = self._criterion(self.foresee(info, plans))
+        rows = np.arange(count)
+        winner = np.argmin(costs, axis=1)
+        best, least = plans[rows, winner], costs[rows, winner]
+        width = FIRST_STEP
+        for _ in range(self._steps):
+            step = self._rng.normal(0.0, width, (self._horizon, 3))
+            trial = np.clip(best + step, -1, 1)
+            value = self._criterion(self.foresee(info, trial[:, None]))[:, 0]
+            better = value < least
+            best[better], least[better] = trial[better], value[better]
+            width *= 0.75
+        self._plan, self._planned[:] = best, True
+        return best[:, 0].astype(np.float32)
+
+
+class PrintedOptimiser(ModelBased):
+    """Adjusts the command in force by eqs (17)-(23), damped as Levenberg and Marquardt's."""
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:
+        """See ``Agent.act``."""
+        now = situation(info)
+        start = to_action(now.command, self.limits)
+        chosen = np.empty((len(observation), 3), dtype=np.float32)
+        for i in range(len(observation)):
+            own = one_row(info, i)
+
+            def residuals(actions: Floats, own: Mapping[str, Any] = own) -> Floats:
+                return residuals_frozen(self.foresee(own, actions[None, :, None]))[0]
+
+            chosen[i] = adjust(residuals, start[i], np.full(3, -1.0), np.ones(3), iterations=2).command
+        return chosen
+
+
+def situation(info: Mapping[str, Any]) -> Situation:
+    """What is known, as the environment tells it."""
+    estimate, arm = info["estimate"], info["arm"]
+    return Situation(
+        mean=estimate["mean"],
+        covariance=estimate["covariance"],
+        moments=estimate["moments"],
+        noise=estimate["noise"],
+        samples=estimate["samples"],
+        command=arm["command"],
+        phase=arm["phase"],
+        variances=estimate["variances"],
+    )
+
+
+def one_row(info: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """The info of one environment, as a batch of one."""
+    return {
+        key: one_row(value, i) if isinstance(value, Mapping) else value[i : i + 1]
+        for key, value in info.items()
+    }
