@@ -43,7 +43,9 @@ BANDS = 2
 BODIES = 19
 """Numbers that hold the state of the rigid bodies, where they are the plant."""
 
-NEUTRAL = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, math.inf])
+NO_LIMIT = 10.0
+"""A turn that no motor limits [rad]."""
+NEUTRAL = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, NO_LIMIT])
 """The plant as the nominal simulation has it."""
 
 DRAWS = 8

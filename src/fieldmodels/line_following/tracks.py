@@ -55,6 +55,19 @@ class Track:
         x, y, tx, ty = point_at(self.table, self.spacing, self.closed, arc)
         return x, y, math.atan2(ty, tx)
 
+    def curvature(self, arc: ArrayLike) -> FloatArray:
+        """Curvature at arc lengths [1/m], left positive; 0 beyond the ends of an open line."""
+        headings = np.unwrap(np.arctan2(self.table[:, 3], self.table[:, 2]))
+        if self.closed:
+            headings = np.append(
+                headings, headings[0] + 2 * np.pi * round((headings[-1] - headings[0]) / 2 / np.pi)
+            )
+        bends = np.diff(headings) / self.spacing
+        index = np.floor(np.asarray(arc, dtype=np.float64) / self.spacing).astype(np.int64)
+        if self.closed:
+            return np.asarray(bends[index % len(bends)])
+        return np.where((index >= 0) & (index < len(bends)), bends[np.clip(index, 0, len(bends) - 1)], 0.0)
+
 
 @inlined
 def point_at(
