@@ -9,18 +9,27 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import matplotlib.image
+import numpy as np
+from numpy.typing import NDArray
 
+from fieldagents.agent import Agent
+from fieldagents.evaluation.entrants import make_entrant
+from fieldagents.watch import Episode
 from fieldgym import TASKS, Task
 from fieldmodels.files import replacing, write_text
 
 FOLDER = Path(__file__).parent / "environments"
 STEPS_BEFORE_THE_PICTURE = 60
+PICTURED = {"pose_reaching": "path_memory"}
+"""Who is at work in a task's picture; where nobody is named, the actions stay in the middle."""
 
 
 def page(task: Task) -> str:
@@ -47,14 +56,29 @@ def settings_of(kind: type[Any]) -> list[tuple[str, Any, str]]:
     ]
 
 
+class Middle(Agent):
+    """Takes the actions in the middle of their range."""
+
+    name = "middle"
+
+    def __init__(self, space: gym.spaces.Box) -> None:
+        self._action = (space.low + space.high) / 2
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+        """See ``Agent.act``."""
+        return np.repeat(self._action[None], len(observation), axis=0)
+
+
 def picture(task: Task, path: Path) -> None:
-    """Save a frame of the task under the actions in the middle of their range."""
-    env = gym.make(task.env_id, render_mode="rgb_array")
-    env.reset(seed=3)
-    middle = (env.action_space.low + env.action_space.high) / 2
-    for _ in range(STEPS_BEFORE_THE_PICTURE):
-        env.step(middle)
-    frame = env.render()
+    """Save a frame of the task while an agent is at work, before the episode's end."""
+    env = gym.make(task.env_id, render_mode="rgb_array", disable_env_checker=True).unwrapped
+    name = PICTURED.get(task.name)
+    agent = make_entrant(name, task.name, {}).runs[0] if name else Middle(env.action_space)
+    episode = Episode(env, agent, seed=3)
+    frame = None
+    for _ in islice(episode.steps(), STEPS_BEFORE_THE_PICTURE):
+        if not episode.over:
+            frame = env.render()
     with replacing(path) as temporary:
         matplotlib.image.imsave(temporary, frame)
 

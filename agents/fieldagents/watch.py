@@ -98,7 +98,7 @@ def watch(
         settings={**environment.settings, **actor.settings},
         reality=environment.reality,
     ).unwrapped
-    episode = _Episode(env, actor, seed)
+    episode = Episode(env, actor, seed)
     try:
         if film is None:
             for _ in episode.steps():
@@ -115,7 +115,7 @@ def watch(
     return Watched(name, seed, episode.count, episode.total, episode.over)
 
 
-class _Episode:
+class Episode:
     """An agent of the batch interface in a single environment."""
 
     def __init__(self, env: Any, agent: Agent, seed: int) -> None:
@@ -167,7 +167,7 @@ def write_film(path: Path, frames: Iterator[Frame], rate: float, done: Callable[
         )
 
 
-def _frames(episode: _Episode, rate: float) -> Iterator[Frame]:
+def _frames(episode: Episode, rate: float) -> Iterator[Frame]:
     """Pictures of an episode: slices of each step where the environment draws them, else one a step."""
     env = episode.env
     for _ in episode.steps():

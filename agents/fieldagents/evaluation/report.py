@@ -101,7 +101,7 @@ def _table(
     decision_ms: Mapping[str, float | None] | None = None,
 ) -> Cells:
     """Header and cells for one metric; columns that would be empty are left out."""
-    header = ["agent", "sees", metric.name, "episodes", f"against {summary.baseline}", "%", "verdict"]
+    header = ["agent", "sees", _headed(metric), "episodes", f"against {summary.baseline}", "%", "verdict"]
     header += ["training runs", "ms a decision"]
     body = []
     for row in rows:
@@ -124,7 +124,7 @@ def _table(
 
 def _overview(rows: tuple[Row, ...], metrics: Sequence[Metric]) -> Cells:
     """Header and cells for several metrics: mean, interval, verdict."""
-    header = ["agent", *(f"{metric.name} [{'%' if metric.binary else metric.unit}]" for metric in metrics)]
+    header = ["agent", *(_headed(metric) for metric in metrics)]
     body = []
     for row in rows:
         cells = [row.agent]
@@ -138,6 +138,12 @@ def _overview(rows: tuple[Row, ...], metrics: Sequence[Metric]) -> Cells:
             cells.append(cell)
         body.append(cells)
     return header, body
+
+
+def _headed(metric: Metric) -> str:
+    """A metric's column: its name and unit."""
+    unit = "%" if metric.binary else metric.unit
+    return metric.name if unit == "1" else f"{metric.name} [{unit}]"
 
 
 def _mean(metric: Metric, mean: float | None, interval: Interval | None, sign: str = "") -> str:
@@ -162,13 +168,15 @@ def _lead(summary: Summary, metric: Metric) -> str:
         fair = [row for row in rows if row.kind == "observation" and row.first.mean is not None]
         if fair:
             best = fair[0]
+            tied = [row.agent for row in fair if row.first.mean == best.first.mean]
+            names = " and ".join(f"<b>{html.text(name)}</b>" for name in tied)
             versus = ""
-            if best.against_baseline is not None:
+            if len(tied) == 1 and best.against_baseline is not None:
                 versus = f", {_against(best.against_baseline)} {summary.baseline}"
             score = _mean(metric, best.first.mean, best.ci95)
             sentences.append(
-                f"<b>{html.text(scenario)}</b>: of the agents that see only the observation, "
-                f"<b>{html.text(best.agent)}</b> comes first with "
+                f"<b>{html.text(scenario)}</b>: of the agents that see only the observation, {names} "
+                f"{'comes' if len(tied) == 1 else 'come'} first with "
                 f"{html.text(f'{score} {unit}'.strip())}{html.text(versus)}."
             )
     return "<br>".join(sentences)

@@ -157,9 +157,8 @@ def summarise_scenario(
         labels: Every agent's labels.
 
     Returns:
-        One row an agent, the best first.
+        One row an agent, the best first; where the first metric is equal, the next one decides.
     """
-    first = METRICS[task][0]
     rows = []
     for agent, label in labels.items():
         own = episodes[episodes["agent"] == agent]
@@ -177,7 +176,7 @@ def summarise_scenario(
                 },
             )
         )
-    return tuple(sorted(rows, key=lambda row: _rank(row.first.mean, first)))
+    return tuple(sorted(rows, key=lambda row: [_rank(row.scores[m.name].mean, m) for m in METRICS[task]]))
 
 
 def _score(episodes: pd.DataFrame, agent: str, baseline: str, metric: Metric, learned: bool) -> Score:

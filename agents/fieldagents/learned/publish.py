@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -82,15 +83,16 @@ def publish(
         "runs": cards,
     }
     write_text(folder / "curve.csv", pd.concat(curves).to_csv(index=False, lineterminator="\n"))
-    write_text(folder / "card.json", json.dumps(card, indent=2) + "\n")
+    write_text(folder / "card.json", json.dumps(card, indent=2, allow_nan=False) + "\n")
     return folder
 
 
-def score(agent: OnnxAgent, config: TrainConfig, episodes: int = EPISODES) -> dict[str, float]:
-    """Mean return and metrics of a policy over the first published test seeds."""
+def score(agent: OnnxAgent, config: TrainConfig, episodes: int = EPISODES) -> dict[str, float | None]:
+    """Mean return and metrics of a policy over the first published test seeds; None without any value."""
     result = run_episodes(agent, config.task, config.environment, TEST_SEEDS[:episodes])
     names = ["return", *(metric.name for metric in METRICS[config.task])]
-    return {name: float(result[name].mean()) for name in names}
+    means = {name: float(result[name].mean()) for name in names}
+    return {name: None if math.isnan(mean) else mean for name, mean in means.items()}
 
 
 def _finished_config(run: Path) -> TrainConfig:
