@@ -64,7 +64,7 @@ class Middle(Agent):
     def __init__(self, space: gym.spaces.Box) -> None:
         self._action = (space.low + space.high) / 2
 
-    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
         """See ``Agent.act``."""
         return np.repeat(self._action[None], len(observation), axis=0)
 
