@@ -111,6 +111,7 @@ class _Play:
         self.ready = False
         self._trails: list[list[Floats]] | None = [[] for _ in range(batch)] if tracing else None
         self._commands = [(0.0, 0.0)] * batch
+        self._numbers = np.zeros((len(NUMBERS), batch))
         self._memory: Sequence[Floats] = ()
         self._chosen: Floats | None = None
 
@@ -181,7 +182,9 @@ class _Play:
             if path.ndim != 2 or path.shape[1] < 2:
                 raise ValueError(f"memory holds paths of shape (points, 2 or more), not {path.shape}")
         states = None if chosen is None else np.asarray(chosen, dtype=np.float64)
-        if states is not None and (states.ndim > 2 or states.shape[-1] < 2):
+        if states is not None and (
+            states.ndim not in (1, 2) or states.shape[-1] < 2 or states.shape[:-1] not in ((), (batch,))
+        ):
             raise ValueError(f"chosen has shape (2 or more,) or ({batch}, 2 or more), not {states.shape}")
         self._memory = paths
         self._chosen = None if states is None else np.broadcast_to(states, (batch, states.shape[-1]))
@@ -192,7 +195,6 @@ class _Play:
 
         assert self._trails is not None
         rules, trail = self.robots.rules, np.array(self._trails[i])
-        numbers = self.robots.look().numbers[:, i]
         return draw(
             Scene(
                 field=rules.field,
@@ -201,7 +203,7 @@ class _Play:
                 dubins=dubins_path(trail[0], GOAL, rules.limits.radius).sampled(0.02),
                 command=self._commands[i],
                 limits=rules.limits,
-                numbers=dict(zip(NUMBERS, numbers.tolist(), strict=True)),
+                numbers=dict(zip(NUMBERS, self._numbers[:, i].tolist(), strict=True)),
                 memory=self._memory,
                 chosen=None if self._chosen is None else self._chosen[i],
             )
@@ -210,6 +212,7 @@ class _Play:
     def _begin(self, which: Iterable[int], tick: Tick) -> None:
         """Begin the drawn paths of some robots."""
         assert self._trails is not None
+        self._numbers = tick.numbers
         for i in which:
             self._trails[i] = [tick.true_poses[i]]
             self._commands[i] = (0.0, 0.0)
