@@ -101,15 +101,15 @@ def watch(
     episode = Episode(env, actor, seed)
     try:
         if film is None:
+            progress(f"{task}: {name}", 0.0)
             for _ in episode.steps():
-                progress(f"{name}, step {episode.count}", 0.0)
                 if _closed():
                     break
         else:
             rate = SLICES if hasattr(env, "step_frames") else float(env.metadata["render_fps"])
             most = max(1, round(seconds * rate))
             frames = islice(_frames(episode, rate), most)
-            write_film(film, frames, rate, lambda n: progress(f"{name}, step {episode.count}", n / most))
+            write_film(film, frames, rate, lambda n: progress(f"{task}: {name}", n / most))
     finally:
         env.close()
     return Watched(name, seed, episode.count, episode.total, episode.over)

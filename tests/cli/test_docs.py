@@ -68,3 +68,29 @@ def test_config_on_the_evaluation_page_loads(tmp_path):
     block = (DOCS / "evaluation.md").read_text().split("```yaml\n")[1].split("```")[0]
     (tmp_path / "evaluate.yaml").write_text(block)
     assert load_config(tmp_path / "evaluate.yaml", EvaluateConfig).episodes == 100
+
+
+def test_config_on_the_training_page_loads(tmp_path):
+    from fieldagents.config import load_config
+    from fieldagents.learned.config import TrainConfig
+
+    block = (DOCS / "training.md").read_text().split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "sac.yaml").write_text(block)
+    assert load_config(tmp_path / "sac.yaml", TrainConfig).algorithm == "sac"
+
+
+TRAINED = [
+    path
+    for path in sorted((DOCS.parent / "configs").glob("*/*.yaml"))
+    if path.stem.startswith(("ppo", "sac"))
+]
+
+
+@pytest.mark.parametrize("path", TRAINED, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_shipped_training_configs_load(path):
+    from fieldagents.config import load_config
+    from fieldagents.learned.config import TrainConfig
+
+    config = load_config(path, TrainConfig)
+    assert config.task == path.parent.name
+    assert path.stem.startswith(config.algorithm)
