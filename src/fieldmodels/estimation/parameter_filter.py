@@ -14,14 +14,14 @@ way to read this statistic:
 
 The compensated filter in a few lines, unknowns scaled to prior mean 0 and prior covariance I:
 
-    W = (covariance of F - A x, expected over the current estimate)^-1
+    W = (covariance of F - A x, expected over a widened current estimate)^-1
     N = sum A'WA                      what was measured
     M = N - sum E[dA'WdA]             what it would be without noise, on average
     g = sum A'WF - E[dA'WdF]          a measurement of M x whose noise has covariance N
     information = I + M N^-1 M,   mean = information^-1 M N^-1 g
 
 N is a sum of squares and the information at least the prior's: whatever noise does to M, which need not be
-definite, nothing becomes singular, and directions that were never excited stay as uncertain as they were.
+definite, nothing becomes singular; and what was never excited stays nearly as uncertain as it was (CAUTION).
 """
 
 from __future__ import annotations
@@ -74,6 +74,13 @@ METHODS: Mapping[str, Method] = {
 }
 PASSES = 2
 """How often weights and estimate are found from each other in one update (each starts from the last)."""
+CAUTION = 16.0
+"""Factor of the estimate's covariance in the noise of the equations: twice the unknowns of an equation (8).
+
+M of noise alone is not zero but fluctuates, and M N^-1 M is then the number of unknowns in an equation times
+their share in its noise: fake knowledge, which would shrink the covariance, and with it the noise, and grow.
+With this factor it cannot; where anything was excited, the covariance soon adds nothing to the noise.
+"""
 
 # Information that a direction without any gets, beside the prior's 1: keeps N definite.
 _FLOOR = 1e-6
@@ -201,7 +208,7 @@ def estimate(
         for i in range(n):
             mean[i] = prior_mean[i] + prior_deviation[i] * second[i, n]
             for j in range(n):
-                covariance[i, j] = score[i, j] * prior_deviation[i] * prior_deviation[j]
+                covariance[i, j] = score[i, j] * (prior_deviation[i] * prior_deviation[j])
 
 
 @compiled
@@ -229,13 +236,13 @@ def row_noise(terms: Terms, second: FloatArray, noise: FloatArray, share: float,
 
 @inlined
 def _second_moment(mean: FloatArray, covariance: FloatArray, uncertain: bool, out: FloatArray) -> None:
-    """E[z z'] of z = (x, -1); for the naive filter that of (0, -1), the noise of F alone."""
+    """E[z z'] of z = (x, -1), widened; for the naive filter that of (0, -1), the noise of F alone."""
     n = len(mean)
     out[:, :] = 0.0
     if uncertain:
         for i in range(n):
             for j in range(n):
-                out[i, j] = mean[i] * mean[j] + covariance[i, j]
+                out[i, j] = mean[i] * mean[j] + CAUTION * covariance[i, j]
             out[i, n] = -mean[i]
             out[n, i] = -mean[i]
     out[n, n] = 1.0
