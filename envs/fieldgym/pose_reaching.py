@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.info import row
 from fieldgym.settings import read_settings
 from fieldmodels.model import ModelError
 from fieldmodels.pose_reaching.dubins import dubins_path
@@ -155,6 +154,13 @@ class _Play:
         entries: dict[str, Any] = dict(zip(NUMBERS, tick.numbers, strict=True))
         entries["pose"] = tick.poses
         entries["privileged"] = {"pose": tick.true_poses}
+        return entries
+
+    def single_info(self, tick: Tick) -> dict[str, Any]:
+        """The same of the only robot: plain numbers, and arrays without the first axis."""
+        entries: dict[str, Any] = dict(zip(NUMBERS, tick.numbers[:, 0].tolist(), strict=True))
+        entries["pose"] = tick.poses[0]
+        entries["privileged"] = {"pose": tick.true_poses[0]}
         return entries
 
     def state(self) -> dict[str, Any]:
@@ -379,7 +385,7 @@ class PoseReachingEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._play.seed(0, self.np_random)
         tick = self._play.restart([0], options)
         self._show_window()
-        return tick.observed[0], row(self._play.info(tick))
+        return tick.observed[0], self._play.single_info(tick)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive for one tick; see ``gymnasium.Env.step``.
@@ -395,7 +401,7 @@ class PoseReachingEnv(gym.Env[Observation, NDArray[np.float32]]):
             float(tick.reward[0]),
             bool(tick.success[0]),
             bool(tick.late[0]),
-            row(self._play.info(tick)),
+            self._play.single_info(tick),
         )
 
     def show(self, memory: Sequence[ArrayLike] | None = None, chosen: ArrayLike | None = None) -> None:
