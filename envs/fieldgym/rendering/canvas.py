@@ -92,6 +92,14 @@ class Canvas:
         x -= {"left": 0.0, "center": image.get_width() / 2, "right": image.get_width()}[align]
         self._surface.blit(image, (round(x), round(y)))
 
+    def image(self, levels: NDArray[np.uint8], x: float, y: float, w: float, h: float) -> None:
+        """Put a grey image, shape (rows, columns), into a rectangle."""
+        grey = np.repeat(np.transpose(levels)[:, :, None], 3, axis=2)
+        picture = pygame.transform.scale(
+            pygame.surfarray.make_surface(grey), (round(w * _SCALE), round(h * _SCALE))
+        )
+        self._surface.blit(picture, (round(x * _SCALE), round(y * _SCALE)))
+
     def frame(self) -> Frame:
         """The picture as RGB, shape (HEIGHT, WIDTH, 3), uint8."""
         small = pygame.transform.smoothscale(self._surface, (WIDTH, HEIGHT))

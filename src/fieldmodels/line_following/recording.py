@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,9 +49,8 @@ def record_walk(
     if scene is None:
         # a bias of the walk itself would be an effect that nobody has switched on
         scene = Scene(straight(strides * model.gait.stride + 10.0), noise=Noise(bias=0.0))
-    gait = replace(scene.gait, step=truth[0] / 2.0)
-    camera = replace(scene.camera, height=truth[1])
-    walks = Walks(1, replace(scene, gait=gait, camera=camera), truth[2:])
+    gait = scene.gait
+    walks = Walks(1, scene, truth[2:], stride=truth[0], height=truth[1])
     walks.restart([0], [rng])
     a, b, c = law
     log: dict[str, list[float]] = {

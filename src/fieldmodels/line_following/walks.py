@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -105,13 +105,23 @@ class Walks:
             ``image``.
     """
 
-    def __init__(self, batch: int, scene: Scene, plant: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        batch: int,
+        scene: Scene,
+        plant: ArrayLike | None = None,
+        *,
+        stride: float | None = None,
+        height: float | None = None,
+    ) -> None:
         """Make walks; restart each before the first stride.
 
         Args:
             batch: Number of walks.
             scene: What they walk on and see with.
             plant: Parameter vector of the plant, shape (11,) or (batch, 11); None is nominal.
+            stride: True length of a stride [m]; None is the gait's.
+            height: True height of the camera [m]; None is as calibrated.
 
         Raises:
             ModelError: If the batch is empty or the parameters have the wrong shape.
@@ -129,14 +139,16 @@ class Walks:
         one, track = scene.camera, scene.track
         above = (2 * one.first_row - one.last_row, one.first_row)
         self._rows = ((one.first_row, one.last_row), above)[: scene.bands]
-        self._bands = tuple(make_optics(one, *rows) for rows in self._rows)
+        true = one if height is None else replace(one, height=height)
+        self._bands = tuple(make_optics(one, *rows)._replace(height=true.height) for rows in self._rows)
+        self._gait = scene.gait if stride is None else replace(scene.gait, step=stride / 2.0)
         self._track = (track.table, track.spacing, track.closed)
         self._begun = np.zeros(batch, dtype=np.bool_)
-        self._body = Body(scene.gait, scene.hardware) if scene.plant == "pymunk" else None
+        self._body = Body(self._gait, scene.hardware) if scene.plant == "pymunk" else None
         self.images: Image | None = None
         if scene.sight == "image":
-            view = make_view(one, scene.tape, scene.floor, scene.exposure, scene.lighting)
-            self._renderer = Renderer(track, one, view)
+            view = make_view(true, scene.tape, scene.floor, scene.exposure, scene.lighting)
+            self._renderer = Renderer(track, true, view)
             self.images = np.zeros((batch, one.rows, one.width), dtype=np.uint8)
 
     def __len__(self) -> int:
@@ -180,13 +192,13 @@ class Walks:
         else:
             move(
                 self.walks, values, *self._track, scene.latency, self.plants,
-                scene.noise.yaw, scene.noise.lateral, scene.gait.stride, scene.gait.limit,
+                scene.noise.yaw, scene.noise.lateral, self._gait.stride, self._gait.limit,
             )  # fmt: skip
         self._look(np.arange(len(self)))
 
     def _walk_bodies(self, body: Body, i: int, command: float) -> None:
         """Take one walk through a stride of rigid bodies."""
-        noise, gait = self.scene.noise, self.scene.gait
+        noise, gait = self.scene.noise, self._gait
         turn = order(self.walks, i, command, self.plants[i], self.scene.latency, gait.limit)
         body.state = self.walks["bodies"][i].copy()
         body.stride(turn + noise.yaw * draw(self.walks, i, YAW))

@@ -1,0 +1,547 @@
+"""Line following: steer a walking robot along a taped line, stride by stride, from what its camera sees.
+
+Source: A. I. Chaudhry, "Topics in robot locomotion: state estimation and feasible-path generation for
+wheeled and legged robots", Cornell University 2015, chapter 3 ("the dissertation").
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
+from fieldgym.settings import read_settings
+from fieldmodels.line_following.body import Hardware
+from fieldmodels.line_following.model import LineFollowing
+from fieldmodels.line_following.parameters import (
+    FLOORS,
+    TAPES,
+    Exposure,
+    Gait,
+    Lighting,
+    Noise,
+)
+from fieldmodels.line_following.renderer import Renderer, make_view
+from fieldmodels.line_following.tracks import read_track
+from fieldmodels.line_following.walks import Scene, Walks
+from fieldmodels.reality import read_reality
+
+if TYPE_CHECKING:
+    from fieldgym.rendering.canvas import Frame
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+WIDTH_SCALE = 0.3
+"""The line's place that is 1 in an observation [m]."""
+OBSERVED = 10.0
+"""Bound of an observation; no line in view reaches it."""
+SETTLED = 15
+"""Strides after which the distance from the line counts in the scores."""
+NEAR = 0.1
+"""Distance that costs all of a stride's reward, and within which a robot counts as on its line [m]."""
+EFFORT_SCALE = 0.1
+"""Change of the turn that costs ``effort_weight`` [rad]."""
+TRAIL = 400
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class LineFollowingSettings:
+    """What can be set in ``fieldgym/LineFollowing-v0`` and ``fieldgym/LineFollowingPixels-v0``.
+
+    Attributes:
+        track: ``straight``, ``s``, ``oval``, ``figure_eight``, or the path of a CSV file with columns ``x``
+            and ``y`` [m].
+        strides: Strides in an episode.
+        plant: ``kinematic``, or ``pymunk``: rigid bodies whose feet can slip and whose motor can give way.
+        sight: ``geometry`` computes where the line's centroid is, ``image`` renders an image and runs the
+            firmware on it (always so with pixels).
+        bands: Bands of rows whose centroid is observed, 1 or 2.
+        latency_strides: Strides that a command waits beside the gait's own delay, 0 or 1.
+        camera_yaws_with_inner: Whether the camera turns with the inner legs, not with the body.
+        limit: Largest turn of a stride [rad].
+        sensor: Standard deviation of the line's place [m].
+        yaw: Standard deviation of a stride's turn [rad].
+        lateral: Standard deviation of a stride's sideways slip [m].
+        bias: Largest steering bias; each episode draws its own from +- this [rad a stride].
+        offset: Largest distance from the line at the start [m].
+        misalignment: Largest heading error at the start [rad].
+        sided: Whether every episode starts at the largest distance, to either side.
+        tape: ``duvetyne``, ``shurtape``, ``masking``, ``gaffer`` or ``duvetyne_wide``.
+        floor: ``linoleum``, ``cement``, ``white`` or ``dark_grey``.
+        light: Light everywhere, 1 for a well lit hall; acts where images are rendered, as the next two.
+        dark_corner: Centre x, y and radius of a dark corner [m], and the light there; None for none.
+        sun: Direction to which the sun throws the robot's shadow [rad] and the shadow's length [m]; None for
+            no sun.
+        threshold: Level below which a pixel is tape.
+        friction: Coefficient of friction of the feet (``pymunk``).
+        motor: Largest torque of the steering motor [N m] (``pymunk``).
+        lost_offset: Distance from the line at which the episode ends [m].
+        lost_strides: Strides without sight of the line after which the episode ends.
+        effort_weight: Weight of changing the turn in the reward.
+        reward_limit: Largest loss of a stride; each stride that a failed episode lacks costs it.
+    """
+
+    track: str = "oval"
+    strides: Annotated[int, Field(ge=1, le=100_000)] = 100
+    plant: Literal["kinematic", "pymunk"] = "kinematic"
+    sight: Literal["geometry", "image"] = "geometry"
+    bands: Literal[1, 2] = 1
+    latency_strides: Literal[0, 1] = 0
+    camera_yaws_with_inner: bool = False
+    limit: Annotated[float, Field(gt=0, le=0.5)] = 0.15
+    sensor: Annotated[float, Field(ge=0, le=0.5)] = 0.02
+    yaw: Annotated[float, Field(ge=0, le=0.2)] = 0.01
+    lateral: Annotated[float, Field(ge=0, le=0.2)] = 0.005
+    bias: Annotated[float, Field(ge=0, le=0.2)] = 0.02
+    offset: Annotated[float, Field(ge=0, le=0.5)] = 0.2
+    misalignment: Annotated[float, Field(ge=0, le=0.5)] = 0.1
+    sided: bool = False
+    tape: Literal["duvetyne", "shurtape", "masking", "gaffer", "duvetyne_wide"] = "duvetyne"
+    floor: Literal["linoleum", "cement", "white", "dark_grey"] = "linoleum"
+    light: Annotated[float, Field(ge=0, le=2)] = 1.0
+    dark_corner: tuple[float, float, Positive, Annotated[float, Field(ge=0, le=1)]] | None = None
+    sun: tuple[float, Positive] | None = None
+    threshold: Annotated[float, Field(gt=0, lt=255)] = 90.0
+    friction: Positive = 0.8
+    motor: Positive = 10.0
+    lost_offset: Positive = 1.0
+    lost_strides: Annotated[int, Field(ge=1)] = 5
+    effort_weight: NotNegative = 0.1
+    reward_limit: Positive = 3.0
+
+    def scene(self, images: bool) -> Scene:
+        """What the walks walk on and see with; ``images`` asks for images whatever ``sight`` says.
+
+        Raises:
+            ModelError: If there is no such track.
+        """
+        corner = self.dark_corner or (0.0, 0.0, 0.0, 1.0)
+        azimuth, shadow = self.sun or (0.0, 0.0)
+        return Scene(
+            track=read_track(self.track),
+            gait=Gait(limit=self.limit),
+            noise=Noise(self.sensor, self.yaw, self.lateral, self.bias),
+            tape=TAPES[self.tape],
+            floor=FLOORS[self.floor],
+            exposure=Exposure(threshold=self.threshold),
+            lighting=Lighting(self.light, *corner, sun_azimuth=azimuth, sun_length=shadow),
+            hardware=Hardware(friction=self.friction, motor=self.motor),
+            plant=self.plant,
+            sight="image" if images else self.sight,
+            bands=self.bands,
+            latency=self.latency_strides,
+            camera_yaws_with_inner=self.camera_yaws_with_inner,
+            offset=self.offset,
+            misalignment=self.misalignment,
+            sided=self.sided,
+        )
+
+
+class _Walk(Play):
+    """The task on a batch of walks."""
+
+    pixels = False
+
+    def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
+        self.settings: LineFollowingSettings = read_settings(settings, LineFollowingSettings)
+        scene = self.settings.scene(self.pixels)
+        model = LineFollowing(scene.gait, scene.camera)
+        self.reality = read_reality(reality, model)
+        truth = self.reality.vector(model)
+        self._look_ahead = scene.camera.look_ahead
+        self.walks = Walks(batch, scene, truth[2:], stride=truth[0], height=truth[1])
+        self.elapsed = np.zeros(batch, dtype=np.int64)
+        self._start = np.zeros(batch)
+        self._overshoot = np.zeros(batch)
+        self._distance = np.zeros(batch)
+        self._near = np.zeros(batch)
+        self._drawing = drawing
+        self._trails: list[deque[tuple[float, float, float, float, float]]] = [
+            deque(maxlen=TRAIL) for _ in range(batch)
+        ]
+        self._operator: dict[str, Any] = {}
+        self._renderer: Renderer | None = None
+
+    def spaces(self) -> tuple[Box, Box]:
+        """One turn; what the camera board sent, or the image."""
+        action = Box(-1.0, 1.0, (1,), np.float32)
+        if self.pixels:
+            camera = self.walks.scene.camera
+            return action, Box(0, 255, (camera.rows, camera.width, 1), np.uint8)
+        return action, Box(-OBSERVED, OBSERVED, (4 + 5 * self.settings.bands,), np.float32)
+
+    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
+        """Begin new episodes of some walks."""
+        rows = list(which)
+        self.walks.restart(rows, generators)
+        self.elapsed[rows] = 0
+        self._start[rows] = self.walks.walks["offset"][rows]
+        for tally in (self._overshoot, self._distance, self._near):
+            tally[rows] = 0.0
+        if self._drawing:
+            for i in rows:
+                self._trails[i].clear()
+                self._trail(i)
+
+    def observation(self) -> NDArray[Any]:
+        """The line's last places, the last commands, the lost flags; or the image."""
+        if self.pixels:
+            assert self.walks.images is not None
+            return self.walks.images[..., None].copy()
+        walks, bands = self.walks.walks, self.settings.bands
+        parts = [walks["lines"][:, 0] / WIDTH_SCALE, walks["commands"] / self.settings.limit]
+        parts.append(walks["lost"][:, :1])
+        if bands == 2:
+            parts += [walks["lines"][:, 1] / WIDTH_SCALE, walks["lost"][:, 1:]]
+        return np.clip(np.concatenate(parts, axis=1), -OBSERVED, OBSERVED).astype(np.float32)
+
+    def start_info(self) -> dict[str, Any]:
+        """The hidden truth at the start."""
+        return {"privileged": self._privileged()}
+
+    def step(self, actions: NDArray[Any]) -> Outcome:
+        """Take every walk through one stride."""
+        settings, walks = self.settings, self.walks.walks
+        before = walks["commands"][:, 0].copy()
+        self.walks.advance(actions[:, 0] * settings.limit)
+        self.elapsed += 1
+        change = np.abs(walks["commands"][:, 0] - before)
+        distance = np.abs(walks["offset"])
+        failed = (distance > settings.lost_offset) | (walks["lost_strides"] >= settings.lost_strides)
+        truncated = (self.elapsed >= settings.strides) & ~failed
+        reward = np.maximum(1.0 - distance / NEAR, -settings.reward_limit)
+        reward -= settings.effort_weight * change / EFFORT_SCALE
+        left = np.where(failed, settings.strides - self.elapsed, 0)
+        reward -= settings.reward_limit * left
+        if self._drawing:
+            for i in range(len(self.elapsed)):
+                self._trail(i)
+        return Outcome(
+            observation=self.observation(),
+            reward=reward,
+            terminated=failed,
+            truncated=truncated,
+            info={
+                "offset": distance,
+                "effort": change,
+                "lost": walks["lost"][:, 0].astype(np.float64),
+                "failed": failed.astype(np.float64),
+                "command": walks["commands"][:, 0].copy(),
+                **self._scores(distance, left),
+                "privileged": self._privileged(),
+            },
+        )
+
+    def _scores(self, distance: Floats, left: NDArray[np.int64]) -> dict[str, Floats]:
+        """What is told of a whole episode so far; strides that a failed one lacks count as lost."""
+        counting = self.elapsed > min(SETTLED, self.settings.strides - 1)
+        self._distance += np.where(counting, distance, 0.0)
+        self._near += counting & (distance <= NEAR)
+        first = min(SETTLED, self.settings.strides - 1)
+        taken = np.maximum(self.elapsed - first, 0)
+        total = np.where(left > 0, self.settings.strides - first, taken)
+        missing = (total - taken) * self.settings.lost_offset
+        mean = np.where(total > 0, (self._distance + missing) / np.maximum(total, 1), distance)
+        near = np.where(total > 0, self._near / np.maximum(total, 1), distance <= NEAR)
+        side = np.sign(self._start) * self.walks.walks["offset"]
+        start = np.maximum(np.abs(self._start), 1e-9)
+        self._overshoot = np.maximum(self._overshoot, -side / start)
+        return {"mean_offset": mean, "near": near, "overshoot": self._overshoot.copy()}
+
+    def _privileged(self) -> dict[str, Floats]:
+        """The hidden truth: place against the line, what the line does ahead, the walk's bias."""
+        walks, track = self.walks.walks, self.walks.scene.track
+        arc = walks["arc"]
+        return {
+            "offset": walks["offset"].copy(),
+            "heading": walks["misalignment"].copy(),
+            "curvature": track.curvature(arc),
+            "curvature_ahead": track.curvature(arc + self.walks.scene.gait.stride),
+            "bias": walks["bias"].copy(),
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next steps depend on but the random generators."""
+        return {
+            "walks": self.walks.state().view(np.uint8).reshape(len(self.elapsed), -1).copy(),
+            "elapsed": self.elapsed.copy(),
+            "tallies": np.stack([self._start, self._overshoot, self._distance, self._near]),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a snapshot."""
+        check_state(state, len(self.elapsed), ("walks", "tallies"))
+        kind = self.walks.walks.dtype
+        self.walks.set_state(np.ascontiguousarray(state["walks"]).view(kind).reshape(-1))
+        self.elapsed[:] = state["elapsed"]
+        for tally, own in zip(
+            (self._start, self._overshoot, self._distance, self._near), state["tallies"], strict=True
+        ):
+            tally[:] = own
+        for i, trail in enumerate(self._trails):
+            trail.clear()
+            self._trail(i)
+
+    def show(self, **operator: Any) -> None:
+        """Show who steers; see ``LineFollowingEnv.show``."""
+        self._operator = operator
+
+    def _trail(self, i: int) -> None:
+        """Remember where a walk is, for its picture."""
+        one = self.walks.walks[i]
+        self._trails[i].append(
+            (
+                float(one["x"]),
+                float(one["y"]),
+                float(one["heading"]),
+                float(one["offset"]),
+                float(one["commands"][0]),
+            )
+        )
+
+    def frame(self, i: int) -> Frame:
+        """Draw one walk."""
+        from fieldgym.rendering.line_following import Picture, draw
+
+        scene, one = self.walks.scene, self.walks.walks[i]
+        if self.walks.images is not None:
+            image = self.walks.images[i]
+        else:
+            if self._renderer is None:
+                view = make_view(scene.camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
+                self._renderer = Renderer(scene.track, scene.camera, view)
+            pose = (float(one["x"]), float(one["y"]), float(one["heading"]))
+            image = self._renderer.image(pose, float(one["arc"]), int(self.elapsed[i]))
+        return draw(
+            Picture(
+                track=scene.track.points,
+                closed=scene.track.closed,
+                trail=np.array(self._trails[i]),
+                image=image,
+                band=(scene.camera.first_row, scene.camera.last_row),
+                column=scene.camera.width / 2.0 - float(one["lines"][0, 0]) / scene.camera.metres_per_pixel,
+                lost=bool(one["lost"][0]),
+                threshold=scene.exposure.threshold,
+                limit=self.settings.limit,
+                stride=int(self.elapsed[i]),
+                strides=self.settings.strides,
+                look_ahead=self._look_ahead,
+                dark=self.settings.dark_corner,
+                operator=self._operator,
+            )
+        )
+
+
+class _PixelWalk(_Walk):
+    """The task on a batch of walks, observed as images."""
+
+    pixels = True
+
+
+class LineFollowingEnv(PlayEnv):
+    r"""Steer a walking robot along a taped line, stride by stride, from one number that its camera sends.
+
+    ## Description
+
+    The biped Ranger follows a line of black tape by itself (A. I. Chaudhry, "Topics in robot locomotion",
+    Cornell University 2015, chapter 3). A camera on its front looks at the floor about a metre ahead; its
+    firmware finds the tape's pixels in the middle third of the rows and sends their mean column, or a flag
+    if there are too few. The robot turns while its inner legs stand, so that a turn shows in the next
+    stride's direction only.
+
+    One step is one stride of 0.70 m: the camera looks as the outer legs touch down; the body goes 0.35 m
+    straight on over the outer feet, and 0.35 m along the same heading over the inner feet, which turn it.
+    Each episode has a hidden steering bias.
+
+    `fieldgym/LineFollowingPixels-v0` is the same task observed as the camera's image.
+
+    ## Action Space
+
+    `Box(-1, 1, (1,), float32)`: the turn of the coming stride in units of `limit`, 0.15 rad, left positive.
+    Values outside are clipped; others than finite numbers are refused (`InvalidAction`).
+
+    ## Observation Space
+
+    `Box(-10, 10, (9,), float32)`
+
+    | Num | Observation | Unit |
+    |-----|-------------|------|
+    | 0-3 | where the camera saw the line, newest first, left positive | 0.3 m |
+    | 4-7 | commanded turns, newest first | `limit` |
+    | 8 | 1 if the line is lost; then entry 0 is where it was seen last | - |
+
+    With `bands=2` the third of the view above the middle one is looked at too, 1.26 to 2.2 m ahead:
+    entries 9-12 are the line's places in it, 13 its lost flag.
+
+    ## Rewards
+
+    `max(1 - |d| / 0.1 m, -reward_limit) - effort_weight |change of turn| / 0.1 rad`, where `d` is the
+    distance from the line after the stride. Where an episode fails, each stride that it lacks costs
+    `reward_limit`.
+
+    `info` holds after each step
+
+    | Key | Meaning |
+    |-----|---------|
+    | `offset` | distance from the line [m] |
+    | `effort` | change of the commanded turn [rad] |
+    | `lost` | 1 if the line is not seen |
+    | `failed` | 1 if the episode ends for leaving the line |
+    | `command` | the commanded turn [rad] |
+    | `mean_offset` | mean distance since stride 15 [m]; strides that are missing count 1 m |
+    | `near` | share of the strides since stride 15 within 0.10 m |
+    | `overshoot` | farthest distance beyond the line so far, over the distance at the start |
+    | `privileged` | the hidden truth, see below |
+
+    Distances compare with the truth: they are for scoring, no agent should act on them.
+    `info["privileged"]` is the truth itself: `offset` [m] and `heading` [rad] against the line with their
+    signs, the line's `curvature` [1/m] here and a stride ahead (`curvature_ahead`), and the `bias` [rad].
+
+    ## Starting State
+
+    Up to `offset` (0.2 m) beside the line and `misalignment` (0.1 rad) askew, at the beginning of an open
+    track or anywhere on a closed one. Noise depends on the seed alone, never on the actions.
+
+    ## Episode End
+
+    Truncated after `strides` (100). Terminated where the robot is more than `lost_offset` (1 m) from the
+    line, or has not seen it for `lost_strides` (5).
+
+    ## Arguments
+
+    ```python
+    import gymnasium as gym
+    import fieldgym  # registers the environments
+
+    gym.make(
+        "fieldgym/LineFollowing-v0",
+        settings={"track": "s", "plant": "pymunk", "friction": 0.2},
+        reality={"steering_bias": {"turn": 0.01}},
+        render_mode="rgb_array",
+    )
+    gym.make_vec("fieldgym/LineFollowing-v0", num_envs=64)  # native: one kernel, same bits
+    ```
+
+    - `settings`: a `LineFollowingSettings` or a mapping of some of its fields; unknown keys are refused.
+    - `reality`: what the simulation truly is: effects of the model `line_following`, the path of an
+      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
+    - `render_mode`: `rgb_array` (960 x 540, one frame a stride) or `human`.
+
+    `get_state` and `set_state` save and restore everything, to the bit.
+
+    ## Matches, deviates, assumed
+
+    - **Matches** the source: turning while the inner legs stand, and the wait of a command given during
+      their swing (section 3.1.1); the camera's angle of 45 degrees and the middle third of its rows
+      (3.3.2, 3.5.1); threshold, centroid, flag for too few pixels (3.4.2); Duvetyne tape of two inches
+      that reads 35 beside a floor of 165 (Fig 3.13); turns of 9 m (3.6); a dark corner that loses the
+      line and thicker tape that brings it back, the robot's own shadow that draws the centroid aside (3.6).
+    - **Deviates**: no colours (tape and floor are grey, Fig 3.13); the body's pitching is left out, so that
+      the view does not move to and fro within a stride.
+    - **Assumed**, since the source is silent: that the sensor is read at the outer touchdown and that the
+      second step goes along the old heading (reading it at the inner touchdown, or going along the new
+      heading, makes the task easier); 1 m camera height, 50 degrees field of view; all noise, the bias
+      and the limit; the optics of light, pedestal and exposure.
+
+    ## Version History
+
+    - v0: first version
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
+    play = _Walk
+    title = "line following"
+
+    def show(self, **operator: Any) -> None:
+        """Show in the picture who steers, as the operator's switch and joystick of section 3.5.2.
+
+        Args:
+            operator: ``steering`` (True where the operator steers) and ``joystick`` (-1 to 1, left positive).
+        """
+        assert isinstance(self._play, _Walk)
+        self._play.show(**operator)
+
+
+class LineFollowingVectorEnv(PlayVectorEnv):
+    """Many walks in one kernel; each row is ``LineFollowingEnv`` to the bit.
+
+    Args:
+        num_envs: Number of walks.
+        settings: See ``LineFollowingEnv``.
+        reality: See ``LineFollowingEnv``.
+        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walk.
+    """
+
+    play = _Walk
+
+
+class LineFollowingPixelsEnv(LineFollowingEnv):
+    r"""Steer a walking robot along a taped line, stride by stride, from its camera's image.
+
+    ## Description
+
+    The task of `fieldgym/LineFollowing-v0`, observed as the camera sees it. Where the centroid of one band
+    mixes up offset, heading and curvature, the image holds all three.
+
+    ## Action Space
+
+    `Box(-1, 1, (1,), float32)`: the turn of the coming stride in units of `limit`, 0.15 rad, left positive.
+
+    ## Observation Space
+
+    `Box(0, 255, (120, 160, 1), uint8)`: the grey image, with exposure, light, shadow and noise. The body
+    sways: the camera's heading has the noise that the centroid has in the other environment.
+
+    ## Rewards
+
+    As `fieldgym/LineFollowing-v0`, with the same `info`.
+
+    ## Starting State
+
+    As `fieldgym/LineFollowing-v0`: equal seeds give the same walk and the same noise.
+
+    ## Episode End
+
+    As `fieldgym/LineFollowing-v0`; the line is lost where the firmware does not find it in the image.
+
+    ## Arguments
+
+    ```python
+    import gymnasium as gym
+    import fieldgym  # registers the environments
+
+    gym.make("fieldgym/LineFollowingPixels-v0", settings={"light": 0.5}, render_mode="rgb_array")
+    gym.make_vec("fieldgym/LineFollowingPixels-v0", num_envs=16)
+    ```
+
+    ## Matches, deviates, assumed
+
+    As `fieldgym/LineFollowing-v0`. The source sends no images to the robot, only the centroid.
+
+    ## Version History
+
+    - v0: first version
+    """
+
+    play = _PixelWalk
+
+
+class LineFollowingPixelsVectorEnv(PlayVectorEnv):
+    """Many walks observed as images; each row is ``LineFollowingPixelsEnv`` to the bit.
+
+    Args:
+        num_envs: Number of walks.
+        settings: See ``LineFollowingEnv``.
+        reality: See ``LineFollowingEnv``.
+        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walk.
+    """
+
+    play = _PixelWalk
