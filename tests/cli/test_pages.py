@@ -8,6 +8,8 @@ import pytest
 from fieldagents import demo
 from fieldagents.config import EnvironmentConfig, EvaluateConfig
 from fieldagents.evaluation import evaluate
+from fieldagents.evaluation.metrics import METRICS
+from fieldagents.reproduce import reproduce
 from fieldmodels.datasets import DatasetError
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
@@ -54,6 +56,34 @@ def test_evaluation_report(open_page, tmp_path: Path):
     for agent in config.agents:
         assert agent in words
     assert "better" in words or "worse" in words
+
+
+def test_evaluation_report_of_shares_and_of_values_that_are_missing(open_page, tmp_path: Path):
+    config = EvaluateConfig(
+        name="pages",
+        task="pose_reaching",
+        environments={"anywhere": EnvironmentConfig(settings={"starts": "T3"})},
+        agents=["path_memory_printed", "path_memory", "graceful"],
+        baseline="graceful",
+        episodes=20,
+    )
+    summary = evaluate(config, tmp_path)
+    others = [metric for metric in METRICS["pose_reaching"][1:] if not metric.common]
+    browser = open_page(tmp_path / "report.html")
+    for details in browser.find_elements("tag name", "details"):
+        details.click()
+    words = check_page(browser, figures=1 + len(others))
+    for metric in others:
+        assert metric.title in words
+    (printed,) = [row for row in summary.scenarios["anywhere"] if row.agent == "path_memory_printed"]
+    assert printed.means["success"] < 0.2  # so that some of its values are missing
+    assert "percentage points" in words
+
+
+def test_reproduction_report(open_page, tmp_path: Path):
+    reproduce("heel_strike/figure-2.12", tmp_path, ["strides=50"])
+    words = check_page(open_page(tmp_path / "report.html"), figures=1)
+    assert "Fig 2.12" in words
 
 
 @pytest.mark.parametrize("verdict", REALITIES)
