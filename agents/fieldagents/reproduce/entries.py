@@ -87,6 +87,24 @@ ENTRIES: dict[str, Entry] = {
         "Model or sensor: the best share of each under process noise (with Figs 2.13 and 2.15)",
         "fieldagents.reproduce.heel_strike:figure_2_14",
     ),
+    "pose_reaching/figure-5.9": Entry(
+        "Training paths and generated paths of the path memory (Figs 5.3 to 5.9)",
+        "fieldagents.reproduce.pose_reaching:figures_5_3_to_5_9",
+    ),
+    "pose_reaching/rules": Entry(
+        "The path memory with one rule changed at a time", "fieldagents.reproduce.pose_reaching:rules"
+    ),
+    "pose_reaching/paths": Entry(
+        "Success against the number of training paths",
+        "fieldagents.reproduce.pose_reaching:number_of_paths",
+    ),
+    "pose_reaching/own-data": Entry(
+        "The robot that makes its own training data (section 5.4)",
+        "fieldagents.reproduce.pose_reaching:own_training_data",
+    ),
+    "pose_reaching/ceiling": Entry(
+        "How near the ceiling is to the least time possible", "fieldagents.reproduce.pose_reaching:ceiling"
+    ),
 }
 """By ``<task>/<table or figure>``."""
 

@@ -144,7 +144,8 @@ def starts_facing(paths: int, distance: float = 1.6, field: Field = FIELD) -> Fl
     Returns:
         Shape (paths, 3).
     """
-    bearing = np.linspace(0.0, math.pi, paths) if paths > 1 else np.array([math.pi / 2])
+    # Straight above, both ways round the ball are equally long; a hair less leads round the right.
+    bearing = np.linspace(0.0, math.pi - 0.01, paths) if paths > 1 else np.array([math.pi / 2])
     x, y = np.sin(bearing), -np.cos(bearing)
     with np.errstate(divide="ignore"):
         room = np.minimum((field.length / 2 - MARGIN) / np.abs(x), (field.width / 2 - MARGIN) / np.abs(y))
