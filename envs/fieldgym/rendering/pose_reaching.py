@@ -88,16 +88,16 @@ def draw(scene: Scene) -> Frame:
 
 
 def _legend(canvas: Canvas, scene: Scene) -> None:
-    entries = [("path", PATH), ("shortest (Dubins)", DUBINS)]
+    entries = [("path", PATH, 62.0), ("shortest (Dubins)", DUBINS, 146.0)]
     if len(scene.memory):
-        entries.append(("remembered", MEMORY))
+        entries.append(("remembered", MEMORY, 110.0))
     if scene.chosen is not None:
-        entries.append(("chosen", CHOSEN))
+        entries.append(("chosen", CHOSEN, 0.0))
     x = 200.0
-    for name, color in entries:
+    for name, color, width in entries:
         canvas.circle((x, 27), 5, color)
         canvas.text(name, (x + 12, 27), INK, 12)
-        x += 38 + 6.4 * len(name)
+        x += width
 
 
 def _ground(canvas: Canvas, field: Field, scale: float) -> None:
@@ -173,7 +173,7 @@ def _numbers(canvas: Canvas, scene: Scene) -> None:
     for k, (title, amount, unit, zero, share) in enumerate(gauges):
         y = 396.0 + 52 * k
         canvas.text(title, (left, y), MUTED, 11)
-        canvas.text(f"{amount:.2f} {unit}", (right, y), INK, 11, align="right")
+        canvas.text(f"{round(amount, 2) + 0.0:.2f} {unit}", (right, y), INK, 11, align="right")
         width = right - left
         canvas.rectangle(left, y + 16, width, 4, GRID, 2)
         begin, end = sorted((zero, min(max(share, 0.0), 1.0)))
