@@ -140,6 +140,8 @@ class PoseReaching(Model):
             windows.lengths,
             np.ascontiguousarray(windows.states),
             DRIVEN_BY_WHEELS in recording,
+            POSE[0] in self.compared,
+            WHEELS[0] in self.compared,
             out,
         )
         return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -49,9 +49,11 @@ def record_drive(
     step: float = 0.05,
     episodes: int = 1,
     noise: float = 1.0,
+    coloured: float = 0.0,
     limits: Limits | None = None,
     model: PoseReaching | None = None,
     wheels: bool = True,
+    applied: Callable[[FloatArray, float], FloatArray] | None = None,
 ) -> Recording:
     """Record a robot that is driven by random commands on an open floor.
 
@@ -62,9 +64,11 @@ def record_drive(
         step: Sampling interval [s].
         episodes: Number of episodes.
         noise: Factor on the sensors' noise.
+        coloured: Share of the noise's variance that wanders slowly.
         limits: Of the commands (default: the task's).
         model: The robot (default: nominal).
         wheels: Whether the wheels' speeds are measured too.
+        applied: What the drive makes of the commands, outside of the library; as in ``synthesise``.
 
     Returns:
         Signals of ``PoseReaching``; headings wrapped to (-pi, pi].
@@ -76,7 +80,7 @@ def record_drive(
     parts = [
         synthesise(
             model, reality, random_commands(duration, step, limits or Limits(), rng), step=step, rng=rng,
-            noise=noise,
+            noise=noise, coloured=coloured, applied=applied,
         )
         for _ in range(episodes)
     ]  # fmt: skip

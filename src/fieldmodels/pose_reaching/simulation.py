@@ -161,6 +161,8 @@ def simulate(
     lengths: IntArray,
     states: FloatArray,
     pose_driven_by_wheels: bool,
+    with_pose: bool,
+    with_wheels: bool,
     out: FloatArray,
 ) -> None:
     """Simulate every window for every row of parameters.
@@ -179,21 +181,22 @@ def simulate(
         lengths: Samples of each window, shape (windows,).
         states: x [m], y [m], heading [rad] as shown at the window's start, shape (windows, 3).
         pose_driven_by_wheels: True drives the body by the measured wheels, False by the simulated ones.
+        with_pose: Whether the pose is wanted.
+        with_wheels: Whether the wheels are.
         out: Receives x, y, heading (not wrapped) and both wheels' mean speeds since the sample before
-            [rad/s], shape (batch, windows, samples, 5), filled with NaN.
+            [rad/s], shape (batch, windows, samples, 5), filled with NaN; what is not wanted stays so.
     """
     n = len(commands)
     simulated = np.empty((n, 2, 3))
     measured = np.empty((n if pose_driven_by_wheels else 0, 2, 3))
     before = np.full((n, 2), np.nan)
-    shown = np.empty((2, 2))
     for p in range(len(parameters)):
         q = parameters[p]
-        if len(wheels) > 0:
-            for i in range(n):
-                for side in range(2):
-                    before[i, side] = q[RADIUS] * wheels[first[i], side]
-        follow_commands(commands, wheel_front, before, first, time, step, q, simulated)
+        for i in range(n if len(wheels) > 0 else 0):
+            for side in range(2):
+                before[i, side] = q[RADIUS] * wheels[first[i], side]
+        if with_wheels or not pose_driven_by_wheels:
+            follow_commands(commands, wheel_front, before, first, time, step, q, simulated)
         course = simulated
         pose_shift, pose_lag = (q[DELAY] + q[SENSOR_DELAY]) / step, q[LAG]
         if pose_driven_by_wheels:
@@ -210,35 +213,30 @@ def simulate(
             rest = np.empty(2)
             for side in range(2):
                 rest[side] = before[start, side]
-                if math.isnan(rest[side]):
+                if math.isnan(rest[side]):  # then no wheels are measured, and the command is all there is
                     rest[side] = simulated[low, side, AIM]
             x, y = states[w, 0], states[w, 1]
             heading = states[w, 2] - q[HEADING_BIAS]
             cosine, sine = math.cos(heading), math.sin(heading)
-            for j in range(lengths[w]):
+            for j in range(lengths[w] if with_wheels else 0):
+                # A turn rate that nobody commanded shows in both stages.
+                extra = 0.5 * q[TRACK] * (disturbance[start + j] if len(disturbance) > 0 else 0.0)
+                at = start + j - wheel_whole
+                for side in range(2):
+                    way = travelled(
+                        simulated, side, at, wheel_part, low, high, step, q[LAG], rest[side]
+                    ) - travelled(simulated, side, at - 1, wheel_part, low, high, step, q[LAG], rest[side])
+                    out[p, w, j, 3 + side] = (way / step + (2 * side - 1) * extra) / q[RADIUS]
+            for j in range(lengths[w] if with_pose else 0):
                 out[p, w, j, 0] = x
                 out[p, w, j, 1] = y
                 out[p, w, j, 2] = heading + q[HEADING_BIAS]
-                for side in range(2):
-                    for k in range(2):
-                        shown[side, k] = travelled(
-                            simulated,
-                            side,
-                            start + j - wheel_whole - 1 + k,
-                            wheel_part,
-                            low,
-                            high,
-                            step,
-                            q[LAG],
-                            rest[side],
-                        )
-                    out[p, w, j, 3 + side] = (shown[side, 1] - shown[side, 0]) / (q[RADIUS] * step)
                 if j == lengths[w] - 1:
                     break
+                extra = disturbance[start + j] if len(disturbance) > 0 else 0.0
                 # From `part` of a step after sample `at` to as much after the next, where a command
                 # switches in between.
                 at = start + j - whole
-                extra = disturbance[start + j] if len(disturbance) > 0 else 0.0
                 for piece in range(2):
                     begin, begin_part = (at, part) if piece == 0 else (at + 1, 0.0)
                     end, end_part = (at + 1, 0.0) if piece == 0 else (at + 1, part)
