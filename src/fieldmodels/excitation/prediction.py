@@ -53,7 +53,7 @@ from fieldmodels.model import FloatArray, ModelError
 SUBSTEPS = 1
 """Integration steps a sampling interval: a prediction needs no more (tested against the experiment's)."""
 
-LEAST = 0.01
+LEAST = 0.001
 """Mass, inertia, damping and stiffness of a predicted vehicle are at least this share of their range."""
 PRODUCTS_MOST = 0.45
 """Largest |I_ij| / sqrt(I_ii I_jj) of a predicted vehicle: any three such make a positive-definite tensor."""
@@ -152,6 +152,21 @@ def add_gram(
 
 
 @compiled
+def _shake(
+    vehicle: FloatArray,
+    arm: FloatArray,
+    motion: FloatArray,
+    rest: float,
+    substeps: int,
+    state: FloatArray,
+    signals: FloatArray,
+) -> None:
+    """Advance all modes by one decision, in place of ``state``, shape (3, 24); see ``advance_mode``."""
+    for mode in range(MODES):
+        advance_mode(vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, state[mode], signals[mode])
+
+
+@compiled
 def _predict(
     terms: Terms,
     arm: FloatArray,
@@ -196,8 +211,7 @@ def _predict(
         make_physical(vehicles[b], lower, upper, vehicle)
         fill_past(command[b], phase[b], motion)
         shaken[:, :] = 0.0
-        for mode in range(MODES):
-            advance_mode(vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, shaken[mode], signals[mode])
+        _shake(vehicle, arm, motion, rest, substeps, shaken, signals)
         for c in range(wanted.shape[1]):
             state[:, :] = shaken
             sums[:, :, :] = moments[b]
@@ -210,10 +224,7 @@ def _predict(
                 fill_motion(before, angle, after, motion)
                 angle = phase_after(angle, before, after)
                 before[:] = after
-                for mode in range(MODES):
-                    advance_mode(
-                        vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, state[mode], signals[mode]
-                    )
+                _shake(vehicle, arm, motion, rest, substeps, state, signals)
                 if running:
                     # A sensor is the same in all modes, and so is its maximum; the decision's own counts.
                     for i in range(SIGNALS):
