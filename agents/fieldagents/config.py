@@ -238,6 +238,10 @@ class WalkConfig(Config):
     regimes: bool = False
 
 
+ROBOTS = ("pose_reaching", "differential_drive")
+"""Models whose recordings are drives by random commands within the task's limits."""
+
+
 class RecordConfig(Config):
     """What `fieldgym record` reads: a model in a (hidden) reality, measured for a while.
 
@@ -245,7 +249,7 @@ class RecordConfig(Config):
         name: Name of the result folder.
         model: Name of the model.
         reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
-        excitation: How the input is driven, for a model with a commanded input.
+        excitation: How the input is driven, for a model with a commanded input; robots drive at random.
         walk: The noise of a walk, for ``heel_strike``, which nobody drives.
         duration: Length of an episode [s].
         step: Sampling interval [s], for a model with a commanded input; a walker has its own.
@@ -286,7 +290,11 @@ class RecordConfig(Config):
     @classmethod
     def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
         model = info.data.get("model")
-        strange = ("excitation", "step", "episodes", "noise") if model == "heel_strike" else ("walk",)
+        strange: tuple[str, ...] = ("walk",)
+        if model == "heel_strike":
+            strange = ("excitation", "step", "episodes", "noise")
+        elif model in ROBOTS:
+            strange = ("walk", "excitation")
         if model is not None and info.field_name in strange:
             raise ValueError(f"model {model!r} does not take this key; leave it out")
         return value

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldagents.config import ExcitationConfig, RecordConfig, WalkConfig
+from fieldagents.config import ROBOTS, ExcitationConfig, RecordConfig, WalkConfig
 from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording
 from fieldmodels.recording_files import save_recording
@@ -55,6 +55,20 @@ def make_recording(config: RecordConfig) -> Recording:
         kind = walk.collision_kind
         noise = Regimes.preset(kind) if walk.regimes else Noise(collision_kind=kind)
         return record_walk(config.duration, rng, noise, reality)
+    if config.model in ROBOTS:
+        from fieldmodels.pose_reaching.model import PoseReaching
+        from fieldmodels.pose_reaching.recording import record_drive
+
+        assert isinstance(model, PoseReaching)
+        return record_drive(
+            config.duration,
+            rng,
+            reality,
+            step=config.step or 0.05,
+            episodes=config.episodes,
+            noise=config.noise,
+            model=model,
+        )
     from fieldmodels.synthesis import synthesise
 
     drive = config.excitation or ExcitationConfig()

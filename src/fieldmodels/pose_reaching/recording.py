@@ -11,6 +11,7 @@ import numpy as np
 from fieldmodels.model import FloatArray
 from fieldmodels.pose_reaching.model import PoseReaching
 from fieldmodels.pose_reaching.parameters import Limits
+from fieldmodels.pose_reaching.unicycle import wheel_speeds
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording
 from fieldmodels.synthesis import synthesise
@@ -66,7 +67,7 @@ def record_drive(
         noise: Factor on the sensors' noise.
         coloured: Share of the noise's variance that wanders slowly.
         limits: Of the commands (default: the task's).
-        model: The robot (default: nominal).
+        model: The robot, which also says what it is told (default: nominal, its motion).
         wheels: Whether the wheels' speeds are measured too.
         applied: What the drive makes of the commands, outside of the library; as in ``synthesise``.
 
@@ -79,8 +80,8 @@ def record_drive(
     model = model or PoseReaching()
     parts = [
         synthesise(
-            model, reality, random_commands(duration, step, limits or Limits(), rng), step=step, rng=rng,
-            noise=noise, coloured=coloured, applied=applied,
+            model, reality, _for_front(model, random_commands(duration, step, limits or Limits(), rng)),
+            step=step, rng=rng, noise=noise, coloured=coloured, applied=applied,
         )
         for _ in range(episodes)
     ]  # fmt: skip
@@ -94,3 +95,11 @@ def record_drive(
         units={name: parts[0].units[name] for name in names},
         episode=np.repeat(np.arange(episodes), [len(part) for part in parts]),
     )
+
+
+def _for_front(model: PoseReaching, commands: FloatArray) -> FloatArray:
+    """Speeds and turn rates as the commands that a robot takes, shape (n, 2)."""
+    if not model.wheel_front:
+        return commands
+    told = [wheel_speeds(v, w, model.wheels.radius, model.wheels.track) for v, w in commands]
+    return np.array(told)
