@@ -1,4 +1,4 @@
-"""What there is: tasks, agents, models with their effects, trained policies, public recordings."""
+"""What there is: tasks, agents, models with their effects, trained policies, recordings, reproductions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ def catalogue() -> dict[str, Any]:
     """Everything that has a name, as plain data."""
     from fieldagents.evaluation.entrants import describe_agents
     from fieldagents.learned.zoo import list_zoo
+    from fieldagents.reproduce import ENTRIES
     from fieldgym import TASKS
     from fieldmodels.datasets import dataset_names
     from fieldmodels.registry import get_model, model_names
@@ -54,6 +55,7 @@ def catalogue() -> dict[str, Any]:
         "models": models,
         "zoo": [str(entry) for entry in list_zoo()],
         "datasets": list(dataset_names()),
+        "reproductions": list(ENTRIES),
     }
 
 
@@ -81,6 +83,7 @@ def show(found: dict[str, Any], console: Console) -> None:
         console.print(table)
     console.print("\n[bold]Trained policies[/bold]: " + (", ".join(found["zoo"]) or "none"))
     console.print("[bold]Public recordings[/bold]: " + (", ".join(found["datasets"]) or "none"))
+    console.print("[bold]Reproductions[/bold]: " + ", ".join(found["reproductions"]))
 
 
 def _unit(item: dict[str, Any]) -> str:

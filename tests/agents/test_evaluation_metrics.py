@@ -14,7 +14,7 @@ from fieldagents.evaluation import report_section, show
 from fieldagents.evaluation.episodes import MetricError, Tally, play_episodes
 from fieldagents.evaluation.metrics import METRICS, Metric
 from fieldagents.evaluation.seeds import TEST_SEEDS
-from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
+from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
 
 RUNNING = np.array([[True, True], [True, False], [True, False]])
 STEPS = np.array([3, 1])
@@ -96,7 +96,7 @@ def toy(monkeypatch):
     labels = {name: Labels("observation", "", False) for name in ("sure", "quick", "hopeless")}
     rows = summarise_scenario(episodes, "toy", "sure", labels)
     conditions = {"field": {"settings": {}, "reality": {}}}
-    took = {"field": {"sure": 0.02, "quick": 1.5, "hopeless": None}}
+    took = {"field": {"sure": DecisionTime(0.02, 0.5), "quick": DecisionTime(1.5, 2.0), "hopeless": None}}
     return Summary("toy", "toy", "sure", 60, TEST_SEEDS[0], 1.0, took, conditions, {"field": rows}), episodes
 
 
@@ -120,7 +120,11 @@ def test_a_summary_with_missing_values_is_strict_json(toy):
     assert rows["hopeless"]["means"]["time"] is None
     assert rows["quick"]["scores"]["time"]["against_baseline"]["verdict"] == "better"
     assert rows["quick"]["against_baseline"] == rows["quick"]["scores"]["success"]["against_baseline"]
-    assert stored["decision_ms"]["field"]["quick"] == 1.5
+    assert stored["decision_ms"]["field"] == {
+        "sure": {"batch": 0.02, "alone": 0.5},
+        "quick": {"batch": 1.5, "alone": 2.0},
+        "hopeless": None,
+    }
     assert [metric["name"] for metric in stored["metrics"]] == ["success", "time", "bits"]
 
 

@@ -89,7 +89,13 @@ def test_list_names_what_there_is():
     assert "coulomb_friction" in effects["rig"]
     assert "gyro_bias" in effects["heel_strike"]
     shown = run("list").stdout
-    for name in ("heel_strike", "coulomb_friction", "adaptive", "dfki_simple_pendulum/ddp"):
+    for name in (
+        "heel_strike",
+        "coulomb_friction",
+        "adaptive",
+        "dfki_simple_pendulum/ddp",
+        "heel_strike/figure-2.12",
+    ):
         assert name in shown
 
 

@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 
 from fieldagents.config import EnvironmentConfig, EvaluateConfig
-from fieldagents.evaluation.entrants import make_entrant
+from fieldagents.evaluation.entrants import Entrant, make_entrant
 from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.evaluation.metrics import METRICS
 from fieldagents.evaluation.report import write_report
 from fieldagents.evaluation.seeds import TEST_SEEDS
-from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
+from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
 from fieldgym import TASKS
 from fieldmodels.files import replacing, write_text
 from fieldmodels.reality import read_reality
@@ -52,17 +52,19 @@ def evaluate(
     ]
     total = sum(len(entrant.runs) for _, _, entrant in entrants)
     tables: list[pd.DataFrame] = []
-    took: dict[tuple[str, str], list[float]] = {}
+    took: dict[str, dict[str, DecisionTime | None]] = {name: {} for name in config.environments}
     for scenario, environment, entrant in entrants:
+        batch = []
         for run, agent in enumerate(entrant.runs):
             report = partial(_report, progress, f"{scenario}: {entrant.name}", len(tables), total)
             played = play_episodes(agent, config.task, environment, seeds, report)
-            took.setdefault((scenario, entrant.name), []).append(played.decision_ms)
+            batch.append(played.decision_ms)
             table = played.table
             table.insert(0, "scenario", scenario)
             table.insert(1, "agent", entrant.name)
             table.insert(2, "run", run)
             tables.append(table)
+        took[scenario][entrant.name] = _decision_time(entrant, config.task, environment, seeds, batch)
     labels = {one.name: Labels(one.kind, one.runs[0].title, one.learned) for _, _, one in entrants}
     episodes = pd.concat(tables, ignore_index=True)
     _check_pairs(episodes, config.task)
@@ -73,10 +75,7 @@ def evaluate(
         episodes=config.episodes,
         first_seed=seeds[0],
         seconds=round(time.perf_counter() - began, 1),
-        decision_ms={
-            scenario: {name: _median(took[scenario, name]) for name in config.agents}
-            for scenario in config.environments
-        },
+        decision_ms=took,
         environments={name: _written_out(config.task, one) for name, one in config.environments.items()},
         scenarios={
             str(scenario): summarise_scenario(part, config.task, config.baseline, labels)
@@ -101,9 +100,15 @@ def _written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     return {"settings": settings, "reality": reality}
 
 
-def _median(values: list[float]) -> float | None:
-    median = float(np.median(values))
-    return None if np.isnan(median) else float(f"{median:.3g}")
+def _decision_time(
+    entrant: Entrant, task: str, environment: EnvironmentConfig, seeds: range, batch: list[float]
+) -> DecisionTime | None:
+    """How long a participant takes to decide; plays one more episode, alone."""
+    agent = entrant.runs[0]
+    if agent.estimator:
+        return None
+    alone = play_episodes(agent, task, environment, seeds[:1]).decision_ms
+    return DecisionTime(*(float(f"{ms:.3g}") for ms in (float(np.median(batch)), alone)))
 
 
 def _report(progress: Callable[[str, float], None], stage: str, done: int, total: int, part: float) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Comparison, Interval
 from fieldagents.evaluation.metrics import METRICS, Metric
-from fieldagents.evaluation.summary import Row, Summary
+from fieldagents.evaluation.summary import DecisionTime, Row, Summary
 from fieldmodels import html
 from fieldmodels.files import write_text
 
@@ -98,11 +98,11 @@ def _table(
     rows: tuple[Row, ...],
     summary: Summary,
     metric: Metric,
-    decision_ms: Mapping[str, float | None] | None = None,
+    decision_ms: Mapping[str, DecisionTime | None] | None = None,
 ) -> Cells:
     """Header and cells for one metric; columns that would be empty are left out."""
     header = ["agent", "sees", _headed(metric), "episodes", f"against {summary.baseline}", "%", "verdict"]
-    header += ["training runs", "ms a decision"]
+    header += ["training runs", "ms a decision", "alone"]
     body = []
     for row in rows:
         score = row.scores[metric.name]
@@ -116,7 +116,7 @@ def _table(
             cells += [_mean(metric, paired.difference, paired.ci95, "+"), percent, paired.verdict]
         cells.append(f"{training.n}: {training.verdict}" if training else "")
         took = (decision_ms or {}).get(row.agent)
-        cells.append("" if took is None else f"{took:.2g}")
+        cells += ["", ""] if took is None else [f"{took.batch:.2g}", f"{took.alone:.2g}"]
         body.append(cells)
     full = [j for j in range(len(header)) if any(cells[j] for cells in body)]
     return [header[j] for j in full], [[cells[j] for j in full] for cells in body]
@@ -236,8 +236,9 @@ def _notes(summary: Summary) -> str:
         f"{MIN_RUNS} runs they are insufficient.",
         "<i>privileged</i> agents see the hidden truth, <i>estimators</i> do not act but read the same "
         "sensors on the same episodes: both are bounds, no competitors.",
-        f"A decision's time is that of a call for a batch of {summary.episodes} environments, divided by "
-        "their number: the median over all calls, on the machine that wrote this page.",
+        f"A decision's time is that of a call for the batch of {summary.episodes} episodes, divided by their "
+        "number; alone: of a call for a single robot. Medians over an episode's calls, on the machine that "
+        "wrote this page.",
     ]
     if any(metric.binary for metric in metrics):
         notes.insert(2, "A share has Wilson's interval, a difference of shares that of Agresti and Min.")

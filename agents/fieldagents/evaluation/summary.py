@@ -94,6 +94,19 @@ class Row:
 
 
 @dataclass(frozen=True)
+class DecisionTime:
+    """How long an agent takes to decide, on the machine at hand [ms].
+
+    Attributes:
+        batch: Of a call for all episodes at once, divided by their number.
+        alone: Of a call for a single robot.
+    """
+
+    batch: float
+    alone: float
+
+
+@dataclass(frozen=True)
 class Summary:
     """An evaluation's result.
 
@@ -104,9 +117,8 @@ class Summary:
         episodes: Episodes of every agent and run in every scenario.
         first_seed: Seed of the first episode; the others follow one by one.
         seconds: How long it took.
-        decision_ms: Scenario and agent to the time of a decision [ms], in a batch of ``episodes``
-            environments, on the machine at hand; None for an estimator. It and ``seconds`` are what
-            differs from one evaluation to the next.
+        decision_ms: Scenario and agent to the time of a decision; None for an estimator. It and ``seconds``
+            are what differs from one evaluation to the next.
         environments: Scenario to the ``settings`` that are not the defaults and to its ``reality``, in
             full even where the config names a file.
         scenarios: Scenario to its rows, best agent first.
@@ -118,7 +130,7 @@ class Summary:
     episodes: int
     first_seed: int
     seconds: float
-    decision_ms: dict[str, dict[str, float | None]]
+    decision_ms: dict[str, dict[str, DecisionTime | None]]
     environments: dict[str, dict[str, Any]]
     scenarios: dict[str, tuple[Row, ...]]
 
@@ -127,7 +139,12 @@ class Summary:
         metrics = [asdict(metric) for metric in METRICS[self.task]]
         rows = {name: [row.to_json() for row in rows] for name, rows in self.scenarios.items()}
         plain = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {"schema": 1, "metric": metrics[0], "metrics": metrics, **plain, "scenarios": rows}
+        took = {
+            scenario: {agent: time and asdict(time) for agent, time in agents.items()}
+            for scenario, agents in self.decision_ms.items()
+        }
+        changed = {"decision_ms": took, "scenarios": rows}
+        return {"schema": 1, "metric": metrics[0], "metrics": metrics, **plain, **changed}
 
 
 @dataclass(frozen=True)
@@ -181,7 +198,8 @@ def summarise_scenario(
 
 def _score(episodes: pd.DataFrame, agent: str, baseline: str, metric: Metric, learned: bool) -> Score:
     """Score an agent by one metric; NaN in the episodes' table is an episode without a value."""
-    table = episodes.pivot_table(index="seed", columns=["agent", "run"], values=metric.name, dropna=False)
+    two = episodes[episodes["agent"].isin((agent, baseline))]
+    table = two.pivot_table(index="seed", columns=["agent", "run"], values=metric.name, dropna=False)
     runs = table.loc[:, [agent]]
     scores = runs.mean(axis=1).to_numpy()  # of the runs that have a value
     base = table.loc[:, [baseline]].mean(axis=1).to_numpy()
