@@ -202,6 +202,18 @@ class Model(ABC):
         del recordings
         return self
 
+    def between(self, commands: FloatArray, refine: int) -> FloatArray:
+        """Commands on a finer time grid: by default held from sample to sample, as a controller does.
+
+        Args:
+            commands: Commands of one episode, shape (n, inputs).
+            refine: How many times finer.
+
+        Returns:
+            Shape (n * refine, inputs).
+        """
+        return np.repeat(commands, refine, axis=0)
+
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
         """The parts that these data let a diagnosis look at one by one; by default the whole.
 

@@ -10,6 +10,7 @@ _MODELS = {
     "rig": "fieldmodels.rig:Rig",
     "pendulum": "fieldmodels.pendulum:Pendulum",
     "heel_strike": "fieldmodels.heel_strike.model:HeelStrikeModel",
+    "excitation": "fieldmodels.excitation.model:ExcitationModel",
     "line_following": "fieldmodels.line_following.model:LineFollowing",
     "pose_reaching": "fieldmodels.pose_reaching.model:PoseReaching",
     "differential_drive": "fieldmodels.pose_reaching.model:DifferentialDrive",

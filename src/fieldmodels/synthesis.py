@@ -155,7 +155,7 @@ def synthesise(
     count = len(commands[0])
     fine = step / refine
     length = count * refine
-    held = np.concatenate([np.repeat(c, refine, axis=0) for c in commands])
+    held = np.concatenate([model.between(c, refine) for c in commands])
     if applied is not None:
         held = np.concatenate([applied(part, fine) for part in np.split(held, episodes)])
     recording = Recording(

@@ -23,6 +23,7 @@ from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, RARE_GAIN, RARE
 from fieldmodels.model import FloatArray
 
 KNOTS = 8  # of a table
+MULTIPLIED = 6  # signals of which products are tried
 MAX_P = 0.005  # of the best of some twenty groups
 RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.025  # a dictionary group may not beat a named effect by more [nats, share]
 RIVAL_P = 0.1  # of the paired test that it does
@@ -155,7 +156,7 @@ class Dictionary:
                     signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
             for signal in model.inputs:
                 values = recording[signal.name]
-                if len(np.unique(values)) > 2:  # a flag moves nothing
+                if len(np.unique(values)) > 3:  # a flag or a setting moves nothing
                     signals[signal.name] = (signal.unit, values[rows])
                     lag = max(1, stretch.shape[1] // STRETCHES)
                     before = values[np.maximum(rows - lag, 0)]
@@ -176,7 +177,8 @@ def _groups(signals: Mapping[str, tuple[str, FloatArray]]) -> Iterable[Group]:
         if len(knots) >= 4:
             yield Group(name, unit, _hats(values, knots), knots, np.eye(len(knots)))
     moving = [n for n in signals if n != "time" and not n.startswith(("change of", "rate of"))]
-    for first, second in itertools.combinations(moving, 2):
+    # A machine with many sensors would have hundreds of products: then only those of its first signals.
+    for first, second in itertools.combinations(moving[:MULTIPLIED], 2):
         a, b = signals[first][1], signals[second][1]
         unit = f"{signals[first][0]} {signals[second][0]}"
         yield _line(f"{first} times {second}", unit, a * b)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import covariance_whitener
@@ -60,7 +60,8 @@ def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
         if spread <= 1e-12 * max(1.0, float(np.abs(sums).max())):
             p = 0.0 if sums.mean() > 1e-9 else 1.0
         else:
-            p = float(stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue)
+            # Student's one-sided t-test, without the checks that take SciPy a millisecond.
+            p = float(special.stdtr(len(sums) - 1, -sums.mean() / (spread / np.sqrt(len(sums)))))
         result = max(result, p)
     return result
 
