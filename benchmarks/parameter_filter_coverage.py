@@ -1,10 +1,10 @@
-"""Are the filters' intervals honest? Coverage of 2 sigma, errors and bits over seeds.
+"""Are the estimators' intervals honest? Coverage of 2 sigma, errors and bits over seeds.
 
-    python benchmarks/parameter_filter_coverage.py --seeds 40
+    python benchmarks/parameter_filter_coverage.py --seeds 40 --fits 10
 
-Two vehicles, two kinds of noise, the constant excitation (24) and a random one (wide limits). Coverage
-counts |estimate - truth| <= 2 sigma over all unknowns and seeds; a Gaussian has 0.954. Seeds here start at
-50 000; the tests use others.
+Three vehicles (``table1``, ``soft``, and one drawn around ``soft`` for each seed), two kinds of noise, the
+constant excitation (24) and a random one (wide limits). Coverage counts |estimate - truth| <= 2 sigma over
+all unknowns and seeds; a Gaussian has 0.954. Seeds here start at 50 000; the tests use others.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, T
 from fieldmodels.estimation.pseudo_inverse import pseudo_inverse
 from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
 from fieldmodels.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.excitation.output_error import fit_vehicle
 from fieldmodels.excitation.parameters import (
     LIMITS,
     LOWER,
@@ -29,28 +30,31 @@ from fieldmodels.excitation.parameters import (
     PRIOR_VARIANCE,
     SAMPLE,
     SAMPLES,
+    SOFT,
+    TABLE1,
     UPPER,
     Arm,
     SensorNoise,
-    preset,
 )
-from fieldmodels.excitation.regression import (
-    FEATURES,
-    TERMS,
-    add_feature_noise,
-    fill_features,
-    regressor,
-)
+from fieldmodels.excitation.regression import FEATURES, TERMS, add_feature_noise, fill_features, regressor
 from fieldmodels.excitation.sensors import full_scale, measure
+from fieldmodels.excitation.shaker import drawn_around
 from fieldmodels.information import fast
 
 FIRST_SEED = 50_000
 DECISIONS = 25
+DRAWN = 0.5
+"""The vehicle ``drawn`` differs from ``soft`` by up to this share in each unknown."""
+VEHICLES = ("table1", "soft", "drawn")
+KINDS = ("full_scale", "running_max")
 RULES = ("constant", "random")
+ALONG = (1, 2, 5, 10, 25)
+ARM = Arm()
+DEVIATION = np.sqrt(PRIOR_VARIANCE)
 
 
 @compiled
-def chunks(signals, variances, gravity, y, noise):
+def fill_chunks(signals, variances, gravity, y, noise):
     """Features (modes, decisions, 80, K) and noise (modes, decisions, K, K) of measured signals."""
     for mode in range(len(signals)):
         for n in range(y.shape[1] * y.shape[2]):
@@ -59,7 +63,7 @@ def chunks(signals, variances, gravity, y, noise):
             add_feature_noise(signals[mode, n], variances[mode, n], gravity, noise[mode, chunk])
 
 
-def commands(rule: str, rng: np.random.Generator) -> np.ndarray:
+def commands(rule, rng):
     """A schedule of 25 commands (amplitude, frequency, offset)."""
     if rule == "constant":
         return np.tile(CONSTANT, (DECISIONS, 1))
@@ -69,74 +73,113 @@ def commands(rule: str, rng: np.random.Generator) -> np.ndarray:
     return low + (high - low) * rng.uniform(size=(DECISIONS, 3))
 
 
-def runs(
-    vehicle: np.ndarray, noise: SensorNoise, rule: str, seeds: int
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Measured signals and their variances, (3, 2000, 24) each, seed by seed."""
-    arm = Arm()
-    maxima = full_scale(vehicle, arm)
-    truth = None
+def runs(name, kind, rule, seeds) -> Iterator[tuple[np.ndarray, ...]]:
+    """Vehicle, motion, measured signals and their variances (3, 2000, 24), seed by seed."""
+    kept = {}
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         rng = np.random.default_rng(seed)
-        if truth is None or rule != "constant":
-            motion, _ = arm_motion(
-                commands(rule, rng), LIMITS["wide"].acceleration, per_decision=SAMPLES * SUBSTEPS
-            )
-            truth = simulate(vehicle, motion, arm.row(), SAMPLE)[0]
-        yield measure(truth, maxima, noise, rng)
+        vehicle = {"table1": TABLE1, "soft": SOFT}.get(name)
+        if vehicle is None:
+            vehicle = drawn_around(SOFT, DRAWN, rng)
+        key = vehicle.tobytes()
+        if key not in kept:
+            kept = {key: full_scale(vehicle, ARM)}
+        motion, _ = arm_motion(
+            commands(rule, rng), LIMITS["wide"].acceleration, per_decision=SAMPLES * SUBSTEPS
+        )
+        truth = simulate(vehicle, motion, ARM.row(), SAMPLE)[0]
+        if rule == "still":
+            truth[:] = 0.0
+        yield vehicle, motion, *measure(truth, kept[key], SensorNoise(kind), rng)
 
 
-def estimates(measured: np.ndarray, variances: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Estimate and standard deviation of every method (NaN where it gives none)."""
+def filtered(measured, variances):
+    """Estimate and standard deviation of every filter after each decision, shape (25, 22) each."""
     y = np.empty((MODES, DECISIONS, SAMPLES, FEATURES))
     noise = np.zeros((MODES, DECISIONS, FEATURES, FEATURES))
-    chunks(measured, variances, Arm().gravity, y, noise)
-    filters = ParameterFilters(1, Terms(*TERMS), PRIOR_MEAN, np.sqrt(PRIOR_VARIANCE), methods=tuple(METHODS))
+    fill_chunks(measured, variances, ARM.gravity, y, noise)
+    filters = ParameterFilters(1, Terms(*TERMS), PRIOR_MEAN, DEVIATION, methods=tuple(METHODS))
+    found = {name: (np.empty((DECISIONS, 22)), np.empty((DECISIONS, 22))) for name in METHODS}
     for k in range(DECISIONS):
         filters.update(y[None, :, k], noise[None, :, k])
-    found = {name: (filters.mean[name][0], np.sqrt(np.diag(filters.covariance[name][0]))) for name in METHODS}
-    a, f = regressor(measured.transpose(1, 0, 2))
-    solution = pseudo_inverse(a, f).x
-    return found | {"pseudo-inverse": (solution, np.full_like(solution, math.nan))}
+        for name, (mean, sigma) in found.items():
+            mean[k] = filters.mean[name][0]
+            sigma[k] = np.sqrt(np.diag(filters.covariance[name][0]))
+    return found
+
+
+def pm(values: np.ndarray, form: str) -> str:
+    """Mean and its standard error."""
+    return f"{values.mean():{form}} +- {values.std(ddof=1) / math.sqrt(len(values)):{form}}"
+
+
+def scores(vehicles, x, sigma):
+    """Coverage, average % error and its median, error in prior deviations, and bits."""
+    off = np.abs(x - vehicles)
+    nonzero = vehicles[0] != 0.0
+    percent = 100.0 * (off[:, nonzero] / np.abs(vehicles[:, nonzero])).mean(axis=1)
+    known = np.isfinite(sigma).all()
+    covered = (off <= 2.0 * sigma).mean(axis=1)
+    bits = fast(sigma, LOWER, UPPER).sum(axis=1).mean() if known else math.nan
+    return (
+        f"{pm(covered, '.3f') if known else '-':>16}{pm(percent, '.2f'):>18}{np.median(percent):>10.2f}"
+        f"{(off / DEVIATION).mean():>13.4f}{bits:>8.1f}"
+    )
 
 
 def main() -> None:
+    """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--parameters", action="store_true", help="coverage of each unknown")
+    parser.add_argument("--fits", type=int, default=10, help="seeds of the output-error fit (1 s each)")
+    parser.add_argument("--parameters", action="store_true", help="coverage of each unknown, too")
     options = parser.parse_args()
-    prior = np.sqrt(PRIOR_VARIANCE)
-    print(f"{options.seeds} seeds; coverage and average error with their standard error over seeds")
+    print(
+        f"{options.seeds} seeds ({options.fits} for the output-error fit); +- is a standard error over seeds"
+    )
     print(
         f"{'vehicle':8}{'noise':13}{'excitation':12}{'estimator':16}{'coverage':>16}{'error %':>18}"
         f"{'median %':>10}{'error/prior':>13}{'bits':>8}"
     )
-    for name in ("table1", "soft"):
-        vehicle = preset(name)
-        nonzero = vehicle != 0.0
-        for kind in ("full_scale", "running_max"):
-            for rule in RULES:
-                table: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-                for measured, variances in runs(vehicle, SensorNoise(kind), rule, options.seeds):
-                    for method, pair in estimates(measured, variances).items():
-                        table.setdefault(method, []).append(pair)
+    along = []
+    for name in VEHICLES:
+        for kind in KINDS:
+            for rule in (*RULES, "still") if kind == "full_scale" else RULES:
+                vehicles, paths, table = [], [], {}
+                for n, (vehicle, motion, measured, variances) in enumerate(
+                    runs(name, kind, rule, options.seeds)
+                ):
+                    found = filtered(measured, variances)
+                    vehicles.append(vehicle)
+                    paths.append(found["compensated"])
+                    for method, (mean, sigma) in found.items():
+                        table.setdefault(method, []).append((mean[-1], sigma[-1]))
+                    if rule == "still":
+                        continue
+                    solution = pseudo_inverse(*regressor(measured.transpose(1, 0, 2))).x
+                    table.setdefault("pseudo-inverse", []).append((solution, np.full(22, math.nan)))
+                    if n < options.fits:
+                        start = found["compensated"][0][-1]
+                        fit = fit_vehicle(measured, variances, motion, start)
+                        pair = fit.mean, np.sqrt(np.diag(fit.covariance))
+                        table.setdefault("output error", []).append(pair)
+                true = np.array(vehicles)
                 for method, pairs in table.items():
                     x, sigma = (np.array(part) for part in zip(*pairs, strict=True))
-                    off = np.abs(x - vehicle)
-                    inside = (off <= 2.0 * sigma).mean(axis=1)
-                    percent = (off[:, nonzero] / np.abs(vehicle[nonzero])).mean(axis=1) * 100.0
-                    known = not np.isnan(sigma).any()
-                    root = math.sqrt(len(x))
-                    bits = fast(sigma, LOWER, UPPER).sum(axis=1).mean() if known else math.nan
-                    coverage = f"{inside.mean():.3f} +- {inside.std() / root:.3f}" if known else "-"
-                    print(
-                        f"{name:8}{kind:13}{rule:12}{method:16}{coverage:>16}"
-                        f"{percent.mean():>10.1f} +- {percent.std() / root:<5.1f}{np.median(percent):>8.1f}"
-                        f"{(off / prior).mean():>13.3f}{bits:>8.1f}"
-                    )
-                    if options.parameters and known:
-                        each = (off <= 2.0 * sigma).mean(axis=0)
+                    print(f"{name:8}{kind:13}{rule:12}{method:16}{scores(true[: len(x)], x, sigma)}")
+                    if options.parameters and np.isfinite(sigma).all():
+                        each = (np.abs(x - true[: len(x)]) <= 2.0 * sigma).mean(axis=0)
                         print("    " + " ".join(f"{n} {c:.2f}" for n, c in zip(NAMES, each, strict=True)))
+                x, sigma = (np.array(part) for part in zip(*paths, strict=True))
+                covered = (np.abs(x - true[:, None]) <= 2.0 * sigma).mean(axis=(0, 2))
+                bits = fast(sigma, LOWER, UPPER).sum(axis=2).mean(axis=0)
+                along.append(
+                    f"{name:8}{kind:13}{rule:12}"
+                    + "".join(f"{covered[k - 1]:>8.3f}{bits[k - 1]:>7.1f}" for k in ALONG)
+                )
+    print("\nThe compensated filter along the run: coverage and bits after so many decisions of 0.4 s")
+    print(f"{'vehicle':8}{'noise':13}{'excitation':12}" + "".join(f"{k:>8}{'':>7}" for k in ALONG))
+    print("\n".join(along))
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def numpy_run(a: np.ndarray, f: np.ndarray, noise: np.ndarray) -> tuple[np.ndarr
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     arm = Arm()
     motion, _ = arm_motion(np.tile(CONSTANT, (DECISIONS, 1)), np.inf, per_decision=SAMPLES * SUBSTEPS)
     truth = simulate(SOFT, motion, arm.row(), SAMPLE)[0]
@@ -136,6 +136,19 @@ def main() -> None:
     print(f"{'metric of 22 parameters':32}{'us':>9}{'faster':>9}")
     for name, seconds in forms:
         print(f"{name:32}{seconds * 1e6:9.2f}{forms[0][1] / seconds:9.1f}")
+
+    print("\nlargest difference from the binned sum [bits], 10 bits; sigma in bins D = range / 1024")
+    heads = ("closed, inside", "fast, inside", "closed, edge", "fast, edge")
+    print(f"{'sigma / D':>10}{'bits':>8}" + "".join(f"{head:>16}" for head in heads))
+    places = 512.0 + np.linspace(0.0, 1.0, 21)
+    for size in (0.1, 0.25, 0.5, 1.0, 2.0, 10.0, 100.0, 200.0, 296.0, 1000.0, 1e4):
+        middle, edge = binned(places, size, 0.0, 1024.0), binned(0.0, size, 0.0, 1024.0)
+        near = [
+            np.abs(closed(places, size, 0.0, 1024.0) - middle).max(),
+            np.abs(fast(size, 0.0, 1024.0) - middle).max(),
+        ]
+        off = [abs(closed(0.0, size, 0.0, 1024.0) - edge), abs(fast(size, 0.0, 1024.0) - edge)]
+        print(f"{size:10g}{middle.mean():8.3f}" + "".join(f"{d:16.4f}" for d in (*near, *off)))
 
 
 if __name__ == "__main__":
