@@ -309,8 +309,9 @@ class PoseReachingEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Episode End
 
     Terminated when the robot arrives: at one instant within 5 cm of the ball and 10 deg of the heading +y
-    (`success="loose"`: 10 cm and 15 deg). Instants are at most 10 ms apart, whatever the tick; the episode's last
-    pose is the one at that instant. Truncated after `timeout`. A wall does not end an episode.
+    (`success="loose"`: 10 cm and 15 deg). Instants are at most 10 ms apart, whatever the tick; the
+    episode's last pose is the one at that instant. Truncated after `timeout`. A wall does not end an
+    episode.
 
     ## Arguments
 

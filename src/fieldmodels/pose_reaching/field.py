@@ -32,7 +32,7 @@ from fieldmodels.pose_reaching.play import (
 StartSet = Literal["T1", "T2", "T3"]
 
 INSTANT = 0.01
-"""Longest time between the instants at which arrival is tested [s]: 1 cm and 2.3 deg at full speed and rate."""
+"""Longest time between instants at which arrival is tested [s]: 1 cm and 2.3 deg at full speed and rate."""
 
 
 @dataclass(frozen=True)
