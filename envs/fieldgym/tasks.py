@@ -42,6 +42,16 @@ TASKS: dict[str, Task] = {
     task.name: task
     for task in (
         Task(
+            name="excitation",
+            env_id="fieldgym/Excitation-v0",
+            entry_point="fieldgym.excitation:ExcitationEnv",
+            vector_entry_point="fieldgym.excitation:ExcitationVectorEnv",
+            settings_class="fieldgym.excitation:ExcitationSettings",
+            model="excitation",
+            title="Excitation",
+            description="Shake a vehicle with its own arm so that its unknown parameters show.",
+        ),
+        Task(
             name="heel_strike",
             env_id="fieldgym/HeelStrike-v0",
             entry_point="fieldgym.heel_strike:HeelStrikeEnv",

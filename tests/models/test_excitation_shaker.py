@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
+from fieldmodels.excitation.faults import HISTORY, TURNS, lag_on, spoil
+from fieldmodels.excitation.model import ExcitationModel
 from fieldmodels.excitation.motion import CONSTANT, arm_motion
 from fieldmodels.excitation.parameters import (
     CG,
@@ -23,6 +25,7 @@ from fieldmodels.excitation.parameters import (
 from fieldmodels.excitation.regression import ANGLE, POSITION
 from fieldmodels.excitation.sensors import full_scale
 from fieldmodels.excitation.shaker import Shakers, average_percent, drawn_around, normalised_percent
+from fieldmodels.excitation.simulation import lag_motion
 from fieldmodels.model import ModelError
 
 EVERY = np.ones(22, dtype=bool)
@@ -159,6 +162,80 @@ def test_table_2_estimates_five_of_pitch():
     assert (shaken.bits.sum(axis=1) > before + 5).all()
 
 
+def vector(**effects):
+    """Table I's vehicle with effects, as ``ExcitationModel`` has them."""
+    return ExcitationModel("table1").vector({}, effects)
+
+
+def shaken_by(vehicle, decisions=6, **options):
+    """Estimates of an almost noise-free experiment under random commands."""
+    shakers = started(1, vehicle=vehicle, preset=TABLE1, noise=SensorNoise(fraction=1e-3), **options)
+    for wanted in commands(decisions, 1):
+        shaken = shakers.advance(wanted)
+    return shaken.mean[0]
+
+
+def test_effects_that_are_off_change_no_bit():
+    assert np.array_equal(shaken_by(TABLE1), shaken_by(vector()))
+
+
+FAULTS = {
+    "payload": {"mass": 0.2},
+    "cubic_stiffness": {"force": 1000.0, "torque": 100.0},
+    "coulomb_friction": {"force": 1.0, "torque": 0.5},
+    "stiffness_drift": {"rate": 0.02},
+    "soil_compliance": {"share": 0.2},
+    "actuator_lag": {"time_constant": 0.05},
+    "accelerometer_bias": {"x": 0.5},
+    "accelerometer_gain": {"gain": 1.1},
+    "inclinometer_bias": {"pitch": 0.01},
+    "inclinometer_delay": {"delay": 0.05},
+    "force_torque_gain": {"gain": 1.1},
+}
+
+
+def test_every_effect_reaches_the_experiment():
+    assert set(FAULTS) == {effect.name for effect in ExcitationModel().effects}
+    sound = shaken_by(TABLE1, decisions=2)
+    for name, values in FAULTS.items():
+        assert not np.array_equal(shaken_by(vector(**{name: values}), decisions=2), sound), name
+
+
+def test_gain_of_the_force_torque_sensor_scales_the_vehicle_but_for_its_lever_arms():
+    """F becomes g F, and so do the columns of the lever arms: x becomes g x, the lever arms stay."""
+    expected = 1.1 * TABLE1
+    expected[CG : CG + 3] = TABLE1[CG : CG + 3]
+    seen = np.r_[0, CG : len(TABLE1)]  # the inertia hardly shows
+    found = shaken_by(vector(force_torque_gain={"gain": 1.1}), decisions=25)
+    np.testing.assert_allclose(found[seen], expected[seen], rtol=0.02)
+
+
+def test_lag_goes_on_from_decision_to_decision():
+    whole, _ = arm_motion(commands(5, 1)[:, 0], 25.0)
+    late = np.empty_like(whole)
+    lag_motion(whole, SAMPLE, 0.03, late)
+    last = late[0].copy()
+    for k in range(5):
+        part = np.empty((SAMPLES + 1, 3))
+        lag_on(whole[SAMPLES * k : SAMPLES * (k + 1) + 1], SAMPLE, 0.03, last, part)
+        np.testing.assert_allclose(part, late[SAMPLES * k : SAMPLES * (k + 1) + 1], atol=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.002, 0.005, 0.0125, 0.2])
+def test_delay_goes_on_from_decision_to_decision(delay):
+    """Of signals that are zero until the start, then grow as straight lines."""
+    time = SAMPLE * np.arange(1, 3 * SAMPLES + 1)
+    slopes = np.linspace(-1, 1, TURNS) * 1e-3
+    history = np.zeros((HISTORY, TURNS))
+    for k in range(3):
+        signals = np.zeros((SAMPLES, 24))
+        now = time[SAMPLES * k : SAMPLES * (k + 1)]
+        signals[:, ANGLE : ANGLE + TURNS] = now[:, None] * slopes
+        spoil(vector(inclinometer_delay={"delay": delay}), 9.81, history, signals)
+        expected = np.maximum(now - delay, 0.0)[:, None] * slopes
+        np.testing.assert_allclose(signals[:, ANGLE : ANGLE + TURNS], expected, atol=1e-15)
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.floats(0.0, 0.9), st.integers(0, 10**6), st.sampled_from(sorted(PRESETS)))
 def test_drawn_vehicles_are_physical(spread, seed, preset):
@@ -195,7 +272,7 @@ def test_before_the_first_decision_the_prior_is_known():
         ({"batch": 0}, "at least one"),
         ({"variant": "table3"}, "variant"),
         ({"spread": 1.5}, "spread"),
-        ({"vehicle": np.zeros(5)}, "22 or 29"),
+        ({"vehicle": np.zeros(5)}, "22 or 38"),
         ({"estimator": "perfect"}, "methods"),
     ],
 )

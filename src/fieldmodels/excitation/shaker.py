@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmodels.compiled import compiled
 from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode
+from fieldmodels.excitation.faults import HISTORY, TURNS, lag_on, spoil
 from fieldmodels.excitation.motion import CONSTANT, OFFSET, attainable, fill_motion, phase_after
 from fieldmodels.excitation.parameters import (
     CG,
@@ -47,9 +48,13 @@ from fieldmodels.excitation.regression import (
     fill_features,
 )
 from fieldmodels.excitation.sensors import FULL, TABLE2, Variant, corrupt, full_scale, variances
+from fieldmodels.excitation.simulation import ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN, LAG, PARAMETERS
 from fieldmodels.information import BITS, fast
 from fieldmodels.model import FloatArray, ModelError
 
+SOUND: FloatArray = np.zeros(PARAMETERS)
+"""A vector of ``ExcitationModel`` without faults, but for the vehicle itself."""
+SOUND[[ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN]] = 1.0
 VARIANTS: Mapping[str, Variant] = {"full": FULL, "table2": TABLE2}
 BASE = 12
 """Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
@@ -63,8 +68,9 @@ def normalised_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) ->
         truth: True values, of that shape.
         counted: Which parameters count, shape (22,).
     """
+    use = np.asarray(counted, dtype=np.bool_)
     error = 100.0 * np.abs(np.asarray(mean) - np.asarray(truth)) / (UPPER - LOWER)
-    return np.asarray(error[..., np.asarray(counted, dtype=np.bool_)].mean(axis=-1))
+    return np.asarray(np.where(use, error, 0.0).sum(axis=-1) / use.sum())
 
 
 def average_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> FloatArray:
@@ -176,7 +182,8 @@ class Shakers:
 
         Args:
             batch: Number of experiments.
-            vehicle: What the vehicles truly are: the 22 unknowns, or with effects 29 numbers.
+            vehicle: What the vehicles truly are: the 22 unknowns, or the whole vector of ``ExcitationModel``
+                with the effects of vehicle, arm and sensors, 38 numbers.
             preset: The nominal vehicle: fixes the sensors' full scale, and the unknowns that a variant takes
                 for known, shape (22,); None takes ``vehicle``.
             arm: The arm (default: the source's).
@@ -197,12 +204,13 @@ class Shakers:
         if not 0.0 <= spread < 1.0:
             raise ModelError(f"spread must be in [0, 1), not {spread}")
         vector = np.asarray(vehicle, dtype=np.float64)
-        if vector.shape not in ((UNKNOWNS,), (VEHICLE,)) or not np.isfinite(vector).all():
+        if vector.shape not in ((UNKNOWNS,), (PARAMETERS,)) or not np.isfinite(vector).all():
             raise ModelError(
-                f"a vehicle has {UNKNOWNS} or {VEHICLE} finite numbers, not shape {vector.shape}"
+                f"a vehicle has {UNKNOWNS} or {PARAMETERS} finite numbers, not shape {vector.shape}"
             )
-        self._center = np.zeros(VEHICLE)
+        self._center = SOUND.copy()
         self._center[: len(vector)] = vector
+        self._faulty = not np.array_equal(self._center[VEHICLE:], SOUND[VEHICLE:])
         nominal = np.array(self._center[:UNKNOWNS] if preset is None else preset, dtype=np.float64)
         self.arm = arm or Arm()
         self.estimated = VARIANTS[variant].unknowns.copy()
@@ -225,7 +233,7 @@ class Shakers:
             methods=tuple(dict.fromkeys((estimator, "naive"))),
             active=VARIANTS[variant].rows,
         )
-        self._vehicles = np.zeros((batch, VEHICLE))
+        self._vehicles = np.zeros((batch, PARAMETERS))
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._counts = np.full(batch, -1, dtype=np.int64)
         self._command = np.zeros((batch, 3))
@@ -233,6 +241,8 @@ class Shakers:
         self._states = np.zeros((batch, MODES, STATE))
         self._maxima = np.zeros((batch, MODES, SIGNALS))
         self._base = np.zeros((batch, MODES, BASE))
+        self._arm_motion = np.zeros((batch, 3))
+        self._history = np.zeros((batch, MODES, HISTORY if self._faulty else 0, TURNS))
 
     def __len__(self) -> int:
         """Number of experiments."""
@@ -264,6 +274,8 @@ class Shakers:
         self._states[rows] = 0.0
         self._maxima[rows] = 0.0 if self._noise.kind == "running_max" else self._full_scale
         self._base[rows] = 0.0
+        self._arm_motion[rows] = CONSTANT[OFFSET], 0.0, 0.0
+        self._history[rows] = 0.0
         self._filters.restart(rows)
 
     def advance(self, commands: ArrayLike, traces: bool = False) -> Shaken:
@@ -293,6 +305,7 @@ class Shakers:
             self._limits.acceleration,
             self.arm.row(),
             self._vehicles,
+            self._faulty,
             self._keys,
             self._noise.kind == "running_max",
             self._noise.per_mode,
@@ -303,6 +316,8 @@ class Shakers:
             self._states,
             self._maxima,
             self._base,
+            self._arm_motion,
+            self._history,
             features,
             noise,
             motion,
@@ -360,7 +375,18 @@ class Shakers:
         self._filters.set_state({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
 
 
-_STATE = ("vehicles", "keys", "counts", "command", "phase", "states", "maxima", "base")
+_STATE = (
+    "vehicles",
+    "keys",
+    "counts",
+    "command",
+    "phase",
+    "states",
+    "maxima",
+    "base",
+    "arm_motion",
+    "history",
+)
 
 
 @compiled
@@ -369,6 +395,7 @@ def _shake(
     acceleration: float,
     arm: FloatArray,
     vehicles: FloatArray,
+    faulty: bool,
     keys: NDArray[np.uint64],
     running: bool,
     per_mode: bool,
@@ -379,13 +406,15 @@ def _shake(
     states: FloatArray,
     maxima: FloatArray,
     base: FloatArray,
+    arm_motion: FloatArray,
+    history: FloatArray,
     features: FloatArray,
     noise: FloatArray,
     motion: FloatArray,
     bodies: FloatArray,
 ) -> None:
     """Advance every experiment by one decision, in place."""
-    path = np.empty((SAMPLES * SUBSTEPS + 1, 3))
+    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
     signals = np.empty((MODES, SAMPLES, SIGNALS))
     measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
     following = np.empty(3)
@@ -395,11 +424,24 @@ def _shake(
         fill_motion(command[b], phase[b], following, path)
         phase[b] = phase_after(phase[b], command[b], following)
         command[b] = following
+        moved = path
+        if vehicles[b, LAG] > 1e-9:
+            lag_on(path, SAMPLE / SUBSTEPS, vehicles[b, LAG], arm_motion[b], late)
+            moved = late
         time = counts[b] * SAMPLE
         for mode in range(MODES):
             advance_mode(
-                vehicles[b], arm, mode, path, rest, SAMPLE, SUBSTEPS, time, states[b, mode], signals[mode]
-            )
+                vehicles[b, :VEHICLE], arm, mode, moved, rest, SAMPLE, SUBSTEPS, time, states[b, mode],
+                signals[mode],
+            )  # fmt: skip
+        if len(motion) > 0:
+            motion[b] = moved[::SUBSTEPS]
+            for mode in range(MODES):
+                bodies[b, mode, :, 0:3] = signals[mode, :, POSITION : POSITION + 3]
+                bodies[b, mode, :, 3:6] = signals[mode, :, ANGLE : ANGLE + 3]
+        if faulty:
+            for mode in range(MODES):
+                spoil(vehicles[b], arm[4], history[b, mode], signals[mode])
         for k in range(SAMPLES):
             if running:
                 for mode in range(MODES):
@@ -422,8 +464,3 @@ def _shake(
                     base[b, mode, 6:9] = measured[ANGLE : ANGLE + 3]
                     base[b, mode, 9:12] = measured[RATE : RATE + 3]
         counts[b] += SAMPLES
-        if len(motion) > 0:
-            motion[b] = path[::SUBSTEPS]
-            for mode in range(MODES):
-                bodies[b, mode, :, 0:3] = signals[mode, :, POSITION : POSITION + 3]
-                bodies[b, mode, :, 3:6] = signals[mode, :, ANGLE : ANGLE + 3]
