@@ -277,8 +277,11 @@ class Diagnosis:
                 )
             return f"Something is missing that no listed effect explains{shape}. Nothing is named."
         if self.verdict == "ambiguous":
-            rivals = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
-            return f"Missing: {' and '.join(rivals)}; these data cannot tell which of these."
+            sets = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
+            if len(sets) == 1:
+                return f"Missing: {sets[0]}; these data cannot tell which of these."
+            sets = [f"({s})" if c.alternatives else s for s, c in zip(sets, self.causes, strict=True)]
+            return f"Missing: {' and '.join(sets)}; these data cannot tell apart what stands in brackets."
         rest = ""
         if self.unknown:
             rest = (
