@@ -116,3 +116,58 @@ def test_a_restored_buffer_draws_the_same(rows):
         one._rng = np.random.default_rng(9)
     for left, right in zip(buffer.sample(500), other.sample(500), strict=True):
         np.testing.assert_array_equal(left, right)
+
+
+class Line(gymnasium.vector.VectorEnv):
+    """Points on a line that are pushed and shall be at zero; ten steps an episode; resets one step late."""
+
+    metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(self, n: int) -> None:
+        self.num_envs = n
+        self.single_observation_space = gymnasium.spaces.Box(-3, 3, (1,), np.float32)
+        self.single_action_space = gymnasium.spaces.Box(-2, 2, (1,), np.float32)
+        self._place, self._count = np.zeros(n), np.zeros(n, dtype=int)
+
+    def reset(self, *, seed=None, options=None):
+        self._rng = np.random.default_rng(seed)
+        self._place, self._count = self._rng.uniform(-2, 2, self.num_envs), np.zeros(self.num_envs, dtype=int)
+        return self._place[:, None].astype(np.float32), {}
+
+    def step(self, actions):
+        late = self._count == 10
+        moved = np.clip(self._place + actions[:, 0], -3, 3)
+        self._place = np.where(late, self._rng.uniform(-2, 2, self.num_envs), moved)
+        self._count = np.where(late, 0, self._count + 1)
+        reward = np.where(late, 0.0, -(self._place**2))
+        over = self._count == 10
+        return self._place[:, None].astype(np.float32), reward, np.zeros_like(over), over, {}
+
+
+def test_sac_learns_where_to_go_through_the_adapter():
+    from stable_baselines3.common.logger import configure
+
+    from fieldagents.learned.config import TrainConfig
+    from fieldagents.learned.export import to_onnx
+    from fieldagents.learned.policy import OnnxAgent
+    from fieldagents.learned.run import make_run
+    from fieldagents.learned.vector import NativeVecEnv
+
+    section = {
+        "learning_starts": 200,
+        "gradient_steps": 4,
+        "batch_size": 64,
+        "learning_rate": 3e-3,
+        "gamma": 0.5,
+    }
+    config = TrainConfig(
+        name="line", task="heel_strike", algorithm="sac", steps=1200, num_envs=8, sac=section,
+        network={"hidden": [16], "activation": "relu"},
+    )  # fmt: skip
+    run = make_run(config, NativeVecEnv(Line(8), seed=0))
+    run.model.set_logger(configure(None, []))
+    run.learn(config.steps, None, fresh=True)
+    agent = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
+    places = np.linspace(-1.8, 1.8, 50, dtype=np.float32)[:, None]
+    left = places + agent.act(places, {})
+    assert np.abs(left).mean() < 0.45  # 0.9 without moving, 0.2 as a rule
