@@ -79,6 +79,9 @@ def test_the_pose_alone_shows_it_too(effect: str):
     values = {"actuator_gain": {"gain": 0.988}}.get(effect, HIDDEN[effect])
     found = diagnosed(3, {effect: values}, wheels=False)
     assert named(found) == [{effect, ALIKE[effect]} if effect in ALIKE else {effect}]
+    if effect in ALIKE:
+        assert found.next_measurement is not None
+        assert found.next_measurement.input["measure"] == ["left_wheel", "right_wheel"]
 
 
 def test_faults_of_both_stages_are_named_together():
@@ -90,6 +93,15 @@ def test_faults_of_both_stages_are_named_together():
     assert set(found.extended()["effects"]) == {"yaw_slip", "actuator_lag"}
     assert found.vector[PoseReaching().index("yaw_slip.share")] == pytest.approx(0.1, abs=0.005)
     assert found.vector[PoseReaching().index("actuator_lag.time_constant")] == pytest.approx(0.05, abs=0.003)
+
+
+def test_a_measurement_is_proposed_that_tells_a_late_command_from_a_lag():
+    found = diagnosed(77, {"actuator_delay": {"delay": 0.0051}}, wheels=False)
+    assert found.verdict == "ambiguous"
+    assert found.next_measurement is not None
+    planned = found.next_measurement.input
+    assert planned["signal"] == ["speed", "turn_rate"]
+    assert planned["nats"] == max(planned["compared"].values()) > 0.5
 
 
 @pytest.mark.parametrize("wheels", [True, False], ids=["wheels", "pose"])

@@ -11,14 +11,15 @@ import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import fit
-from fieldmodels.diagnosis.problem import build
+from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import NextMeasurement
 from fieldmodels.diagnosis.selection import Selection
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.model import FloatArray
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 SECONDS = 20.0
 ENOUGH = 8.0  # nats that tell two sets apart
+HOPELESS = 0.1  # nats from the best input, of which nobody would record enough
 Input = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
@@ -32,36 +33,49 @@ def next_measurement(
     """
     model = candidates.problem.model
     recording = candidates.problem.parts[0].windows.recording
-    if len(model.inputs) != 1 or not selection.rivals or len(np.unique(recording[model.inputs[0].name])) <= 2:
+    commands = np.column_stack([recording[signal.name] for signal in model.inputs])
+    if not selection.rivals or any(len(np.unique(column)) <= 2 for column in commands.T):
         return None
-    command = recording[model.inputs[0].name]
-    rms, step = float(np.sqrt(np.mean(command**2))), recording.step
+    # A robot that only drives forwards has its commands about a mean.
+    forwards = (commands >= 0).all(axis=0)
+    mean = np.where(forwards, commands.mean(axis=0), 0.0)
+    rms, step = np.sqrt(np.mean((commands - mean) ** 2, axis=0)), recording.step
     time = np.arange(round(SECONDS / step), dtype=np.float64) * step
     rival = selection.rivals[0]
     scores: dict[tuple[str, float], tuple[float, FloatArray]] = {}
     for (kind, switch), shape in _inputs(step).items():
-        values = shape(time, rng)
-        values = values * rms / float(np.sqrt(np.mean(values**2)))
-        score = _separation(model, selection.chosen, rival, time, values)
+        values = np.column_stack([shape(time, rng) for _ in model.inputs])
+        values = mean + values * rms / np.sqrt(np.mean(values**2, axis=0))
+        score = _separation(candidates.problem, selection.chosen, rival, time, values)
         if score is not None:
             scores[kind, switch] = score, values
     if not scores:
         return None
     (kind, switch), (score, values) = max(scores.items(), key=lambda item: item[1][0])
     ours, theirs = (" and ".join(s.effects).replace("_", " ") for s in (selection.chosen, rival))
-    peak = float(np.abs(values).max())
+    if score < HOPELESS:
+        lacking = [output.name for output in model.outputs if output.name not in recording]
+        more = f"measure {' and '.join(lacking)} too, or sample faster" if lacking else "sample faster"
+        return NextMeasurement(
+            why=f"No input tells {ours} from {theirs} by these signals at this rate: {more}.",
+            input={"nats": round(score, 2), "measure": lacking},
+        )
+    peaks = [float(peak) for peak in np.abs(values).max(axis=0)]
+    names = [signal.name for signal in model.inputs]
+    up_to = ", ".join(f"{s.name} up to {p:.3g} {s.unit}" for s, p in zip(model.inputs, peaks, strict=True))
+    several = len(names) > 1
     return NextMeasurement(
         why=(
-            f"A {kind} (shortest {switch:g} s, {model.inputs[0].name} up to {peak:.3g} "
-            f"{model.inputs[0].unit}) separates {ours} from {theirs} best: {SECONDS:g} s of it promise "
-            f"{score:.1f} nats; about {SECONDS * ENOUGH / max(score, 1e-3):.0f} s would decide."
+            f"A {kind} (shortest {switch:g} s, {up_to}) separates {ours} from {theirs} best: "
+            f"{SECONDS:g} s of it promise {score:.1f} nats; about {SECONDS * ENOUGH / score:.0f} s would "
+            "decide."
         ),
         input={
-            "signal": model.inputs[0].name,
+            "signal": names if several else names[0],
             "kind": kind,
             "shortest_s": switch,
-            "peak": peak,
-            "unit": model.inputs[0].unit,
+            "peak": peaks if several else peaks[0],
+            "unit": [signal.unit for signal in model.inputs] if several else model.inputs[0].unit,
             "duration_s": SECONDS,
             "nats": round(score, 2),
             "compared": {f"{k} {s:g} s": round(v[0], 2) for (k, s), v in scores.items()},
@@ -97,12 +111,14 @@ def _inputs(step: float) -> dict[tuple[str, float], Input]:
 
 
 def _separation(
-    model: Model, chosen: Candidate, rival: Candidate, time: FloatArray, values: FloatArray
+    present: Problem, chosen: Candidate, rival: Candidate, time: FloatArray, values: FloatArray
 ) -> float | None:
     """Misfit [nats] of the refitted rival on what the chosen set would measure; None if it fails."""
+    model = present.model
+    given = {signal.name: values[:, i] for i, signal in enumerate(model.inputs)}
     blank = Recording(
         time=time,
-        signals={model.inputs[0].name: values} | {o.name: np.zeros(len(time)) for o in model.outputs},
+        signals=given | {o.name: np.zeros(len(time)) for o in model.outputs},
         source="planned measurement",
     )
     whole = Windows(
@@ -113,10 +129,11 @@ def _separation(
         observed=np.ones((1, len(time), len(model.outputs)), dtype=np.bool_),
     )
     outputs = model.simulate(chosen.fit.parameters[None], whole)[0, 0]
-    if not np.isfinite(outputs).all():
+    compared = np.unique(present.outputs)
+    if not np.isfinite(outputs[:, compared]).all():
         return None
-    measured = {o.name: outputs[:, j] for j, o in enumerate(model.outputs)}
-    planned = Recording(time=time, signals={**measured, model.inputs[0].name: values}, source=blank.source)
+    measured = {model.outputs[j].name: outputs[:, j] for j in compared}
+    planned = Recording(time=time, signals={**measured, **given}, source=blank.source)
     try:
         problem = build(model, [planned], model.horizons[min(1, len(model.horizons) - 1)])
     except RecordingError:
