@@ -54,6 +54,45 @@ class Metric:
 
 
 METRICS: dict[str, tuple[Metric, ...]] = {
+    "excitation": (
+        Metric("error", "%", "average |error| of the parameters at the end", "error_percent", over="last"),
+        Metric("error_naive", "%", "the same of the naive filter", "error_percent_naive", over="last"),
+        Metric(
+            "normalised",
+            "%",
+            "average |error| in shares of the prior's range",
+            "error_normalised",
+            over="last",
+        ),
+        Metric(
+            "normalised_naive",
+            "%",
+            "the same of the naive filter",
+            "error_normalised_naive",
+            over="last",
+        ),
+        Metric("bits", "bits", "information at the end", "bits", lower_is_better=False, over="last"),
+        Metric(
+            "bits_naive",
+            "bits",
+            "what the naive filter takes for it",
+            "bits_naive",
+            lower_is_better=False,
+            over="last",
+        ),
+        Metric(
+            "reached_20",
+            "1",
+            "came below 20 % error",
+            "reached_20",
+            lower_is_better=False,
+            over="last",
+            binary=True,
+        ),
+        Metric(
+            "time_to_20", "s", "time until then, if it did", "time_to_20", over="last", given="reached_20"
+        ),
+    ),
     "heel_strike": (
         Metric("error_mm", "mm", "mean |error| at heel strike", "error_mm"),
         Metric(

@@ -35,6 +35,7 @@ class Reference:
 
 
 TABLES = {
+    "excitation": "fieldagents.reference.excitation:REFERENCES",
     "heel_strike": "fieldagents.reference.heel_strike:REFERENCES",
     "pose_reaching": "fieldagents.reference.pose_reaching:REFERENCES",
 }

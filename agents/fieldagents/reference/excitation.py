@@ -37,6 +37,8 @@ ActionArray = NDArray[np.float32]
 
 RANDOM_CANDIDATES, LOCAL_STEPS = 16, 8
 """Of a decision: random commands, then steps from the best of them."""
+PLANNER = {"horizon": 2, "candidates": 48, "steps": 24}
+"""Of the planner: decisions ahead, random plans and local steps."""
 FIRST_STEP = 0.5
 """Standard deviation of the first local step, in the action's units; each step is 0.75 of the last."""
 
@@ -215,7 +217,7 @@ class Search(ModelBased):
             best[better], least[better] = trial[better], value[better]
             width *= 0.75
         self._plan, self._planned[:] = best, True
-        return best[:, 0].astype(np.float32)
+        return np.asarray(best[:, 0], dtype=np.float32)
 
 
 class PrintedOptimiser(ModelBased):
@@ -230,7 +232,7 @@ class PrintedOptimiser(ModelBased):
             own = one_row(info, i)
 
             def residuals(actions: Floats, own: Mapping[str, Any] = own) -> Floats:
-                return residuals_frozen(self.foresee(own, actions[None, :, None]))[0]
+                return np.asarray(residuals_frozen(self.foresee(own, actions[None, :, None]))[0])
 
             chosen[i] = adjust(residuals, start[i], np.full(3, -1.0), np.ones(3), iterations=2).command
         return chosen
@@ -247,7 +249,7 @@ def situation(info: Mapping[str, Any]) -> Situation:
         samples=estimate["samples"],
         command=arm["command"],
         phase=arm["phase"],
-        variances=estimate["variances"],
+        variances=info["variances"],
     )
 
 
@@ -257,3 +259,84 @@ def one_row(info: Mapping[str, Any], i: int) -> dict[str, Any]:
         key: one_row(value, i) if isinstance(value, Mapping) else value[i : i + 1]
         for key, value in info.items()
     }
+
+
+@cache
+def tuned() -> dict[str, Any]:
+    """What ``excitation_tuning.py`` found, by ``preset/limits/noise``."""
+    text = files("fieldagents.reference").joinpath("excitation.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))
+
+
+def tuned_actions(name: str, settings: ExcitationSettings) -> Floats:
+    """Actions of an agent that decides beforehand, shape (decisions, 3), tuned for what is nearest.
+
+    Args:
+        name: Of the agent.
+        settings: Of the environment; what was not tuned for falls back to the preset's wide limits.
+    """
+    found = tuned()
+    keys = (
+        f"{settings.preset}/{settings.limits}/{settings.noise}",
+        f"{settings.preset}/wide/full_scale",
+    )
+    key = next(key for key in keys if key in found)
+    return np.array(found[key][name]["actions"])
+
+
+def _schedule(name: str, title: str, sees: Sees = "observation") -> Reference:
+    def make(settings: Mapping[str, Any]) -> Agent:
+        return Schedule(name, title, tuned_actions(name, read_settings(settings, ExcitationSettings)), sees)
+
+    return Reference(name, sees, title, make)
+
+
+def _constant(settings: Mapping[str, Any]) -> Agent:
+    limits = LIMITS[read_settings(settings, ExcitationSettings).limits]
+    return Schedule("constant", CONSTANT_TITLE, to_action(CONSTANT, limits)[None])
+
+
+def _search(
+    name: str, title: str, criterion: str = "", effort: Mapping[str, int] | None = None, oracle: bool = False
+) -> Reference:
+    def make(settings: Mapping[str, Any]) -> Agent:
+        own = read_settings(settings, ExcitationSettings)
+        return Search(name, title, own, CRITERIA[criterion or name], oracle=oracle, **effort or {})
+
+    return Reference(name, "privileged" if oracle else "model", title, make)
+
+
+CONSTANT_TITLE = "The source's constant excitation, eq (24)"
+RANDOM = "A new command at every decision, uniform within the limits"
+OPTIMISER = "(16) with frozen weights, adjusted by (17)-(23) from the command in force"
+
+REFERENCES = (
+    Reference("constant", "observation", CONSTANT_TITLE, _constant),
+    _schedule("best_constant", "The constant command of least error on a grid, on tuning seeds"),
+    Reference("random", "observation", RANDOM, lambda _: RandomCommands("random", RANDOM)),
+    _search("condition_number", "Least condition number of the sensed A, as section VII-A compares with"),
+    _search("printed_cost", "Cost (16) as printed, which is least at half of the bits"),
+    Reference(
+        "printed_optimiser",
+        "model",
+        OPTIMISER,
+        lambda settings: PrintedOptimiser(
+            "printed_optimiser", OPTIMISER, read_settings(settings, ExcitationSettings)
+        ),
+    ),
+    _search("frozen_weight", "Cost (16) with its weights held at the current estimate: the reference"),
+    _search("sum_of_bits", "Most bits about all parameters together"),
+    _search("a_optimal", "Least mean variance in units of the prior's"),
+    _search("d_optimal", "Least volume of the ellipsoid of uncertainty"),
+    _search("relative_error", "Least expected error as Table I counts it"),
+    _search(
+        "planner",
+        "Least expected error as Table I counts it, two decisions ahead, with three times the search",
+        "relative_error",
+        PLANNER,
+    ),
+    _schedule("schedule", "One schedule for all vehicles, by CMA-ES on vehicles drawn from the prior"),
+    _search("oracle_planner", "The planner, told the true vehicle", "relative_error", PLANNER, True),
+    _schedule("oracle_schedule", "One schedule for the true vehicle, by CMA-ES", "privileged"),
+)
+"""The reference agents, in the order of presentation."""

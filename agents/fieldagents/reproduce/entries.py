@@ -76,6 +76,14 @@ class Entry:
 
 
 ENTRIES: dict[str, Entry] = {
+    "excitation/table-1": Entry(
+        "The 22 unknowns under constant and adaptive excitation (with Figs 7 to 10)",
+        "fieldagents.reproduce.excitation:table_1",
+    ),
+    "excitation/table-2": Entry(
+        "Five unknowns without an accelerometer (with Figs 11 to 13)",
+        "fieldagents.reproduce.excitation:table_2",
+    ),
     "heel_strike/figure-2.10": Entry(
         "Ranger's estimator under gyro noise and under collision noise (with Fig 2.9)",
         "fieldagents.reproduce.heel_strike:figure_2_10",
