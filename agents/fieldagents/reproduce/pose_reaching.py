@@ -192,10 +192,11 @@ def number_of_paths(
     *,
     seeds: Count = 8,
     episodes: Episodes = 200,
+    most: Annotated[int, Bounded(ge=3, le=200)] = 200,
 ) -> Reproduction:
     """Success from anywhere against the number of training paths, for several memories."""
     rows = []
-    cases = list(_path_cases(seeds))
+    cases = list(_path_cases(seeds, most))
     for done, (memory_name, count, seed, agent) in enumerate(cases):
         progress(f"{memory_name}, {count} paths", done / len(cases))
         result = _played(agent, episodes)
@@ -357,10 +358,10 @@ def _agent(memory: PathMemory | NeighbourMemory) -> Agent:
     return Driver("memory", "", SETTINGS, lambda poses: memory.commands(poses, SETTINGS.tick))
 
 
-def _path_cases(seeds: int) -> Iterator[tuple[str, int, int, Agent]]:
+def _path_cases(seeds: int, most: int) -> Iterator[tuple[str, int, int, Agent]]:
     """Memory, number of paths, seed and agent."""
     stop = replace(AS_IT_WORKS, fallback="stop")
-    for count in (3, 5, 7, 9, 15, 25, 50, 100, 200):
+    for count in (count for count in (3, 5, 7, 9, 15, 25, 50, 100, 200) if count <= most):
         for seed in range(seeds):
             rng = np.random.default_rng([SEED, seed])
             facing = _random_facing(count, rng)
