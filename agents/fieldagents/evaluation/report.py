@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 COLOURS = {"observation": "#0b6e99", "model": "#7a5195", "privileged": "#b3402a", "estimator": "#8a8f98"}
 """Colour of an agent by what it sees; an estimator is outside the action space."""
 
+COLUMNS = 4
+"""Metrics beside each other in a terminal."""
+
 
 def write_report(summary: Summary, episodes: pd.DataFrame, path: Path) -> None:
     """Write a self-contained ``report.html``."""
@@ -65,11 +68,13 @@ def show(summary: Summary, console: Console) -> None:
     first, *others = _of_agents(summary)
     for scenario, rows in summary.scenarios.items():
         tables = [(first.label, _table(rows, summary, first, summary.decision_ms[scenario]))]
-        if others:
-            tables.append(("the other metrics", _overview(rows, others)))
+        for start in range(0, len(others), COLUMNS):
+            tables.append(("the other metrics", _overview(rows, others[start : start + COLUMNS])))
         for what, (header, body) in tables:
             title = f"{scenario}: {what}, {summary.episodes} episodes (± 95 %)"
-            table = Table(*(escape(cell) for cell in header), title=escape(title), title_justify="left")
+            table = Table(title=escape(title), title_justify="left")
+            for number, cell in enumerate(header):
+                table.add_column(escape(cell), no_wrap=number == 0)
             for cells in body:
                 table.add_row(*(escape(cell) for cell in cells))
             console.print(table)
