@@ -107,7 +107,7 @@ class _Experiment(Play):
             bits=self.settings.bits,
         )
         self.elapsed = np.zeros(batch, dtype=np.int64)
-        self.first_reached = np.full(batch, -1, dtype=np.int64)
+        self.below_since = np.full(batch, -1, dtype=np.int64)
         self._shaken: Shaken | None = None
         self._traces: list[deque[tuple[Floats, Floats]]] | None = None
         if drawing:
@@ -125,7 +125,7 @@ class _Experiment(Play):
         rows = list(which)
         self.shakers.restart(rows, generators)
         self.elapsed[rows] = 0
-        self.first_reached[rows] = -1
+        self.below_since[rows] = -1
         self._shaken = None
         if self._traces is not None:
             for i in rows:
@@ -152,8 +152,9 @@ class _Experiment(Play):
             for i, traces in enumerate(self._traces):
                 traces.append((shaken.motion[i, 1:, 0], shaken.bodies[i]))
         percent = average_percent(shaken.mean, self.shakers.truth, self.shakers.estimated)
-        new = (percent < REACHED_PERCENT) & (self.first_reached < 0)
-        self.first_reached[new] = self.elapsed[new]
+        below = percent < REACHED_PERCENT
+        since = np.where(self.below_since < 0, self.elapsed, self.below_since)
+        self.below_since[:] = np.where(below, since, -1)
         return Outcome(
             observation=self.observation(),
             reward=shaken.bits.sum(axis=1) - before,
@@ -185,7 +186,7 @@ class _Experiment(Play):
         shaken = self.shaken
         truth, counted = self.shakers.truth, self.shakers.estimated
         time = self.elapsed * DECISION
-        reached = self.first_reached >= 0
+        reached = self.below_since >= 0
         return {
             "time": time,
             "bits": shaken.bits.sum(axis=1),
@@ -195,7 +196,7 @@ class _Experiment(Play):
             "error_normalised": normalised_percent(shaken.mean, truth, counted),
             "error_normalised_naive": normalised_percent(shaken.mean_naive, truth, counted),
             "reached_20": reached.astype(np.float64),
-            "time_to_20": np.where(reached, self.first_reached * DECISION, time),
+            "time_to_20": np.where(reached, self.below_since * DECISION, time),
             "information": shaken.bits,
             "estimate": {
                 "mean": shaken.mean,
@@ -213,15 +214,15 @@ class _Experiment(Play):
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
         parts = {f"shakers.{key}": value for key, value in self.shakers.state().items()}
-        return {**parts, "elapsed": self.elapsed.copy(), "first_reached": self.first_reached.copy()}
+        return {**parts, "elapsed": self.elapsed.copy(), "below_since": self.below_since.copy()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
-        check_state(state, len(self.elapsed), ["first_reached"])
+        check_state(state, len(self.elapsed), ["below_since"])
         prefix = "shakers."
         self.shakers.set_state({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
         self.elapsed[:] = state["elapsed"]
-        self.first_reached[:] = state["first_reached"]
+        self.below_since[:] = state["below_since"]
         self._shaken = None
         for traces in self._traces or ():
             traces.clear()
@@ -339,8 +340,8 @@ class ExcitationEnv(PlayEnv):
     | `error_percent` | average error in percent of the true value, over those that are not zero (Table I) |
     | `error_normalised` | average error in percent of the prior's range |
     | `bits_naive`, `error_percent_naive`, `error_normalised_naive` | the same of the naive filter beside it |
-    | `reached_20` | 1 if the average error has been below 20 %, else 0 |
-    | `time_to_20` | when it first was [s]; the time so far while it has not been |
+    | `reached_20` | 1 while the average error is below 20 %, else 0 |
+    | `time_to_20` | since when it has been so without a break [s]; the time so far while it is not |
     | `time` | since the start [s] |
     | `information` | about each parameter [bits], shape (22,) |
     | `estimate` | the filter: `mean` (22,), `covariance` (22, 22), its sums `moments`, `noise`, `samples` |
