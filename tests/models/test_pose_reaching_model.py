@@ -10,8 +10,9 @@ from scipy.integrate import solve_ivp
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.model import ModelError
 from fieldmodels.pose_reaching import unicycle
+from fieldmodels.pose_reaching.field import Robots, Rules
 from fieldmodels.pose_reaching.model import POSE, WHEELS, DifferentialDrive, PoseReaching
-from fieldmodels.pose_reaching.parameters import ROBOCUP, WARTHOG, Limits
+from fieldmodels.pose_reaching.parameters import ROBOCUP, WARTHOG, Arrival, Field, Limits
 from fieldmodels.pose_reaching.recording import random_commands, record_drive
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, RecordingError, Windows
@@ -252,3 +253,26 @@ def test_realities_name_its_effects():
     assert set(FAULTS) == {effect.name for effect in PoseReaching().effects}
     reality = Reality(effects=FAULTS)
     assert reality.vector(PoseReaching())[PoseReaching().index("yaw_slip.share")] == 0.2
+
+
+def test_robots_in_play_and_the_model_are_one_physics():
+    # The environment's robots go from instant to instant, the model in closed form along its windows.
+    rules = Rules(field=Field(1e3, 1e3), timeout=60.0, arrival=Arrival(1e-9, 1e-9))
+    model, limits = PoseReaching(), rules.limits
+    recording = commanded(120, seed=6, left_wheel=np.zeros(120), right_wheel=np.zeros(120))  # from rest
+    recording = replace(recording, time=np.arange(120) * rules.tick)
+    start = (1.0, -2.0, 0.5)
+    for faults in ({}, FAULTS):
+        q = model.vector(effects=faults)
+        robots = Robots(1, rules, q)
+        robots.seed(0, np.random.default_rng(0))
+        robots.restart([0], start)
+        shown = [robots.look().poses[0]]
+        for speed, rate in zip(recording["speed"], recording["turn_rate"], strict=True):
+            action = np.array([[2 * speed / limits.max_speed - 1, rate / limits.max_rate]], dtype=np.float32)
+            shown.append(robots.advance(action).poses[0])
+        first = (*start[:2], start[2] + (0.3 if faults else 0.0))
+        expected = model.simulate(q, whole(model, recording, first))[0, 0]
+        error = np.array(shown[:-1]) - expected[:, :3]
+        error[:, 2] = np.remainder(error[:, 2] + np.pi, 2 * np.pi) - np.pi
+        assert np.abs(error).max() < (6e-3 if faults else 1e-5)  # actions are float32
