@@ -87,7 +87,7 @@ def load_windows(path: Path, layout: Layout) -> Recording:
     samples = counts.pop()
     episode = np.repeat(rows, samples)
     return Recording(
-        time=(episode * samples + np.tile(np.arange(samples), len(rows))) * layout.step,
+        time=np.asarray((episode * samples + np.tile(np.arange(samples), len(rows))) * layout.step),
         signals={
             signal: scale * np.stack([values[name][rows] for name in names], axis=1).ravel()
             for signal, (names, scale, _) in signals.items()
