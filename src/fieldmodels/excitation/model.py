@@ -29,8 +29,8 @@ class ExcitationModel(Model):
     y forward, z up; for 2 it stands upright, else it points forward). All sensors are zeroed at rest. Since
     the start is known, a run is predicted from there, and a window has no initial state of its own.
 
-    Refitted are damping and stiffness. Mass, inertia and centre of gravity come from scales and drawings, or
-    from the estimators of ``estimation``: with constants as in Table I the motion hardly shows them.
+    Refitted are damping and stiffness, or all 22 unknowns. Mass, inertia and centre of gravity usually come
+    from scales and drawings: with constants as in Table I the motion hardly shows the inertia.
     """
 
     name = "excitation"
@@ -45,8 +45,8 @@ class ExcitationModel(Model):
     effects = EFFECTS
     horizons = (0.2, 0.4, 0.8)
 
-    def __init__(self, vehicle: str = "soft", arm: Arm | None = None) -> None:
-        """Take a preset's vehicle as the nominal one."""
+    def __init__(self, vehicle: str = "soft", arm: Arm | None = None, refit_body: bool = False) -> None:
+        """Take a preset's vehicle as the nominal one; ``refit_body`` also refits what a scale would tell."""
         self.arm = arm or Arm()
         self.parameters = tuple(
             replace(
@@ -56,7 +56,7 @@ class ExcitationModel(Model):
                 upper=1e5 if i >= DAMPING else 100.0,
                 scale=max(0.1 * abs(float(value)), 0.01),
                 source="Table I" if vehicle == "table1" or i < DAMPING else "assumed",
-                refitted=i >= DAMPING,
+                refitted=refit_body or i >= DAMPING,
             )
             for i, (p, value) in enumerate(zip(VEHICLE, preset(vehicle), strict=True))
         )

@@ -155,11 +155,16 @@ def add_feature_noise(
         covariance[Y_ANGLE + i, Y_ANGLE + i] += variances[ANGLE + i]
         covariance[Y_FORCE + i, Y_FORCE + i] += variances[FORCE + i]
         covariance[Y_TORQUE + i, Y_TORQUE + i] += variances[TORQUE + i]
-    # d(R^-1 g) = gravity (theta_y, -theta_x, 0) to first order.
-    for i, j, slope in ((0, 1, gravity), (1, 0, -gravity)):
-        covariance[Y_SPECIFIC + i, Y_SPECIFIC + i] += slope * slope * variances[ANGLE + j]
-        covariance[Y_SPECIFIC + i, Y_ANGLE + j] += slope * variances[ANGLE + j]
-        covariance[Y_ANGLE + j, Y_SPECIFIC + i] += slope * variances[ANGLE + j]
+    # Slopes of d(R^-1 g) with respect to the angles, to second order in these.
+    x, y, z = 0.5 * signals[ANGLE], 0.5 * signals[ANGLE + 1], 0.5 * signals[ANGLE + 2]
+    slope = ((-z, 1.0, -x), (-1.0, -z, -y), (2.0 * x, 2.0 * y, 0.0))
+    for i in range(3):
+        for k in range(3):
+            turned = gravity * slope[i][k] * variances[ANGLE + k]
+            covariance[Y_SPECIFIC + i, Y_ANGLE + k] += turned
+            covariance[Y_ANGLE + k, Y_SPECIFIC + i] += turned
+            for j in range(3):
+                covariance[Y_SPECIFIC + i, Y_SPECIFIC + j] += gravity * slope[j][k] * turned
     for r in range(3):
         # Slopes of the rate, the products and the squares with respect to the r-th rate.
         variance, rate = variances[RATE + r], signals[RATE + r]
