@@ -185,13 +185,13 @@ class Tree(_Cells):
                 continue
             score = np.ones(len(near))
             for i, grid in enumerate(self.grids):
-                score *= input_vector_times_rows(place[i], self.cells[near, i], grid)
+                score *= _lambda_of(place[i], self.cells[near, i], grid)
             if score.max() > 0:
                 found[row] = self._chosen_of(near, score)
         return found
 
 
-def input_vector_times_rows(place: float, columns: Integers, grid: Grid) -> Floats:
+def _lambda_of(place: float, columns: Integers, grid: Grid) -> Floats:
     """Lambda of states in these columns for a measurement at a place, bit for bit as the matrix gives it."""
     lower = int(place)
     above = place - lower
