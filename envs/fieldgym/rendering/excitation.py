@@ -30,7 +30,7 @@ HALF = np.array([0.22, 0.32, 0.08])
 HEIGHT = 0.3
 """Of the body's middle above the ground, for the picture only [m]."""
 SHOWN_SHIFT, SHOWN_TURN = 0.05, 0.16
-"""The largest motion of an episode is drawn this large [m], [rad]."""
+"""The largest motion of an episode is drawn at least this large [m], [rad]."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def draw(scene: Scene) -> Frame:
         (640.0, NAIVE, "naive filter", scene.bits_naive.sum(), scene.percent[1]),
     ):
         canvas.circle((x, 27), 5, color)
-        canvas.text(f"{name}: {bits:.0f} bits, error {percent:.0f} %", (x + 12, 27), INK, 12)
+        canvas.text(f"{name}: {bits:.0f} bits, error {_short(percent)} %", (x + 12, 27), INK, 12)
     for mode in range(3):
         _vehicle(canvas, scene, mode, 16.0 + 314.0 * mode)
     _bits(canvas, scene)
@@ -110,12 +110,12 @@ def _projected(point: NDArray[np.float64], left: float) -> Point:
 def _vehicle(canvas: Canvas, scene: Scene, mode: int, left: float) -> None:
     """One of the three runs: the body on its springs, its motion enlarged, and the swinging arm."""
     canvas.rectangle(left, 48, 300, 208, PANEL, 8)
-    canvas.text(f"run {mode + 1}: arm turns {MODES[mode]}", (left + 14, 64), MUTED, 11)
-    shift_scale = SHOWN_SHIFT / scene.largest[0] if scene.largest[0] > 0 else 1.0
-    turn_scale = SHOWN_TURN / scene.largest[1] if scene.largest[1] > 0 else 1.0
+    canvas.text(f"run {mode + 1}: arm turns {MODES[mode]}", (left + 12, 245), MUTED, 10)
+    shift_scale = max(SHOWN_SHIFT / scene.largest[0], 1.0) if scene.largest[0] > 0 else 1.0
+    turn_scale = max(SHOWN_TURN / scene.largest[1], 1.0) if scene.largest[1] > 0 else 1.0
     if mode == 2 and scene.largest[0] > 0:
         text = f"motion x{_rounded(shift_scale)}, turns x{_rounded(turn_scale)}"
-        canvas.text(text, (left + 286, 64), MUTED, 10, align="right")
+        canvas.text(text, (left + 288, 62), MUTED, 10, align="right")
     shift = shift_scale * scene.base[mode, :3]
     turn = _rotation(turn_scale * scene.base[mode, 3:])
 
@@ -174,6 +174,11 @@ def _rotation(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     ry = np.array([[math.cos(y), 0, math.sin(y)], [0, 1, 0], [-math.sin(y), 0, math.cos(y)]])
     rz = np.array([[math.cos(z), -math.sin(z), 0], [math.sin(z), math.cos(z), 0], [0, 0, 1]])
     return np.asarray(rz @ ry @ rx)
+
+
+def _short(percent: float) -> str:
+    """A percentage to two digits, whole from ten on."""
+    return f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}"
 
 
 def _rounded(value: float) -> int:
