@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.entrants import agent_names, make_entrant
+from fieldagents.operator import Operator
 from fieldagents.progress import Report
 from fieldagents.reference import references
 from fieldgym import TASKS
@@ -63,6 +64,8 @@ def watch(
     progress: Report = lambda _stage, _part: None,
 ) -> Watched:
     """Let an agent play one episode where it can be seen.
+
+    In a window, a task that has an operator can be taken over by keyboard; see ``Operator``.
 
     Args:
         task: Name of the task.
@@ -118,8 +121,8 @@ def watch(
 class Episode:
     """An agent of the batch interface in a single environment."""
 
-    def __init__(self, env: Any, agent: Agent, seed: int) -> None:
-        self.env, self._agent, self._seed = env, agent, seed
+    def __init__(self, env: Any, agent: Agent, seed: int, operator: Operator | None = None) -> None:
+        self.env, self._agent, self._seed, self._operator = env, agent, seed, operator
         self.count, self.total, self.over = 0, 0.0, False
 
     def steps(self) -> Iterator[None]:
@@ -132,6 +135,10 @@ class Episode:
             action = agent.act(np.asarray(observation)[None], visible(_batch(info), agent.sees))[0]
             if (sketch := agent.sketch()) is not None and hasattr(env, "show"):
                 env.show(**sketch)
+            if (operator := self._operator) is not None:
+                operator.read_keys()
+                action = operator.action(action)
+                env.show(steering=operator.steering, joystick=operator.joystick)
             observation, reward, terminated, truncated, info = env.step(action)
             self.count, self.total = self.count + 1, self.total + float(reward)
             self.over = terminated or truncated

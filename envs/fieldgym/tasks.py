@@ -20,6 +20,7 @@ class Task:
         model: Name of its model on the ground floor.
         title: Title for people.
         description: What is to be done, in one line.
+        operator: Whether a human operator can take over, as in the source.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Task:
     model: str
     title: str
     description: str
+    operator: bool = False
 
     @property
     def settings(self) -> type[Any]:
@@ -70,6 +72,7 @@ TASKS: dict[str, Task] = {
             model="line_following",
             title="Line following",
             description="Steer a biped along a taped line from the line's place in its camera.",
+            operator=True,
         ),
         Task(
             name="line_following_pixels",
@@ -80,6 +83,7 @@ TASKS: dict[str, Task] = {
             model="line_following",
             title="Line following by pixels",
             description="Steer a biped along a taped line from its camera's image.",
+            operator=True,
         ),
         Task(
             name="pose_reaching",

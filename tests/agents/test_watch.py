@@ -16,7 +16,9 @@ from fieldagents.cli import app
 from fieldagents.config import ConfigError, EnvironmentConfig, environment_of
 from fieldagents.evaluation.entrants import Entrant, make_entrant
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.operator import Operator
 from fieldagents.watch import WatchError, watch
+from fieldgym.line_following import LineFollowingEnv
 
 SHORT = EnvironmentConfig(settings={"strides": 1})
 
@@ -121,3 +123,47 @@ def test_a_machine_without_a_screen_is_told_what_to_do():
     assert done.returncode == 2
     assert "\nError: no window can be opened here" in "\n" + done.stderr
     assert "--out film.gif" in done.stderr
+
+
+def test_an_operator_takes_over_by_keyboard(monkeypatch):
+    """Section 3.5.2: the switch decides who steers, the joystick's place is the turn."""
+    import pygame
+
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(room, "_closed", lambda: False)
+    held = {pygame.K_LEFT: False, pygame.K_RIGHT: False}
+    strides = iter(range(100))
+
+    def keys(kind):
+        assert kind == pygame.KEYDOWN
+        stride = next(strides)
+        held[pygame.K_LEFT] = stride >= 2
+        return [pygame.event.Event(pygame.KEYDOWN, key=pygame.K_s)] if stride in (2, 5) else []
+
+    commands = []
+    step = LineFollowingEnv.step
+
+    def watched_step(self, action):
+        commands.append(float(action[0]))
+        return step(self, action)
+
+    monkeypatch.setattr(pygame.event, "get", keys)
+    monkeypatch.setattr(pygame.key, "get_pressed", lambda: held)
+    monkeypatch.setattr(LineFollowingEnv, "step", watched_step)
+    settings = {"strides": 8, "track": "straight"}
+    watch("line_following", "pure_pursuit", EnvironmentConfig(settings=settings), seed=3)
+    assert commands[2:5] == [0.25, 0.5, 0.75]  # the operator pushes the joystick to the left
+    assert commands[5] not in (0.25, 0.5, 0.75, 1.0)  # the robot steers again at once
+
+
+def test_the_joystick_springs_back_and_the_switch_centres_it():
+    operator = Operator()
+    own = np.array([0.3], dtype=np.float32)
+    operator.move(1)
+    assert operator.action(own) == own  # without the switch the joystick does nothing
+    operator.switch()
+    for direction in (-1, -1, -1, -1, -1, 0):
+        operator.move(direction)
+    assert operator.action(own) == -0.75
+    operator.switch()
+    assert (operator.steering, operator.joystick) == (False, 0.0)

@@ -15,6 +15,8 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 
+from fieldagents.learned.pixels import is_image
+
 
 class DeterministicPolicy(torch.nn.Module):
     """Raw observation to the action an agent takes: normalise, network, most likely action, limits.
@@ -31,7 +33,8 @@ class DeterministicPolicy(torch.nn.Module):
         super().__init__()
         self.policy = policy
         self.clip = float(normaliser.clip_obs) if normaliser.norm_obs else np.inf
-        shape = policy.observation_space.shape or ()
+        shape = normaliser.observation_space.shape or ()
+        self.image = is_image(normaliser.observation_space)
         mean, scale = np.zeros(shape), np.ones(shape)
         if normaliser.norm_obs:
             statistics = cast(RunningMeanStd, normaliser.obs_rms)
@@ -46,6 +49,12 @@ class DeterministicPolicy(torch.nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Actions, shape (batch, ...), for observations, shape (batch, ...)."""
+        if self.image:
+            assert isinstance(self.policy, ActorCriticPolicy)
+            pixels = observation.permute(0, 3, 1, 2) / 255.0  # the learner sees channels first
+            return self._limited(
+                self.policy.mlp_extractor.forward_actor(self.policy.pi_features_extractor(pixels))
+            )
         # in double precision, as the normaliser of the training does it
         normal = ((observation.double() - self.mean) / self.scale).clamp(-self.clip, self.clip).float()
         if isinstance(self.policy, SACPolicy):
@@ -53,7 +62,11 @@ class DeterministicPolicy(torch.nn.Module):
             squashed = torch.tanh(actor.mu(actor.latent_pi(normal.flatten(1))))
             return self.low + 0.5 * (squashed + 1.0) * (self.high - self.low)
         assert isinstance(self.policy, ActorCriticPolicy)
-        latent = self.policy.mlp_extractor.forward_actor(normal.flatten(1))
+        return self._limited(self.policy.mlp_extractor.forward_actor(normal.flatten(1)))
+
+    def _limited(self, latent: torch.Tensor) -> torch.Tensor:
+        """PPO's most likely action within its limits."""
+        assert isinstance(self.policy, ActorCriticPolicy)
         action: torch.Tensor = self.policy.action_net(latent)
         if self.discrete:
             return action.argmax(dim=1)
@@ -64,12 +77,12 @@ def to_onnx(policy: BasePolicy, normaliser: VecNormalize, note: str) -> bytes:
     """Export a policy; equal weights give equal bytes.
 
     Args:
-        policy: A trained perceptron policy of Stable-Baselines3.
+        policy: A trained policy of Stable-Baselines3.
         normaliser: Holds the statistics of the observations.
         note: One line about where it comes from, kept in the file as its documentation.
     """
     module = DeterministicPolicy(policy, normaliser).eval()
-    example = torch.zeros(1, *(policy.observation_space.shape or ()), dtype=torch.float32)
+    example = torch.zeros(1, *(normaliser.observation_space.shape or ()), dtype=torch.float32)
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # the exporter that needs no further package; its deprecation is torch's affair, pinned here

@@ -8,6 +8,7 @@ import numpy as np
 from stable_baselines3 import PPO
 
 from fieldagents.learned.config import PpoConfig, TrainConfig
+from fieldagents.learned.pixels import ImageFeatures, is_image
 from fieldagents.learned.run import ACTIVATIONS, Run, schedule
 from fieldagents.learned.vector import NativeVecEnv, RealRolloutBuffer
 
@@ -20,7 +21,7 @@ class PpoRun(Run):
 
     def __init__(self, config: TrainConfig, environment: NativeVecEnv) -> None:
         super().__init__(config, environment)
-        ppo = config.learner
+        ppo, space = config.learner, environment.observation_space
         assert isinstance(ppo, PpoConfig)
         self._shuffle = np.random.default_rng(config.seed)
         self.model = PPO(
@@ -33,6 +34,7 @@ class PpoRun(Run):
                 "net_arch": list(config.network.hidden),
                 "activation_fn": ACTIVATIONS[config.network.activation],
                 "log_std_init": config.network.log_std_init,
+                **({"features_extractor_class": ImageFeatures} if is_image(space) else {}),
             },
             device="cpu",
             **ppo.model_dump(exclude={"learning_rate", "learning_rate_decay"}),

@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from fieldagents.learned.checkpoint import load_checkpoint, random_state, restore_random_state, to_arrays
 from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.pixels import is_image
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
 from fieldgym import TASKS
@@ -53,13 +54,20 @@ class Run(ABC):
 
     def __init__(self, config: TrainConfig, environment: NativeVecEnv) -> None:
         space = environment.observation_space
-        if not isinstance(space, gymnasium.spaces.Box) or not np.issubdtype(space.dtype, np.floating):
-            raise SpaceError(f"training needs observations that are arrays of floating numbers, not {space}")
+        image = is_image(space)
+        if not image and (
+            not isinstance(space, gymnasium.spaces.Box) or not np.issubdtype(space.dtype, np.floating)
+        ):
+            raise SpaceError(
+                f"training needs observations that are arrays of floating numbers or grey images, not {space}"
+            )
+        if image and config.algorithm != "ppo":
+            raise SpaceError(f"images are learned from by ppo, not by {config.algorithm}")
         self.config, self.environment = config, environment
         self.best: tuple[int, float] = (0, -np.inf)
         self.normaliser = VecNormalize(
             environment,
-            norm_obs=config.normalise.observation,
+            norm_obs=config.normalise.observation and not image,  # pixels have their scale
             norm_reward=config.normalise.reward,
             clip_obs=config.normalise.clip,
             clip_reward=config.normalise.clip,

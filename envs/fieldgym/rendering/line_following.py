@@ -154,8 +154,10 @@ def _lights(canvas: Canvas, picture: Picture) -> None:
     if operator:
         who = "operator" if operator.get("steering") else "self steering"
         canvas.text(who, (left, top + 112), ROBOT if operator.get("steering") else INK, 12, bold=True)
-        canvas.text("S: switch", (left, top + 134), MUTED, 11)
-        canvas.text("arrows: joystick", (left, top + 150), MUTED, 11)
+        canvas.rectangle(left, top + 128, 100, 6, GRID, 3)
+        canvas.circle((left + 50 - 46 * float(operator.get("joystick", 0.0)), top + 131), 6, INK)
+        canvas.text("S: switch", (left, top + 152), MUTED, 11)
+        canvas.text("arrows: joystick", (left, top + 168), MUTED, 11)
 
 
 def _traces(canvas: Canvas, picture: Picture) -> None:
