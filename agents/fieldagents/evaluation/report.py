@@ -166,25 +166,36 @@ def _mean(metric: Metric, mean: float | None, interval: Interval | None, sign: s
 
 
 def _lead(summary: Summary, metric: Metric) -> str:
-    """The result in a sentence for every scenario: who is best among those that play by the rules."""
+    """The result in a sentence or two for every scenario: who is best among those that play by the rules."""
     sentences = []
-    unit = "%" if metric.binary else metric.unit.removeprefix("1")
     for scenario, rows in summary.scenarios.items():
-        fair = [row for row in rows if row.kind == "observation" and row.first.mean is not None]
-        if fair:
-            best = fair[0]
-            tied = [row.agent for row in fair if row.first.mean == best.first.mean]
-            names = " and ".join(f"<b>{html.text(name)}</b>" for name in tied)
-            versus = ""
-            if len(tied) == 1 and best.against_baseline is not None:
-                versus = f", {_against(best.against_baseline)} {summary.baseline}"
-            score = _mean(metric, best.first.mean, best.ci95)
-            sentences.append(
-                f"<b>{html.text(scenario)}</b>: of the agents that see only the observation, {names} "
-                f"{'comes' if len(tied) == 1 else 'come'} first with "
-                f"{html.text(f'{score} {unit}'.strip())}{html.text(versus)}."
+        scored = [row for row in rows if row.first.mean is not None]
+        only = [row for row in scored if row.kind == "observation"]
+        told = [row for row in scored if row.kind in ("observation", "model")]
+        parts = []
+        if told and told[0].kind == "model":
+            parts.append(
+                "of the agents that see the observation and the settings, " + _first(told, summary, metric)
             )
+        if only:
+            parts.append("of the agents that see only the observation, " + _first(only, summary, metric))
+        if parts:
+            sentences.append(f"<b>{html.text(scenario)}</b>: {'; '.join(parts)}.")
     return "<br>".join(sentences)
+
+
+def _first(rows: Sequence[Row], summary: Summary, metric: Metric) -> str:
+    """Who comes first of some rows, best first, and how it compares with the baseline."""
+    best = rows[0]
+    tied = [row.agent for row in rows if row.first.mean == best.first.mean]
+    names = " and ".join(f"<b>{html.text(name)}</b>" for name in tied)
+    versus = ""
+    if len(tied) == 1 and best.against_baseline is not None:
+        versus = f", {_against(best.against_baseline)} {summary.baseline}"
+    unit = "%" if metric.binary else metric.unit.removeprefix("1")
+    score = f"{_mean(metric, best.first.mean, best.ci95)} {unit}".strip()
+    come = "comes" if len(tied) == 1 else "come"
+    return f"{names} {come} first with {html.text(score)}{html.text(versus)}"
 
 
 def _against(paired: Comparison) -> str:
