@@ -101,7 +101,8 @@ def watch(
         settings={**environment.settings, **actor.settings},
         reality=environment.reality,
     ).unwrapped
-    episode = Episode(env, actor, seed)
+    operator = Operator() if film is None and TASKS[task].operator else None
+    episode = Episode(env, actor, seed, operator)
     try:
         if film is None:
             progress(f"{task}: {name}", 0.0)
