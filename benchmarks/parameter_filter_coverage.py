@@ -132,7 +132,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--fits", type=int, default=10, help="seeds of the output-error fit (1 s each)")
-    parser.add_argument("--parameters", action="store_true", help="coverage of each unknown, too")
+    parser.add_argument("--parameters", action="store_true", help="coverage and bias of each unknown, too")
+    parser.add_argument("--told", type=float, default=1.0, help="factor on the variances that are told")
+    parser.add_argument("--vehicles", nargs="*", default=VEHICLES, choices=VEHICLES)
     options = parser.parse_args()
     print(
         f"{options.seeds} seeds ({options.fits} for the output-error fit); +- is a standard error over seeds"
@@ -142,13 +144,14 @@ def main() -> None:
         f"{'median %':>10}{'error/prior':>13}{'bits':>8}"
     )
     along = []
-    for name in VEHICLES:
+    for name in options.vehicles:
         for kind in KINDS:
             for rule in (*RULES, "still") if kind == "full_scale" else RULES:
                 vehicles, paths, table = [], [], {}
                 for n, (vehicle, motion, measured, variances) in enumerate(
                     runs(name, kind, rule, options.seeds)
                 ):
+                    variances = options.told * variances
                     found = filtered(measured, variances)
                     vehicles.append(vehicle)
                     paths.append(found["compensated"])
@@ -169,7 +172,11 @@ def main() -> None:
                     print(f"{name:8}{kind:13}{rule:12}{method:16}{scores(true[: len(x)], x, sigma)}")
                     if options.parameters and np.isfinite(sigma).all():
                         each = (np.abs(x - true[: len(x)]) <= 2.0 * sigma).mean(axis=0)
-                        print("    " + " ".join(f"{n} {c:.2f}" for n, c in zip(NAMES, each, strict=True)))
+                        bias = (
+                            100.0 * (x - true[: len(x)]).mean(axis=0) / np.where(true[0], true[0], DEVIATION)
+                        )
+                        for label, c, e in zip(NAMES, each, bias, strict=True):
+                            print(f"    {label:16} coverage {c:.2f}, mean error {e:8.1f} %")
                 x, sigma = (np.array(part) for part in zip(*paths, strict=True))
                 covered = (np.abs(x - true[:, None]) <= 2.0 * sigma).mean(axis=(0, 2))
                 bits = fast(sigma, LOWER, UPPER).sum(axis=2).mean(axis=0)

@@ -27,7 +27,8 @@ class OutputError:
     Attributes:
         mean: Parameters, shape (unknowns,).
         covariance: Inverse of the Gauss-Newton Hessian there, prior included, shape (unknowns, unknowns).
-        chi_square: Sum of squared residuals in units of their noise, without the prior's.
+        chi_square: Sum of squared residuals in units of their noise, without the prior's: about their number
+            if model and noise are right, far above if the fit is stuck where it began too far away.
         residuals: How many residuals that sum has.
         iterations: Steps taken.
     """
