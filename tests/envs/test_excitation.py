@@ -144,6 +144,14 @@ def test_time_to_20_is_since_when_the_error_stays_below():
         assert times[step, row] == pytest.approx(0.4 * (since + 1))
 
 
+def test_without_noise_everything_is_found_exactly():
+    """A x = F holds to rounding, so that 0.4 s of motion give 22 unknowns to all digits that matter."""
+    _, infos, _ = episode(anything, noise_fraction=0.0, decisions=2)
+    for key in ("error_percent", "error_percent_naive"):
+        assert infos[-1][key].max() < 1e-6
+    np.testing.assert_allclose(infos[-1]["information"], 10.0, atol=1e-6)
+
+
 def test_motion_that_excites_tells_more_than_the_source_s_constant_one():
     """16 seeds; wide limits and full-scale noise: a third of the error at most, 30 bits more at least."""
     _, constant, _ = episode(CONSTANT_ACTION, batch=16)
