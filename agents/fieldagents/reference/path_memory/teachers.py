@@ -57,7 +57,8 @@ def graceful_command(
     """Speed [m/s] and turn rate [rad/s] of the smooth control law to a pose at the origin.
 
     Source: J. J. Park and B. Kuipers, "A smooth control law for graceful motion of differential
-    wheeled mobile robots in 2D environment", ICRA 2011, with k1 = 1, k2 = 3, beta = 0.4, lambda = 2. The speed does not fall towards the goal: the robot may pass it.
+    wheeled mobile robots in 2D environment", ICRA 2011, with k1 = 1, k2 = 3, beta = 0.4, lambda = 2.
+    The speed does not fall towards the goal: the robot may pass it.
     """
     distance = max(math.hypot(x, y), 1e-6)
     sight = math.atan2(-y, -x)
