@@ -122,8 +122,8 @@ class Shaken:
         mean_naive: Estimates of the naive filter, shape (batch, 22).
         covariance_naive: What it takes for their covariances, shape (batch, 22, 22).
         bits_naive: What it takes for its information [bits], shape (batch, 22).
-        moments: The chosen filter's sums of y y', shape (batch, 3, 30, 30).
-        noise: Its sums of the covariance of the noise in y, shape (batch, 3, 30, 30).
+        moments: The chosen filter's sums of y y', shape (batch, 3, 30, 30), upper triangles.
+        noise: Its sums of the covariance of the noise in y, of that shape.
         samples: Samples in these sums, shape (batch,).
         command: Amplitude [rad], frequency [rad/s] and offset [rad] in force, shape (batch, 3).
         phase: Phase of the arm [rad], shape (batch,).
