@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from fieldmodels.compiled import compiled
 from fieldmodels.estimation.filterpy_reference import FilterpyFilter
 from fieldmodels.estimation.inertia_projection import ORDER, is_physical, project, tensor
 from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms, kalman_run
@@ -49,14 +50,19 @@ LIMIT = LIMITS["wide"]
 TWO_ROWS = Terms(np.array([0, 0, 0, 1, 1]), np.array([0, 1, 2, 1, 2]), np.arange(5), np.ones(5))
 
 
+@compiled
+def fill(signals, variances, gravity, y, noise):
+    for mode in range(len(signals)):
+        for n in range(signals.shape[1]):
+            fill_features(signals[mode, n], variances[mode, n], gravity, y[mode, n])
+            add_feature_noise(signals[mode, n], variances[mode, n], gravity, noise[mode])
+
+
 def features_of(measured, variances):
     """Features (3, samples, K) and their noise, summed over all samples (3, K, K)."""
     y = np.empty((3, measured.shape[1], FEATURES))
     noise = np.zeros((3, FEATURES, FEATURES))
-    for mode in range(3):
-        for n in range(measured.shape[1]):
-            fill_features(measured[mode, n], variances[mode, n], ARM.gravity, y[mode, n])
-            add_feature_noise(measured[mode, n], variances[mode, n], ARM.gravity, noise[mode])
+    fill(measured, np.array(variances), ARM.gravity, y, noise)
     return y, noise
 
 
