@@ -238,8 +238,17 @@ class WalkConfig(Config):
     regimes: bool = False
 
 
-ROBOTS = ("pose_reaching", "differential_drive")
-"""Models whose recordings are drives by random commands within the task's limits."""
+DRIVEN = ("excitation", "step", "episodes", "noise")
+"""Keys of a recording of a model with a commanded input."""
+
+RECORD_KEYS = {
+    "excitation": ("step", "episodes", "noise"),
+    "heel_strike": ("walk",),
+    "line_following": ("settings",),
+    "pose_reaching": ("step", "episodes", "noise"),
+    "differential_drive": ("step", "episodes", "noise"),
+}
+"""Keys of a recording of the other models, which move by themselves or by random commands of their own."""
 
 
 class RecordConfig(Config):
@@ -249,11 +258,12 @@ class RecordConfig(Config):
         name: Name of the result folder.
         model: Name of the model.
         reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
-        excitation: How the input is driven, for a model with a commanded input; robots drive at random.
+        excitation: How the input is driven, for a model with a commanded input; tasks' robots move at random.
         walk: The noise of a walk, for ``heel_strike``, which nobody drives.
+        settings: Line, plant and noise of a walk, for ``line_following``: settings of its environment.
         duration: Length of an episode [s].
         step: Sampling interval [s], for a model with a commanded input; a walker has its own.
-        episodes: Number of episodes, for a model with a commanded input.
+        episodes: Number of episodes, for a model with a commanded input; of ``excitation``, in each mode.
         noise: Factor on the sensors' noise; 0 for none (a walker's noise is part of its walk).
         seed: Seed of all randomness.
         format: File format.
@@ -264,6 +274,7 @@ class RecordConfig(Config):
     reality: RealityConfig = None
     excitation: ExcitationConfig | None = None
     walk: WalkConfig | None = None
+    settings: dict[str, Any] | None = None
     duration: float = Field(gt=0, le=36_000)
     step: float | None = Field(default=None, gt=0, le=1)
     episodes: int = Field(default=1, ge=1, le=1000)
@@ -286,17 +297,14 @@ class RecordConfig(Config):
             check_reality(info.data["model"], reality)
         return reality
 
-    @field_validator("excitation", "walk", "step", "episodes", "noise")
+    @field_validator("excitation", "walk", "settings", "step", "episodes", "noise")
     @classmethod
     def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
         model = info.data.get("model")
-        strange: tuple[str, ...] = ("walk",)
-        if model == "heel_strike":
-            strange = ("excitation", "step", "episodes", "noise")
-        elif model in ROBOTS:
-            strange = ("walk", "excitation")
-        if model is not None and info.field_name in strange:
+        if model is not None and info.field_name not in RECORD_KEYS.get(model, DRIVEN):
             raise ValueError(f"model {model!r} does not take this key; leave it out")
+        if info.field_name == "settings" and value is not None:
+            check_environment("line_following", EnvironmentConfig(settings=value))
         return value
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldagents.config import ROBOTS, ExcitationConfig, RecordConfig, WalkConfig
-from fieldmodels.reality import read_reality
+from fieldagents.config import ExcitationConfig, RecordConfig, WalkConfig
+from fieldmodels.model import Model
+from fieldmodels.reality import Reality, read_reality
 from fieldmodels.recording import Recording
 from fieldmodels.recording_files import save_recording
 from fieldmodels.registry import get_model
@@ -46,29 +47,12 @@ def make_recording(config: RecordConfig) -> Recording:
     """The measured data that a config describes; equal configs give equal data."""
     model = get_model(config.model)
     reality = read_reality(config.reality, model)
-    rng = np.random.default_rng(config.seed)
-    if config.model == "heel_strike":
-        from fieldmodels.heel_strike.parameters import Noise, Regimes
-        from fieldmodels.heel_strike.recording import record_walk
+    make = RECORDERS.get(config.model, _driven)
+    return make(config, model, reality, np.random.default_rng(config.seed))
 
-        walk = config.walk or WalkConfig()
-        kind = walk.collision_kind
-        noise = Regimes.preset(kind) if walk.regimes else Noise(collision_kind=kind)
-        return record_walk(config.duration, rng, noise, reality)
-    if config.model in ROBOTS:
-        from fieldmodels.pose_reaching.model import PoseReaching
-        from fieldmodels.pose_reaching.recording import record_drive
 
-        assert isinstance(model, PoseReaching)
-        return record_drive(
-            config.duration,
-            rng,
-            reality,
-            step=config.step or 0.05,
-            episodes=config.episodes,
-            noise=config.noise,
-            model=model,
-        )
+def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
+    """A model whose input is commanded."""
     from fieldmodels.synthesis import synthesise
 
     drive = config.excitation or ExcitationConfig()
@@ -83,3 +67,70 @@ def make_recording(config: RecordConfig) -> Recording:
         rng=rng,
         noise=config.noise,
     )
+
+
+def _experiment(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
+    """A vehicle that its arm shakes by random sinusoids, in all three modes."""
+    from fieldmodels.excitation.model import ExcitationModel
+    from fieldmodels.excitation.recording import record_experiment
+
+    assert isinstance(model, ExcitationModel)
+    return record_experiment(
+        rng,
+        reality,
+        duration=config.duration,
+        step=config.step or 0.01,
+        repeats=config.episodes,
+        noise=config.noise,
+        model=model,
+    )
+
+
+def _walk(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Generator) -> Recording:
+    """A walker that nobody drives."""
+    from fieldmodels.heel_strike.parameters import Noise, Regimes
+    from fieldmodels.heel_strike.recording import record_walk
+
+    walk = config.walk or WalkConfig()
+    kind = walk.collision_kind
+    noise = Regimes.preset(kind) if walk.regimes else Noise(collision_kind=kind)
+    return record_walk(config.duration, rng, noise, reality)
+
+
+def _line(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Generator) -> Recording:
+    """A walker that follows a line."""
+    from fieldgym.line_following import LineFollowingSettings
+    from fieldgym.settings import read_settings
+    from fieldmodels.line_following.parameters import Gait
+    from fieldmodels.line_following.recording import record_walk
+
+    walked = read_settings(config.settings or {"track": "straight", "bias": 0.0}, LineFollowingSettings)
+    strides = max(1, round(config.duration / Gait().stride_time))
+    return record_walk(reality, strides, scene=walked.scene(images=False), rng=rng)
+
+
+def _drive(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
+    """A robot that drives by random commands."""
+    from fieldmodels.pose_reaching.model import PoseReaching
+    from fieldmodels.pose_reaching.recording import record_drive
+
+    assert isinstance(model, PoseReaching)
+    return record_drive(
+        config.duration,
+        rng,
+        reality,
+        step=config.step or 0.05,
+        episodes=config.episodes,
+        noise=config.noise,
+        model=model,
+    )
+
+
+RECORDERS = {
+    "excitation": _experiment,
+    "heel_strike": _walk,
+    "line_following": _line,
+    "pose_reaching": _drive,
+    "differential_drive": _drive,
+}
+"""Who records a model that is not simply driven by a command."""

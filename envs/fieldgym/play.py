@@ -129,7 +129,7 @@ def _check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
         raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
 
 
-class PlayEnv(gym.Env[NDArray[Any], NDArray[np.float32]]):
+class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     """A task's scalar environment: its play with a batch of one.
 
     Attributes:
@@ -162,7 +162,7 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[np.float32]]):
         self._show()
         return self._play.observation()[0], row(self._play.start_info())
 
-    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one step; see ``gymnasium.Env.step``.
 
         Raises:

@@ -53,21 +53,35 @@ class Metric:
         return self.title if unit == "1" else f"{self.title} [{unit}]"
 
 
+LINE_FOLLOWING = (
+    Metric("mean_offset", "m", "mean distance from the line, settled", "mean_offset", over="last"),
+    Metric("near", "1", "share of strides within 0.10 m", "near", lower_is_better=False, over="last"),
+    Metric("effort", "rad", "mean change of the turn", "effort"),
+    Metric("overshoot", "1", "farthest beyond the line, over the start's distance", "overshoot", over="last"),
+    Metric("failed", "1", "left or lost the line", "failed", over="last", binary=True),
+)
+
 METRICS: dict[str, tuple[Metric, ...]] = {
     "excitation": (
         Metric("error", "%", "average |error| of the parameters at the end", "error_percent", over="last"),
-        Metric("error_naive", "%", "the same of the naive filter", "error_percent_naive", over="last"),
+        Metric(
+            "error_naive",
+            "%",
+            "average |error| of the naive filter at the end",
+            "error_percent_naive",
+            over="last",
+        ),
         Metric(
             "normalised",
             "%",
-            "average |error| in shares of the prior's range",
+            "average |error| at the end in shares of the prior's range",
             "error_normalised",
             over="last",
         ),
         Metric(
             "normalised_naive",
             "%",
-            "the same of the naive filter",
+            "the naive filter's in shares of the prior's range",
             "error_normalised_naive",
             over="last",
         ),
@@ -75,7 +89,7 @@ METRICS: dict[str, tuple[Metric, ...]] = {
         Metric(
             "bits_naive",
             "bits",
-            "what the naive filter takes for it",
+            "what the naive filter takes for information at the end",
             "bits_naive",
             lower_is_better=False,
             over="last",
@@ -90,7 +104,12 @@ METRICS: dict[str, tuple[Metric, ...]] = {
             binary=True,
         ),
         Metric(
-            "time_to_20", "s", "time until then, if it did", "time_to_20", over="last", given="reached_20"
+            "time_to_20",
+            "s",
+            "time to 20 % error, if it came there",
+            "time_to_20",
+            over="last",
+            given="reached_20",
         ),
     ),
     "heel_strike": (
@@ -99,6 +118,8 @@ METRICS: dict[str, tuple[Metric, ...]] = {
             "ranger_mm", "mm", "the published estimator's on the same strides", "error_mm_ranger", common=True
         ),
     ),
+    "line_following": LINE_FOLLOWING,
+    "line_following_pixels": LINE_FOLLOWING,
     "pose_reaching": (
         Metric("success", "1", "arrived", "success", lower_is_better=False, over="last", binary=True),
         Metric("time", "s", "time, if arrived", "time", over="last", given="success"),

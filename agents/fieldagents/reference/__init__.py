@@ -37,6 +37,8 @@ class Reference:
 TABLES = {
     "excitation": "fieldagents.reference.excitation:REFERENCES",
     "heel_strike": "fieldagents.reference.heel_strike:REFERENCES",
+    "line_following": "fieldagents.reference.line_following:REFERENCES",
+    "line_following_pixels": "fieldagents.reference.line_following:PIXEL_REFERENCES",
     "pose_reaching": "fieldagents.reference.pose_reaching:REFERENCES",
 }
 """Where each task's reference agents are listed, in the order of presentation; imported when asked for."""
