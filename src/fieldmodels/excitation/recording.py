@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,7 @@ def record_experiment(
     coloured: float = 0.0,
     limits: Limits | None = None,
     model: ExcitationModel | None = None,
+    applied: Callable[[FloatArray, float], FloatArray] | None = None,
 ) -> Recording:
     """Record runs of all three modes, each with random sinusoids of its own.
 
@@ -60,6 +61,7 @@ def record_experiment(
         coloured: As of ``synthesise``.
         limits: What the arm may do (default: ``wide``).
         model: The nominal vehicle (default: ``soft``).
+        applied: As of ``synthesise``: what the arm makes of its commands, outside of the library.
 
     Returns:
         One episode a run, with the columns of ``ExcitationModel``.
@@ -69,5 +71,9 @@ def record_experiment(
     for k in range(repeats * MODES):
         angle = shaking(duration, step, rng, limits)
         commands = {"arm_angle": angle, "arm_axis": np.full(len(angle), float(k % MODES + 1))}
-        runs.append(synthesise(model, reality, commands, step=step, rng=rng, noise=noise, coloured=coloured))
+        runs.append(
+            synthesise(
+                model, reality, commands, step=step, rng=rng, noise=noise, coloured=coloured, applied=applied
+            )
+        )
     return joined_runs(runs, f"simulation of {model.name}")
