@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -131,6 +132,26 @@ def test_record_a_walk(tmp_path):
     result = run("record", config, "--set", "duration=5", "--set", "format=parquet", "--out", tmp_path)
     assert result.exit_code == 0, result.output
     assert (tmp_path / "biased_walk.parquet").exists()
+
+
+def test_record_an_experiment_in_three_modes(tmp_path):
+    config = CONFIGS / "excitation" / "record.yaml"
+    result = run("record", config, "--set", "duration=2", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "laden_arm.csv")
+    assert table.groupby("episode")["arm_axis"].unique().map(list).tolist() == [[1], [2], [3]] * 2
+    assert table.groupby("episode")["arm_angle"].std().gt(0.05).all()  # the arm moves in each
+
+
+def test_keys_that_do_not_fit_a_model_are_refused(tmp_path):
+    drive = "--set=excitation={kind: steps}"
+    for task, key in (
+        ("excitation", drive),
+        ("heel_strike", "--set=noise=0"),
+        ("pose_reaching", "--set=walk={}"),
+    ):
+        text = mistake("record", CONFIGS / task / "record.yaml", key, "--out", tmp_path)
+        assert f"model '{task}' does not take this key" in text
 
 
 @pytest.mark.parametrize(
