@@ -38,10 +38,12 @@ def plain_numpy(vehicle: FloatArray, motion: FloatArray, mode: int) -> FloatArra
     forward = np.eye(3)[2 if mode == 1 else 1]
 
     def pose(f: float) -> FloatArray:
-        return np.cos(f) * forward + np.sin(f) * np.cross(axis, forward)
+        return np.asarray(np.cos(f) * forward + np.sin(f) * np.cross(axis, forward))
 
     rest = np.cross(joint + ARM.reach * pose(motion[0, 0]), -m2 * gravity)
-    x, v, a = np.zeros(6), np.zeros(6), np.zeros(6)
+    x: FloatArray = np.zeros(6)
+    v: FloatArray = np.zeros(6)
+    a: FloatArray = np.zeros(6)
     implicit = np.diag(0.5 * h * damping + 0.25 * h * h * stiffness)
     out = np.empty((len(motion) - 1, 12))
     for k in range(1, len(motion)):

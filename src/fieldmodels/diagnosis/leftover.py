@@ -23,7 +23,7 @@ from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, RARE_GAIN, RARE
 from fieldmodels.model import FloatArray
 
 KNOTS = 8  # of a table
-MULTIPLIED = 6  # signals of which products are tried
+MULTIPLIED = 7  # signals of which products are tried
 MAX_P = 0.005  # of the best of some twenty groups
 RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.025  # a dictionary group may not beat a named effect by more [nats, share]
 RIVAL_P = 0.1  # of the paired test that it does
