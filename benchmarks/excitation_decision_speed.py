@@ -18,7 +18,7 @@ import numpy as np
 import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import visible
 from fieldagents.reference import references
-from fieldagents.reference.excitation import ModelBased, situation
+from fieldagents.reference.excitation import situation
 from fieldmodels.excitation.dynamics import SUBSTEPS
 from fieldmodels.excitation.motion import CONSTANT, DECISION
 from fieldmodels.excitation.parameters import LOWER, UPPER
@@ -62,8 +62,8 @@ def main() -> None:
         rows.append((f"one forecast of the filter, {substeps} integration steps a sample", each))
     decisions = {}
     for name, reference_agent in references("excitation").items():
-        agent = reference_agent.make({})
-        if isinstance(agent, ModelBased) and agent.sees == "model":
+        if reference_agent.sees == "model":
+            agent = reference_agent.make({})
             agent.reset(0)
             decisions[name] = milliseconds(partial(agent.act, observation, seen), 4)
             rows.append((f"decision: {name}", decisions[name]))
