@@ -25,10 +25,10 @@ def misfit(problem: Problem, base: Candidate, folds: IntArray) -> tuple[Misfit, 
     for j in np.unique(problem.outputs):
         signal = problem.model.outputs[j].name
         mask = problem.outputs == j
-        # The other signals keep a weight so small that they tell nothing.
-        whitener = diagonal_whitener(base.fit.raw, problem.output_scale) * np.where(mask, 1.0, 1e-9)
+        # The other signals are whitened away, and their rows with them.
+        whitener = diagonal_whitener(base.fit.raw, problem.output_scale)[mask]
         own = fit(problem, base.fit.parameters, base.fit.free, whitener, base.fit.states, 0)
-        p = whiteness(own, np.flatnonzero(mask), problem.blocks)
+        p = whiteness(own, np.arange(len(whitener)), problem.blocks)
         if p < MAX_P:
             result.append(Misfit(signal, "whiteness", p, "neighbouring errors within a window are alike"))
         candidate = Candidate((), own, 0.0, held_out_loss(own, folds))

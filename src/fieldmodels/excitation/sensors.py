@@ -3,7 +3,7 @@
 Accelerometer: dr'' in frame II, and dr', dr by integration. Inclinometer: the rotation dtheta, and w, w' by
 differentiation. Force/torque sensor: dF, dN of the arm's base, turned from the arm's frame IV to frame II by
 the known f. The source corrupts "sensor data"; taken as each of the 24 signals having white noise of its own,
-since twice-differentiated white noise of an inclinometer would be 25 times the signal.
+since an inclinometer's white noise, differentiated twice, would be hundreds of times the signal.
 """
 
 from __future__ import annotations
