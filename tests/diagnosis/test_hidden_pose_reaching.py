@@ -125,3 +125,11 @@ def test_what_no_listed_effect_explains_is_unknown(wheels: bool):
     assert found.unknown is not None
     assert found.unknown.certain
     assert "turn_rate" in found.unknown.direction
+
+
+def test_a_compass_that_errs_by_its_heading_is_no_clean_bill():
+    # No turn rate explains it, but the heading's error is four times the sensor's noise.
+    recording = record_drive(120.0, np.random.default_rng(99))
+    recording.signals["heading"][:] += 0.05 * np.sin(recording["heading"])
+    found = diagnose(PoseReaching(), [recording])
+    assert found.verdict == "unknown", named(found)

@@ -127,6 +127,10 @@ def _diagnose_stage(
             causes, extended, after = (), selection.base, before
         if unknown is None:
             unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
+    elif not (model.random_force or causes or unknown) and any(
+        _far_from_noise(testing, after, int(j)) for j in np.unique(testing.outputs)
+    ):
+        unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
     verdict: Verdict = "unknown" if unknown else "consistent"
     if causes:
         verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
