@@ -235,6 +235,7 @@ class _Walk(Play):
                 "lost": walks["lost"][:, 0].astype(np.float64),
                 "failed": failed.astype(np.float64),
                 "command": walks["commands"][:, 0].copy(),
+                "start_offset": np.abs(self._start),
                 **self._scores(distance, left),
                 "privileged": self._privileged(),
             },
@@ -252,8 +253,7 @@ class _Walk(Play):
         mean = np.where(total > 0, (self._distance + missing) / np.maximum(total, 1), distance)
         near = np.where(total > 0, self._near / np.maximum(total, 1), distance <= NEAR)
         side = np.sign(self._start) * self.walks.walks["offset"]
-        start = np.maximum(np.abs(self._start), 1e-9)
-        self._overshoot = np.maximum(self._overshoot, -side / start)
+        self._overshoot = np.maximum(self._overshoot, -side)
         return {"mean_offset": mean, "near": near, "overshoot": self._overshoot.copy()}
 
     def _privileged(self) -> dict[str, Floats]:
@@ -396,9 +396,10 @@ class LineFollowingEnv(PlayEnv):
     | `lost` | 1 if the line is not seen |
     | `failed` | 1 if the episode ends for leaving the line |
     | `command` | the commanded turn [rad] |
+    | `start_offset` | distance from the line at the start [m] |
     | `mean_offset` | mean distance since stride 15 [m]; strides that are missing count 1 m |
     | `near` | share of the strides since stride 15 within 0.10 m |
-    | `overshoot` | farthest distance beyond the line so far, over the distance at the start |
+    | `overshoot` | farthest beyond the line so far, seen from the start [m] |
     | `privileged` | the hidden truth, see below |
 
     Distances compare with the truth: they are for scoring, no agent should act on them.

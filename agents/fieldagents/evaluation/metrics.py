@@ -57,8 +57,11 @@ LINE_FOLLOWING = (
     Metric("mean_offset", "m", "mean distance from the line, settled", "mean_offset", over="last"),
     Metric("near", "1", "share of strides within 0.10 m", "near", lower_is_better=False, over="last"),
     Metric("effort", "rad", "mean change of the turn", "effort"),
-    Metric("overshoot", "1", "farthest beyond the line, over the start's distance", "overshoot", over="last"),
+    Metric("overshoot", "m", "farthest beyond the line, seen from the start", "overshoot", over="last"),
     Metric("failed", "1", "left or lost the line", "failed", over="last", binary=True),
+    Metric(
+        "start_offset", "m", "distance from the line at the start", "start_offset", over="last", common=True
+    ),
 )
 
 METRICS: dict[str, tuple[Metric, ...]] = {

@@ -95,6 +95,13 @@ ENTRIES: dict[str, Entry] = {
         "Model or sensor: the best share of each under process noise (with Figs 2.13 and 2.15)",
         "fieldagents.reproduce.heel_strike:figure_2_14",
     ),
+    "line_following/figure-3.13": Entry(
+        "Levels of tape and floor by light, and the threshold between them",
+        "fieldagents.reproduce.line_following:figure_3_13",
+    ),
+    "line_following/information": Entry(
+        "What one band of the image does not tell", "fieldagents.reproduce.line_following:information"
+    ),
     "pose_reaching/figure-5.9": Entry(
         "Training paths and generated paths of the path memory (Figs 5.3 to 5.9)",
         "fieldagents.reproduce.pose_reaching:figures_5_3_to_5_9",
