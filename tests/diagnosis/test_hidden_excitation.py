@@ -1,4 +1,4 @@
-"""Hide an effect in a shaken vehicle and require the diagnosis to name it, from one run of 5 s a mode.
+"""Hide an effect in a shaken vehicle and require the diagnosis to name it, from one run of 4 s a mode.
 
 Seeds apart from those used to develop. A record with wandering noise is among the clean ones.
 """
@@ -29,7 +29,7 @@ HIDDEN = {
 def diagnosed(seed: int, effects: dict[str, dict[str, float]], coloured: float = 0.0) -> Diagnosis:
     model = ExcitationModel()
     run = record_experiment(
-        np.random.default_rng(seed), Reality(effects=effects), duration=5.0, coloured=coloured, model=model
+        np.random.default_rng(seed), Reality(effects=effects), duration=4.0, coloured=coloured, model=model
     )
     return diagnose(model, [run])
 
