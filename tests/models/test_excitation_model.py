@@ -44,7 +44,7 @@ def test_it_is_registered_with_table_ones_unknowns() -> None:
 
 @pytest.mark.parametrize("mode", [0, 1, 2])
 def test_it_is_the_experiments_own_dynamics(mode: int) -> None:
-    """From the commanded angle alone, 0.4 % of each sensor's largest value: splines round the jerk's jumps."""
+    """From the commanded angle alone, 0.4 % of each sensor's largest value: a spline rounds jerks."""
     fine, _ = arm_motion(COMMANDS, 25.0, start=(0.0, 1.0, 0.3), per_decision=80 * SUBSTEPS)
     signals = simulate(SOFT, fine, MODEL.arm.row(), SAMPLE)[0, mode]
     outputs = predicted(run(mode))[1:]
