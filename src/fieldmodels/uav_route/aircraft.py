@@ -62,8 +62,37 @@ def turn_time(turn: float, speed: float, bank: float) -> float:
 
 
 @inlined
-def banked_time(turn: float, speed: float, duration: float, c: Constants) -> float:
+def banked_time(turn: float, speed: float, bank: float, duration: float, c: Constants) -> float:
     """Time of a leg [s], from its start, in which the aircraft is banked."""
     if not abs(turn) >= c.least_turn:  # a turn that is not a number (the printed clamp) is none
         return 0.0
-    return min(turn_time(turn, speed, c.bank), duration)
+    return min(turn_time(turn, speed, bank), duration)
+
+
+@inlined
+def ground_speed(
+    cosine: float, sine: float, speed: float, wind_north: float, wind_east: float
+) -> tuple[float, float, float]:
+    """Speed over ground, and the nose's direction, of an aircraft that holds a course in wind by crabbing.
+
+    Args:
+        cosine: Cosine of the course.
+        sine: Sine of the course.
+        speed: Airspeed, larger than the wind.
+        wind_north: Wind (whereto it blows), in the unit of the speed.
+        wind_east: The same to the east.
+
+    Returns:
+        Speed over ground; cosine and sine of the heading.
+    """
+    if wind_north == 0.0 and wind_east == 0.0:
+        return speed, cosine, sine
+    along = wind_north * cosine + wind_east * sine
+    across = wind_east * cosine - wind_north * sine
+    crab_sine = -across / speed
+    crab_cosine = math.sqrt(max(1.0 - crab_sine * crab_sine, 0.0))
+    return (
+        along + speed * crab_cosine,
+        cosine * crab_cosine - sine * crab_sine,
+        sine * crab_cosine + cosine * crab_sine,
+    )

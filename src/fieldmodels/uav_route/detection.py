@@ -32,6 +32,9 @@ _LOG_SIGNATURES = np.log(SIGNATURES)
 _LOG_RANGES = np.log(RANGES)
 _MOST, _LEAST = 0.99, 0.01
 
+EXACT = 1e-9
+"""A probability is above the threshold if it exceeds it by more than rounding."""
+
 
 @inlined
 def range_in_column(i: int, up: float, column: int, log: bool) -> float:

@@ -11,15 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmodels.compiled import compiled
 from fieldmodels.model import FloatArray, ModelError
 from fieldmodels.uav_route.aircraft import banked_time, heading_of, turn_into
-from fieldmodels.uav_route.detection import probability
+from fieldmodels.uav_route.detection import EXACT, probability
 from fieldmodels.uav_route.lock_loss import timers_after
 from fieldmodels.uav_route.parameters import Constants, World, make_constants
 from fieldmodels.uav_route.signature import aspect, signature
 
 STEP = 0.1
 """Time between samples of a re-flown plan [s]: 25 m."""
-EXACT = 1e-9
-"""A probability is above the threshold if it exceeds it by more than rounding."""
 
 _COLUMNS = 10  # of a radar's trace: slant range ... damaged
 
@@ -264,7 +262,7 @@ def _fly(
                     old_north, old_east, north, east, starts[i, 0] + north, starts[i, 1] + east, c
                 )
             old_north, old_east = north, east
-        banked = banked_time(turn, speed, duration, c)
+        banked = banked_time(turn, speed, c.bank, duration, c)
         ahead_north, ahead_east = speed * math.cos(course), speed * math.sin(course)
         for level in range(2):
             first, last = (banked, duration) if level == 1 else (0.0, banked)

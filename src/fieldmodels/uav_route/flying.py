@@ -1,0 +1,432 @@
+"""The kernels of flights: a leg flown under the radars' eyes, arrival, score and what is seen of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.model import FloatArray
+from fieldmodels.streams import GAMMA, mixed, uniform
+from fieldmodels.uav_route.aircraft import banked_time, ground_speed, heading_of, turn_into
+from fieldmodels.uav_route.detection import EXACT, probability
+from fieldmodels.uav_route.layouts import draw_layout
+from fieldmodels.uav_route.lock_loss import timers_after
+from fieldmodels.uav_route.parameters import RADARS, Constants
+from fieldmodels.uav_route.signature import aspect, signature
+
+LOSE, ENGAGE, LAUNCH = 0, 1, 2
+"""A radar's timers."""
+
+WIND_NORTH, WIND_EAST, TURN_LOSS, BANK, BIAS_NORTH, BIAS_EAST = range(6)
+PLANT = 6
+"""What may be wrong with an aircraft: wind [km/s], share of the airspeed lost in turns, factor of the bank,
+bias of the measured position [km]."""
+NEUTRAL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+
+FLYING, ARRIVED, DAMAGED, LATE = 0, 1, 2, 3
+
+FLIGHT = np.dtype(
+    [
+        ("key", np.uint64),  # the flight's random stream
+        ("episode", np.int64),  # episodes begun under this key
+        ("over", np.int64),  # FLYING, ARRIVED, DAMAGED or LATE
+        ("legs", np.int64),  # flown in this episode
+        ("looks", np.int64),  # that the radars have drawn
+        ("place", np.float64, (2,)),  # north, east [km]
+        ("course", np.float64, (2,)),  # its cosine and sine
+        ("start", np.float64, (2,)),
+        ("goal", np.float64, (2,)),
+        ("radars", np.float64, (RADARS, 2)),
+        ("timers", np.float64, (RADARS, 3)),  # lock loss, engage, launch [s]
+        ("probability", np.float64, (RADARS,)),  # of detection, when last looked
+        ("detected", np.int64, (RADARS,)),  # the last look's result
+        ("unbroken", np.float64, (RADARS,)),  # time since the present detection began [s]
+        ("time", np.float64),  # [s]
+        ("path", np.float64),  # [km]
+        ("time_over", np.float64),  # in which a radar detected [s]
+        ("longest", np.float64),  # detection without a break [s]
+        ("largest", np.float64),  # probability of detection
+        ("losses", np.int64),  # of locks
+    ]
+)
+"""What a flight remembers between legs."""
+
+NUMBERS = (
+    "success",
+    "damaged",
+    "time",
+    "path_length",
+    "remaining",
+    "time_over",
+    "longest_detection",
+    "largest_probability",
+    "lock_losses",
+    "legs",
+)
+OWN = (
+    "goal_ahead",
+    "goal_right",
+    "goal_log_distance",
+    "goal_cos",
+    "goal_sin",
+    "course_cos",
+    "course_sin",
+    "legs_left",
+)
+EACH = (
+    "margin_5",
+    "margin_50",
+    "margin_500",
+    "bearing_cos",
+    "bearing_sin",
+    "lose_timer",
+    "engage_timer",
+    "launch_timer",
+    "detected",
+)
+
+
+class Play(NamedTuple):
+    """The rules of the flights as the kernels take them."""
+
+    radars: int
+    drawn: bool
+    start_north: float
+    start_east: float
+    goal_north: float
+    goal_east: float
+    sites: FloatArray
+    side_on: float
+    banked: float
+    capture: float
+    horizon: int
+    least_leg: float
+    longest_leg: float
+    step: float
+    cost: float
+    progress: float
+    arrival: float
+    damage: float
+    late: float
+
+
+@inlined
+def begin(flight: Any, p: Play) -> None:
+    """Begin a flight's next episode."""
+    flight.episode += 1
+    if p.drawn:
+        key = mixed(flight.key + np.uint64(flight.episode) * GAMMA)
+        draw_layout(key, p.radars, p.side_on, p.banked, flight.start, flight.goal, flight.radars)
+    else:
+        flight.start[0], flight.start[1] = p.start_north, p.start_east
+        flight.goal[0], flight.goal[1] = p.goal_north, p.goal_east
+        for r in range(p.radars):
+            flight.radars[r, 0], flight.radars[r, 1] = p.sites[r, 0], p.sites[r, 1]
+    flight.over, flight.legs, flight.looks, flight.losses = FLYING, 0, 0, 0
+    flight.place[0], flight.place[1] = flight.start[0], flight.start[1]
+    north, east = flight.goal[0] - flight.start[0], flight.goal[1] - flight.start[1]
+    distance = max(math.sqrt(north * north + east * east), 1e-9)
+    flight.course[0], flight.course[1] = north / distance, east / distance
+    for r in range(RADARS):
+        flight.probability[r], flight.detected[r], flight.unbroken[r] = 0.0, 0, 0.0
+        for timer in range(3):
+            flight.timers[r, timer] = 0.0
+    flight.time, flight.path, flight.time_over, flight.longest, flight.largest = 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@inlined
+def look(
+    flight: Any, north: float, east: float, cosine: float, sine: float, bank: float, c: Constants, p: Play
+) -> None:
+    """Let every radar compute its probability of detection, and detect above the threshold."""
+    tilt = -bank if c.left_handed else bank
+    tilt_cosine, tilt_sine = (math.cos(tilt), math.sin(tilt)) if tilt != 0.0 else (1.0, 0.0)
+    for r in range(p.radars):
+        to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
+        chance = 0.0
+        if to_north * to_north + to_east * to_east + c.altitude * c.altitude <= c.reach * c.reach:
+            slant, azimuth, elevation = aspect(
+                to_north, to_east, c.altitude, cosine, sine, tilt_cosine, tilt_sine
+            )
+            chance = probability(signature(azimuth, elevation), slant, c.log)
+        flight.probability[r] = chance
+        flight.largest = max(flight.largest, chance)
+        flight.detected[r] = 1 if chance > c.threshold + EXACT else 0
+
+
+@inlined
+def draw_looks(flight: Any, c: Constants, p: Play) -> None:
+    """Draw the result of each radar's look; the numbers depend on the look's time alone."""
+    key = mixed(mixed(flight.key + np.uint64(flight.episode) * GAMMA) + GAMMA)
+    for r in range(p.radars):
+        number = uniform(key, RADARS * flight.looks + r)
+        chance = flight.probability[r]
+        seen = number >= chance if c.draw_above else number < chance
+        flight.detected[r] = 1 if seen and chance > 0.0 else 0
+    flight.looks += 1
+
+
+@inlined
+def run_timers(flight: Any, time: float, c: Constants, p: Play) -> bool:
+    """Let all timers run for a time [s] in which nothing changes; returns whether a missile hits."""
+    hit, over = False, False
+    for r in range(p.radars):
+        detected = flight.detected[r] == 1
+        lose, engage, launch, lost, damaged = timers_after(
+            flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH], detected, time, c
+        )
+        flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH] = lose, engage, launch
+        flight.losses += 1 if lost else 0
+        flight.unbroken[r] = flight.unbroken[r] + time if detected else 0.0
+        flight.longest = max(flight.longest, flight.unbroken[r])
+        hit = hit or damaged
+        over = over or detected
+    flight.time_over += time if over else 0.0
+    flight.time += time
+    return hit
+
+
+@inlined
+def watch(
+    flight: Any, duration: float, north: float, east: float, cosine: float, sine: float, bank: float,
+    c: Constants, p: Play,
+) -> bool:  # fmt: skip
+    """Fly for a time [s] at a ground velocity [km/s] with one attitude; returns whether it ends in a hit.
+
+    Detection above the threshold is looked at in the middle of steps; drawn looks come at their own times,
+    and what a look has found holds until the next one.
+    """
+    x, y = flight.place[0], flight.place[1]
+    flown, hit = 0.0, False
+    pieces = max(1, math.ceil(duration / p.step - 1e-9))
+    while flown < duration and not hit:
+        time = duration / pieces
+        if c.stochastic:
+            due = flight.looks * c.look_interval - flight.time
+            if due <= 1e-9:
+                look(flight, x + flown * north, y + flown * east, cosine, sine, bank, c, p)
+                draw_looks(flight, c, p)
+                due = flight.looks * c.look_interval - flight.time
+            time = min(max(due, 1e-9), duration - flown)
+        else:
+            middle = flown + 0.5 * time
+            look(flight, x + middle * north, y + middle * east, cosine, sine, bank, c, p)
+        hit = run_timers(flight, time, c, p)
+        flown = flown + time if flown + time < duration - 1e-9 else duration
+    flight.place[0], flight.place[1] = x + flown * north, y + flown * east
+    flight.path += flown * math.sqrt(north * north + east * east)
+    return hit
+
+
+@inlined
+def length_to_capture(flight: Any, north: float, east: float, length: float, capture: float) -> float:
+    """How far along a leg [km] the goal's capture circle is entered; more than its length if it is not."""
+    to_north, to_east = flight.goal[0] - flight.place[0], flight.goal[1] - flight.place[1]
+    along = to_north * north + to_east * east
+    across = to_east * north - to_north * east
+    inside = capture * capture - across * across
+    if inside < 0.0:
+        return 2.0 * length + 1.0
+    enter = along - math.sqrt(inside)
+    if enter < 0.0:
+        return 0.0 if to_north * to_north + to_east * to_east <= capture * capture else 2.0 * length + 1.0
+    return enter
+
+
+@inlined
+def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constants, p: Play) -> None:
+    """Fly one leg of a course [rad] and a length [km]; the first one begins without a turn."""
+    north, east = math.cos(course), math.sin(course)
+    to_north, to_east = flight.place[0] + length * north, flight.place[1] + length * east
+    turn = 0.0
+    if flight.legs > 0:
+        turn = turn_into(flight.course[0], flight.course[1], north, east, to_north, to_east, c)
+    flight.course[0], flight.course[1] = north, east
+    if c.two_quadrant:
+        course = heading_of(north, east, True)
+        north, east = math.cos(course), math.sin(course)
+    entered = length_to_capture(flight, north, east, length, p.capture)
+    way = min(length, entered)
+    # a weaker bank and less speed change the turn's time
+    bank = c.bank * plant[BANK]
+    slow = c.speed * (1.0 - plant[TURN_LOSS])
+    wind_north, wind_east = plant[WIND_NORTH], plant[WIND_EAST]
+    hit = False
+    if turn != 0.0:
+        speed, cosine, sine = ground_speed(north, east, slow, wind_north, wind_east)
+        time = banked_time(turn, slow, bank, way / speed, c)
+        if time > 0.0:
+            tilt = math.copysign(bank, turn)
+            hit = watch(flight, time, speed * north, speed * east, cosine, sine, tilt, c, p)
+            way = max(way - speed * time, 0.0)
+    if not hit and way > 1e-9:
+        speed, cosine, sine = ground_speed(north, east, c.speed, wind_north, wind_east)
+        hit = watch(flight, way / speed, speed * north, speed * east, cosine, sine, 0.0, c, p)
+    flight.legs += 1
+    if hit:
+        flight.over = DAMAGED
+    elif entered <= length:
+        flight.over = ARRIVED
+    elif flight.legs >= p.horizon:
+        flight.over = LATE
+
+
+@inlined
+def distance_to_goal(flight: Any) -> float:
+    """Distance to the goal [km]."""
+    distance: float = math.hypot(flight.goal[0] - flight.place[0], flight.goal[1] - flight.place[1])
+    return distance
+
+
+@inlined
+def ratio(time: float, threshold: float) -> float:
+    """A timer relative to its threshold, at most 1."""
+    if threshold > 0.0:
+        return min(time / threshold, 1.0)
+    return 1.0 if time > 0.0 else 0.0
+
+
+@inlined
+def nearest_radar(flight: Any, north: float, east: float, count: int) -> int:
+    """The radar next to a place."""
+    best, least = 0, math.inf
+    for r in range(count):
+        square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
+        if square < least:
+            best, least = r, square
+    return best
+
+
+@inlined
+def radial(flight: Any, plant: FloatArray, count: int) -> tuple[float, float]:
+    """Cosine and sine of the bearing of the nearest radar, from where the aircraft believes to be."""
+    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
+    r = nearest_radar(flight, north, east, count)
+    to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
+    distance = math.sqrt(to_north * to_north + to_east * to_east)
+    return (to_north / distance, to_east / distance) if distance > 0.0 else (1.0, 0.0)
+
+
+@inlined
+def show(
+    flight: Any, plant: FloatArray, c: Constants, p: Play, observed: NDArray[np.float32], order: Any
+) -> None:
+    """Write down what is seen of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
+    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
+    for r in range(p.radars):
+        square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
+        place = r
+        while place > 0 and order[1, place - 1] > square:
+            order[0, place], order[1, place] = order[0, place - 1], order[1, place - 1]
+            place -= 1
+        order[0, place], order[1, place] = r, square
+    cosine, sine = radial(flight, plant, p.radars)
+    to_north, to_east = flight.goal[0] - north, flight.goal[1] - east
+    ahead, right = to_north * cosine + to_east * sine, to_east * cosine - to_north * sine
+    distance = max(math.sqrt(ahead * ahead + right * right), 1.0)
+    observed[0] = ahead / 100.0
+    observed[1] = right / 100.0
+    observed[2] = math.log(distance / 100.0)
+    observed[3] = ahead / distance
+    observed[4] = right / distance
+    observed[5] = flight.course[0] * cosine + flight.course[1] * sine
+    observed[6] = flight.course[1] * cosine - flight.course[0] * sine
+    observed[7] = 1.0 - flight.legs / p.horizon
+    for k in range(p.radars):
+        r = int(order[0, k])
+        row = observed[len(OWN) + k * len(EACH) :]
+        to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
+        slant = math.sqrt(order[1, k] + c.altitude * c.altitude)
+        reach = max(math.sqrt(order[1, k]), 1e-9)
+        row[0] = math.tanh((slant - p.side_on) / 5.0)
+        row[1] = math.tanh((slant - p.side_on) / 50.0)
+        row[2] = (slant - p.side_on) / 500.0
+        row[3] = (to_north * cosine + to_east * sine) / reach
+        row[4] = (to_east * cosine - to_north * sine) / reach
+        row[5] = ratio(flight.timers[r, LOSE], c.lose)
+        row[6] = ratio(flight.timers[r, ENGAGE], c.engage)
+        row[7] = ratio(flight.timers[r, LAUNCH], c.target)
+        row[8] = flight.detected[r]
+
+
+@inlined
+def write(
+    flight: Any, plant: FloatArray, b: int, c: Constants, p: Play, order: Any, observed: NDArray[np.float32],
+    numbers: FloatArray, places: FloatArray,
+) -> None:  # fmt: skip
+    """Write down what is seen of flight ``b``, and its ``NUMBERS``."""
+    show(flight, plant, c, p, observed[b], order)
+    numbers[0, b] = 1.0 if flight.over == ARRIVED else 0.0
+    numbers[1, b] = 1.0 if flight.over == DAMAGED else 0.0
+    numbers[2, b] = flight.time
+    numbers[3, b] = flight.path
+    numbers[4, b] = distance_to_goal(flight)
+    numbers[5, b] = flight.time_over
+    numbers[6, b] = flight.longest
+    numbers[7, b] = flight.largest
+    numbers[8, b] = flight.losses
+    numbers[9, b] = flight.legs
+    places[b, 0] = flight.place[0] + plant[BIAS_NORTH]
+    places[b, 1] = flight.place[1] + plant[BIAS_EAST]
+
+
+@compiled
+def start_all(flights: NDArray[Any], which: NDArray[np.int64], p: Play) -> None:
+    """Begin the next episode of some flights."""
+    for b in which:
+        begin(flights[b], p)
+
+
+@compiled
+def play(
+    flights: NDArray[Any],
+    actions: FloatArray,
+    flying: bool,
+    relative: bool,
+    restarting: bool,
+    plants: FloatArray,
+    c: Constants,
+    p: Play,
+    observed: NDArray[np.float32],
+    numbers: FloatArray,
+    places: FloatArray,
+    reward: FloatArray,
+    over: NDArray[np.int64],
+) -> bool:
+    """Take every flight through one leg, or with ``flying`` off only look; see ``Flights.advance``.
+
+    Returns:
+        False if an action is not a finite number; then nothing has happened.
+    """
+    order = np.zeros((2, RADARS))
+    if flying:
+        for b in range(len(flights)):
+            if not (math.isfinite(actions[b, 0]) and math.isfinite(actions[b, 1])):
+                return False
+    for b in range(len(flights)):
+        flight, plant = flights[b], plants[b]
+        gain = 0.0
+        if flying and restarting and flight.over != FLYING:
+            begin(flight, p)
+        elif flying and flight.over == FLYING:
+            course = actions[b, 0]
+            if relative:
+                cosine, sine = radial(flight, plant, p.radars)
+                course += math.atan2(sine, cosine)
+            distance, path = distance_to_goal(flight), flight.path
+            fly(flight, course, min(max(actions[b, 1], p.least_leg), p.longest_leg), plant, c, p)
+            gain = p.progress * (distance - distance_to_goal(flight)) - p.cost * (flight.path - path)
+            if flight.over == ARRIVED:
+                gain += p.arrival
+            elif flight.over == DAMAGED:
+                gain -= p.damage
+            elif flight.over == LATE:
+                gain -= p.late
+        reward[b] = gain
+        over[b] = flight.over
+        write(flight, plant, b, c, p, order, observed, numbers, places)
+    return True
