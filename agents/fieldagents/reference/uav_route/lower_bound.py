@@ -1,0 +1,111 @@
+"""A length below which no path is undetected: tangent, arc and spiral about one radar, without a bank.
+
+Outside the circle in which the side is seen, any heading is allowed. Inside it, the radar must stay within
+about 30 degrees of the nose or 20 of the tail, so that each radius gained or lost allows only so much angle:
+along the limit the path is a logarithmic spiral, and where a straight line keeps within it, that line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from fieldagents.reference.uav_route.limits import NOSE, TAIL, limits_of, probability_seen
+from fieldmodels.model import FloatArray
+from fieldmodels.uav_route.parameters import Layout, World
+
+_STEEP = math.radians(1.0)  # Table 4.1 goes from low to high within this angle
+
+
+def lower_bound(layout: Layout, world: World) -> float:
+    """Shortest length of a path that is nowhere detected [km], bank ignored: no valid plan is shorter.
+
+    Each radar is taken by itself, and the largest bound holds. Where the argument does not cover a radar
+    (start and goal both inside its circle, or flying in and out again could be shorter than around) only
+    the straight line bounds the path.
+    """
+    start, goal = np.array(layout.start), np.array(layout.goal)
+    straight = float(np.hypot(*(goal - start)))
+    return max(
+        (_about(start - np.array(r), goal - np.array(r), world) for r in layout.radars), default=straight
+    )
+
+
+def _about(start: FloatArray, goal: FloatArray, world: World) -> float:
+    """The bound for one radar at the origin."""
+    straight = float(np.hypot(*(goal - start)))
+    circle = limits_of(world).side
+    r_start, r_goal = float(np.hypot(*start)), float(np.hypot(*goal))
+    cosine = float(start @ goal) / max(r_start * r_goal, 1e-12)
+    angle = math.acos(min(1.0, max(-1.0, cosine)))
+    if min(r_start, r_goal) >= circle:
+        return _around(r_start, r_goal, angle, circle)
+    if max(r_start, r_goal) < circle or not _around_is_shorter(min(r_start, r_goal), angle, circle):
+        return straight
+    outer, inner = max(r_start, r_goal), min(r_start, r_goal)
+    spiral = _Spiral(inner, circle, world, nose=r_goal < r_start)
+    least = minimize_scalar(
+        lambda share: _to_circle(outer, share, circle) + spiral.length(angle - share),
+        bounds=(max(0.0, angle - spiral.reach), angle),
+        method="bounded",
+        options={"xatol": 1e-7},
+    )
+    return max(straight, float(least.fun))
+
+
+def _around_is_shorter(inner: float, angle: float, circle: float) -> bool:
+    """Whether flying in and out along the limits gains an angle less cheaply than the circle does."""
+    nose, tail = NOSE + _STEEP, TAIL + _STEEP
+    per_logarithm = math.tan(nose) + math.tan(tail)
+    per_radius = 1.0 / math.cos(nose) + 1.0 / math.cos(tail)
+    return per_radius * inner * (1.0 - math.exp(-angle / per_logarithm)) >= circle * angle
+
+
+def _to_circle(r: float, angle: float, circle: float) -> float:
+    """Shortest way from a place outside the circle to one on it, ``angle`` further."""
+    tangent = math.acos(min(1.0, circle / r))
+    if angle <= tangent:
+        return math.sqrt(r * r + circle * circle - 2.0 * r * circle * math.cos(angle))
+    return math.sqrt(max(r * r - circle * circle, 0.0)) + circle * (angle - tangent)
+
+
+def _around(r: float, s: float, angle: float, circle: float) -> float:
+    """Shortest way between two places outside the circle."""
+    tangents = math.acos(circle / r) + math.acos(circle / s)
+    if angle <= tangents:
+        return math.sqrt(max(r * r + s * s - 2.0 * r * s * math.cos(angle), 0.0))
+    return (
+        math.sqrt(r * r - circle * circle) + math.sqrt(s * s - circle * circle) + circle * (angle - tangents)
+    )
+
+
+class _Spiral:
+    """Ways between the circle and a place inside it, as steep to the radial as the threshold allows."""
+
+    def __init__(self, inner: float, circle: float, world: World, *, nose: bool) -> None:
+        edges = np.linspace(inner, circle, 401)
+        self.radius, self.step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
+        cone = NOSE if nose else TAIL
+        offsets = np.linspace(0.0, _STEEP, 201)
+        azimuth = cone + offsets if nose else math.pi - cone - offsets
+        seen = probability_seen(world, edges[1:, None] + 0.0 * azimuth, azimuth + 0.0 * edges[1:, None])
+        self.limit = cone + offsets[np.maximum((seen <= world.detection.threshold).sum(axis=1), 1) - 1]
+        self.limit += offsets[1]  # rounded up: the bound stays one
+        self.reach = self._angle(circle)
+
+    def _steepness(self, closest: float) -> FloatArray:
+        """Angle to the radial, of a straight line that would pass the radar at ``closest`` [km], clipped."""
+        line = np.arcsin(np.minimum(closest / self.radius, 1.0))
+        return np.minimum(line, self.limit)
+
+    def _angle(self, closest: float) -> float:
+        return float(np.sum(np.tan(self._steepness(closest)) / self.radius) * self.step)
+
+    def length(self, angle: float) -> float:
+        """Least length of a way that gains an angle [rad]."""
+        closest = float(self.radius[-1])
+        if angle < self._angle(closest):
+            closest = float(brentq(lambda p: self._angle(p) - angle, 0.0, closest))
+        return float(np.sum(1.0 / np.cos(self._steepness(closest))) * self.step)
