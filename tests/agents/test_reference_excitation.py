@@ -51,9 +51,9 @@ def envs_of(number: int, **settings: object):
 
 @pytest.fixture(scope="module")
 def errors():
-    """Average % error of some agents at the end of ten test episodes, the same for all."""
-    names = ("constant", "best_constant", "random", "frozen_weight", "a_optimal", "printed_cost")
-    seeds = TEST_SEEDS[:10]
+    """Average % error of some agents at the end of eight test episodes, the same for all."""
+    names = ("constant", "best_constant", "random", "frozen_weight", "a_optimal")
+    seeds = TEST_SEEDS[:8]
     return {
         name: run_episodes(make(name), TASK, EnvironmentConfig(), seeds)["error"].mean() for name in names
     }
@@ -78,7 +78,6 @@ def test_agents_come_in_the_expected_order(errors):
     assert 2 * errors["best_constant"] < errors["constant"]
     assert 2 * errors["random"] < errors["constant"]
     assert errors["a_optimal"] < errors["random"]
-    assert errors["frozen_weight"] < errors["printed_cost"]
 
 
 @pytest.mark.parametrize("name", NAMES_OF_AGENTS)

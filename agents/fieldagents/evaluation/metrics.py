@@ -100,7 +100,7 @@ METRICS: dict[str, tuple[Metric, ...]] = {
         Metric(
             "reached_20",
             "1",
-            "came below 20 % error",
+            "error below 20 % at the end",
             "reached_20",
             lower_is_better=False,
             over="last",
