@@ -14,6 +14,7 @@ _MODELS = {
     "line_following": "fieldmodels.line_following.model:LineFollowing",
     "pose_reaching": "fieldmodels.pose_reaching.model:PoseReaching",
     "differential_drive": "fieldmodels.pose_reaching.model:DifferentialDrive",
+    "uav_route": "fieldmodels.uav_route.model:UavRoute",
 }
 
 

@@ -231,7 +231,7 @@ def length_to_capture(flight: Any, north: float, east: float, length: float, cap
     inside = capture * capture - across * across
     if inside < 0.0:
         return 2.0 * length + 1.0
-    enter = along - math.sqrt(inside)
+    enter: float = along - math.sqrt(inside)
     if enter < 0.0:
         return 0.0 if to_north * to_north + to_east * to_east <= capture * capture else 2.0 * length + 1.0
     return enter
