@@ -10,7 +10,7 @@ import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TEST_SEEDS
+from fieldagents.evaluation.seeds import TEST_SEEDS, TUNING_SEEDS
 from fieldagents.reference import excitation_criteria as criteria
 from fieldagents.reference import references
 from fieldagents.reference.excitation import (
@@ -22,7 +22,13 @@ from fieldagents.reference.excitation import (
     tuned,
     tuned_actions,
 )
-from fieldagents.reference.excitation_tuning import SCENARIOS, Schedules, prior_vehicles
+from fieldagents.reference.excitation_tuning import (
+    EPISODES,
+    SCENARIOS,
+    Schedules,
+    constant_errors,
+    prior_vehicles,
+)
 from fieldagents.reproduce.excitation import (
     PRINTED_CONSTANT,
     PRINTED_VARIABLE,
@@ -194,6 +200,14 @@ def test_stored_schedules_are_worth_what_is_stored(key):
     assert cost["oracle_schedule"] == pytest.approx(tuned()[key]["oracle_schedule"]["tuned_cost"], rel=0.02)
     constant = np.tile(tuned_actions("best_constant", settings), (1, 25, 1))
     assert cost["oracle_schedule"] < float(judge(constant)[0])
+
+
+@pytest.mark.parametrize("key", SCENARIOS)
+def test_the_stored_error_of_the_best_constant_is_that_of_the_experiment(key):
+    settings, stored = ExcitationSettings(**SCENARIOS[key]), tuned()[key]["best_constant"]
+    actions = np.array(stored["actions"])
+    error = constant_errors(settings, actions, TUNING_SEEDS[:EPISODES])[0]
+    assert error == pytest.approx(stored["tuned_percent"], rel=0.02)
 
 
 def test_prior_vehicles_are_bodies_within_the_prior():
