@@ -2,8 +2,8 @@
 
     python benchmarks/excitation_exam.py --first 1000 --seeds 2 --clean 8
 
-One run of 8 s a mode, 100 Hz, random sinusoids within the wide limits. Sizes are near the smallest that are
-found, about a third of those in the tests. One line a diagnosis, as it comes. ``--body`` refits all 22
+One run of 8 s a mode, 100 Hz, random sinusoids within the wide limits. Sizes are a third to
+a half of those in the tests. One line a diagnosis, as it comes. ``--body`` refits all 22
 unknowns instead of the suspension alone; ``--vehicle table1`` takes Table I's suspension.
 """
 
