@@ -3,7 +3,7 @@
 Each leg is in one mode towards each radar, and each mode is a convex set of pairs of ends:
 
 - *outside*: both ends, so the whole leg, lie beyond a line that touches the circle in which the side is seen;
-- *nose* (*tail*): both ends lie in one sector of bearings about the radar, and the leg's direction lies within
+- *nose* (*tail*): both ends lie in one sector of bearings about the radar, and the leg's direction lies in
   the low cone about the nose (tail), narrowed by half the sector. So the radar stays in the cone all along.
 
 A leg that begins with a turn begins with a bank, which raises the signature outside the cones: then *outside*
@@ -46,7 +46,7 @@ def leg_plan(
     solver: Solver = "auto",
     time_limit: float | None = None,
 ) -> Plan:
-    """Plan a route of a few straight legs of any lengths, undetected as a whole, turns with their bank included.
+    """Plan a route of a few straight legs of any lengths, undetected as a whole, banked turns included.
 
     The program chooses the modes and proves that no other choice of its form is shorter; then the waypoints
     move to their best places for these modes. ``search`` tells of the program.
@@ -94,8 +94,8 @@ def _blocked(layout: Layout, world: World) -> str:
             distance = math.dist(place, radar)
             if distance < nearest:
                 return (
-                    f"the {what} is {distance:.1f} km from radar {i}, which detects even nose and tail within "
-                    f"{nearest:.1f} km at this threshold: move it, or accept a higher probability of detection"
+                    f"the {what} is {distance:.1f} km from radar {i}, which detects even nose and tail "
+                    f"within {nearest:.1f} km at this threshold: move it, or accept a higher probability"
                 )
     return ""
 

@@ -98,7 +98,8 @@ class _Spiral:
     def _steepness(self, closest: float) -> FloatArray:
         """Angle to the radial, of a straight line that would pass the radar at ``closest`` [km], clipped."""
         line = np.arcsin(np.minimum(closest / self.radius, 1.0))
-        return np.minimum(line, self.limit)
+        steepness: FloatArray = np.minimum(line, self.limit)
+        return steepness
 
     def _angle(self, closest: float) -> float:
         return float(np.sum(np.tan(self._steepness(closest)) / self.radius) * self.step)

@@ -1,4 +1,4 @@
-"""A route's waypoints moved to their best places, each leg staying in the mode that a program chose for it."""
+"""A route's waypoints moved to their best places, each leg staying in the mode that was chosen for it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import NonlinearConstraint, minimize
 
 from fieldagents.reference.uav_route.limits import NOSE, TAIL, limits_of
 from fieldmodels.model import FloatArray
@@ -91,9 +91,9 @@ def polished(
                     values.append(r - least - margin)
         return np.array(values)
 
-    constraints = [{"type": "ineq", "fun": room}]
+    constraints = [NonlinearConstraint(room, 0.0, np.inf)]
     if heading is not None and _goes_on(waypoints, heading):
-        constraints.append({"type": "eq", "fun": lambda x: _across(points(x), heading)})
+        constraints.append(NonlinearConstraint(lambda x: _across(points(x), heading), 0.0, 0.0))
     begin = np.concatenate([waypoints[1:-1].ravel(), bearings])
     result = minimize(
         length, begin, method="SLSQP", constraints=constraints, options={"maxiter": 200, "ftol": 1e-9}
