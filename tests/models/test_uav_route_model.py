@@ -1,0 +1,99 @@
+"""The UAV's model against an independent integration, and its windows."""
+
+import numpy as np
+import pytest
+
+from fieldmodels.model import ModelError
+from fieldmodels.registry import get_model
+from fieldmodels.uav_route.model import UavRoute
+from fieldmodels.uav_route.recording import record_flight
+
+MODEL = UavRoute()
+OUTPUTS = tuple(output.name for output in MODEL.outputs)
+REALITIES = [
+    None,
+    {"wind": {"north": 20.0, "east": -35.0}},
+    {"turn_speed_loss": {"share": 0.2}},
+    {"weaker_bank": {"factor": 0.7}},
+    {"sensor_bias": {"north": 300.0, "east": -150.0}},
+    {
+        "wind": {"north": -12.0, "east": 9.0},
+        "turn_speed_loss": {"share": 0.1},
+        "weaker_bank": {"factor": 1.2},
+        "sensor_bias": {"north": -90.0, "east": 40.0},
+        "parameters": {"speed": 230.0},
+    },
+]
+
+
+def record(reality=None, duration=2500.0, noise=0.0, seed=1):
+    return record_flight(reality, duration, noise=noise, rng=np.random.default_rng(seed))
+
+
+def truth(reality):
+    effects = {key: value for key, value in (reality or {}).items() if key != "parameters"}
+    return MODEL.vector((reality or {}).get("parameters"), effects)
+
+
+def test_model_is_registered():
+    assert isinstance(get_model("uav_route"), UavRoute)
+
+
+@pytest.mark.parametrize("reality", REALITIES)
+def test_prediction_equals_the_recorders_own_integration(reality):
+    """Complex positions in 10 ms pieces against the kernel's pieces of legs, each window from its start."""
+    recording = record(reality)
+    windows = MODEL.windows(recording, 300.0)
+    vector = truth(reality)
+    # the state is the measured course, which a crabbing aircraft with a bias holds too
+    error = MODEL.simulate(vector, windows)[0] - windows.measured(OUTPUTS)
+    assert len(windows) >= 8
+    assert np.nanmax(np.abs(error[:, :, :2])) < 1e-3
+    assert np.nanmax(np.abs(error[:, :, 2])) < 1e-6
+    if reality:
+        off = MODEL.simulate(MODEL.nominal, windows)[0] - windows.measured(OUTPUTS)
+        assert np.nanmax(np.abs(off)) > 0.1
+
+
+def test_a_batch_equals_single_vectors_to_the_bit():
+    windows = MODEL.windows(record(noise=1.0), 120.0)
+    vectors = np.array([truth(reality) for reality in REALITIES])
+    together = MODEL.simulate(vectors, windows)
+    for one, vector in zip(together, vectors, strict=True):
+        np.testing.assert_array_equal(one, MODEL.simulate(vector, windows)[0])
+
+
+def test_bank_may_be_missing():
+    recording = record_flight(None, 600.0, bank=False, rng=np.random.default_rng(0))
+    assert "bank" not in recording
+    windows = MODEL.windows(recording, 120.0)
+    assert not windows.observed[:, :, 2].any()
+
+
+def test_prediction_turns_with_the_map():
+    """Turning waypoints, positions and wind by a right angle turns the prediction."""
+    recording = record()
+    turned = dict(recording.signals)
+    for north, east in (("to_north", "to_east"), ("north", "east")):
+        turned[north], turned[east] = -recording[east], recording[north]
+    other = type(recording)(recording.time, turned, recording.units)
+    calm, blown = (MODEL.vector(effects={"wind": wind}) for wind in (
+        {"north": 15.0, "east": 6.0}, {"north": -6.0, "east": 15.0}
+    ))  # fmt: skip
+    one = MODEL.simulate(calm, MODEL.windows(recording, 300.0))[0]
+    two = MODEL.simulate(blown, MODEL.windows(other, 300.0))[0]
+    np.testing.assert_allclose(two[:, :, 0], -one[:, :, 1], atol=1e-6)
+    np.testing.assert_allclose(two[:, :, 1], one[:, :, 0], atol=1e-6)
+    np.testing.assert_allclose(two[:, :, 2], one[:, :, 2], atol=1e-9)
+
+
+def test_plant_converts_to_kilometres_and_refuses_another_speed():
+    effects = {"wind": {"north": 10.0, "east": 0.0}, "sensor_bias": {"north": 0.0, "east": 500.0}}
+    np.testing.assert_allclose(MODEL.plant(MODEL.vector(effects=effects)), [0.01, 0, 0, 1, 0, 0.5])
+    with pytest.raises(ModelError, match="speed"):
+        MODEL.plant(MODEL.vector({"speed": 200.0}))
+
+
+def test_a_record_of_no_length_is_refused():
+    with pytest.raises(ModelError, match="at least 10 samples"):
+        record_flight(None, 5.0, rng=np.random.default_rng(0))
