@@ -9,36 +9,28 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass as plain_dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.error import InvalidAction, ResetNeeded
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.info import masked, merged, row
+from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
 from fieldgym.settings import read_settings
 from fieldmodels.heel_strike.model import HeelStrikeModel
 from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.heel_strike.strides import StrideResult, Strides
 from fieldmodels.heel_strike.walker import ESTIMATORS, FEATURES, TRACES
-from fieldmodels.reality import Reality, read_reality
+from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:
-    from fieldgym.rendering.canvas import Frame, Window
+    from fieldgym.rendering.canvas import Frame
     from fieldgym.rendering.heel_strike import Stride
 
 Levels = tuple[Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)]]
 Observation = NDArray[np.float32]
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 GAIN_NAMES = ("S_MS early", "S_MS late", "S_HR")
 GAIN_LOW = np.array([0.001, 0.001, 0.01])
@@ -131,25 +123,13 @@ class HeelStrikeSettings:
 
 
 SettingsLike = HeelStrikeSettings | Mapping[str, Any] | None
-RealityLike = Reality | Mapping[str, Any] | str | Path | None
 
 
-@plain_dataclass(frozen=True)
-class _Outcome:
-    """One step of a batch: arrays of shape (batch, ...)."""
-
-    observation: Observation
-    reward: Floats
-    terminated: Flags
-    truncated: Flags
-    info: dict[str, Any]
-
-
-class _Walk:
+class _Walk(Play):
     """The task on a batch of walkers: what the scalar and the vector environment share."""
 
-    def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, tracing: bool) -> None:
-        self.settings = read_settings(settings, HeelStrikeSettings)
+    def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, drawing: bool) -> None:
+        self.settings: HeelStrikeSettings = read_settings(settings, HeelStrikeSettings)
         model = HeelStrikeModel(self.settings.leg)
         self.reality = read_reality(reality, model)
         self.strides = Strides(
@@ -161,9 +141,13 @@ class _Walk:
             tuned_reset=self.settings.ranger_reset,
         )
         self.elapsed = np.zeros(batch, dtype=np.int64)
-        self.ready = False
-        self._tracing = tracing
+        self._tracing = drawing
         self.drawn: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
+
+    def spaces(self) -> tuple[Box, Box]:
+        """Three gains; the features of the reference filter."""
+        action = Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)
+        return action, Box(FEATURE_LOW, FEATURE_HIGH, (len(FEATURES),), np.float32)
 
     def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
         """Begin new episodes of some walkers."""
@@ -183,20 +167,12 @@ class _Walk:
 
     def gains(self, actions: NDArray[Any]) -> Floats:
         """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
-        batch = len(self.elapsed)
-        if np.shape(actions)[:1] != (batch,):
-            raise InvalidAction(f"actions of shape ({batch}, 3) are needed, not {np.shape(actions)}")
-        if np.shape(actions) != (batch, 3):
-            raise InvalidAction(f"an action of shape (3,) is needed, not {np.shape(actions)[1:]}")
-        values = np.asarray(actions, dtype=np.float64)
-        if not np.isfinite(values).all():
-            raise InvalidAction(f"actions must be finite numbers, not {actions}")
-        gains = np.empty((batch, 4))
-        gains[:, :3] = GAIN_LOW * (1.0 / GAIN_LOW) ** ((np.clip(values, -1.0, 1.0) + 1.0) / 2.0)
+        gains = np.empty((len(actions), 4))
+        gains[:, :3] = GAIN_LOW * (1.0 / GAIN_LOW) ** ((actions + 1.0) / 2.0)
         gains[:, 3] = self.settings.decay
         return gains
 
-    def step(self, actions: NDArray[Any]) -> _Outcome:
+    def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every walker through one stride."""
         gains = self.gains(actions)
         result = self.strides.advance(gains, traces=self._tracing)
@@ -207,7 +183,7 @@ class _Walk:
         if result.traces is not None:
             self._draw_later(result, gains, error)
         loss = np.minimum(error["agent"] / self.settings.scale_mm, self.settings.reward_limit)
-        return _Outcome(
+        return Outcome(
             observation=self.observation(),
             reward=-loss,
             terminated=result.fallen.copy(),
@@ -233,15 +209,9 @@ class _Walk:
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
-        if not {"walkers", "elapsed", "generators"} <= set(state):
-            raise ValueError("not a snapshot of this environment; get_state makes one")
-        if len(state["elapsed"]) != len(self.elapsed):
-            raise ValueError(
-                f"the state is one of {len(state['elapsed'])} environments; make it with that num_envs"
-            )
+        check_state(state, len(self.elapsed), ("walkers",))
         self.strides.set_state(state["walkers"])
         self.elapsed[:] = state["elapsed"]
-        self.ready = True
         for strides in self.drawn:
             strides.clear()
 
@@ -284,7 +254,7 @@ class _Walk:
         )
 
 
-class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
+class HeelStrikeEnv(PlayEnv):
     r"""Choose the gains of a walking robot's state estimator, stride by stride, under hidden noise.
 
     ## Description
@@ -420,60 +390,9 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
-
-    def __init__(
-        self,
-        settings: SettingsLike = None,
-        reality: RealityLike = None,
-        render_mode: str | None = None,
-    ) -> None:
-        _check_render_mode(render_mode, self.metadata)
-        self.render_mode = render_mode
-        self._walk = _Walk(1, settings, reality, tracing=render_mode is not None)
-        self.settings = self._walk.settings
-        self.reality = self._walk.reality
-        self.action_space, self.observation_space = _spaces()
-        self._window: Window | None = None
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; see ``gymnasium.Env.reset``. There are no options."""
-        super().reset(seed=seed, options=options)
-        self._walk.restart([0], [self.np_random])
-        self._walk.ready = True
-        if self.render_mode == "human":
-            self._show(self._walk.frame(0))
-        return self._walk.observation()[0], row(self._walk.start_info())
-
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Take one stride with the chosen gains; see ``gymnasium.Env.step``.
-
-        Raises:
-            InvalidAction: If the action has the wrong shape or is not finite.
-            ResetNeeded: Before the first ``reset``.
-        """
-        if not self._walk.ready:
-            raise ResetNeeded("call reset before step")
-        outcome = self._walk.step(np.asarray(action)[None])
-        if self.render_mode == "human":
-            for frame in self.step_frames(FRAMES_PER_SECOND):
-                self._show(frame)
-        return (
-            outcome.observation[0],
-            float(outcome.reward[0]),
-            bool(outcome.terminated[0]),
-            bool(outcome.truncated[0]),
-            row(outcome.info),
-        )
-
-    def render(self) -> Frame | None:
-        """The picture of the latest stride for ``rgb_array``, shape (540, 960, 3), uint8, else None."""
-        if self.render_mode is None:
-            gym.logger.warn("render needs a render_mode: gymnasium.make(..., render_mode='rgb_array')")
-        if self.render_mode != "rgb_array":
-            return None
-        return self._walk.frame(0)
+    play = _Walk
+    title = "heel strike"
+    window_fps = FRAMES_PER_SECOND
 
     def step_frames(self, frames_per_second: float) -> Iterator[Frame]:
         """Draw the latest stride in slices of time, for films; needs a render mode.
@@ -481,46 +400,24 @@ class HeelStrikeEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             frames_per_second: Pictures for each second of the walk.
         """
-        if not self._walk.drawn[0]:
+        assert isinstance(self._play, _Walk)
+        if not self._play.drawn[0]:
             return
-        time = self._walk.drawn[0][-1].time
+        time = self._play.drawn[0][-1].time
         for moment in np.arange(1 / frames_per_second, time[-1], 1 / frames_per_second):
-            yield self._walk.frame(0, int(np.searchsorted(time, moment)))
-        yield self._walk.frame(0)
+            yield self._play.frame(0, int(np.searchsorted(time, moment)))
+        yield self._play.frame(0)
 
-    def get_state(self) -> dict[str, Any]:
-        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
-        return {**self._walk.state(), "generators": [self.np_random.bit_generator.state]}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Return to a snapshot; what follows is equal to the bit.
-
-        Raises:
-            ValueError: If it is no snapshot, or one of another number of environments.
-        """
-        self._walk.set_state(state)
-        self.np_random.bit_generator.state = state["generators"][0]
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-
-    def _show(self, frame: Frame) -> None:
-        from fieldgym.rendering.canvas import Window
-
-        if self._window is None:
-            self._window = Window("fieldgym: heel strike")
-        self._window.show(frame, FRAMES_PER_SECOND)
+    def _shown(self) -> Iterator[Frame]:
+        """The latest stride at the speed at which it was made."""
+        assert isinstance(self._play, _Walk)
+        if not self._play.drawn[0]:
+            yield self._play.frame(0)
+        yield from self.step_frames(FRAMES_PER_SECOND)
 
 
-class HeelStrikeVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+class HeelStrikeVectorEnv(PlayVectorEnv):
     """Many walkers in one kernel; each row is ``HeelStrikeEnv`` to the bit.
-
-    A finished episode restarts in the next step (``AutoresetMode.NEXT_STEP``, as in Gymnasium's own vector
-    environments): that step ignores the row's action and returns its first observation and a reward of 0.
-    An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` tells in which rows it is meant.
 
     Args:
         num_envs: Number of walkers.
@@ -529,119 +426,4 @@ class HeelStrikeVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walker.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
-        "render_fps": 4,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        settings: SettingsLike = None,
-        reality: RealityLike = None,
-        render_mode: str | None = None,
-    ) -> None:
-        _check_render_mode(render_mode, self.metadata)
-        self.num_envs = num_envs
-        self.render_mode = render_mode
-        self._walk = _Walk(num_envs, settings, reality, tracing=render_mode is not None)
-        self.settings = self._walk.settings
-        self.reality = self._walk.reality
-        self.single_action_space, self.single_observation_space = _spaces()
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
-        self._finished = np.zeros(num_envs, dtype=np.bool_)
-
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode in every row.
-
-        Args:
-            seed: Row i is seeded with ``seed + i``, or with ``seed[i]``; None continues its generator.
-            options: There are none.
-
-        Raises:
-            ValueError: If there is not one seed for each environment.
-        """
-        if seed is None or isinstance(seed, (int, np.integer)):
-            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{self.num_envs} environments need as many seeds, not {len(seeds)}")
-        super().reset(seed=seeds[0], options=options)
-        for i, own in enumerate(seeds):
-            if own is not None:
-                self._generators[i] = seeding.np_random(own)[0]
-        self._walk.restart(range(self.num_envs), self._generators)
-        self._walk.ready = True
-        self._finished[:] = False
-        return self._walk.observation(), masked(
-            self._walk.start_info(), np.ones(self.num_envs, dtype=np.bool_)
-        )
-
-    def step(self, actions: NDArray[np.float32]) -> tuple[Observation, Floats, Flags, Flags, dict[str, Any]]:
-        """Take one stride in every row, or begin the next episode where the last one is over.
-
-        Raises:
-            InvalidAction: If the actions have the wrong shape or are not finite.
-            ResetNeeded: Before the first ``reset``.
-        """
-        if not self._walk.ready:
-            raise ResetNeeded("call reset before step")
-        outcome = self._walk.step(np.asarray(actions))
-        begun = self._finished
-        observation, info = outcome.observation, masked(outcome.info, ~begun)
-        if begun.any():
-            rows = np.flatnonzero(begun)
-            self._walk.restart(rows.tolist(), [self._generators[i] for i in rows])
-            observation = self._walk.observation()
-            info = merged(info, masked(self._walk.start_info(), begun))
-        reward = np.where(begun, 0.0, outcome.reward)
-        terminated = outcome.terminated & ~begun
-        truncated = outcome.truncated & ~begun
-        self._finished = terminated | truncated
-        return observation, reward, terminated, truncated, info
-
-    def render(self) -> tuple[Frame, ...] | None:
-        """One picture for each walker, shape (540, 960, 3), uint8; None without ``rgb_array``."""
-        if self.render_mode is None:
-            gym.logger.warn("render needs a render_mode: gymnasium.make_vec(..., render_mode='rgb_array')")
-            return None
-        return tuple(self._walk.frame(i) for i in range(self.num_envs))
-
-    def get_state(self) -> dict[str, Any]:
-        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
-        return {
-            **self._walk.state(),
-            "generators": [generator.bit_generator.state for generator in self._generators],
-            "finished": self._finished.copy(),
-        }
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Return to a snapshot; what follows is equal to the bit.
-
-        Raises:
-            ValueError: If it is no snapshot, or one of another number of environments.
-        """
-        self._walk.set_state(state)
-        for generator, own in zip(self._generators, state["generators"], strict=True):
-            generator.bit_generator.state = own
-        self._finished = np.array(state["finished"], dtype=np.bool_)
-
-
-def _spaces() -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
-    """Action and observation space of one walker."""
-    action = gym.spaces.Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)
-    return action, gym.spaces.Box(FEATURE_LOW, FEATURE_HIGH, (len(FEATURES),), np.float32)
-
-
-def _check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
-    if mode is not None and mode not in metadata["render_modes"]:
-        raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
+    play = _Walk

@@ -7,7 +7,7 @@ A task writes its `Play`, the batch of what is in play, and derives its two envi
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -135,10 +135,12 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     Attributes:
         play: The task's play.
         title: Title of the window.
+        window_fps: Most frames a second in a window; 0 for as many as ``metadata`` says.
     """
 
     play: ClassVar[type[Play]]
     title: ClassVar[str]
+    window_fps: ClassVar[float] = 0.0
 
     def __init__(
         self, settings: Any = None, reality: RealityLike = None, render_mode: str | None = None
@@ -216,7 +218,12 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
 
         if self._window is None:
             self._window = Window(f"fieldgym: {self.title}")
-        self._window.show(self._play.frame(0), self.metadata["render_fps"])
+        for frame in self._shown():
+            self._window.show(frame, self.window_fps or self.metadata["render_fps"])
+
+    def _shown(self) -> Iterator[Frame]:
+        """What the window shows after a step."""
+        yield self._play.frame(0)
 
 
 class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
