@@ -73,7 +73,7 @@ def leg_plan(
     blocked = _blocked(layout, world)
     if blocked:
         return make_plan(name, layout, world, Search("infeasible", blocked, engine.name), heading=heading)
-    modes = [[_all_around(radar, layout, directions) for radar in layout.radars]] * legs
+    modes = [[_all_around(radar, layout, directions, heading) for radar in layout.radars]] * legs
     program = _Program(layout, world, modes, directions, heading)
     search = solve(program.pulp, engine, begun)
     if search.status in ("infeasible", "no answer"):
@@ -100,12 +100,17 @@ def _blocked(layout: Layout, world: World) -> str:
     return ""
 
 
-def _all_around(radar: tuple[float, float], layout: Layout, directions: int) -> list[Mode]:
+def _all_around(
+    radar: tuple[float, float], layout: Layout, directions: int, heading: float | None
+) -> list[Mode]:
     """Modes all around a radar; the goal lies on an edge between sectors, as most routes end on one."""
     first = math.atan2(layout.goal[1] - radar[1], layout.goal[0] - radar[0])
     step = 2.0 * math.pi / directions
     kinds: tuple[Kind, ...] = ("outside", "nose", "tail")
-    return [Mode(kind, first + (m + 0.5) * step, 0.5 * step) for kind in kinds for m in range(directions)]
+    modes = [Mode(kind, first + (m + 0.5) * step, 0.5 * step) for kind in kinds for m in range(directions)]
+    if heading is not None:  # a line along which the aircraft may fly on
+        modes += [Mode("outside", heading + side * 0.5 * math.pi, 0.5 * step) for side in (-1.0, 1.0)]
+    return modes
 
 
 def _cleared(waypoints: FloatArray, modes: list[list[Mode]]) -> tuple[FloatArray, list[list[Mode]]]:
@@ -127,7 +132,7 @@ def _better(
 ) -> FloatArray:
     """The polished route, if the continuous model finds it undetected and shorter; else the one given."""
     path, kinds = split(waypoints, modes, legs)
-    if len(path) == 2:
+    if len(path) == 2 or not layout.radars:
         return waypoints
     better = polished(path, kinds, np.array(layout.radars).reshape(-1, 2), world, heading)
     flown = refly(better, layout.radars, world, heading=heading).certificate

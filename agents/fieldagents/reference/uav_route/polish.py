@@ -93,7 +93,7 @@ def polished(
 
     constraints = [NonlinearConstraint(room, 0.0, np.inf)]
     if heading is not None and _goes_on(waypoints, heading):
-        constraints.append(NonlinearConstraint(lambda x: _across(points(x), heading), 0.0, 0.0))
+        constraints.append(NonlinearConstraint(lambda x: np.array([_across(points(x), heading)]), 0.0, 0.0))
     begin = np.concatenate([waypoints[1:-1].ravel(), bearings])
     result = minimize(
         length, begin, method="SLSQP", constraints=constraints, options={"maxiter": 200, "ftol": 1e-9}
