@@ -348,6 +348,7 @@ def test_biased_position_shifts_what_is_seen():
     [
         (lambda: Flights(0), "at least one"),
         (lambda: Flights(2, plant=[1.0]), "shape"),
+        (lambda: Flights(2, plant=[0.1, 0.1, 0, 0, 1, 0, 0]), "wind"),
         (lambda: Flights(1).look(), "seed and restart"),
         (lambda: Flights(1).restart([0]), "seed"),
         (lambda: make(1).advance([0.0, 1.0]), "shape"),

@@ -87,11 +87,10 @@ def test_prediction_turns_with_the_map():
     np.testing.assert_allclose(two[:, :, 2], one[:, :, 2], atol=1e-9)
 
 
-def test_plant_converts_to_kilometres_and_refuses_another_speed():
+def test_plant_converts_to_kilometres():
     effects = {"wind": {"north": 10.0, "east": 0.0}, "sensor_bias": {"north": 0.0, "east": 500.0}}
-    np.testing.assert_allclose(MODEL.plant(MODEL.vector(effects=effects)), [0.01, 0, 0, 1, 0, 0.5])
-    with pytest.raises(ModelError, match="speed"):
-        MODEL.plant(MODEL.vector({"speed": 200.0}))
+    plant = MODEL.plant(MODEL.vector({"speed": 240.0}, effects))
+    np.testing.assert_allclose(plant, [0.24, 0.01, 0, 0, 1, 0, 0.5])
 
 
 def test_a_record_of_no_length_is_refused():

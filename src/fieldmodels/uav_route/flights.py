@@ -18,16 +18,15 @@ from fieldmodels.model import FloatArray, ModelError
 from fieldmodels.uav_route.flying import (
     EACH,
     FLIGHT,
-    NEUTRAL,
     NUMBERS,
     OWN,
-    PLANT,
     Play,
     play,
     start_all,
 )
 from fieldmodels.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.uav_route.parameters import RADARS, Layout, World, make_constants
+from fieldmodels.uav_route.simulation import PARAMETERS, SPEED, TURN_LOSS, WIND_EAST, WIND_NORTH
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ class Flights:
     Attributes:
         rules: What is flown.
         flights: All state, shape (batch,), dtype ``FLIGHT``.
-        plants: What is wrong with the aircraft, shape (batch, PLANT); see ``flying.PLANT``.
+        plants: What each aircraft truly is, shape (batch, 7), as ``UavRoute.plant`` gives it.
     """
 
     def __init__(self, batch: int, rules: Rules | None = None, plant: ArrayLike | None = None) -> None:
@@ -176,20 +175,27 @@ class Flights:
         Args:
             batch: Number of flights.
             rules: What is flown.
-            plant: What is wrong with the aircraft, shape (6,) or (batch, 6), see ``UavRoute.plant``; None
-                is nominal.
+            plant: What the aircraft truly is, shape (7,) or (batch, 7), see ``UavRoute.plant``; None is
+                nominal.
 
         Raises:
-            ModelError: If the batch is empty or the plant has the wrong shape.
+            ModelError: If the batch is empty, the plant has the wrong shape, or its wind is stronger than
+                the aircraft.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one flight, not {batch}")
-        vector = np.asarray(NEUTRAL if plant is None else plant, dtype=np.float64)
-        if vector.shape not in ((PLANT,), (batch, PLANT)):
-            raise ModelError(f"a plant has shape ({PLANT},) or ({batch}, {PLANT}), not {vector.shape}")
         self.rules = rules or Rules()
+        nominal = (self.rules.world.aircraft.speed, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+        vector = np.asarray(nominal if plant is None else plant, dtype=np.float64)
+        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+            raise ModelError(
+                f"a plant has shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+            )
+        slowest = vector[..., SPEED] * (1.0 - vector[..., TURN_LOSS])
+        if not (np.hypot(vector[..., WIND_NORTH], vector[..., WIND_EAST]) < slowest).all():
+            raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
         self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
-        self.plants = np.ascontiguousarray(np.broadcast_to(vector, (batch, PLANT)))
+        self.plants = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
         self._constants = make_constants(self.rules.world)
         self._play = make_play(self.rules)
         self._columns = len(OWN) + self.rules.count * len(EACH)

@@ -17,15 +17,18 @@ from fieldmodels.uav_route.layouts import draw_layout
 from fieldmodels.uav_route.lock_loss import timers_after
 from fieldmodels.uav_route.parameters import RADARS, Constants
 from fieldmodels.uav_route.signature import aspect, signature
+from fieldmodels.uav_route.simulation import (
+    BANK,
+    BIAS_EAST,
+    BIAS_NORTH,
+    SPEED,
+    TURN_LOSS,
+    WIND_EAST,
+    WIND_NORTH,
+)
 
 LOSE, ENGAGE, LAUNCH = 0, 1, 2
 """A radar's timers."""
-
-WIND_NORTH, WIND_EAST, TURN_LOSS, BANK, BIAS_NORTH, BIAS_EAST = range(6)
-PLANT = 6
-"""What may be wrong with an aircraft: wind [km/s], share of the airspeed lost in turns, factor of the bank,
-bias of the measured position [km]."""
-NEUTRAL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 
 FLYING, ARRIVED, DAMAGED, LATE = 0, 1, 2, 3
 
@@ -253,7 +256,7 @@ def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constan
     way = min(length, entered)
     # a weaker bank and less speed change the turn's time
     bank = c.bank * plant[BANK]
-    slow = c.speed * (1.0 - plant[TURN_LOSS])
+    slow = plant[SPEED] * (1.0 - plant[TURN_LOSS])
     wind_north, wind_east = plant[WIND_NORTH], plant[WIND_EAST]
     hit = False
     if turn != 0.0:
@@ -264,7 +267,7 @@ def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constan
             hit = watch(flight, time, speed * north, speed * east, cosine, sine, tilt, c, p)
             way = max(way - speed * time, 0.0)
     if not hit and way > 1e-9:
-        speed, cosine, sine = ground_speed(north, east, c.speed, wind_north, wind_east)
+        speed, cosine, sine = ground_speed(north, east, plant[SPEED], wind_north, wind_east)
         hit = watch(flight, way / speed, speed * north, speed * east, cosine, sine, 0.0, c, p)
     flight.legs += 1
     if hit:

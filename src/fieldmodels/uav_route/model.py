@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.model import FloatArray, Model, ModelError, Parameter, Signal
+from fieldmodels.model import FloatArray, Model, Parameter, Signal
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.uav_route.effects import EFFECTS
 from fieldmodels.uav_route.parameters import World, make_constants
@@ -45,15 +45,8 @@ class UavRoute(Model):
         assert len(self.names) == PARAMETERS
 
     def plant(self, vector: FloatArray) -> FloatArray:
-        """What ``Flights`` take for a reality: shape (..., 7) in SI units to (..., 6) in km and s.
-
-        Raises:
-            ModelError: If the reality has another speed; that is a setting of the flights' aircraft.
-        """
-        values = np.array(vector, dtype=np.float64)
-        if not np.allclose(values[..., 0], self.nominal[0]):
-            raise ModelError("a flight's speed is set with its aircraft, not as part of a reality")
-        plant: FloatArray = values[..., 1:] / np.array([KM, KM, 1.0, 1.0, KM, KM])
+        """A reality as ``Flights`` take it: shape (..., 7), from SI units to [km] and [km/s]."""
+        plant: FloatArray = np.asarray(vector, dtype=np.float64) / np.array([KM, KM, KM, 1.0, 1.0, KM, KM])
         return plant
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:

@@ -14,6 +14,8 @@ from fieldmodels.uav_route.parameters import Constants
 
 SPEED, WIND_NORTH, WIND_EAST, TURN_LOSS, BANK, BIAS_NORTH, BIAS_EAST = range(7)
 PARAMETERS = 7
+"""An aircraft's row of numbers: airspeed, wind, share of the airspeed lost in turns, factor of the bank, bias
+of the measured position; in ``UavRoute`` in SI units, in ``Flights`` in [km] and [km/s]."""
 KM = 1000.0
 
 
