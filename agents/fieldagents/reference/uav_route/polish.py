@@ -104,11 +104,11 @@ def polished(
 def split(
     waypoints: FloatArray, modes: Sequence[Sequence[Mode]], legs: int
 ) -> tuple[FloatArray, list[list[Mode]]]:
-    """Divide the longest leg that may begin with a turn until there are ``legs`` of them."""
+    """Divide the longest leg in which a turn shows nothing until there are ``legs`` of them."""
     path, kinds = list(waypoints), [list(leg) for leg in modes]
     while len(kinds) < legs:
         lengths = [
-            math.dist(path[i], path[i + 1]) if all(m.kind != "outside" for m in kinds[i]) else 0.0
+            math.dist(path[i], path[i + 1]) if i > 0 or all(m.kind != "outside" for m in kinds[i]) else 0.0
             for i in range(len(kinds))
         ]
         i = int(np.argmax(lengths))

@@ -82,6 +82,7 @@ def solve(program: Any, solver: Any, begun: float) -> Search:
         log = Path(folder) / "cbc.log"
         if not is_highs:
             solver.optionsDict["logPath"] = str(log)
+        started = time.perf_counter()
         try:
             program.solve(solver)
         except pulp.PulpSolverError as error:
@@ -99,7 +100,11 @@ def solve(program: Any, solver: Any, begun: float) -> Search:
         # PuLP calls an incumbent at the time limit "Optimal": only the solution's own status tells
         status = "optimal" if program.sol_status == pulp.LpSolutionOptimal else "feasible"
     else:
-        status = "infeasible" if program.sol_status == pulp.LpSolutionInfeasible else "no answer"
+        # CBC's "Integer infeasible" reaches only the program's status, and stopped by the time limit in its
+        # first relaxation it says "Infeasible", too, of programs that are not
+        in_time = is_highs or solver.timeLimit is None or time.perf_counter() - started < solver.timeLimit
+        proven = in_time and pulp.LpSolutionInfeasible in (program.sol_status, program.status)
+        status = "infeasible" if proven else "no answer"
     return Search(
         status=status,
         reason={
