@@ -1,5 +1,7 @@
 """Every effect of the flight, hidden in data from another integration, must be found."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,13 @@ def test_position_alone_suffices_but_for_the_bank(effect):
 def test_a_weaker_bank_alone_does_not_show_in_position():
     """Legs are straight whatever the bank (4.1): without a logged bank nothing is seen, and none is named."""
     assert found({"weaker_bank": HIDDEN["weaker_bank"]}, 9, bank=False)["verdict"] == "consistent"
+
+
+def test_a_speed_that_depends_on_the_place_is_unknown_and_its_shape_shown():
+    """No listed effect: the aircraft is faster in the north than in the south."""
+    recording = record_flight(
+        None, 8000.0, added=lambda place: 6.0 * math.tanh(place.real / 50e3), rng=np.random.default_rng(21)
+    )
+    result = diagnose(MODEL, [recording]).to_json()
+    assert result["verdict"] == "unknown"
+    assert result["unknown"]["direction"] == "north"

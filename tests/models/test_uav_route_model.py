@@ -96,3 +96,11 @@ def test_plant_converts_to_kilometres():
 def test_a_record_of_no_length_is_refused():
     with pytest.raises(ModelError, match="at least 10 samples"):
         record_flight(None, 5.0, rng=np.random.default_rng(0))
+
+
+def test_disturbance_is_a_speed_along_the_course():
+    """Added to every sample it is what the recorder adds itself."""
+    recording = record_flight(None, 2500.0, noise=0.0, added=lambda _place: 3.0, rng=np.random.default_rng(1))
+    windows = MODEL.windows(recording, 300.0).with_disturbance(np.full(len(recording), 3.0))
+    error = MODEL.simulate(MODEL.nominal, windows)[0] - windows.measured(OUTPUTS)
+    assert np.nanmax(np.abs(error[:, :, :2])) < 1e-3

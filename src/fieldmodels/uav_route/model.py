@@ -36,6 +36,7 @@ class UavRoute(Model):
     )
     effects = EFFECTS
     horizons = (40.0, 120.0, 300.0)
+    disturbance_unit = "m/s"
 
     def __init__(self, world: World | None = None) -> None:
         """Declare the parameters for a world's aircraft."""
@@ -51,7 +52,7 @@ class UavRoute(Model):
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
-        recording = windows.recording
+        recording, force = windows.recording, windows.disturbance
         parameters = np.ascontiguousarray(np.atleast_2d(parameters), dtype=np.float64)
         counts = np.diff(recording.bounds, axis=1)[:, 0]
         waypoints = np.column_stack([recording["to_north"], recording["to_east"]]).astype(np.float64)
@@ -61,6 +62,7 @@ class UavRoute(Model):
             waypoints,
             _leg_starts(recording),
             np.repeat(recording.bounds[:, 0], counts),
+            np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
             recording.step,
             windows.starts,
             windows.lengths,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ def record_flight(
     step: float = 2.0,
     bank: bool = True,
     noise: float = 1.0,
+    added: Callable[[complex], float] | None = None,
     rng: np.random.Generator,
 ) -> Recording:
     """Let an aircraft fly from one random waypoint to the next, and log it.
@@ -43,6 +45,7 @@ def record_flight(
         step: Time between samples [s].
         bank: Whether the bank is logged.
         noise: Multiple of the sensors' nominal noise.
+        added: A fault of one's own: speed along the course [m/s] that is added at a place [m].
         rng: Source of the waypoints and of the noise.
 
     Raises:
@@ -70,11 +73,12 @@ def record_flight(
             turn_left = abs(angle_turned) * slow / (STANDARD_GRAVITY * math.tan(angle))
             side = math.copysign(angle, angle_turned)
         columns[i] = target.real, target.imag, place.real, place.imag, mean_bank
-        banked = 0.0
+        banked, extra = 0.0, added(place) if added else 0.0
         for _ in range(SUBSTEPS):
             turning = min(max(turn_left, 0.0), piece)
             place += turning * _over_ground(course, slow, wind)
             place += (piece - turning) * _over_ground(course, speed, wind)
+            place += piece * extra * course
             turn_left -= turning
             banked += turning
         mean_bank = side * banked / step

@@ -31,6 +31,7 @@ def simulate(
     waypoints: FloatArray,
     begun: NDArray[np.int64],
     first: NDArray[np.int64],
+    force: FloatArray,
     step: float,
     starts: NDArray[np.int64],
     lengths: NDArray[np.int64],
@@ -48,6 +49,7 @@ def simulate(
         waypoints: North and east of the waypoint that is flown to from each sample on [m], shape (n, 2).
         begun: Sample at which each sample's waypoint was commanded, shape (n,).
         first: First sample of each sample's episode, shape (n,).
+        force: Speed along the course that is added from each sample on [m/s], shape (n,), or empty.
         step: Time between samples [s].
         starts: First sample of each window.
         lengths: Samples of each window.
@@ -94,5 +96,8 @@ def simulate(
                 turning = overlap(since, since + step, banked)
                 north += turning * slow_north + (step - turning) * level_north
                 east += turning * slow_east + (step - turning) * level_east
+                if len(force):
+                    north += step * force[i] / KM * cosine
+                    east += step * force[i] / KM * sine
                 tilt = math.copysign(bank, turn) * turning / step
                 since += step
