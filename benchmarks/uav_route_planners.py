@@ -1,23 +1,29 @@
 """The source's program and its alternatives on the source's example, side by side in one run.
 
     python benchmarks/uav_route_planners.py --sides 24 --time-limit 600
+    python benchmarks/uav_route_planners.py --readings
+    python benchmarks/uav_route_planners.py --layouts --time-limit 40
 
 For detection thresholds 0.5, 0.6, 0.7, and for 0.5 with a lock lost in four steps: the program as printed,
 the same with its table's headings added up, whole legs, and the lattice. One line a plan, as it comes: how
 the search ended, its size, its time, the ratio of the printed program's time to it, and what the continuous
 model says of the plan. The source's program has 15,363 binaries, 72 linear variables and 10,359 constraints.
+``--readings`` prints what the slack and the form of (4.33) change, flown with the bank and without;
+``--layouts`` a detour around one radar and a way between three.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from typing import Any
 
 from fieldagents.reference.uav_route.lattice import lattice_plan
 from fieldagents.reference.uav_route.legs import leg_plan
 from fieldagents.reference.uav_route.plan import Plan
 from fieldagents.reference.uav_route.printed import Form, printed_plan
-from fieldmodels.uav_route.parameters import EXAMPLE, Detection, World
+from fieldmodels.uav_route.parameters import EXAMPLE, Aircraft, Detection, Layout, World
+from fieldmodels.uav_route.refly import refly
 
 HEAD = (
     f"{'Pd':>3} {'planner':26} {'solver':8} {'ended':9} {'gap':>5} {'steps':>5} "
@@ -43,6 +49,35 @@ def line(plan: Plan, threshold: float, printed: Plan) -> str:
     )
 
 
+def readings(more: dict[str, Any]) -> None:
+    """What the printed slack and the printed form of (4.33) do."""
+    level = World(aircraft=Aircraft(bank=0.0))
+    forms = [Form(sides=m, lookup="sets", slack=s) for m in (24, 36, 48) for s in (1.01, None)]
+    forms += [Form(lookup="sets", lock_loss=4, detections=d) for d in ("at_most", "exactly")]
+    for form in forms:
+        plan = printed_plan(EXAMPLE, form=form, **more)
+        print(f"M {form.sides}, slack {form.slack}, lock loss {form.lock_loss}, {form.detections}")
+        print(line(plan, 0.5, plan), flush=True)
+        if plan.found:
+            flown = refly(plan.waypoints, EXAMPLE.radars, level, durations=plan.durations).certificate
+            print(f"    level: over {flown.time_over:.1f} s, largest Pd {flown.largest_probability:.3f}")
+
+
+def layouts(more: dict[str, Any]) -> None:
+    """Layouts that are harder than the source's example."""
+    around = Layout((0.0, 600.0), (340.0, 0.0), EXAMPLE.radars)
+    three = Layout((-100.0, -600.0), (0.0, 600.0), ((0.0, 0.0), (700.0, 250.0), (-700.0, 250.0)))
+    for name, layout, spacing, detour in (("around", around, 20.0, 1.5), ("three radars", three, 40.0, 2.0)):
+        legs = leg_plan(layout, legs=3, **more)
+        print(f"{name}: lower bound {legs.lower_bound:.1f} km")
+        for plan in (
+            legs,
+            lattice_plan(layout, spacing=spacing, detour=detour),
+            lattice_plan(layout, spacing=spacing, detour=detour, lock_loss=True),
+        ):
+            print(line(plan, 0.5, legs), flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -50,11 +85,18 @@ def main() -> None:
     parser.add_argument("--sides", type=int, default=24, help="M of the printed program")
     parser.add_argument("--time-limit", type=float, default=600.0, help="of each program [s]")
     parser.add_argument("--solver", default="auto", choices=["auto", "highs", "cbc"])
+    parser.add_argument("--readings", action="store_true")
+    parser.add_argument("--layouts", action="store_true")
     given = parser.parse_args()
-    more = {"solver": given.solver, "time_limit": given.time_limit}
+    more: dict[str, Any] = {"solver": given.solver, "time_limit": given.time_limit}
     lattice_plan(EXAMPLE, spacing=25.0)  # compiled before any clock runs
     leg_plan(EXAMPLE, legs=2, **more)
     print(HEAD, flush=True)
+    if given.readings or given.layouts:
+        for wanted, function in ((given.readings, readings), (given.layouts, layouts)):
+            if wanted:
+                function(more)
+        return
     form = Form(sides=given.sides)
     cases = [(0.5, form), (0.6, form), (0.7, form), (0.5, replace(form, lock_loss=4))]
     for threshold, one in cases:
