@@ -72,6 +72,13 @@ class Agent(ABC):
             Actions of the batch, shape (environments, ...), dtype of the action space.
         """
 
+    def overruled(self, action: NDArray[Any]) -> None:  # noqa: B027 - most agents keep no account of it
+        """Take in that something else was done than the last ``act`` chose, as by a human operator.
+
+        Args:
+            action: What was done, shape (environments, ...).
+        """
+
     def sketch(self) -> Mapping[str, Any] | None:
         """What a picture may show of the latest decision, or None.
 

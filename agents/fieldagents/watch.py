@@ -138,7 +138,9 @@ class Episode:
                 env.show(**sketch)
             if (operator := self._operator) is not None:
                 operator.read_keys()
-                action = operator.action(action)
+                if operator.steering:
+                    action = operator.action(action)
+                    agent.overruled(action[None])
                 env.show(steering=operator.steering, joystick=operator.joystick)
             observation, reward, terminated, truncated, info = env.step(action)
             self.count, self.total = self.count + 1, self.total + float(reward)

@@ -28,7 +28,6 @@ from fieldmodels.line_following.parameters import (
     Lighting,
     Noise,
 )
-from fieldmodels.line_following.renderer import Renderer, make_view
 from fieldmodels.line_following.tracks import read_track
 from fieldmodels.line_following.walks import Scene, Walks
 from fieldmodels.reality import read_reality
@@ -168,7 +167,6 @@ class _Walk(Play):
             deque(maxlen=TRAIL) for _ in range(batch)
         ]
         self._operator: dict[str, Any] = {}
-        self._renderer: Renderer | None = None
 
     def spaces(self) -> tuple[Box, Box]:
         """One turn; what the camera board sent, or the image."""
@@ -279,11 +277,14 @@ class _Walk(Play):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
         check_state(state, len(self.elapsed), ("walks", "tallies"))
-        kind = self.walks.walks.dtype
-        self.walks.set_state(np.ascontiguousarray(state["walks"]).view(kind).reshape(-1))
+        kind, count = self.walks.walks.dtype, len(self.elapsed)
+        walks, tallies = np.ascontiguousarray(state["walks"]), np.asarray(state["tallies"])
+        if walks.dtype != np.uint8 or walks.shape != (count, kind.itemsize) or tallies.shape != (4, count):
+            raise ValueError("not a snapshot of this environment; get_state makes one")
+        self.walks.set_state(walks.view(kind).reshape(-1))
         self.elapsed[:] = state["elapsed"]
         for tally, own in zip(
-            (self._start, self._overshoot, self._distance, self._near), state["tallies"], strict=True
+            (self._start, self._overshoot, self._distance, self._near), tallies, strict=True
         ):
             tally[:] = own
         for i, trail in enumerate(self._trails):
@@ -312,20 +313,12 @@ class _Walk(Play):
         from fieldgym.rendering.line_following import Picture, draw
 
         scene, one = self.walks.scene, self.walks.walks[i]
-        if self.walks.images is not None:
-            image = self.walks.images[i]
-        else:
-            if self._renderer is None:
-                view = make_view(scene.camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
-                self._renderer = Renderer(scene.track, scene.camera, view)
-            pose = (float(one["x"]), float(one["y"]), float(one["heading"]))
-            image = self._renderer.image(pose, float(one["arc"]), int(self.elapsed[i]))
         return draw(
             Picture(
                 track=scene.track.points,
                 closed=scene.track.closed,
                 trail=np.array(self._trails[i]),
-                image=image,
+                image=self.walks.image(i),
                 band=(scene.camera.first_row, scene.camera.last_row),
                 column=scene.camera.width / 2.0 - float(one["lines"][0, 0]) / scene.camera.metres_per_pixel,
                 lost=bool(one["lost"][0]),

@@ -156,6 +156,30 @@ def test_an_operator_takes_over_by_keyboard(monkeypatch):
     assert commands[5] not in (0.25, 0.5, 0.75, 1.0)  # the robot steers again at once
 
 
+@pytest.mark.parametrize("agent", ["tuned", "lqg"])
+def test_agents_know_what_the_operator_did(monkeypatch, agent):
+    """On images an agent keeps its own account of commands; after a take-over it is the true one."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(room, "_closed", lambda: False)
+    monkeypatch.setattr(Operator, "read_keys", lambda self: self.move(1))
+    monkeypatch.setattr(room, "Operator", lambda: Operator(steering=True))
+    settings = {"strides": 5, "track": "straight"}
+    kept = []
+    make = room.make_entrant
+
+    def keep(*arguments):
+        kept.append(make(*arguments))
+        return kept[-1]
+
+    monkeypatch.setattr(room, "make_entrant", keep)
+    watch("line_following_pixels", agent, EnvironmentConfig(settings=settings), seed=3)
+    own = kept[0].runs[0]
+    assert np.allclose(own._board._seen[0, 4:8], [1.0, 1.0, 0.75, 0.5])
+    if agent == "lqg":
+        assert np.isclose(own._mean[0, 4], own.limit)
+        assert own._mean[0, 1] > 0.3  # turned left by 0.25 + 0.5 + 0.75 + 1 + 1 of the limit
+
+
 def test_the_joystick_springs_back_and_the_switch_centres_it():
     operator = Operator()
     own = np.array([0.3], dtype=np.float32)

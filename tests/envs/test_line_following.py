@@ -134,3 +134,15 @@ def test_bad_settings_are_refused():
         gym.make(CENTROID, settings={"trak": "oval"})
     with pytest.raises(ModelError, match="no track 'circle'"):
         gym.make(CENTROID, settings={"track": "circle"})
+
+
+@pytest.mark.parametrize("key", ["walks", "tallies"])
+def test_a_broken_snapshot_is_refused_and_changes_nothing(key):
+    env = gym.make(CENTROID).unwrapped
+    env.reset(seed=1)
+    env.step(np.ones(1, dtype=np.float32))
+    kept = env.get_state()
+    with pytest.raises(ValueError, match="get_state makes one"):
+        env.set_state({**kept, "elapsed": np.zeros(1, dtype=np.int64), key: kept[key][:, :0]})
+    assert np.array_equal(env.get_state()["walks"], kept["walks"])
+    assert env.get_state()["elapsed"] == kept["elapsed"]

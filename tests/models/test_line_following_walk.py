@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 
 from fieldmodels.line_following.body import Body, Hardware
+from fieldmodels.line_following.firmware import line_position
 from fieldmodels.line_following.parameters import Camera, Noise
 from fieldmodels.line_following.plant import (
+    CAMERA_YAW,
     LATENCY,
     MOTOR_LIMIT,
     NEUTRAL,
     PARAMETERS,
+    PITCH_ERROR,
     SLIP_TURN,
+    SLIP_TWIST,
     STEERING_BIAS,
     TURN_GAIN,
     turn_of,
@@ -171,6 +175,42 @@ def test_latency_delays_every_command():
         headings.append(turns)
     assert np.allclose(headings[0], [0.1, -0.05, 0.02, 0.0])
     assert np.allclose(headings[1], [0.0, 0.1, -0.05, 0.02])
+
+
+def test_latency_and_delay_and_slip_together_reach_no_further_than_the_memory():
+    """Three strides of waiting, and a twist by the stride before: the oldest command stands for that one."""
+    plant = NEUTRAL.copy()
+    plant[LATENCY], plant[SLIP_TWIST] = 2.0, 0.5
+    late = walks(noise=QUIET, latency=1, plant=plant)
+    late.walks["lines"][:] = 7.0  # what lies behind the commands in memory
+    turns, before = [], float(late.walks["heading"][0])
+    for command in (0.1, 0.0, 0.0, 0.0, 0.0):
+        late.advance([command])
+        turns.append(float(late.walks["heading"][0]) - before)
+        before += turns[-1]
+    assert np.allclose(turns, [0.0, 0.0, 0.0, 0.15, 0.0])
+
+
+def test_picture_without_images_shows_what_the_camera_reads():
+    """Also of a camera that is askew, tilted and turns with the inner legs."""
+    plant = NEUTRAL.copy()
+    plant[CAMERA_YAW], plant[PITCH_ERROR] = 0.05, 0.04
+    walk = walks(1, "oval", plant=plant, camera_yaws_with_inner=True, noise=Noise(bias=0.0))
+    for _ in range(6):
+        walk.advance(law(walk))
+        place, found = line_position(walk.image(0), walk.scene.camera, 90.0)
+        assert found
+        assert abs(place - walk.walks["lines"][0, 0, 0]) < 6e-3
+
+
+def test_camera_of_the_inner_legs_looks_where_they_point():
+    """After a turn the inner feet still point along the old heading: a straight line stays in the middle."""
+    for inner, seen in ((False, -0.1505), (True, 0.0)):
+        for sight in ("geometry", "image"):
+            options = {"offset": 0.0, "misalignment": 0.0, "camera_yaws_with_inner": inner, "sight": sight}
+            walk = walks(noise=QUIET, **options)
+            walk.advance([0.15])
+            assert abs(walk.walks["lines"][0, 0, 0] - seen) < 2e-3
 
 
 def test_lost_line_keeps_the_last_place_and_is_counted():

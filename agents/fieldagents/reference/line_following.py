@@ -90,6 +90,11 @@ class Steering(Agent):
             self._board.remember(action)
         return action[:, None].astype(np.float32)
 
+    def overruled(self, action: NDArray[Any]) -> None:
+        """See ``Agent.overruled``."""
+        if self._board is not None:
+            self._board.correct(np.asarray(action, dtype=np.float64)[:, 0])
+
 
 class _Board:
     """The camera board and the robot's memory of what it sent, for agents that are given images."""
@@ -116,6 +121,10 @@ class _Board:
     def remember(self, action: Floats) -> None:
         """Take in what is commanded."""
         self._seen[:, 5:8] = self._seen[:, 4:7]
+        self.correct(action)
+
+    def correct(self, action: Floats) -> None:
+        """Take in what was commanded instead."""
         self._seen[:, 4] = action
 
 
@@ -231,6 +240,12 @@ class Lqg(Steering):
         self._mean = mean @ self._a.T + turn[:, None] * self._b[:, 0]
         self._covariance = self._a @ covariance @ self._a.T + self._process
         return np.asarray(turn)
+
+    def overruled(self, action: NDArray[Any]) -> None:
+        """See ``Agent.overruled``."""
+        super().overruled(action)
+        done = np.asarray(action, dtype=np.float64)[:, 0] * self.limit
+        self._mean = self._mean + (done - self._mean[:, 4])[:, None] * self._b[:, 0]
 
 
 class Privileged(Steering):

@@ -83,7 +83,8 @@ def turn_of(commands: FloatArray, plant: FloatArray, bias: float, limit: float) 
     part = late - whole
     most = min(limit, plant[MOTOR_LIMIT])
     now = (1.0 - part) * commands[whole] + part * commands[whole + 1]
-    before = (1.0 - part) * commands[whole + 1] + part * commands[whole + 2]
+    earliest = min(whole + 2, len(commands) - 1)  # a robot of its own latency remembers one command less
+    before = (1.0 - part) * commands[whole + 1] + part * commands[earliest]
     now = min(max(now, -most), most)
     before = min(max(before, -most), most)
     # feet that slip lose a part of the turn; as the inner legs straighten in the air, the body goes on

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -145,10 +146,9 @@ class Walks:
         self._track = (track.table, track.spacing, track.closed)
         self._begun = np.zeros(batch, dtype=np.bool_)
         self._body = Body(self._gait, scene.hardware) if scene.plant == "pymunk" else None
+        self._camera = true
         self.images: Image | None = None
         if scene.sight == "image":
-            view = make_view(true, scene.tape, scene.floor, scene.exposure, scene.lighting)
-            self._renderer = Renderer(track, true, view)
             self.images = np.zeros((batch, one.rows, one.width), dtype=np.uint8)
 
     def __len__(self) -> int:
@@ -218,13 +218,29 @@ class Walks:
             )  # fmt: skip
             return
         for i in which:
-            image = self._photograph(i, self.images)
+            image = self._photograph(i, self.images[i])
             for band, (first, last) in enumerate(self._rows):
                 column, count = centroid(image, first, last, scene.exposure.threshold)
                 place = (scene.camera.width / 2.0 - column) * scene.camera.metres_per_pixel
                 take_in(self.walks, i, band, place, count >= self._bands[band].least, self.plants[i])
 
-    def _photograph(self, i: int, images: Image) -> Image:
+    def image(self, i: int) -> Image:
+        """What one walk's camera sees, shape (rows, columns), uint8; drawn anew unless images are the sight.
+
+        Both sights put the sensor's noise into where the line is, and so does this picture.
+        """
+        if self.images is not None:
+            return self.images[i]
+        camera = self.scene.camera
+        return self._photograph(i, np.zeros((camera.rows, camera.width), dtype=np.uint8))
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        scene = self.scene
+        view = make_view(self._camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
+        return Renderer(scene.track, self._camera, view)
+
+    def _photograph(self, i: int, image: Image) -> Image:
         """Render what one walk's camera sees; a swaying body makes the line's noise."""
         one, plant, scene = self.walks[i], self.plants[i], self.scene
         sway = scene.noise.sensor / scene.camera.look_ahead * draw(self.walks, i, SENSOR)
@@ -233,7 +249,7 @@ class Walks:
             heading -= float(one["turned"])
         key = (int(one["key"]) + PIXELS + 8 * int(one["count"])) % 2**64
         pose = (float(one["x"]), float(one["y"]), heading)
-        return self._renderer.image(pose, float(one["arc"]), key, images[i], float(plant[PITCH_ERROR]))
+        return self._renderer.image(pose, float(one["arc"]), key, image, float(plant[PITCH_ERROR]))
 
     def state(self) -> NDArray[Any]:
         """An exact snapshot of all walks: a plain structured array, shape (batch,)."""
@@ -251,4 +267,4 @@ class Walks:
         self._begun[:] = True
         if self.images is not None:
             for i in range(len(self)):
-                self._photograph(i, self.images)
+                self._photograph(i, self.images[i])
