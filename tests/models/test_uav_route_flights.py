@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fieldmodels.model import ModelError
+from fieldmodels.uav_route.flight import NUMBERS
 from fieldmodels.uav_route.flights import Flights, Rules, observed_names
-from fieldmodels.uav_route.flying import NUMBERS
 from fieldmodels.uav_route.layouts import random_layout, safe_route
 from fieldmodels.uav_route.model import UavRoute
 from fieldmodels.uav_route.parameters import (

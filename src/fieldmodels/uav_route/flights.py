@@ -15,15 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.model import FloatArray, ModelError
-from fieldmodels.uav_route.flying import (
-    EACH,
-    FLIGHT,
-    NUMBERS,
-    OWN,
-    Play,
-    play,
-    start_all,
-)
+from fieldmodels.uav_route.flight import EACH, FLIGHT, NUMBERS, OWN, Play
+from fieldmodels.uav_route.flying import play, start_all
 from fieldmodels.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.uav_route.parameters import RADARS, Layout, World, make_constants
 from fieldmodels.uav_route.simulation import PARAMETERS, SPEED, TURN_LOSS, WIND_EAST, WIND_NORTH

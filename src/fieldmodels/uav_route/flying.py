@@ -1,9 +1,9 @@
-"""The kernels of flights: a leg flown under the radars' eyes, arrival, score and what is seen of it."""
+"""The kernels of flights: a leg flown under the radars' eyes, arrival and score, a batch in one call."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,108 +13,13 @@ from fieldmodels.model import FloatArray
 from fieldmodels.streams import GAMMA, mixed, uniform
 from fieldmodels.uav_route.aircraft import banked_time, ground_speed, heading_of, turn_into
 from fieldmodels.uav_route.detection import EXACT, probability
+from fieldmodels.uav_route.flight import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE, Play
 from fieldmodels.uav_route.layouts import draw_layout
 from fieldmodels.uav_route.lock_loss import timers_after
 from fieldmodels.uav_route.parameters import RADARS, Constants
+from fieldmodels.uav_route.showing import distance_to_goal, radial, write
 from fieldmodels.uav_route.signature import aspect, signature
-from fieldmodels.uav_route.simulation import (
-    BANK,
-    BIAS_EAST,
-    BIAS_NORTH,
-    SPEED,
-    TURN_LOSS,
-    WIND_EAST,
-    WIND_NORTH,
-)
-
-LOSE, ENGAGE, LAUNCH = 0, 1, 2
-"""A radar's timers."""
-
-FLYING, ARRIVED, DAMAGED, LATE = 0, 1, 2, 3
-
-FLIGHT = np.dtype(
-    [
-        ("key", np.uint64),  # the flight's random stream
-        ("episode", np.int64),  # episodes begun under this key
-        ("over", np.int64),  # FLYING, ARRIVED, DAMAGED or LATE
-        ("legs", np.int64),  # flown in this episode
-        ("looks", np.int64),  # that the radars have drawn
-        ("place", np.float64, (2,)),  # north, east [km]
-        ("course", np.float64, (2,)),  # its cosine and sine
-        ("start", np.float64, (2,)),
-        ("goal", np.float64, (2,)),
-        ("radars", np.float64, (RADARS, 2)),
-        ("timers", np.float64, (RADARS, 3)),  # lock loss, engage, launch [s]
-        ("probability", np.float64, (RADARS,)),  # of detection, when last looked
-        ("detected", np.int64, (RADARS,)),  # the last look's result
-        ("unbroken", np.float64, (RADARS,)),  # time since the present detection began [s]
-        ("time", np.float64),  # [s]
-        ("path", np.float64),  # [km]
-        ("time_over", np.float64),  # in which a radar detected [s]
-        ("longest", np.float64),  # detection without a break [s]
-        ("largest", np.float64),  # probability of detection
-        ("losses", np.int64),  # of locks
-    ]
-)
-"""What a flight remembers between legs."""
-
-NUMBERS = (
-    "success",
-    "damaged",
-    "time",
-    "path_length",
-    "remaining",
-    "time_over",
-    "longest_detection",
-    "largest_probability",
-    "lock_losses",
-    "legs",
-)
-OWN = (
-    "goal_ahead",
-    "goal_right",
-    "goal_log_distance",
-    "goal_cos",
-    "goal_sin",
-    "course_cos",
-    "course_sin",
-    "legs_left",
-)
-EACH = (
-    "margin_5",
-    "margin_50",
-    "margin_500",
-    "bearing_cos",
-    "bearing_sin",
-    "lose_timer",
-    "engage_timer",
-    "launch_timer",
-    "detected",
-)
-
-
-class Play(NamedTuple):
-    """The rules of the flights as the kernels take them."""
-
-    radars: int
-    drawn: bool
-    start_north: float
-    start_east: float
-    goal_north: float
-    goal_east: float
-    sites: FloatArray
-    side_on: float
-    banked: float
-    capture: float
-    horizon: int
-    least_leg: float
-    longest_leg: float
-    step: float
-    cost: float
-    progress: float
-    arrival: float
-    damage: float
-    late: float
+from fieldmodels.uav_route.simulation import BANK, SPEED, TURN_LOSS, WIND_EAST, WIND_NORTH
 
 
 @inlined
@@ -276,105 +181,6 @@ def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constan
         flight.over = ARRIVED
     elif flight.legs >= p.horizon:
         flight.over = LATE
-
-
-@inlined
-def distance_to_goal(flight: Any) -> float:
-    """Distance to the goal [km]."""
-    distance: float = math.hypot(flight.goal[0] - flight.place[0], flight.goal[1] - flight.place[1])
-    return distance
-
-
-@inlined
-def ratio(time: float, threshold: float) -> float:
-    """A timer relative to its threshold, at most 1."""
-    if threshold > 0.0:
-        return min(time / threshold, 1.0)
-    return 1.0 if time > 0.0 else 0.0
-
-
-@inlined
-def nearest_radar(flight: Any, north: float, east: float, count: int) -> int:
-    """The radar next to a place."""
-    best, least = 0, math.inf
-    for r in range(count):
-        square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
-        if square < least:
-            best, least = r, square
-    return best
-
-
-@inlined
-def radial(flight: Any, plant: FloatArray, count: int) -> tuple[float, float]:
-    """Cosine and sine of the bearing of the nearest radar, from where the aircraft believes to be."""
-    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
-    r = nearest_radar(flight, north, east, count)
-    to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
-    distance = math.sqrt(to_north * to_north + to_east * to_east)
-    return (to_north / distance, to_east / distance) if distance > 0.0 else (1.0, 0.0)
-
-
-@inlined
-def show(
-    flight: Any, plant: FloatArray, c: Constants, p: Play, observed: NDArray[np.float32], order: Any
-) -> None:
-    """Write down what is seen of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
-    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
-    for r in range(p.radars):
-        square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
-        place = r
-        while place > 0 and order[1, place - 1] > square:
-            order[0, place], order[1, place] = order[0, place - 1], order[1, place - 1]
-            place -= 1
-        order[0, place], order[1, place] = r, square
-    cosine, sine = radial(flight, plant, p.radars)
-    to_north, to_east = flight.goal[0] - north, flight.goal[1] - east
-    ahead, right = to_north * cosine + to_east * sine, to_east * cosine - to_north * sine
-    distance = max(math.sqrt(ahead * ahead + right * right), 1.0)
-    observed[0] = ahead / 100.0
-    observed[1] = right / 100.0
-    observed[2] = math.log(distance / 100.0)
-    observed[3] = ahead / distance
-    observed[4] = right / distance
-    observed[5] = flight.course[0] * cosine + flight.course[1] * sine
-    observed[6] = flight.course[1] * cosine - flight.course[0] * sine
-    observed[7] = 1.0 - flight.legs / p.horizon
-    for k in range(p.radars):
-        r = int(order[0, k])
-        row = observed[len(OWN) + k * len(EACH) :]
-        to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
-        slant = math.sqrt(order[1, k] + c.altitude * c.altitude)
-        reach = max(math.sqrt(order[1, k]), 1e-9)
-        row[0] = math.tanh((slant - p.side_on) / 5.0)
-        row[1] = math.tanh((slant - p.side_on) / 50.0)
-        row[2] = (slant - p.side_on) / 500.0
-        row[3] = (to_north * cosine + to_east * sine) / reach
-        row[4] = (to_east * cosine - to_north * sine) / reach
-        row[5] = ratio(flight.timers[r, LOSE], c.lose)
-        row[6] = ratio(flight.timers[r, ENGAGE], c.engage)
-        row[7] = ratio(flight.timers[r, LAUNCH], c.target)
-        row[8] = flight.detected[r]
-
-
-@inlined
-def write(
-    flight: Any, plant: FloatArray, b: int, c: Constants, p: Play, order: Any, observed: NDArray[np.float32],
-    numbers: FloatArray, places: FloatArray,
-) -> None:  # fmt: skip
-    """Write down what is seen of flight ``b``, and its ``NUMBERS``."""
-    show(flight, plant, c, p, observed[b], order)
-    numbers[0, b] = 1.0 if flight.over == ARRIVED else 0.0
-    numbers[1, b] = 1.0 if flight.over == DAMAGED else 0.0
-    numbers[2, b] = flight.time
-    numbers[3, b] = flight.path
-    numbers[4, b] = distance_to_goal(flight)
-    numbers[5, b] = flight.time_over
-    numbers[6, b] = flight.longest
-    numbers[7, b] = flight.largest
-    numbers[8, b] = flight.losses
-    numbers[9, b] = flight.legs
-    places[b, 0] = flight.place[0] + plant[BIAS_NORTH]
-    places[b, 1] = flight.place[1] + plant[BIAS_EAST]
 
 
 @compiled
