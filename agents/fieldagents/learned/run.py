@@ -125,7 +125,12 @@ class Run(ABC):
         model._n_updates = state["updates"]
         self.policy.load_state_dict(state["policy"])
         self.restore_learner(state["learner"])
-        model._last_obs = state["observation"].numpy()
+        observation = state["observation"].numpy()
+        if is_image(self.environment.observation_space):
+            # the library turns images by a view, and the order in memory is that of torch's sums
+            turned = np.array(np.moveaxis(observation, 1, 3), order="C", copy=True)
+            observation = np.moveaxis(turned, 3, 1)
+        model._last_obs = observation
         model._last_episode_starts = state["episode_starts"].numpy()
         assert model.ep_info_buffer is not None
         model.ep_info_buffer.extend(state["episodes"])
