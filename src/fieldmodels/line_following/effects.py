@@ -27,16 +27,16 @@ EFFECTS = (
         (Parameter("strides", "1", 0.0, 0.0, 2.0, 0.1, starts=(0.3, 1.0)),),
         "turn(k) = command(k - strides); parts of a stride mix its neighbours",
     ),
-    # bounded so that slip is not a whole stride of delay (turn 1, twist 1)
+    # bounded so that slip is not a whole stride of delay (turn 1, twist 1), and gains nothing
     Effect(
         "foot_slip",
         "The feet slip: a part of each turn and step is lost, and as the inner legs straighten in the air, "
         "the body turns on over the slipping outer feet.",
         "environment",
         (
-            Parameter("turn", "1", 0.0, -0.5, 0.7, 0.05, starts=(0.2,)),
-            Parameter("twist", "1", 0.0, -0.5, 0.6, 0.05, starts=(0.1,)),
-            Parameter("step", "1", 0.0, -0.2, 0.9, 0.02, starts=(0.05,)),
+            Parameter("turn", "1", 0.0, 0.0, 0.7, 0.05, starts=(0.2,)),
+            Parameter("twist", "1", 0.0, 0.0, 0.6, 0.05, starts=(0.1,)),
+            Parameter("step", "1", 0.0, 0.0, 0.9, 0.02, starts=(0.05,)),
         ),
         "turn = (1 - turn) * command(k) + twist * command(k - 1); stride * (1 - step)",
     ),
