@@ -87,18 +87,19 @@ def understeer(commands: FloatArray, step: float) -> FloatArray:
     return result
 
 
-def hard_iron(recording: Recording) -> Recording:
-    """A compass whose error depends on the heading: 0.05 rad at most."""
-    recording.signals["heading"][:] += 0.05 * np.sin(recording["heading"])
+def hard_iron(recording: Recording, largest: float) -> Recording:
+    """A compass whose error depends on the heading: so much at most [rad]."""
+    recording.signals["heading"][:] += largest * np.sin(recording["heading"])
     return recording
 
 
-OUTSIDE: Mapping[str, Callable[[FloatArray, float], FloatArray] | None] = {
+OUTSIDE: Mapping[str, Callable[[FloatArray, float], FloatArray]] = {
     "rate limit": rate_limited,
     "weak to the left": weak_to_the_left,
     "understeer": understeer,
-    "hard-iron compass": None,
 }
+COMPASS = (0.02, 0.03, 0.05)
+"""Errors of a compass, outside the library [rad]: two, three and five times the heading's noise."""
 
 
 def outcome(found: Diagnosis, truth: str) -> str:
@@ -174,10 +175,11 @@ def main() -> None:
             for name, applied in OUTSIDE.items():
                 rng = np.random.default_rng(options.first + 2000 + k)
                 recording = record_drive(DURATION, rng, wheels=wheels, applied=applied)
-                ask(
-                    f"{kind}: outside: {name}", "", recording if applied else hard_iron(recording),
-                    outside=True,
-                )  # fmt: skip
+                ask(f"{kind}: outside: {name}", "", recording, outside=True)
+            for largest in COMPASS:
+                rng = np.random.default_rng(options.first + 2000 + k)
+                recording = hard_iron(record_drive(DURATION, rng, wheels=wheels), largest)
+                ask(f"{kind}: outside: compass, {largest:g} rad", "", recording, outside=True)
     for label, counts in table.items():
         print(f"{label:40}" + ", ".join(f"{n} {result}" for result, n in counts.items()))
     print(f"{len(seconds)} diagnoses, median {np.median(seconds):.2f} s, longest {max(seconds):.2f} s")

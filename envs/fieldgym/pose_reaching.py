@@ -136,7 +136,10 @@ class _Play:
         if not self.ready:
             raise ResetNeeded("call reset before step")
         batch = len(self.robots)
-        values = np.ascontiguousarray(actions, dtype=np.float32)
+        try:
+            values = np.ascontiguousarray(actions, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise InvalidAction(f"actions must be finite numbers, not {actions!r:.80}") from None
         if values.shape != (batch, 2):
             if values.shape[:1] != (batch,):
                 raise InvalidAction(f"actions of shape ({batch}, 2) are needed, not {values.shape}")

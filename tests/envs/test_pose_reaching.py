@@ -140,6 +140,8 @@ def test_starts_may_be_given():
     np.testing.assert_allclose(info["pose"], [poses[0]] * 2)
     with pytest.raises(ModelError, match="must lie within"):
         env.reset(options={"pose": (0, 2, 0)})
+    with pytest.raises(ModelError, match="finite numbers"):
+        env.reset(options={"pose": (0, math.nan, 0)})
     with pytest.raises(ValueError, match="option 'pose' only"):
         env.reset(options={"place": (0, 2, 0)})
 
@@ -197,6 +199,8 @@ def test_state_with_faults_continues_to_the_bit_and_fits_its_reality_only():
     assert np.array_equal(first, [fresh.step(a)[0] for a in actions])
     with pytest.raises(ValueError, match="other faults"):
         gym.make_vec(ID, num_envs=3).unwrapped.set_state(state)
+    with pytest.raises(ValueError, match="a snapshot of 3 robots is needed"):
+        fresh.unwrapped.set_state({**state, "robots": [0.0, 0.0, 0.0]})
 
 
 @pytest.mark.parametrize(
@@ -214,6 +218,13 @@ def test_state_with_faults_continues_to_the_bit_and_fits_its_reality_only():
 def test_wrong_settings_are_refused(settings, message):
     with pytest.raises(fieldgym.SettingsError, match=message):
         gym.make(ID, settings=settings)
+
+
+def test_an_action_that_is_no_number_is_refused():
+    env = gym.make(ID).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(gym.error.InvalidAction, match="finite numbers"):
+        env.step("left")
 
 
 def test_settings_object_and_mapping_mean_the_same():

@@ -264,7 +264,7 @@ class Robots:
         Raises:
             ModelError: If the snapshot is of another batch size or kind.
         """
-        robots, memories = state["robots"], state.get("memories")
+        robots, memories = np.asarray(state["robots"]), state.get("memories")
         own = None if self.faults is None else self.faults.memories
         if robots.dtype != ROBOT or robots.shape != self.robots.shape:
             raise ModelError(f"a snapshot of {len(self)} robots is needed, not {robots.shape} {robots.dtype}")
@@ -282,7 +282,9 @@ class Robots:
             values = np.asarray(poses, dtype=np.float64)
         except (TypeError, ValueError):
             raise ModelError(f"a start is x [m], y [m] and heading [rad], not {poses!r:.80}") from None
-        if values.shape not in ((3,), (count, 3)) or not np.isfinite(values).all():
+        if not np.isfinite(values).all():
+            raise ModelError(f"a start is x [m], y [m] and heading [rad], finite numbers, not {poses!r:.80}")
+        if values.shape not in ((3,), (count, 3)):
             raise ModelError(
                 f"starts are x [m], y [m] and heading [rad], shape (3,) or ({count}, 3), not {poses!r:.80}"
             )
