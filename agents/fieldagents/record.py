@@ -104,7 +104,10 @@ def _line(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Gener
     from fieldmodels.line_following.parameters import Gait
     from fieldmodels.line_following.recording import record_walk
 
-    walked = read_settings(config.settings or {"track": "straight", "bias": 0.0}, LineFollowingSettings)
+    # a bias that is drawn would be an effect that nobody has switched on
+    walked = read_settings(
+        {"track": "straight", "bias": 0.0, **(config.settings or {})}, LineFollowingSettings
+    )
     strides = max(1, round(config.duration / Gait().stride_time))
     return record_walk(reality, strides, scene=walked.scene(images=False), rng=rng)
 

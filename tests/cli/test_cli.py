@@ -143,6 +143,36 @@ def test_record_an_experiment_in_three_modes(tmp_path):
     assert table.groupby("episode")["arm_angle"].std().gt(0.05).all()  # the arm moves in each
 
 
+def test_a_recorded_line_follower_has_no_bias_that_nobody_asked_for(tmp_path):
+    """Whatever else is set; a bias that is asked for turns the robot."""
+    config, command = CONFIGS / "line_following" / "record.yaml", {}
+    for name, changes in {"none": [], "some": ["settings.bias=0.05"]}.items():
+        changes = ["duration=240", "reality={}", "settings.sensor=0.01", *changes]
+        overrides = [part for change in changes for part in ("--set", change)]
+        result = run("record", config, *overrides, "--out", tmp_path / name)
+        assert result.exit_code == 0, result.output
+        table = pd.read_csv(tmp_path / name / "weak_turns.csv")
+        assert (table["curvature"] == 0).all()  # a straight line unless another is set
+        command[name] = abs(table["steering"][20:].mean())
+    assert command["none"] < 0.003 < command["some"]  # what holds against a bias
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("settings.track=ovel", "no track 'ovel' (did you mean 'oval'?)"),
+        ("settings.plan=pymunk", "settings.plan: unknown key"),
+        ("settings.latency_strides=2", "settings.latency_strides: Input should be 0 or 1"),
+        ("reality.turn_gane.factor=0.8", "no effect 'turn_gane' (did you mean 'turn_gain'?)"),
+        ("reality.actuator_delay.strides=2", "the robot left its line"),
+    ],
+)
+def test_mistakes_in_a_recorded_walk_along_a_line(tmp_path, change, message):
+    config = CONFIGS / "line_following" / "record.yaml"
+    assert message in mistake("record", config, "--set", change, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_keys_that_do_not_fit_a_model_are_refused(tmp_path):
     drive = "--set=excitation={kind: steps}"
     for task, key in (

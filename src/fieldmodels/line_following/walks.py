@@ -230,7 +230,8 @@ class Walks:
         Both sights put the sensor's noise into where the line is, and so does this picture.
         """
         if self.images is not None:
-            return self.images[i]
+            image: Image = self.images[i]
+            return image
         camera = self.scene.camera
         return self._photograph(i, np.zeros((camera.rows, camera.width), dtype=np.uint8))
 
