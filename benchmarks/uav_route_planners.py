@@ -2,7 +2,7 @@
 
     python benchmarks/uav_route_planners.py --sides 24 --time-limit 600
     python benchmarks/uav_route_planners.py --readings
-    python benchmarks/uav_route_planners.py --layouts --time-limit 40
+    python benchmarks/uav_route_planners.py --layouts --time-limit 60
 
 For detection thresholds 0.5, 0.6, 0.7, and for 0.5 with a lock lost in four steps: the program as printed,
 the same with its table's headings added up, whole legs, and the lattice. One line a plan, as it comes: how
