@@ -197,6 +197,7 @@ class _Experiment(Play):
             "error_normalised_naive": normalised_percent(shaken.mean_naive, truth, counted),
             "reached_20": reached.astype(np.float64),
             "time_to_20": np.where(reached, self.below_since * DECISION, time),
+            "noise_draw": self.shakers.draws,
             "information": shaken.bits,
             "estimate": {
                 "mean": shaken.mean,
@@ -343,6 +344,7 @@ class ExcitationEnv(PlayEnv):
     | `reached_20` | 1 while the average error is below 20 %, else 0 |
     | `time_to_20` | since when it has been so without a break [s]; the time so far while it is not |
     | `time` | since the start [s] |
+    | `noise_draw` | mean of the draws behind the latest sample's noise, in (-1, 1): equal for all agents |
     | `information` | about each parameter [bits], shape (22,) |
     | `estimate` | the filter: `mean` (22,), `covariance` (22, 22), its sums `moments`, `noise`, `samples` |
     | `arm` | `command` in force: *a* [rad], *w* [rad/s], *a0* [rad]; `phase` [rad] |

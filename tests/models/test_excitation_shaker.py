@@ -22,8 +22,8 @@ from fieldmodels.excitation.parameters import (
     Arm,
     SensorNoise,
 )
-from fieldmodels.excitation.regression import ANGLE, POSITION
-from fieldmodels.excitation.sensors import full_scale
+from fieldmodels.excitation.regression import ANGLE, POSITION, SIGNALS
+from fieldmodels.excitation.sensors import corrupt, first_draw, full_scale, mean_draws
 from fieldmodels.excitation.shaker import Shakers, average_percent, drawn_around, normalised_percent
 from fieldmodels.excitation.simulation import lag_motion
 from fieldmodels.model import ModelError
@@ -60,6 +60,15 @@ def test_normalised_error_counts_in_ranges():
     mean[0] += 1.0  # of a range of 10 kg
     assert normalised_percent(mean, TABLE1, EVERY) == pytest.approx(10.0 / 22)
     assert normalised_percent(mean, TABLE1, np.arange(22) == 0) == pytest.approx(10.0)
+
+
+def test_mean_draws_is_that_of_the_noise_at_the_latest_sample():
+    key, samples = np.uint64(7), 2 * SAMPLES
+    zeros, ones, noise = np.zeros(SIGNALS), np.ones(SIGNALS), np.empty((3, SIGNALS))
+    for mode in range(3):
+        corrupt(zeros, ones, False, 1.0, key, first_draw(samples - 1, mode), noise[mode])
+    keys = np.array([key, key])
+    assert mean_draws(keys, np.array([samples, 0])) == pytest.approx([noise.mean(), 0.0], rel=1e-12)
 
 
 def test_decisions_join_to_one_run():

@@ -109,11 +109,12 @@ METRICS: dict[str, tuple[Metric, ...]] = {
         Metric(
             "time_to_20",
             "s",
-            "time to 20 % error, if it came there",
+            "time since when the error stayed below 20 %, if it ends there",
             "time_to_20",
             over="last",
             given="reached_20",
         ),
+        Metric("noise", "1", "mean of the draws behind the noise", "noise_draw", common=True),
     ),
     "heel_strike": (
         Metric("error_mm", "mm", "mean |error| at heel strike", "error_mm"),

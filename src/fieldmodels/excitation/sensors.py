@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.compiled import inlined
+from fieldmodels.compiled import compiled, inlined
 from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
 from fieldmodels.excitation.motion import CONSTANT, DECISION, arm_motion
 from fieldmodels.excitation.parameters import (
@@ -86,6 +86,36 @@ def corrupt(
         if running:
             maxima[i] = max(maxima[i], abs(signals[i]))
         measured[i] = signals[i] + fraction * maxima[i] * symmetric(key, counter + i)
+
+
+@inlined
+def first_draw(sample: int, mode: int) -> int:
+    """Counter of the first of the 24 draws for one sample of one mode, counted from the run's beginning."""
+    return (sample * MODES + mode) * SIGNALS
+
+
+@compiled
+def mean_draws(keys: NDArray[np.uint64], samples: NDArray[np.int64]) -> FloatArray:
+    """Mean of the standard draws behind the noise of the latest sample, in (-1, 1); 0 before the first.
+
+    It depends on neither motion nor estimate: equal for all who met the same noise.
+
+    Args:
+        keys: Streams, shape (batch,).
+        samples: Samples so far, shape (batch,).
+
+    Returns:
+        Means over all modes and signals, shape (batch,).
+    """
+    result = np.zeros(len(keys))
+    count = MODES * SIGNALS
+    for b in range(len(keys)):
+        if samples[b] > 0:
+            first = first_draw(samples[b] - 1, 0)
+            for i in range(count):
+                result[b] += symmetric(keys[b], first + i)
+            result[b] /= count
+    return result
 
 
 def full_scale(vehicle: FloatArray, arm: Arm | None = None, *, per_mode: bool = False) -> FloatArray:

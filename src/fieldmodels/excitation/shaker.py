@@ -47,7 +47,16 @@ from fieldmodels.excitation.regression import (
     add_feature_noise,
     fill_features,
 )
-from fieldmodels.excitation.sensors import FULL, TABLE2, Variant, corrupt, full_scale, variances
+from fieldmodels.excitation.sensors import (
+    FULL,
+    TABLE2,
+    Variant,
+    corrupt,
+    first_draw,
+    full_scale,
+    mean_draws,
+    variances,
+)
 from fieldmodels.excitation.simulation import ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN, LAG, PARAMETERS
 from fieldmodels.information import BITS, fast
 from fieldmodels.model import FloatArray, ModelError
@@ -258,6 +267,11 @@ class Shakers:
         """Information about each parameter by the chosen filter [bits], shape (batch, 22)."""
         return self._information(self._filters.covariance[self._estimator])
 
+    @property
+    def draws(self) -> FloatArray:
+        """Mean of the draws behind the latest sample's noise, whatever was commanded, shape (batch,)."""
+        return np.asarray(mean_draws(self._keys, self._counts))
+
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Begin several experiments anew, each from its own generator: at rest, the arm in eq (24)."""
         rows = list(which)
@@ -451,7 +465,7 @@ def _shake(
                             if (mode == other or not per_mode) and size > maxima[b, other, i]:
                                 maxima[b, other, i] = size
             for mode in range(MODES):
-                counter = ((counts[b] + k) * MODES + mode) * SIGNALS
+                counter = first_draw(counts[b] + k, mode)
                 corrupt(signals[mode, k], maxima[b, mode], False, fraction, keys[b], counter, measured)
                 for i in range(SIGNALS):
                     size = fraction * maxima[b, mode, i]
