@@ -57,7 +57,7 @@ class LineFollowingSettings:
 
     Attributes:
         track: ``straight``, ``s``, ``oval``, ``figure_eight``, or the path of a CSV file with columns ``x``
-            and ``y`` [m].
+            and ``y`` [m], seen from the working folder.
         strides: Strides in an episode.
         plant: ``kinematic``, or ``pymunk``: rigid bodies whose feet can slip and whose motor can give way.
         sight: ``geometry`` computes where the line's centroid is, ``image`` renders an image and runs the
