@@ -123,7 +123,8 @@ def fit(
         if not np.isfinite(here.cost):
             break
         step, expected = _step(here, coordinates, damping)
-        if expected < SETTLED and damping <= 1e-3:
+        # A step that was cut to its limits may promise a loss, yet gain: that is not the end.
+        if abs(expected) < SETTLED and damping <= 1e-3:
             break
         trial_parameters = parameters_at(here, coordinates, step)
         change = here.state_residual - here.state_jacobian @ step
