@@ -194,12 +194,14 @@ def test_shipped_record_configs_load(path):
 
 
 @pytest.mark.parametrize(
-    "path", sorted(CONFIGS.glob("*/benchmark.yaml")), ids=lambda path: str(path.parent.name)
+    "path",
+    [*sorted(CONFIGS.glob("*/benchmark*.yaml")), CONFIGS / "line_following" / "light.yaml"],
+    ids=lambda path: f"{path.parent.name}-{path.stem}",
 )
 def test_shipped_benchmarks_load(path):
     from fieldagents.config import EvaluateConfig, load_config
 
-    assert load_config(path, EvaluateConfig).episodes >= 100
+    assert load_config(path, EvaluateConfig).episodes >= 40
 
 
 EVALUATE = ("evaluate", CONFIGS / "heel_strike" / "benchmark.yaml")
