@@ -24,8 +24,6 @@ HIDDEN = {
     "inclinometer_delay": {"delay": 0.003},
     "force_torque_gain": {"gain": 1.01},
 }
-QUICK = ("coulomb_friction", "soil_compliance", "actuator_lag", "inclinometer_delay")
-"""Effects that are most easily taken for others; the rest are hidden in the slow tests."""
 
 
 def diagnosed(seed: int, effects: dict[str, dict[str, float]], coloured: float = 0.0) -> Diagnosis:
@@ -43,7 +41,7 @@ def test_every_listed_effect_is_hidden() -> None:
 @pytest.mark.parametrize(
     ("effect", "seed"),
     [
-        pytest.param(effect, seed, marks=() if effect in QUICK and seed == 101 else pytest.mark.slow)
+        pytest.param(effect, seed, marks=() if seed == 101 else pytest.mark.slow)
         for effect in HIDDEN
         for seed in (101, 102)
     ],
