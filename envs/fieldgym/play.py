@@ -124,7 +124,21 @@ def check_state(state: Mapping[str, Any], batch: int, keys: Sequence[str]) -> No
         )
 
 
-def _check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
+def row_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+    """Seed of each row of a vector environment: ``seed + i``, ``seed[i]``, or None for its own stream.
+
+    Raises:
+        ValueError: If there is not one seed for each row.
+    """
+    if seed is None or isinstance(seed, (int, np.integer)):
+        return [None if seed is None else int(seed) + i for i in range(count)]
+    if len(seed) != count:
+        raise ValueError(f"{count} environments need as many seeds, not {len(seed)}")
+    return list(seed)
+
+
+def check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
+    """Raise ValueError for a render mode that an environment does not have."""
     if mode is not None and mode not in metadata["render_modes"]:
         raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
 
@@ -145,7 +159,7 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     def __init__(
         self, settings: Any = None, reality: RealityLike = None, render_mode: str | None = None
     ) -> None:
-        _check_render_mode(render_mode, self.metadata)
+        check_render_mode(render_mode, self.metadata)
         self.render_mode = render_mode
         self._play = type(self).play(1, settings, reality, render_mode is not None)
         self.settings, self.reality = self._play.settings, self._play.reality
@@ -251,7 +265,7 @@ class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         reality: RealityLike = None,
         render_mode: str | None = None,
     ) -> None:
-        _check_render_mode(render_mode, self.metadata)
+        check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self._play = type(self).play(num_envs, settings, reality, render_mode is not None)
@@ -279,12 +293,7 @@ class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         Raises:
             ValueError: If there is not one seed for each environment.
         """
-        if seed is None or isinstance(seed, (int, np.integer)):
-            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{self.num_envs} environments need as many seeds, not {len(seeds)}")
+        seeds = row_seeds(seed, self.num_envs)
         super().reset(seed=seeds[0], options=options)
         for i, own in enumerate(seeds):
             if own is not None:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from fieldgym.play import check_render_mode, row_seeds
 from fieldgym.settings import read_settings
 from fieldmodels.model import ModelError
 from fieldmodels.pose_reaching.dubins import dubins_path
@@ -363,7 +364,7 @@ class PoseReachingEnv(gym.Env[Observation, NDArray[np.float32]]):
         reality: RealityLike = None,
         render_mode: str | None = None,
     ) -> None:
-        _check_render_mode(render_mode, self.metadata)
+        check_render_mode(render_mode, self.metadata)
         self.render_mode = render_mode
         self._play = _Play(1, settings, reality, tracing=render_mode is not None)
         self.settings = self._play.settings
@@ -484,7 +485,7 @@ class PoseReachingVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[
         reality: RealityLike = None,
         render_mode: str | None = None,
     ) -> None:
-        _check_render_mode(render_mode, self.metadata)
+        check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self._play = _Play(num_envs, settings, reality, tracing=render_mode is not None)
@@ -515,12 +516,7 @@ class PoseReachingVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[
             ValueError: If there is not one seed for each environment, there is another option, or a pose
                 is not one in the field.
         """
-        if seed is None or isinstance(seed, (int, np.integer)):
-            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{self.num_envs} environments need as many seeds, not {len(seeds)}")
+        seeds = row_seeds(seed, self.num_envs)
         super().reset(seed=seeds[0], options=options)
         for i, own in enumerate(seeds):
             if own is not None or not self._play.robots.seeded[i]:
@@ -574,8 +570,3 @@ def _spaces() -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
         gym.spaces.Box(-1.0, 1.0, (2,), np.float32),
         gym.spaces.Box(OBSERVATION_LOW, OBSERVATION_HIGH, dtype=np.float32),
     )
-
-
-def _check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
-    if mode is not None and mode not in metadata["render_modes"]:
-        raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")

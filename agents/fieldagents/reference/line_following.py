@@ -12,6 +12,7 @@ last command while the line is lost. On images they find the line as the camera 
 from __future__ import annotations
 
 import json
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -57,11 +58,10 @@ class Steering(Agent):
         read = read_settings(dict(settings), LineFollowingSettings)
         self.limit, self._threshold, self.latency = read.limit, read.threshold, read.latency_strides
         self._board: _Board | None = None
-        self._begun: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
+    @abstractmethod
     def turn(self, observation: Floats, info: Mapping[str, Any]) -> Floats:
         """Turns [rad] for what is observed, shape (environments,)."""
-        raise NotImplementedError
 
     def forget(self, begun: NDArray[np.bool_]) -> None:
         """Forget the episodes that are over; ``begun`` says in which environments."""

@@ -49,12 +49,17 @@ class Trials:
             for track in tracks
         ]
 
-    def losses(self, act: Callable[[NDArray[Any], Mapping[str, Any]], Floats]) -> Floats:
+    def losses(
+        self,
+        act: Callable[[NDArray[Any], Mapping[str, Any]], Floats],
+        begin: Callable[[NDArray[np.bool_]], None] = lambda _: None,
+    ) -> Floats:
         """Loss of a stride, for each candidate: minus the mean reward, shape (candidates,)."""
         total = np.zeros(self._shape)
         for envs in self._envs:
             observation, info = envs.reset(seed=self._seeds)
             going = np.ones(len(self._seeds), dtype=np.bool_)
+            begin(going.copy())
             returns, strides = np.zeros(len(self._seeds)), envs.unwrapped.settings.strides
             while going.any():
                 observation, reward, terminated, truncated, info = envs.step(act(observation, info))
@@ -118,13 +123,9 @@ def one_loss(make: Callable[[], Any], seeds: range, **settings: Any) -> float:
     agent, trials = make(), Trials(1, seeds, **settings)
 
     def act(observation: NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        if act.first:  # type: ignore[attr-defined]
-            agent.begin_episodes(np.ones(len(observation), dtype=np.bool_))
-            act.first = False  # type: ignore[attr-defined]
         return np.asarray(agent.act(observation, visible(info, agent.sees)))
 
-    act.first = True  # type: ignore[attr-defined]
-    return float(trials.losses(act)[0])
+    return float(trials.losses(act, agent.begin_episodes)[0])
 
 
 def tune(log: Callable[[str], None] = print) -> dict[str, Any]:

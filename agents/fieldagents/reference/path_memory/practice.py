@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -51,16 +50,14 @@ def own_data(
     envs = PoseReachingVectorEnv(robots, settings={**_plain(settings), "starts": "T3"}, reality=reality)
     for part in range(rounds + 1):
         random = babble(ticks, robots, rng, settings.tick, settings.max_speed, settings.max_rate)
-        if part == 0:
-            chosen: Callable[[int, Floats], Floats] = lambda k, _: random[k]  # noqa: E731, B023
-        else:
+        stray = np.ones((ticks, robots, 1), dtype=np.bool_)  # at first there is nothing but random motion
+        if part > 0:
             random[..., 0] = settings.max_speed  # who wants to become faster does not try to be slow
             begin = rng.random((ticks, robots, 1)) < STRAYING / STRAYING_TICKS
             stray = begin.copy()
             for later in range(1, STRAYING_TICKS):
                 stray[later:] |= begin[:-later]
-            chosen = lambda k, poses: np.where(stray[k], random[k], learned.commands(poses))  # noqa: E731, B023
-        _drive(envs, chosen, ticks, settings, learned, seed + part * robots)
+        _drive(envs, random, stray, settings, learned, seed + part * robots)
     envs.close()
     return learned
 
@@ -71,8 +68,8 @@ def _plain(settings: PoseReachingSettings) -> dict[str, Any]:
 
 def _drive(
     envs: PoseReachingVectorEnv,
-    chosen: Callable[[int, Floats], Floats],
-    ticks: int,
+    random: Floats,
+    stray: NDArray[np.bool_],
     settings: PoseReachingSettings,
     learned: OwnData,
     seed: int,
@@ -81,8 +78,8 @@ def _drive(
     _, info = envs.reset(seed=seed)
     poses, commands, free = [info["pose"]], [], []
     over = np.zeros(envs.num_envs, dtype=np.bool_)
-    for k in range(ticks):
-        told = chosen(k, poses[-1])
+    for k in range(len(random)):
+        told = random[k] if stray[k].all() else np.where(stray[k], random[k], learned.commands(poses[-1]))
         told = np.stack(
             [
                 np.clip(told[:, 0], 0, settings.max_speed),
