@@ -95,5 +95,15 @@ TASKS: dict[str, Task] = {
             title="Pose reaching",
             description="Drive a unicycle to a ball and arrive with the right heading.",
         ),
+        Task(
+            name="uav_route",
+            env_id="fieldgym/UavRoute-v0",
+            entry_point="fieldgym.uav_route:UavRouteEnv",
+            vector_entry_point="fieldgym.uav_route:UavRouteVectorEnv",
+            settings_class="fieldgym.uav_route:UavRouteSettings",
+            model="uav_route",
+            title="UAV route",
+            description="Fly to a goal past radars that see an aircraft's sides, leg by leg.",
+        ),
     )
 }

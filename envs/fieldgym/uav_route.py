@@ -1,0 +1,518 @@
+"""UAV route: fly to a goal past radars that see an aircraft's sides, leg by leg.
+
+Source: A. I. Chaudhry, "Topics in robot locomotion: state estimation and feasible-path generation for
+wheeled and legged robots", Cornell University 2015, chapter 4 ("the dissertation").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
+from fieldgym.settings import read_settings
+from fieldmodels.reality import read_reality
+from fieldmodels.uav_route.flight import FLYING, NUMBERS
+from fieldmodels.uav_route.flights import Flights, Leg, Rules, Score, observed_names
+from fieldmodels.uav_route.model import UavRoute
+from fieldmodels.uav_route.parameters import (
+    EXAMPLE,
+    INSTANT_KILL,
+    PRINTED,
+    RADARS,
+    RIGHT,
+    Aircraft,
+    Detection,
+    Layout,
+    LockLoss,
+    World,
+)
+from fieldmodels.uav_route.refly import refly
+
+if TYPE_CHECKING:
+    from fieldgym.rendering.canvas import Frame
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Place = tuple[Annotated[float, Field(allow_inf_nan=False)], Annotated[float, Field(allow_inf_nan=False)]]
+
+OBSERVED = 100.0
+"""Bound of an observation: 10,000 km from the goal."""
+TRACED = 4.0
+"""Longest time between the points of a drawn path [s]."""
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class UavLayout:
+    """A layout of one's own.
+
+    Attributes:
+        start: North and east [km].
+        goal: North and east [km].
+        radars: North and east of each radar [km], 1 to 4.
+    """
+
+    start: Place
+    goal: Place
+    radars: Annotated[tuple[Place, ...], Field(min_length=1, max_length=RADARS)]
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class UavRouteSettings:
+    """What can be set in ``fieldgym/UavRoute-v0``.
+
+    Attributes:
+        layout: ``random`` draws start, goal and radars for each episode, so that an undetected route of two
+            legs exists; ``example`` is the source's; or a mapping of ``start``, ``goal`` and ``radars``, each
+            north and east [km].
+        radars: Number of radars of random layouts, 1 to 4.
+        threshold: Probability of detection above which a detection counts, or is certain.
+        interpolation: Table 4.2 between its entries: ``linear`` or ``log``.
+        detection: ``deterministic`` detects above the threshold; ``stochastic`` draws each look.
+        look_interval: Time between a radar's looks if they are drawn [s].
+        lock_loss: Whether a lock can be lost; without, whoever is detected is destroyed at once.
+        lose: Undetected time after which a lock is lost, T_LL [s].
+        engage: Detected time after which a missile is launched, T_eng [s].
+        target: Flight time of the missile, T_target [s].
+        engaged: What the engage timer counts: time detected ``accumulated`` since the last lock loss,
+            ``unbroken``, or all time ``elapsed`` since the first detection.
+        reading: The source's equations as they should be (``right``) or as ``printed``, but for the heading,
+            which is that of the leg being flown in both.
+        speed: Speed of the aircraft [km/s].
+        altitude: Its height above the radars [km].
+        bank: Bank angle in turns [rad].
+        capture: Distance from the goal at which a flight has arrived [km].
+        horizon: Legs in an episode.
+        least_leg: Shortest leg [km].
+        longest_leg: Longest leg [km].
+        length_cost: Cost of a kilometre flown.
+        progress_reward: Reward of a kilometre by which the goal has come nearer.
+        arrival_reward: Reward of arriving.
+        damage_cost: Cost of being hit.
+        late_cost: Cost of running out of legs.
+        detection_cost: Cost of a second of being detected.
+    """
+
+    layout: Literal["random", "example"] | UavLayout = "random"
+    radars: Annotated[int, Field(ge=1, le=RADARS)] = 1
+    threshold: Annotated[float, Field(ge=0.01, lt=0.99)] = 0.5
+    interpolation: Literal["linear", "log"] = "linear"
+    detection: Literal["deterministic", "stochastic"] = "deterministic"
+    look_interval: Positive = 5.0
+    lock_loss: bool = True
+    lose: NotNegative = 50.0
+    engage: NotNegative = 150.0
+    target: NotNegative = 50.0
+    engaged: Literal["accumulated", "unbroken", "elapsed"] = "accumulated"
+    reading: Literal["right", "printed"] = "right"
+    speed: Annotated[float, Field(gt=0, le=1)] = 0.25
+    altitude: Annotated[float, Field(ge=0, le=50)] = 10.0
+    bank: Annotated[float, Field(ge=0, le=1.5)] = math.pi / 4
+    capture: Positive = 5.0
+    horizon: Annotated[int, Field(ge=1, le=10_000)] = 60
+    least_leg: Positive = 2.5
+    longest_leg: Positive = 50.0
+    length_cost: NotNegative = 0.01
+    progress_reward: NotNegative = 0.01
+    arrival_reward: NotNegative = 1.0
+    damage_cost: NotNegative = 1.5
+    late_cost: NotNegative = 1.0
+    detection_cost: NotNegative = 0.0
+
+    @property
+    def world(self) -> World:
+        """Aircraft, detection, lock loss and reading, as the ground floor takes them."""
+        return World(
+            aircraft=Aircraft(speed=self.speed, altitude=self.altitude, bank=self.bank),
+            detection=Detection(
+                threshold=self.threshold,
+                interpolation=self.interpolation,
+                stochastic=self.detection == "stochastic",
+                look_interval=self.look_interval,
+            ),
+            lock_loss=LockLoss(self.lose, self.engage, self.target) if self.lock_loss else INSTANT_KILL,
+            reading=replace(
+                RIGHT if self.reading == "right" else replace(PRINTED, heading="own_leg"),
+                engaged=self.engaged,
+            ),
+        )
+
+    @property
+    def fixed_layout(self) -> Layout | None:
+        """The layout of every episode, or None if each has its own."""
+        if isinstance(self.layout, UavLayout):
+            return Layout(self.layout.start, self.layout.goal, self.layout.radars)
+        return EXAMPLE if self.layout == "example" else None
+
+    @property
+    def rules(self) -> Rules:
+        """The rules as the ground floor takes them.
+
+        Raises:
+            ModelError: If the legs' limits or the layout are not possible.
+        """
+        return Rules(
+            world=self.world,
+            layout=self.fixed_layout,
+            radars=self.radars,
+            capture=self.capture,
+            horizon=self.horizon,
+            least_leg=self.least_leg,
+            longest_leg=self.longest_leg,
+            score=Score(
+                length=self.length_cost,
+                progress=self.progress_reward,
+                arrival=self.arrival_reward,
+                damage=self.damage_cost,
+                late=self.late_cost,
+            ),
+        )
+
+
+def actions_towards(
+    waypoints: ArrayLike, info: Mapping[str, Any], settings: UavRouteSettings
+) -> NDArray[np.float32]:
+    """Actions that fly straight to waypoints, or as far towards them as a leg may lead.
+
+    Args:
+        waypoints: North and east [km], shape (batch, 2).
+        info: The ``info`` of a batch, of which ``place`` and ``radial`` are used.
+        settings: The environment's settings.
+
+    Returns:
+        Actions, shape (batch, 2), float32.
+    """
+    ahead = np.asarray(waypoints, dtype=np.float64) - info["place"]
+    turn = np.arctan2(ahead[:, 1], ahead[:, 0]) - info["radial"]
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    span = settings.longest_leg - settings.least_leg
+    share = (np.hypot(ahead[:, 0], ahead[:, 1]) - settings.least_leg) / span if span > 0 else 0 * turn
+    return np.column_stack([turn / np.pi, np.clip(2.0 * share - 1.0, -1.0, 1.0)]).astype(np.float32)
+
+
+def nearest_bearing(places: Floats, radars: Floats) -> Floats:
+    """Bearing of the radar nearest to each place [rad], shape (batch,)."""
+    towards = radars - places[:, None, :]
+    nearest = np.argmin((towards**2).sum(axis=2), axis=1)
+    chosen = towards[np.arange(len(places)), nearest]
+    bearing: Floats = np.arctan2(chosen[:, 1], chosen[:, 0])
+    return bearing
+
+
+class _Flight(Play):
+    """The task on a batch of flights."""
+
+    def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
+        self.settings: UavRouteSettings = read_settings(settings, UavRouteSettings)
+        rules = self.settings.rules
+        model = UavRoute(rules.world)
+        self.reality = read_reality(reality, model)
+        self.flights = Flights(batch, rules, model.plant(self.reality.vector(model)))
+        self.elapsed = np.zeros(batch, dtype=np.int64)
+        self._drawing = drawing
+        self._trails: list[list[Floats]] = [[] for _ in range(batch)]
+        self._plan: Floats | None = None
+
+    def spaces(self) -> tuple[Box, Box]:
+        """Heading and length of a leg; where goal and radars are, and what they do."""
+        columns = len(observed_names(self.flights.rules.count))
+        return Box(-1.0, 1.0, (2,), np.float32), Box(-OBSERVED, OBSERVED, (columns,), np.float32)
+
+    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
+        """Begin new episodes of some flights; each draws one number from its generator."""
+        rows = list(which)
+        for i, generator in zip(rows, generators, strict=True):
+            self.flights.seed(i, generator)
+            self._trails[i] = []
+        self.flights.restart(rows)
+        self.elapsed[rows] = 0
+
+    def observation(self) -> NDArray[Any]:
+        """What is seen of every flight as it stands."""
+        return np.clip(self.flights.look().observed, -OBSERVED, OBSERVED)
+
+    def start_info(self) -> dict[str, Any]:
+        """What is told at the start: the same as after each step."""
+        return self._info(self.flights.look())
+
+    def step(self, actions: NDArray[Any]) -> Outcome:
+        """Take every flight through one leg."""
+        settings, flights = self.settings, self.flights.flights
+        before = flights["place"].copy(), flights["course"].copy(), flights["time_over"].copy()
+        going = flights["over"] == FLYING
+        legs = np.empty_like(actions)
+        legs[:, 0] = math.pi * actions[:, 0]
+        legs[:, 1] = settings.least_leg + 0.5 * (1.0 + actions[:, 1]) * (
+            settings.longest_leg - settings.least_leg
+        )
+        leg = self.flights.advance(legs)
+        self.elapsed[:] = flights["legs"]
+        if self._drawing:
+            for i in np.flatnonzero(going).tolist():
+                self._trace(i, before[0][i], before[1][i])
+        reward = leg.reward
+        if settings.detection_cost:
+            reward = reward - settings.detection_cost * (flights["time_over"] - before[2])
+        return Outcome(
+            observation=np.clip(leg.observed, -OBSERVED, OBSERVED),
+            reward=reward,
+            terminated=leg.over != FLYING,
+            truncated=np.zeros(len(reward), dtype=np.bool_),
+            info=self._info(leg),
+        )
+
+    def _info(self, leg: Leg) -> dict[str, Any]:
+        """Everything that is told beside the observation."""
+        flights, count = self.flights.flights, self.flights.rules.count
+        radars = flights["radars"][:, :count].copy()
+        return {
+            **dict(zip(NUMBERS, leg.numbers, strict=True)),
+            "place": leg.places,
+            "course": np.arctan2(flights["course"][:, 1], flights["course"][:, 0]),
+            "radial": nearest_bearing(leg.places, radars),
+            "timers": flights["timers"][:, :count].copy(),
+            "detected": flights["detected"][:, :count].astype(np.float64),
+            "layout": {"start": flights["start"].copy(), "goal": flights["goal"].copy(), "radars": radars},
+            "privileged": {"place": flights["place"].copy()},
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next steps depend on but the random generators."""
+        flights = self.flights.state()
+        return {
+            "flights": flights.view(np.uint8).reshape(len(flights), -1).copy(),
+            "elapsed": self.elapsed.copy(),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a snapshot; what has been flown before it is not drawn any more."""
+        check_state(state, len(self.elapsed), ("flights",))
+        kind, flights = self.flights.flights.dtype, np.ascontiguousarray(state["flights"])
+        if flights.dtype != np.uint8 or flights.shape != (len(self.elapsed), kind.itemsize):
+            raise ValueError("not a snapshot of this environment; get_state makes one")
+        self.flights.set_state(flights.view(kind).reshape(-1))
+        self.elapsed[:] = state["elapsed"]
+        self._trails = [[] for _ in self._trails]
+
+    def show(self, plan: ArrayLike | None) -> None:
+        """Take over what is drawn beside the task; see ``UavRouteEnv.show``."""
+        points = None if plan is None else np.asarray(plan, dtype=np.float64)
+        if points is not None:
+            if points.ndim not in (2, 3) or points.shape[-1] != 2:
+                raise ValueError(f"a plan has shape (points, 2) or (num_envs, points, 2), not {points.shape}")
+            points = np.broadcast_to(points, (len(self.elapsed), *points.shape[-2:]))
+        self._plan = points
+
+    def _trace(self, i: int, start: Floats, course: Floats) -> None:
+        """Keep a flown leg for the picture: north, east, largest probability of detection."""
+        one = self.flights.flights[i]
+        if (one["place"] == start).all():
+            return
+        heading = None if one["legs"] == 1 else math.atan2(course[1], course[0])
+        flown = refly(
+            [start, one["place"]],
+            one["radars"][: self.flights.rules.count],
+            self.flights.rules.world,
+            heading=heading,
+            step=TRACED,
+        )
+        self._trails[i].append(np.column_stack([flown.position, flown.probability.max(axis=1)]))
+
+    def frame(self, i: int) -> Frame:
+        """Draw one flight."""
+        from fieldgym.rendering.uav_route import Picture, draw
+
+        flights, rules = self.flights, self.flights.rules
+        one = flights.flights[i]
+        trail = self._trails[i]
+        return draw(
+            Picture(
+                layout=flights.layout(i),
+                world=rules.world,
+                capture=rules.capture,
+                horizon=rules.horizon,
+                place=one["place"].copy(),
+                course=one["course"].copy(),
+                trail=np.concatenate(trail) if trail else np.zeros((0, 3)),
+                probability=one["probability"][: rules.count].copy(),
+                detected=one["detected"][: rules.count] == 1,
+                timers=one["timers"][: rules.count].copy(),
+                numbers=dict(zip(NUMBERS, flights.look().numbers[:, i].tolist(), strict=True)),
+                over=int(one["over"]),
+                plan=None if self._plan is None else self._plan[i],
+            )
+        )
+
+
+class UavRouteEnv(PlayEnv):
+    r"""Fly to a goal past radars that see an aircraft's sides, leg by leg.
+
+    ## Description
+
+    An aircraft flies at a fixed height from waypoint to waypoint (A. I. Chaudhry, "Topics in robot
+    locomotion", Cornell University 2015, chapter 4). A radar detects it by range and by the signature that
+    it shows: next to nothing within 30 degrees of nose and tail, much from its sides, most when it banks in a
+    turn. Where it is detected for long enough, a missile is launched and hits; where it hides for long
+    enough, the radar loses its lock (figure 4.2).
+
+    One step is one leg: straight, at 0.25 km/s, banked at its beginning for the time that the turn takes.
+    The radars look every 5 s at most.
+
+    ## Action Space
+
+    `Box(-1, 1, (2,), float32)`. Values outside are clipped; others than finite numbers are refused
+    (`InvalidAction`).
+
+    | Num | Action | -1 | 0 | +1 |
+    |-----|--------|----|---|----|
+    | 0 | heading, from the bearing of the nearest radar | away from it | at it | away from it |
+    | 1 | length of the leg | 2.5 km (`least_leg`) | 26.25 km | 50 km (`longest_leg`) |
+
+    Headings are in units of pi, positive to the right of the radar. `fieldgym.uav_route.actions_towards`
+    gives the actions that fly to waypoints on the map.
+
+    ## Observation Space
+
+    `Box(-100, 100, (8 + 9 radars,), float32)`, in the frame of the nearest radar's bearing, so that a map
+    that is turned looks the same.
+
+    | Num | Observation | Unit |
+    |-----|-------------|------|
+    | 0, 1 | the goal ahead (towards the nearest radar), to the right | 100 km |
+    | 2 | logarithm of its distance, from 1 km | log 100 km |
+    | 3, 4 | cosine and sine of its bearing | 1 |
+    | 5, 6 | cosine and sine of the course of the last leg; at the start, of the goal's bearing | 1 |
+    | 7 | share of the legs that are left | 1 |
+
+    and for each radar, the nearest first
+
+    | Num | Observation | Unit |
+    |-----|-------------|------|
+    | 8-10 | slant range beyond that of a side-on detection: tanh of 5 km, tanh of 50 km, in 500 km | - |
+    | 11, 12 | cosine and sine of its bearing | 1 |
+    | 13-15 | lock-loss, engage and launch timer | their thresholds, at most 1 |
+    | 16 | 1 if it detected the aircraft when it looked last | 1 |
+
+    ## Rewards
+
+    `-length_cost` a kilometre flown, `progress_reward` a kilometre by which the goal has come nearer,
+    `arrival_reward` at the goal, `-damage_cost` for a hit, `-late_cost` where no leg is left,
+    `-detection_cost` (0) a second of being detected. Progress is a potential's difference: its sum over an
+    episode depends on the first and last place only.
+
+    `info` holds after each step, and after `reset`
+
+    | Key | Meaning |
+    |-----|---------|
+    | `success` | 1 if the aircraft has just arrived, else 0 |
+    | `damaged` | 1 if it has just been hit, else 0 |
+    | `time` | since the start [s] |
+    | `path_length` | flown since then [km] |
+    | `remaining` | distance to the goal [km] |
+    | `time_over` | time in which any radar detected it [s] |
+    | `longest_detection` | longest time without a break in which one radar did [s] |
+    | `largest_probability` | largest probability of detection that a radar's look has had |
+    | `lock_losses` | how often an engaged radar lost its lock |
+    | `legs` | flown |
+    | `place` | north and east as the aircraft measures it [km] |
+    | `course` | of the last leg, clockwise from north [rad] |
+    | `radial` | bearing of the nearest radar, to which headings are relative [rad] |
+    | `timers` | lock-loss, engage and launch timer of each radar [s], shape (radars, 3) |
+    | `detected` | 1 for each radar that detected the aircraft when it looked last, shape (radars,) |
+    | `layout` | `start`, `goal`, shape (2,), and `radars`, shape (radars, 2): north and east [km] |
+    | `privileged` | `place`: where it is, which differs where a `reality` has a faulty sensor [km] |
+
+    ## Starting State
+
+    With `layout="random"` one radar stands in the middle of the map; the start lies 1 to 30 % outside the
+    circle within which it detects an aircraft from the side, the goal mostly inside (0.69 to 0.995 of it),
+    up to 60 degrees aside. Further radars leave a route of two legs undetected: no layout is hopeless.
+    `layout="example"` is section 4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Layouts and
+    the luck of drawn looks depend on the seed alone, never on the actions.
+
+    ## Episode End
+
+    Terminated on arrival (within `capture`, 5 km, of the goal, anywhere along a leg), when a missile hits,
+    or when no leg is left of `horizon`, 60: they are observed and their end is charged. Never truncated.
+
+    ## Arguments
+
+    ```python
+    import gymnasium as gym
+    import fieldgym  # registers the environments
+
+    gym.make(
+        "fieldgym/UavRoute-v0",
+        settings={"radars": 3, "lock_loss": False, "threshold": 0.6},
+        reality={"wind": {"north": 20.0, "east": 0.0}},
+        render_mode="rgb_array",
+    )
+    gym.make_vec("fieldgym/UavRoute-v0", num_envs=1024)  # native: one kernel, same bits
+    ```
+
+    - `settings`: a `UavRouteSettings` or a mapping of some of its fields; unknown keys are refused.
+    - `reality`: what the simulation truly is: effects of the model `uav_route`, the path of an
+      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
+    - `render_mode`: `rgb_array` (960 x 540, one frame a leg) or `human`. `show(plan=...)` of the unwrapped
+      environment has an agent's plan drawn beside the task.
+
+    `get_state` and `set_state` save and restore everything, to the bit.
+
+    ## Matches, deviates, assumed
+
+    - **Matches** the source: aircraft and turns (4.1)-(4.2); signature (Table 4.1) and detection (Table 4.2);
+      the timers of (4.3)-(4.7); the example (section 4.5.1); detection above a threshold as its planner has
+      it (4.18), drawn looks as its simulation has them (section 4.2.2).
+    - **Deviates** where the source is wrong: a turn's side, the clamp of (4.2), axes, drawn looks, timers in
+      seconds; `reading="printed"` is the source's. Its heading (4.1), that of the next leg, cannot be
+      flown leg by leg. Legs have any length; its planner has steps of 50 s.
+    - **Assumed**, since the source is silent: speed, height, linear interpolation in Table 4.2 (in
+      logarithms, which physics prefers, the example's own start would be detected side-on), the lock-loss
+      thresholds (they mirror its four steps), look interval, capture radius, layouts, horizon, reward.
+
+    ## Version History
+
+    - v0: first version
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
+    play = _Flight
+    title = "UAV route"
+
+    def show(self, plan: ArrayLike | None = None) -> None:
+        """Draw an agent's plan beside the task, until the next call; no argument: nothing.
+
+        Args:
+            plan: Waypoints, north and east [km], shape (points, 2).
+
+        Raises:
+            ValueError: If the shape is wrong.
+        """
+        assert isinstance(self._play, _Flight)
+        self._play.show(plan)
+
+
+class UavRouteVectorEnv(PlayVectorEnv):
+    """Many flights in one kernel; each row is ``UavRouteEnv`` to the bit.
+
+    Args:
+        num_envs: Number of flights.
+        settings: See ``UavRouteEnv``.
+        reality: See ``UavRouteEnv``.
+        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each flight.
+    """
+
+    play = _Flight
+
+    def show(self, plan: ArrayLike | None = None) -> None:
+        """As ``UavRouteEnv.show``; ``plan`` of shape (points, 2) or (num_envs, points, 2)."""
+        assert isinstance(self._play, _Flight)
+        self._play.show(plan)
