@@ -217,7 +217,14 @@ def diagnose(
         list[str],
         typer.Argument(metavar="DATA...", help="CSV or Parquet files, or names of public recordings."),
     ],
-    model: Annotated[str, typer.Option(help="Model to hold against the data; `fieldgym list` names them.")],
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Model to hold against the data: `fieldgym list` names them; or a Python file of your own, "
+            "which is run.",
+        ),
+    ],
     test: Annotated[
         list[str] | None,
         typer.Option(metavar="DATA", help="Separate recording on which the gain is measured; repeatable."),
@@ -237,13 +244,21 @@ def diagnose(
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the resampling.")] = 0,
+    then_retune: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CONFIG",
+            help="Then design an agent anew in the extended simulation, and fly it beside the nominal one.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Tell from measured data what the simulation gets wrong, and by how much naming it helps.
 
     DATA: a header line; `t` in seconds; optional `episode`; one column for each signal of the model.
     Writes `diagnosis.json`, `report.html` and `extended.yaml`, which `gym.make(..., reality=...)`,
-    `fieldgym train` and `fieldgym evaluate` accept.
+    `fieldgym train` and `fieldgym evaluate` accept. With `--then-retune` also `retune.json`, `retune.html`
+    and `retune.parquet`.
 
     For example:
 
@@ -252,27 +267,54 @@ def diagnose(
         fieldgym diagnose log.csv --model pendulum --column t=time --column angle=position:deg
 
         fieldgym diagnose dfki_simple_pendulum/ddp --model pendulum
+
+        fieldgym diagnose walk.csv --model heel_strike --then-retune configs/heel_strike/retune.yaml
+
+        fieldgym diagnose log.csv --model my_bench.py
     """
     from fieldagents import findings
     from fieldmodels.datasets import open_recording
+    from fieldmodels.model_files import is_model_file
     from fieldmodels.registry import get_model
 
     chosen = get_model(model)
     held = findings.fixed_parameters(chosen, fixed or [])
+    loop = None
+    if then_retune is not None:
+        from fieldagents.retune import load_loop
+
+        loop = load_loop(then_retune, chosen)
     columns = findings.columns(chosen, column or [])
     recordings = [open_recording(source, chosen, columns) for source in data]
     tests = [open_recording(source, chosen, columns) for source in test or []]
+
+    if is_model_file(model):
+        from fieldmodels.contract import check_simulation
+
+        check_simulation(chosen.scaled_to(recordings), recordings[0], model)
 
     from fieldmodels.diagnosis import diagnose as run
     from fieldmodels.diagnosis.report import write_results
 
     with progress() as report:
         diagnosis = run(chosen, recordings, tests, fixed=held, progress=report, seed=seed)
-    written = write_results(diagnosis, out or Path("results") / f"diagnosis-{model}")
+    folder = out or Path("results") / f"diagnosis-{chosen.name}"
+    written = write_results(diagnosis, folder)
+    result = diagnosis.to_json()
+    retuned = None
+    if loop is not None:
+        from fieldagents.retune import finish
+
+        with progress() as report:
+            retuned = finish(diagnosis, loop, written["extended.yaml"], folder, report)
+        result["retune"] = retuned.to_json()
+        written |= retuned.files
     if as_json:
-        _print_json(diagnosis.to_json())
+        _print_json(result)
     else:
-        findings.show(diagnosis.to_json(), _console())
+        findings.show(result, _console())
+        if retuned is not None:
+            retuned.show(_console())
         _done({name: str(path) for name, path in written.items()})
 
 

@@ -214,6 +214,105 @@ class EvaluateConfig(Config):
         return baseline
 
 
+class RetuneConfig(Config):
+    """What `fieldgym diagnose --then-retune` reads: which agent is designed anew, and where it is flown.
+
+    Attributes:
+        name: Name of the loop.
+        task: Name of the task.
+        agent: Name of a designer of the task: the agent that is made for each simulation.
+        options: Effort of the design; the designer says which keys there are.
+        settings: Keys of the task's settings, for designing and for flying.
+        hidden: The reality that the recording came from, where it is known (a simulated robot's): effects
+            that are on, or a path. Without it the extended simulation stands for it.
+        metric: Metric that the loss is counted in; by default the task's first.
+        episodes: Number of episodes of every agent in every simulation, the same published seeds for all.
+    """
+
+    name: Name
+    task: str
+    agent: str
+    options: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
+    hidden: RealityConfig = None
+    metric: str | None = None
+    episodes: int = Field(default=100, ge=2, le=10_000)
+
+    @property
+    def counted(self) -> str:
+        """Name of the metric that the loss is counted in."""
+        from fieldagents.evaluation.metrics import METRICS
+
+        return self.metric or METRICS[self.task][0].name
+
+    @field_validator("task")
+    @classmethod
+    def _task_exists(cls, task: str) -> str:
+        from fieldagents.retune.designers import TABLES
+
+        if check_task(task) not in TABLES:
+            raise ValueError(f"no agent of {task} can be designed anew; tasks: {', '.join(TABLES)}")
+        return task
+
+    @field_validator("agent")
+    @classmethod
+    def _agent_exists(cls, agent: str, info: ValidationInfo) -> str:
+        from fieldagents.retune.designers import designers
+
+        if "task" in info.data and agent not in (known := designers(info.data["task"])):
+            raise ValueError(
+                f"no agent {agent!r} can be designed anew{did_you_mean(agent, known)}; there are "
+                f"{', '.join(known)}"
+            )
+        return agent
+
+    @field_validator("options")
+    @classmethod
+    def _options_fit(cls, options: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        from fieldagents.retune.designers import designers
+
+        if "task" in info.data and "agent" in info.data:
+            kind = designers(info.data["task"])[info.data["agent"]].options
+            try:
+                kind.model_validate(options)
+            except ValidationError as error:
+                raise ProblemsError(list(_readable(error, kind))) from None
+        return options
+
+    @field_validator("settings")
+    @classmethod
+    def _settings_fit(cls, settings: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if "task" in info.data:
+            try:
+                check_environment(info.data["task"], EnvironmentConfig(settings=settings))
+            except ProblemsError as error:
+                raise ProblemsError([(at[1:], message) for at, message in error.problems]) from None
+        return settings
+
+    @field_validator("hidden")
+    @classmethod
+    def _hidden_fits(cls, hidden: Any, info: ValidationInfo) -> Any:
+        from fieldgym import TASKS
+
+        if "task" in info.data:
+            check_reality(TASKS[info.data["task"]].model, hidden)
+        return hidden
+
+    @field_validator("metric")
+    @classmethod
+    def _metric_counts(cls, metric: str | None, info: ValidationInfo) -> str | None:
+        from fieldagents.evaluation.metrics import METRICS
+
+        if metric is None or "task" not in info.data:
+            return metric
+        known = {one.name: one for one in METRICS[info.data["task"]] if not one.common}
+        if metric not in known:
+            raise ValueError(f"there is no metric {metric!r}{did_you_mean(metric, known)}")
+        if known[metric].may_miss:
+            raise ValueError(f"{metric!r} has no value in some episodes; choose a metric that has one in all")
+        return metric
+
+
 class ExcitationConfig(Config):
     """How the input of a model is driven.
 
@@ -256,7 +355,7 @@ class RecordConfig(Config):
 
     Attributes:
         name: Name of the result folder.
-        model: Name of the model.
+        model: Name of the model; a user's own is named on the command line (``--set model=my_bench.py``).
         reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
         excitation: How the input is driven, for a model with a commanded input; tasks' robots move at random.
         walk: The noise of a walk, for ``heel_strike``, which nobody drives.
@@ -284,9 +383,12 @@ class RecordConfig(Config):
 
     @field_validator("model")
     @classmethod
-    def _model_exists(cls, model: str) -> str:
+    def _model_exists(cls, model: str, info: ValidationInfo) -> str:
+        from fieldmodels.model_files import is_model_file
         from fieldmodels.registry import get_model
 
+        if is_model_file(model) and f"model={model}" not in (info.context or ()):
+            raise ValueError(f"a Python file is run only if the command line names it: --set model={model}")
         get_model(model)
         return model
 
@@ -365,7 +467,7 @@ def _checked(data: dict[str, Any], places: dict[Location, str], kind: type[C], o
     """
     problems = [problem for text in overrides if (problem := _override(data, places, text))]
     try:
-        config = kind.model_validate(data)
+        config = kind.model_validate(data, context=overrides)
     except ValidationError as error:
         for at, message in _readable(error, kind):
             problems.append(f"{_place(at, places)}: {'.'.join(map(str, at))}: {message}")

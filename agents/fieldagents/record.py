@@ -52,10 +52,15 @@ def make_recording(config: RecordConfig) -> Recording:
 
 
 def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
-    """A model whose input is commanded."""
+    """A model whose input is commanded; a user's own is checked first."""
+    from fieldmodels.contract import at_rest, check_simulation
+    from fieldmodels.model_files import is_model_file
     from fieldmodels.synthesis import synthesise
 
     drive = config.excitation or ExcitationConfig()
+    if is_model_file(config.model):
+        trial = at_rest(model, config.step or 0.01, drive.amplitude, np.random.default_rng(config.seed))
+        check_simulation(model, trial, config.model)
     return synthesise(
         model,
         reality,

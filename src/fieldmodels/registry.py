@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 
 from fieldmodels.model import Model, ModelError, did_you_mean
+from fieldmodels.model_files import is_model_file, load_model_file
 
 _MODELS = {
     "rig": "fieldmodels.rig:Rig",
@@ -24,11 +25,16 @@ def model_names() -> tuple[str, ...]:
 
 
 def get_model(name: str) -> Model:
-    """Return a model by name.
+    """Return a model by name, or a user's own from the Python file that is named.
+
+    Args:
+        name: A name of ``model_names``; or ``my_bench.py``, which is run, or ``my_bench.py:MyBench``.
 
     Raises:
         ModelError: If there is no such model; the message says which there are.
     """
+    if is_model_file(name):
+        return load_model_file(name)
     if name not in _MODELS:
         raise ModelError(f"no model {name!r}{did_you_mean(name, _MODELS)}")
     module, _, attribute = _MODELS[name].partition(":")

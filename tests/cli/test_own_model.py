@@ -1,0 +1,199 @@
+"""A user's own simulator in a Python file: the page's works, and each mistake has a message of its own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fieldagents.cli import app
+from fieldmodels.contract import ContractError, ModelWarning, at_rest, check_declarations, check_simulation
+from fieldmodels.model import ModelError
+from fieldmodels.model_files import is_model_file, load_model_file
+from fieldmodels.registry import get_model, model_names
+
+PAGE = (Path(__file__).parents[2] / "docs" / "bring_your_own_bench.md").read_text()
+OWN = PAGE.split("## Your own simulator")[1]
+MOTOR = OWN.split("```python\n")[1].split("```")[0]
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "motor.py"
+    path.write_text(text)
+    return path
+
+
+def changed(old: str, new: str, text: str = MOTOR) -> str:
+    assert old in text
+    return text.replace(old, new)
+
+
+def tried(path: Path) -> None:
+    """Load a model and simulate it on random voltages with a random speed."""
+    model = load_model_file(str(path))
+    recording = at_rest(model, 0.01, 5.0, np.random.default_rng(0))
+    recording.signals["speed"][:] = np.cumsum(np.random.default_rng(1).normal(size=len(recording)))
+    check_simulation(model, recording, "motor.py")
+
+
+def test_the_page_s_model_fits_in_thirty_odd_lines_and_finds_what_is_hidden(tmp_path, monkeypatch):
+    assert len([line for line in MOTOR.splitlines() if line.strip()]) < 45
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, MOTOR)
+    (tmp_path / "motor.yaml").write_text(OWN.split("```yaml\n")[1].split("```")[0])
+    for line in OWN.split("```\n\n```\n")[1].split("```")[0].splitlines():
+        result = CliRunner().invoke(app, line.removeprefix("fieldgym ").split())
+        assert result.exit_code == 0, result.output
+    found = json.loads(Path("results/motor/diagnosis.json").read_text())
+    assert found["verdict"] == "named"
+    assert [cause["effect"] for cause in found["causes"]] == ["dead_zone"]
+    assert found["causes"][0]["parameters"]["width"]["value"] == pytest.approx(1.0, abs=0.02)
+    extended = ["record", "motor.yaml", "--set", "model=motor.py", "--set"]
+    assert CliRunner().invoke(app, [*extended, "reality=results/motor/extended.yaml"]).exit_code == 0
+
+
+def test_a_file_runs_only_if_the_command_line_names_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, "raise SystemExit('it ran')")
+    (tmp_path / "motor.yaml").write_text("{name: motor, model: motor.py, reality: {a: {b: 1}}, duration: 9}")
+    result = CliRunner().invoke(app, ["record", "motor.yaml"])
+    assert result.exit_code == 2
+    assert "a Python file is run only if the command line names it: --set model=motor.py" in result.stderr
+    assert "it ran" not in result.stderr
+    result = CliRunner().invoke(app, ["record", "motor.yaml", "--set", "model=motor.py"])
+    assert result.exit_code == 2
+    assert "motor.py:1: SystemExit: it ran" in result.stderr
+
+
+def test_shipped_models_keep_the_contract_s_declarations():
+    for name in model_names():
+        assert not is_model_file(name)
+        check_declarations(get_model(name))
+
+
+SECOND = MOTOR + "\n\nclass Other(Motor):\n    name = 'other'\n"
+BROKEN_FILES = {
+    "a syntax error": ("import numpy as np\ndef broken(:\n", r"motor\.py:2: SyntaxError"),
+    "a failing import": ("import os\nimport nothing_of_that_name\n", r"motor\.py:2: ModuleNotFoundError"),
+    "no model": ("x = 1\n", "defines no model; write a class that inherits from"),
+    "several models": (SECOND, r"defines 2 models; say which: .*motor\.py:Motor or .*motor\.py:Other"),
+    "a method missing": (
+        changed("def initial_states", "def initial_state"),
+        r"motor\.py:6: Motor does not implement initial_states",
+    ),
+    "arguments wanted": (
+        changed('name = "motor"', 'name = "motor"\n    def __init__(self, gain): ...'),
+        r"missing 1 required positional argument",
+    ),
+    "impossible bounds": (
+        changed('"rad/s/V", 10.0, 0.0', '"rad/s/V", 10.0, 20.0'),
+        r"parameter 'gain': nominal 10.0 is outside",
+    ),
+    "no horizons": (changed("horizons = (0.1, 0.2, 0.4)", ""), "horizons: missing"),
+    "horizons that fall": (changed("(0.1, 0.2, 0.4)", "(0.4, 0.2)"), "horizons: must increase"),
+    "a comma missing": (
+        changed('states = (Signal("speed", "rad/s"),)', 'states = (Signal("speed", "rad/s"))'),
+        r"states: must be a tuple of Signal, not Signal; one alone needs a comma",
+    ),
+    "no name": (changed('name = "motor"', ""), "name: missing"),
+    "a signal twice": (changed('"voltage", "V"', '"speed", "V"'), "signal 'speed' is declared 2 times"),
+    "cause and place swapped": (changed('"force",\n', '"forces",\n'), "where must be force or actuator"),
+    "a start out of bounds": (changed("(0.2, 1.0)", "(0.2, 11.0)"), "start 11 of 'width' is outside"),
+}
+
+
+@pytest.mark.parametrize("mistake", BROKEN_FILES)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, mistake):
+    text, message = BROKEN_FILES[mistake]
+    with pytest.raises(ModelError, match=message):
+        load_model_file(str(written(tmp_path, text)))
+
+
+def test_one_of_several_models_is_chosen_by_its_class(tmp_path):
+    path = written(tmp_path, SECOND)
+    assert load_model_file(f"{path}:Other").name == "other"
+    with pytest.raises(ModelError, match=r"has no model 'Othr' \(did you mean 'Other'\?\)"):
+        load_model_file(f"{path}:Othr")
+    with pytest.raises(ModelError, match=r"no such file \(did you mean '.*motor\.py'\?\)"):
+        load_model_file(str(tmp_path / "moter.py"))
+
+
+NOT_CONTRACTED = {
+    "states of a wrong shape": (
+        changed('recording["speed"][starts][:, None]', 'recording["speed"][starts]'),
+        r"initial_states returned shape \(\d+,\), not \(starts, states\)",
+    ),
+    "states that are not finite": (
+        changed('recording["speed"][starts]', 'np.log(0 * recording["speed"][starts])'),
+        "initial_states: state 'speed' is",
+    ),
+    "outputs of a wrong shape": (
+        changed("return result\n", "return result[..., 0]\n"),
+        r"simulate returned shape .* not \(vectors, windows, samples, outputs\)",
+    ),
+    "an error inside": (
+        changed('windows.recording["voltage"]', 'windows.recording["volts"]'),
+        r"motor\.py:\d+: KeyError: 'volts' \(in simulate\)",
+    ),
+    "noise in the simulation": (
+        changed("return result\n", "return result + np.random.normal(size=result.shape)\n"),
+        "two equal calls give different outputs",
+    ),
+    "one vector for the whole batch": (
+        changed("np.atleast_2d(parameters).T", "(0 * parameters + parameters[:1]).T"),
+        "a vector gives other outputs in a batch than alone",
+    ),
+    "windows that hang together": (
+        changed("return result\n", "return result - result[:, :1]\n"),
+        "a window gives other outputs among others than alone",
+    ),
+    "a look at the answer": (
+        changed("speed = target +", 'speed = windows.recording["speed"][row] + target +'),
+        "outputs depend on the measured outputs",
+    ),
+    "states that are overwritten": (
+        changed(
+            "speed = np.tile(windows.states[:, 0], (len(gain), 1))",
+            "speed = np.tile(windows.states[:, 0], (len(gain), 1)); windows.states[:] = 0.0",
+        ),
+        r"simulate changes windows\.states; work on a copy",
+    ),
+    "a command that does nothing": (
+        changed("target = gain * arriving", "target = gain * 0"),
+        "input 'voltage' does not change any output",
+    ),
+    "a gain that is 0 where it should be 1": (
+        changed('Parameter("width", "V", 0.0', 'Parameter("width", "1", 0.0').replace(
+            "arriving = np.sign(voltage) * np.maximum(np.abs(voltage) - width, 0.0)",
+            "arriving = width * voltage",
+        ),
+        "is an effect's neutral value wrong",
+    ),
+    "an effect that is never off": (
+        changed("gain * arriving - load", "gain * arriving - load - 5.0 * (width > 0)"),
+        "effect 'dead_zone' jumps at its neutral values",
+    ),
+    "an unstable simulation": (changed("return result\n", "return result + np.inf\n"), "no value is finite"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", NOT_CONTRACTED)
+def test_a_model_that_breaks_the_contract_is_refused(tmp_path, mistake):
+    text, message = NOT_CONTRACTED[mistake]
+    with pytest.raises(ContractError if "error" not in mistake else ModelError, match=message):
+        tried(written(tmp_path, text))
+
+
+def test_an_effect_without_effect_is_warned_of(tmp_path):
+    with pytest.warns(ModelWarning, match="constant_load changes nothing on these data"):
+        tried(written(tmp_path, changed("gain * arriving - load", "gain * arriving")))
+
+
+def test_the_command_line_tries_a_model_before_it_is_fitted(tmp_path):
+    path = written(tmp_path, changed("return result\n", "return result[..., 0]\n"))
+    log = tmp_path / "log.csv"
+    log.write_text("t,voltage,speed\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(400)))
+    result = CliRunner().invoke(app, ["diagnose", str(log), "--model", str(path)])
+    assert result.exit_code == 2
+    assert "motor.py: simulate returned shape" in result.stderr
