@@ -220,6 +220,7 @@ class _Flight(Play):
         self._drawing = drawing
         self._trails: list[list[Floats]] = [[] for _ in range(batch)]
         self._plan: Floats | None = None
+        self._seen: Leg | None = None
 
     def spaces(self) -> tuple[Box, Box]:
         """Heading and length of a leg; where goal and radars are, and what they do."""
@@ -234,14 +235,22 @@ class _Flight(Play):
             self._trails[i] = []
         self.flights.restart(rows)
         self.elapsed[rows] = 0
+        self._seen = self.flights.look()
+
+    @property
+    def seen(self) -> Leg:
+        """What is seen of every flight as it stands."""
+        if self._seen is None:
+            self._seen = self.flights.look()
+        return self._seen
 
     def observation(self) -> NDArray[Any]:
-        """What is seen of every flight as it stands."""
-        return np.clip(self.flights.look().observed, -OBSERVED, OBSERVED)
+        """Goal, radars and timers."""
+        return np.clip(self.seen.observed, -OBSERVED, OBSERVED)
 
     def start_info(self) -> dict[str, Any]:
         """What is told at the start: the same as after each step."""
-        return self._info(self.flights.look())
+        return self._info(self.seen)
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every flight through one leg."""
@@ -253,7 +262,7 @@ class _Flight(Play):
         legs[:, 1] = settings.least_leg + 0.5 * (1.0 + actions[:, 1]) * (
             settings.longest_leg - settings.least_leg
         )
-        leg = self.flights.advance(legs)
+        leg = self._seen = self.flights.advance(legs)
         self.elapsed[:] = flights["legs"]
         if self._drawing:
             for i in np.flatnonzero(going).tolist():
@@ -262,7 +271,7 @@ class _Flight(Play):
         if settings.detection_cost:
             reward = reward - settings.detection_cost * (flights["time_over"] - before[2])
         return Outcome(
-            observation=np.clip(leg.observed, -OBSERVED, OBSERVED),
+            observation=self.observation(),
             reward=reward,
             terminated=leg.over != FLYING,
             truncated=np.zeros(len(reward), dtype=np.bool_),
@@ -301,6 +310,7 @@ class _Flight(Play):
         self.flights.set_state(flights.view(kind).reshape(-1))
         self.elapsed[:] = state["elapsed"]
         self._trails = [[] for _ in self._trails]
+        self._seen = None
 
     def show(self, plan: ArrayLike | None) -> None:
         """Take over what is drawn beside the task; see ``UavRouteEnv.show``."""
@@ -345,7 +355,7 @@ class _Flight(Play):
                 probability=one["probability"][: rules.count].copy(),
                 detected=one["detected"][: rules.count] == 1,
                 timers=one["timers"][: rules.count].copy(),
-                numbers=dict(zip(NUMBERS, flights.look().numbers[:, i].tolist(), strict=True)),
+                numbers=dict(zip(NUMBERS, self.seen.numbers[:, i].tolist(), strict=True)),
                 over=int(one["over"]),
                 plan=None if self._plan is None else self._plan[i],
             )
