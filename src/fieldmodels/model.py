@@ -77,6 +77,8 @@ class Signal:
         optional: True for an output that a recording may lack.
         angle: True for an angle in radians (so that a column in degrees can be suspected).
         averaged: True for a mean since the sample before, as of a counter (an encoder), else a sample.
+        event: True for a look that found something (1) or not (0), NaN where none was made; its simulation
+            is the probability of a 1.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Signal:
     optional: bool = False
     angle: bool = False
     averaged: bool = False
+    event: bool = False
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ class Candidates:
         tries = [fit(problem, starts[i], free, self.whitener, iterations=8) for i in order]
         best = min(tries, key=lambda f: f.cost)
         best = fit(problem, best.parameters, free, self.whitener, best.states, iterations)
-        self.whitener = diagonal_whitener(best.raw, problem.output_scale)
+        self.whitener = diagonal_whitener(problem, best.raw)
         return self._judged((), fit(problem, best.parameters, free, self.whitener, best.states, 10), 0.0)
 
     def extend(self, parent: Candidate, name: str) -> Candidate | None:

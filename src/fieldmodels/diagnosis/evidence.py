@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.correlation import correlations
+from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Evidence
 from fieldmodels.diagnosis.selection import Selection
 from fieldmodels.model import FloatArray
-from fieldmodels.recording import RecordingError
 
 DRAWN = 1500  # samples of a trace
 BINS = 24
@@ -23,14 +22,26 @@ def collect(
     testing: Problem,
     selection: Selection,
     chosen: Candidate,
+    predictions: tuple[Prediction, Prediction],
     ranking: tuple[tuple[str, float, float, str], ...],
+    rng: np.random.Generator,
 ) -> Evidence:
-    """Gather what the report draws."""
-    vectors = selection.base.fit.parameters, chosen.fit.parameters
+    """Gather what the report draws.
+
+    Args:
+        training: Windows that the choice was made on.
+        testing: Windows that it was not made on.
+        selection: The choice, with the refitted base.
+        chosen: The extended simulation.
+        predictions: Of the test windows, by the base and by the extended simulation.
+        ranking: Rows as in ``Evidence.ranking``.
+        rng: Source of chance.
+    """
+    before, after = selection.base.fit.parameters, chosen.fit.parameters
     return Evidence(
-        traces=_traces(testing, *vectors),
-        residuals=_residuals(training, *vectors),
-        horizons=_horizons(testing, *vectors),
+        traces=_traces(testing, *predictions),
+        residuals=_residuals(training, before, after),
+        correlations=correlations(testing, after, *predictions, rng),
         ranking=ranking,
     )
 
@@ -39,7 +50,7 @@ def _used(problem: Problem) -> list[int]:
     return [int(j) for j in np.unique(problem.outputs)]
 
 
-def _traces(problem: Problem, before: FloatArray, after: FloatArray) -> dict[str, dict[str, FloatArray]]:
+def _traces(problem: Problem, before: Prediction, after: Prediction) -> dict[str, dict[str, FloatArray]]:
     """Consecutive test windows of the first recording."""
     part = problem.parts[0]
     count = max(1, DRAWN // part.windows.samples)
@@ -48,7 +59,7 @@ def _traces(problem: Problem, before: FloatArray, after: FloatArray) -> dict[str
     time = recording.time[np.minimum(rows, len(recording) - 1)]
     outputs = tuple(o.name for o in problem.model.outputs)
     measured = part.windows.measured(outputs)[:count]
-    first, last = (predict(problem, v).simulated[0][:count] for v in (before, after))
+    first, last = (p.simulated[0][:count] for p in (before, after))
     return {
         outputs[j]: {
             "time": time,
@@ -109,19 +120,3 @@ def _binned(x: FloatArray, errors: FloatArray, windows: NDArray[np.int64]) -> Fl
         mean, spread = errors[:, inside].mean(axis=1), errors[:, inside].std(axis=1) / np.sqrt(effective)
         rows.append([x[inside].mean(), mean[0], spread[0], mean[1], spread[1]])
     return np.array(rows)
-
-
-def _horizons(testing: Problem, before: FloatArray, after: FloatArray) -> dict[str, FloatArray]:
-    """Error by horizon: rows (horizon, before, after) of every signal."""
-    recordings = [part.windows.recording for part in testing.parts]
-    model = testing.model
-    rows: dict[str, list[list[float]]] = {model.outputs[j].name: [] for j in _used(testing)}
-    for horizon in model.horizons:
-        try:
-            problem = problems.build(model, recordings, horizon)
-        except RecordingError:
-            continue
-        first, last = predict(problem, before).rmse(), predict(problem, after).rmse()
-        for j in _used(testing):
-            rows[model.outputs[j].name].append([horizon, float(first[j]), float(last[j])])
-    return {name: np.array(values) for name, values in rows.items() if values}

@@ -2,7 +2,8 @@
 
 Each window's initial state is its own nuisance. Its sensitivities are removed from the window's
 residual by QR (variable projection), and the state itself is updated by back-substitution, so that a
-nonlinear model is linearised anew at every step.
+nonlinear model is linearised anew at every step. Looks of an event output (``events.Looks``) count by their
+exact likelihood: their rows are weighted anew at every step (Fisher scoring).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.diagnosis.events import Looks
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.model import FloatArray, Parameter
 
@@ -31,7 +33,8 @@ class Fit:
         parameters: Whole parameter vector, shape (parameters,).
         free: Indices of the fitted ones, shape (free,).
         states: Initial states, shape (windows, states).
-        cost: Half the sum of squared whitened residuals [nats], states included.
+        cost: Half the sum of squared whitened residuals [nats], states included; looks by their likelihood.
+        quadratic: The same with half the squares of the weighted looks, as a step's promise is reckoned.
         residual: Whitened residual with states projected out, shape (windows, features + states).
         jacobian: Change of the whitened simulation by the free parameters' coordinates, states projected
             out, shape (windows, features + states, free).
@@ -42,12 +45,15 @@ class Fit:
             shape (windows, states).
         state_jacobian: The same for every free parameter, shape (windows, states, free).
         whitener: Whitening matrix, shape (features, features).
+        weight: What each feature is multiplied by before whitening, shape (windows, features); None for 1.
+        looks: The event features; None if there are none.
     """
 
     parameters: FloatArray
     free: IntArray
     states: FloatArray
     cost: float
+    quadratic: float
     residual: FloatArray
     jacobian: FloatArray
     raw: FloatArray
@@ -56,6 +62,8 @@ class Fit:
     state_residual: FloatArray
     state_jacobian: FloatArray
     whitener: FloatArray
+    weight: FloatArray | None = None
+    looks: Looks | None = None
 
     @property
     def information(self) -> FloatArray:
@@ -191,8 +199,35 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
         flat = stacked(own)
         rest = whole - flat.T @ flat
         step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
-        loss[inside] = heavy_tailed(residual - own @ step, fitted.raw.shape[1])
+        loss[inside] = window_loss(fitted, inside, own @ step)
     return loss
+
+
+def window_loss(
+    fitted: Fit, which: NDArray[np.bool_] | slice = slice(None), change: FloatArray | float = 0.0
+) -> FloatArray:
+    """Negative log-likelihood [nats] of windows, up to a constant: heavy-tailed averages and exact looks.
+
+    Args:
+        fitted: A fit.
+        which: The windows.
+        change: What a step takes off their whitened residual, shape (windows, features + states).
+
+    Returns:
+        Loss, shape (windows,).
+    """
+    residual = fitted.residual[which]
+    moved = residual - change
+    looks, features = fitted.looks, fitted.raw.shape[1]
+    if looks is None or fitted.weight is None:
+        return heavy_tailed(moved, features)
+    row, event = looks.rows(fitted.whitener)
+    # A weighted step of a probability, times its weight, is a step of the log-odds.
+    odds = np.zeros(looks.seen[which].shape)
+    odds[:, event] = (residual - moved)[:, row] * fitted.weight[which][:, looks.columns][:, event]
+    exact = looks.select(which).loss(fitted.raw[which], odds)[:, event].sum(axis=1)
+    moved[:, row] = 0.0
+    return np.asarray(heavy_tailed(moved, features - int(looks.columns.sum())) + exact)
 
 
 def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
@@ -200,21 +235,33 @@ def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
     return np.asarray(0.5 * (TAIL + features) * np.log1p(np.sum(residual**2, axis=1) / TAIL))
 
 
-def diagonal_whitener(raw: FloatArray, scale: FloatArray) -> FloatArray:
-    """Whitener that divides each feature by its residual's root mean square."""
-    spread = np.sqrt(np.mean(raw**2, axis=0))
-    return np.asarray(np.diag(1.0 / np.maximum(spread, 1e-6 * scale)))
+def diagonal_whitener(problem: Problem, raw: FloatArray) -> FloatArray:
+    """Whitener that divides each average by its residual's root mean square, and leaves looks alone."""
+    spread = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * problem.output_scale)
+    return np.asarray(np.diag(1.0 / np.where(problem.events, 1.0, spread)))
 
 
 def covariance_whitener(problem: Problem, fitted: Fit, shrink: float = 0.15) -> FloatArray:
     """Whitener from the residual covariance of a fit, shrunk to its diagonal, eigenvalues floored.
 
-    Few windows for many features need more shrinkage than the usual 15 %.
+    Few windows for many features need more shrinkage than the usual 15 %. Looks are left alone.
     """
-    raw = fitted.raw
+    if problem.events.any():
+        result = np.eye(len(problem.outputs))
+        if not problem.events.all():
+            averages = ~problem.events
+            scale = problem.output_scale[averages]
+            result[np.ix_(averages, averages)] = _from_covariance(
+                fitted.raw[:, averages], scale, len(fitted.free), shrink
+            )
+        return result
+    return _from_covariance(fitted.raw, problem.output_scale, len(fitted.free), shrink)
+
+
+def _from_covariance(raw: FloatArray, least: FloatArray, free: int, shrink: float) -> FloatArray:
     windows, features = raw.shape
-    scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * problem.output_scale)
-    correlation = (raw / scale).T @ (raw / scale) / max(windows - len(fitted.free), 1)
+    scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * least)
+    correlation = (raw / scale).T @ (raw / scale) / max(windows - free, 1)
     shrink = max(shrink, features / (features + windows))
     correlation = (1 - shrink) * correlation + shrink * np.diag(np.diag(correlation))
     values, vectors = np.linalg.eigh(correlation)
@@ -238,14 +285,21 @@ def project(fitted: Fit, columns: FloatArray) -> FloatArray:
         Columns beside ``Fit.jacobian``, shape (windows, features + states, columns).
     """
     columns = np.where(np.isfinite(columns), columns, 0.0)
-    return _remove(fitted.basis, _padded(fitted.whitener @ columns, fitted.states.shape[1]))
+    return _remove(
+        fitted.basis, _padded(fitted.whitener @ _weighted(columns, fitted.weight), fitted.states.shape[1])
+    )
 
 
 def _cost(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> float:
     if not np.isfinite(raw).all():
         return float("inf")
     prior = (problem.states - states) / (PRIOR * problem.state_scale)
-    return float(0.5 * np.sum((raw @ whitener.T) ** 2) + 0.5 * np.sum(prior**2))
+    looks = problem.looks
+    if looks is None:
+        return float(0.5 * np.sum((raw @ whitener.T) ** 2) + 0.5 * np.sum(prior**2))
+    _, event = looks.rows(whitener)
+    gaussian = 0.5 * np.sum((looks.averages(raw) @ whitener.T) ** 2) + 0.5 * np.sum(prior**2)
+    return float(gaussian + looks.loss(raw)[:, event].sum())
 
 
 def _linearise(
@@ -261,17 +315,21 @@ def _linearise(
     n_states = states.shape[1]
     finite = np.where(np.isfinite(raw), raw, 0.0)
     simulated = problem.features - finite
+    looks = problem.looks
+    weight = None if looks is None else looks.weight(finite)
     columns = _derivatives(problem, parameters, free, states, simulated, coordinates)
-    basis, triangle = _state_basis(problem, parameters, states, whitener, simulated)
+    basis, triangle = _state_basis(problem, parameters, states, whitener, simulated, weight)
     prior = (problem.states - states) / (PRIOR * problem.state_scale)
-    residual = np.concatenate([finite @ whitener.T, prior], axis=1)[:, :, None]
-    jacobian = _padded(whitener @ columns, n_states)
+    weighted = finite if weight is None else finite * weight
+    residual = np.concatenate([weighted @ whitener.T, prior], axis=1)[:, :, None]
+    jacobian = _padded(whitener @ _weighted(columns, weight), n_states)
     across = basis.transpose(0, 2, 1)
     result = Fit(
         parameters=parameters,
         free=free,
         states=states,
         cost=cost,
+        quadratic=cost if looks is None else 0.5 * float(np.sum(residual**2)),
         residual=_remove(basis, residual)[:, :, 0],
         jacobian=_remove(basis, jacobian),
         raw=raw,
@@ -280,6 +338,8 @@ def _linearise(
         state_residual=np.asarray(np.linalg.solve(triangle, across @ residual)[:, :, 0]),
         state_jacobian=np.asarray(np.linalg.solve(triangle, across @ jacobian), dtype=np.float64),
         whitener=whitener,
+        weight=weight,
+        looks=looks,
     )
     return replace(result, active=_active(result, coordinates))
 
@@ -313,6 +373,7 @@ def _state_basis(
     states: FloatArray,
     whitener: FloatArray,
     simulated: FloatArray,
+    weight: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """QR of the whitened sensitivities to the initial states, with the prior's rows below."""
     n_states = states.shape[1]
@@ -324,8 +385,12 @@ def _state_basis(
         columns[:, :, j] = change / STATE_STEP  # by spread, so that all columns are of one order
     columns = np.where(np.isfinite(columns), columns, 0.0)
     prior = np.broadcast_to(np.eye(n_states) / PRIOR, (len(columns), n_states, n_states))
-    q, r = np.linalg.qr(np.concatenate([whitener @ columns, prior], axis=1))
+    q, r = np.linalg.qr(np.concatenate([whitener @ _weighted(columns, weight), prior], axis=1))
     return q, r
+
+
+def _weighted(columns: FloatArray, weight: FloatArray | None) -> FloatArray:
+    return columns if weight is None else columns * weight[:, :, None]
 
 
 def _remove(basis: FloatArray, columns: FloatArray) -> FloatArray:
@@ -362,5 +427,5 @@ def _step(here: Fit, coordinates: Coordinates, damping: float) -> tuple[FloatArr
         step[log] = np.clip(step[log], -1.5, 1.5)
     moved = here.residual - here.jacobian @ step
     # What remains in the whole residual beyond the projected part is the states' to gain.
-    expected = here.cost - 0.5 * float(np.sum(moved**2))
+    expected = here.quadratic - 0.5 * float(np.sum(moved**2))
     return step, expected

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.diagnosis.fit import fit
-from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.result import Share
+from fieldmodels.diagnosis.problem import Problem, build
+from fieldmodels.diagnosis.result import HorizonGain, Share
 from fieldmodels.model import FloatArray
+from fieldmodels.recording import RecordingError
 
 RESAMPLES = 1000
 NONE = np.zeros(0, dtype=np.int64)
+FEWEST = 4  # windows at another horizon that are worth a number
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
     states = problem.states
     for _ in range(3):
         # Signals count by what is left of them, which the first states still blur.
-        fitted = fit(problem, parameters, NONE, _by_output(problem, raw), states, 5)
+        fitted = fit(problem, parameters, NONE, whitener_by_output(problem, raw), states, 5)
         raw, states = fitted.raw, fitted.states
     simulated = problem.samples(parameters, fitted.states)
     outputs = tuple(o.name for o in problem.model.outputs)
@@ -59,7 +61,7 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
     return Prediction(simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64))
 
 
-def _by_output(problem: Problem, raw: FloatArray) -> FloatArray:
+def whitener_by_output(problem: Problem, raw: FloatArray) -> FloatArray:
     """Whitener that divides each signal's features by their common root mean square."""
     known = np.where(np.isfinite(raw), raw, 0.0)
     size = np.empty(len(problem.outputs))
@@ -89,6 +91,55 @@ def share(
     low, high = np.percentile(gains, [2.5, 97.5])
     total = sums.sum(axis=1)
     return Share(float(_percent(total[:1], total[1:])[0]), (float(low), float(high)))
+
+
+def by_horizon(
+    testing: Problem, before: FloatArray, after: FloatArray, rng: np.random.Generator
+) -> dict[str, tuple[HorizonGain, ...]]:
+    """Gain of every signal at each of the model's horizons, on the same test data.
+
+    Args:
+        testing: Test windows at the main horizon; windows of other lengths are laid inside these.
+        before: Parameter vector of the refitted base.
+        after: The same with the causes added.
+        rng: Source of the resampling.
+    """
+    model = testing.model
+    result: dict[str, list[HorizonGain]] = {model.outputs[j].name: [] for j in np.unique(testing.outputs)}
+    for horizon in model.horizons:
+        problem = testing if horizon == testing.horizon else _within(testing, horizon)
+        if problem is None:
+            continue
+        first, last = predict(problem, before), predict(problem, after)
+        for j in np.unique(problem.outputs):
+            gain = share(first, last, int(j), problem.blocks, rng)
+            errors = float(first.rmse()[j]), float(last.rmse()[j])
+            result[model.outputs[j].name].append(HorizonGain(horizon, *errors, gain, len(problem)))
+    return {name: tuple(rows) for name, rows in result.items()}
+
+
+def _within(testing: Problem, horizon: float) -> Problem | None:
+    """Windows of another length on the samples that test windows cover; None if they are too few.
+
+    What lies between test windows has been used to fit and to choose.
+    """
+    recordings = [part.windows.recording for part in testing.parts]
+    try:
+        problem = build(testing.model, recordings, horizon)
+    except RecordingError:
+        return None
+    inside = []
+    for part in problem.parts:
+        free = np.zeros(len(part.windows.recording), dtype=np.bool_)
+        for own in testing.parts:
+            if own.windows.recording.time is part.windows.recording.time:  # a model may add signals to it
+                for start, length in zip(own.windows.starts, own.windows.lengths, strict=True):
+                    free[start : start + length] = True
+        covered = np.concatenate([[0], np.cumsum(free)])
+        starts, lengths = part.windows.starts, part.windows.lengths
+        inside.append(covered[starts + lengths] - covered[starts] == lengths)
+    kept = np.concatenate(inside)
+    return problem.select(kept) if kept.sum() >= FEWEST else None
 
 
 def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:

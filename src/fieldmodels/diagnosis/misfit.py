@@ -26,7 +26,7 @@ def misfit(problem: Problem, base: Candidate, folds: IntArray) -> tuple[Misfit, 
         signal = problem.model.outputs[j].name
         mask = problem.outputs == j
         # The other signals are whitened away, and their rows with them.
-        whitener = diagonal_whitener(base.fit.raw, problem.output_scale)[mask]
+        whitener = diagonal_whitener(problem, base.fit.raw)[mask]
         own = fit(problem, base.fit.parameters, base.fit.free, whitener, base.fit.states, 0)
         p = whiteness(own, np.arange(len(whitener)), problem.blocks)
         if p < MAX_P:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.compiled import compiled
+from fieldmodels.diagnosis.events import Looks
 from fieldmodels.model import FloatArray, Model
 from fieldmodels.recording import Recording, RecordingError, Windows
 
@@ -43,7 +44,7 @@ class Problem:
     """All windows of some recordings at one horizon.
 
     Features are averages over equal bins of a window (an average keeps what subsampling loses); an
-    output that is observed only a few times a window keeps each observation.
+    output that is observed only a few times a window, or is an event, keeps each observation.
 
     Attributes:
         model: The simulation.
@@ -95,9 +96,23 @@ class Problem:
 
     @cached_property
     def output_scale(self) -> FloatArray:
-        """How much each feature varies between windows, shape (features,)."""
+        """How much each feature varies between windows (1 for an event), shape (features,)."""
         spread = self.features.std(axis=0)
-        return np.asarray(np.maximum(spread, 1e-6 * np.abs(self.features).max(axis=0) + 1e-12))
+        scale = np.maximum(spread, 1e-6 * np.abs(self.features).max(axis=0) + 1e-12)
+        return np.asarray(np.where(self.events, 1.0, scale))
+
+    @cached_property
+    def events(self) -> NDArray[np.bool_]:
+        """Which features are single looks of an event output, shape (features,)."""
+        return np.array([self.model.outputs[j].event for j in self.outputs], dtype=np.bool_)
+
+    @cached_property
+    def looks(self) -> Looks | None:
+        """The event features; None if there are none."""
+        if not self.events.any():
+            return None
+        seen = np.concatenate([part.counts for part in self.parts])[:, self.events] > 0
+        return Looks(self.events, seen, self.features[:, self.events])
 
     def simulate(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
         """Simulated features from given initial states, shape (batch, windows, features)."""
@@ -160,38 +175,45 @@ class Problem:
         return Problem(self.model, tuple(parts), self.outputs, self.horizon, self.bins)
 
 
-def build(model: Model, recordings: Sequence[Recording], horizon: float, bins: int | None = None) -> Problem:
+def build(
+    model: Model, recordings: Sequence[Recording], horizon: float, like: Problem | None = None
+) -> Problem:
     """Cut recordings into windows and compress them.
 
     Args:
         model: The simulation.
         recordings: Measured data; an output counts if all recordings have it.
         horizon: Length of a window [s].
-        bins: Averages a window and output; by default as many as the number of windows carries.
+        like: A problem with whose fits this one is compared: as many features an output. By default as many
+            averages as the number of windows carries, and every look.
 
     Raises:
         RecordingError: If there are too few windows.
     """
     cut = [model.windows(recording, horizon) for recording in recordings]
     common = np.array([all(o.name in w.recording for w in cut) for o in model.outputs])
-    observed = [w.observed & common for w in cut]
+    observed = [w.observed & common & _looked(model, w) for w in cut]
     dense = [
-        int(j) for j in np.flatnonzero(common) if max(int(o[:, :, j].sum(1).max()) for o in observed) > 12
+        int(j)
+        for j in np.flatnonzero(common)
+        if max(int(o[:, :, j].sum(1).max()) for o in observed) > 12 and not model.outputs[j].event
     ]
-    if bins is None:
-        total = sum(len(w) for w in cut)
-        bins = int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
+    total = sum(len(w) for w in cut)
+    bins = like.bins if like else int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
     count = {
         int(j): bins if j in dense else max(int(o[:, :, j].sum(1).max()) for o in observed)
         for j in np.flatnonzero(common)
     }
+    if like:
+        count.update({j: int(np.sum(like.outputs == j)) for j in count if model.outputs[j].event})
     outputs = np.repeat(list(count), list(count.values())).astype(np.int64)
     block = int(np.clip(sum(len(w) for w in cut) // MIN_BLOCKS, 1, BLOCK))
     parts: list[Part] = []
     for windows, seen in zip(cut, observed, strict=True):
         slots = _slots(seen, windows.lengths, dense, count)
         counts = _counts(slots, len(outputs))
-        whole = np.asarray((counts > 0).all(axis=1))
+        # a look that was not made is no gap
+        whole = np.asarray((counts > 0)[:, [not model.outputs[j].event for j in outputs]].all(axis=1))
         if not whole.any():
             continue
         kept = windows.select(whole)
@@ -206,6 +228,27 @@ def build(model: Model, recordings: Sequence[Recording], horizon: float, bins: i
             f"(at least {MIN_WINDOWS * horizon:g} s of data). Record longer."
         )
     return problem
+
+
+def _looked(model: Model, windows: Windows) -> NDArray[np.bool_]:
+    """Where event outputs were looked at, True for the others; shape (windows, samples, outputs).
+
+    Raises:
+        RecordingError: If an event is anything but 0, 1 or not a number.
+    """
+    looked = np.ones(windows.observed.shape, dtype=np.bool_)
+    for j, output in enumerate(model.outputs):
+        if not output.event or output.name not in windows.recording:
+            continue
+        values = windows.recording[output.name]
+        wrong = np.flatnonzero(~(np.isnan(values) | (values == 0) | (values == 1)))
+        if len(wrong):
+            raise RecordingError(
+                f"{windows.recording.source}: signal {output.name!r}, sample {wrong[0]}: {values[wrong[0]]:g}; "
+                "an event is 1 or 0, and empty where nothing looked"
+            )
+        looked[:, :, j] = np.isfinite(windows.measured((output.name,))[:, :, 0])
+    return looked
 
 
 def _blocks(windows: Windows, block: int) -> IntArray:
@@ -235,7 +278,7 @@ def _slots(
             index = np.minimum((position * features).astype(np.int64), features - 1)
         else:
             index = np.cumsum(seen, axis=1) - 1
-        slots[:, :, j] = np.where(seen, index + first, -1)
+        slots[:, :, j] = np.where(seen & (index < features), index + first, -1)
         first += features
     return slots
 
@@ -264,5 +307,6 @@ def _compress(simulated: FloatArray, slots: IntArray, counts: FloatArray) -> Flo
                     if slots[w, n, o] >= 0:
                         result[p, w, slots[w, n, o]] += simulated[p, w, n, o]
             for f in range(features):
-                result[p, w, f] /= counts[w, f]
+                if counts[w, f] > 0.0:
+                    result[p, w, f] /= counts[w, f]
     return result

@@ -11,8 +11,8 @@ import numpy as np
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.evidence import collect
-from fieldmodels.diagnosis.fit import fit, heavy_tailed, standard_errors
-from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
+from fieldmodels.diagnosis.fit import fit, standard_errors, window_loss
+from fieldmodels.diagnosis.gain import NONE, Prediction, by_horizon, noise_floor, predict, share
 from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_P, RIVAL_SHARE, Dictionary
 from fieldmodels.diagnosis.misfit import misfit
 from fieldmodels.diagnosis.next_measurement import next_measurement
@@ -148,7 +148,7 @@ def _diagnose_stage(
         verdict=verdict,
         causes=causes,
         misfit=misfit(training, selection.base, candidates.folds),
-        gain=_gains(testing, before, after, rng),
+        gain=_gains(testing, (selection.base, extended), (before, after), rng),
         unknown=unknown,
         next_measurement=(next_measurement(candidates, selection, rng) if verdict == "ambiguous" else None),
         parameters=base,
@@ -163,7 +163,15 @@ def _diagnose_stage(
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
         windows=(len(training), len(testing)),
         seconds=time.perf_counter() - began,
-        evidence=collect(training, testing, selection, extended, _ranking(selection, training)),
+        evidence=collect(
+            training,
+            testing,
+            selection,
+            extended,
+            (before, after),
+            _ranking(selection, training),
+            rng,
+        ),
     )
 
 
@@ -201,7 +209,7 @@ def _split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) 
     horizon = main_horizon(model, train)
     if test:
         training = problems.build(model, train, horizon)
-        return training, problems.build(model, test, horizon, training.bins)
+        return training, problems.build(model, test, horizon, training)
     whole = problems.build(model, train, horizon)
     kept = whole.blocks % HELD_OUT != HELD_OUT - 1
     return whole.select(kept), whole.select(~kept)
@@ -263,6 +271,7 @@ def _causes(
                 gain=share(predictions[k], predictions[k + 1], output, testing.blocks, rng),
                 p_value=block_p_value(gain, problem.blocks),
                 nats=path[k].total - path[k + 1].total,
+                equation=effect.equation,
             )
         )
     return _with_alternatives(tuple(causes), selection)
@@ -313,6 +322,7 @@ def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Ca
         parameters={parameter.name: Estimate(step, 0.0, parameter.unit)},
         signal=model.outputs[0].name,
         gain=Share(0.0, (0.0, 0.0)),
+        equation=effect.equation,
     )
 
 
@@ -331,7 +341,7 @@ def _confirmed(path: Sequence[Candidate], testing: Problem) -> int:
     losses = []
     for candidate in path:
         fitted = fit(testing, candidate.fit.parameters, NONE, path[-1].fit.whitener, iterations=6)
-        losses.append(float(heavy_tailed(fitted.residual, fitted.raw.shape[1]).sum()))
+        losses.append(float(window_loss(fitted).sum()))
     for k in range(1, len(path)):
         if not losses[k] < losses[k - 1]:
             return k
@@ -353,8 +363,14 @@ def _with_alternatives(causes: tuple[Cause, ...], selection: Selection) -> tuple
 
 
 def _gains(
-    testing: Problem, before: Prediction, after: Prediction, rng: np.random.Generator
+    testing: Problem,
+    fits: tuple[Candidate, Candidate],
+    predictions: tuple[Prediction, Prediction],
+    rng: np.random.Generator,
 ) -> dict[str, SignalGain]:
+    """Gain of every signal, from the base to the extended simulation."""
+    before, after = predictions
+    horizons = by_horizon(testing, fits[0].fit.parameters, fits[1].fit.parameters, rng)
     result = {}
     for j in np.unique(testing.outputs):
         signal = testing.model.outputs[j]
@@ -365,6 +381,7 @@ def _gains(
             gain=share(before, after, int(j), testing.blocks, rng),
             horizon=testing.horizon,
             noise_floor=noise_floor(testing, after, int(j)),
+            horizons=horizons[signal.name],
         )
     return result
 

@@ -17,6 +17,7 @@ from fieldmodels.files import write_text
 from fieldmodels.model import FloatArray
 from fieldmodels.yaml import save_yaml
 
+COLUMNS = 3  # axes beside each other
 INK, BEFORE, AFTER = "#1c2430", "#c8553d", "#0b6e99"
 TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad"}
 
@@ -75,13 +76,14 @@ def _causes(diagnosis: Diagnosis) -> str:
             (
                 cause.effect.replace("_", " "),
                 cause.cause,
+                cause.equation,
                 cause.where,
                 values,
                 f"{cause.signal}: {_share(cause.gain.percent, cause.gain.ci95)}",
                 ", ".join(a.replace("_", " ") for a in cause.alternatives) or "–",
             )
         )
-    header = ("effect", "what happens", "where", "fitted", "gain (95 % interval)", "or instead")
+    header = ("effect", "what happens", "term", "where", "fitted", "gain (95 % interval)", "or instead")
     return "<h2>Causes</h2>" + html.table(header, rows)
 
 
@@ -108,17 +110,32 @@ def _gains(diagnosis: Diagnosis) -> str:
 
 
 def _horizons(diagnosis: Diagnosis) -> str:
-    curves = {name: rows for name, rows in diagnosis.evidence.horizons.items() if len(rows) > 1}
-    if not curves or not diagnosis.causes:
+    curves = {name: g.horizons for name, g in diagnosis.gain.items() if len(g.horizons) > 1}
+    if not curves:
         return ""
-    figure, axes = _axes(len(curves))
-    for axis, (name, rows) in zip(axes, curves.items(), strict=True):
-        axis.plot(rows[:, 0], rows[:, 1], "o-", color=BEFORE, label="before")
-        axis.plot(rows[:, 0], rows[:, 2], "o-", color=AFTER, label="after")
+    figure, grid = _grid(len(curves))
+    for axis, (name, rows) in zip(grid, curves.items(), strict=False):
+        length = [row.horizon for row in rows]
+        top = max(row.rmse_before for row in rows)
+        axis.plot(length, [row.rmse_before for row in rows], "o-", color=BEFORE, label="before")
+        if diagnosis.causes:
+            axis.plot(length, [row.rmse_after for row in rows], "o-", color=AFTER, label="after")
+        floor = diagnosis.gain[name].noise_floor
+        if math.isfinite(floor):
+            axis.axhline(floor, color=INK, lw=0.8, ls=":", label="sensor noise")
         axis.set(xlabel="window [s]", ylabel=f"error of {name} [{diagnosis.gain[name].unit}]")
-        axis.set_ylim(0, 1.1 * float(np.nanmax(rows[:, 1:])))
-    axes[0].legend(frameon=False)
-    return html.figure(figure, "Prediction error by length of the predicted window.")
+        axis.set_ylim(0, 1.1 * max(top, floor if math.isfinite(floor) else 0.0) + 1e-12)
+    grid[0].legend(frameon=False)
+    drawn = html.figure(figure, "Prediction error by length of the predicted window, on the test data.")
+    if not diagnosis.causes:
+        return drawn
+    table = [
+        (name, f"{row.horizon:g} s", row.windows, _short(row.rmse_before), _short(row.rmse_after),
+         _share(row.gain.percent, row.gain.ci95))
+        for name, rows in curves.items() for row in rows
+    ]  # fmt: skip
+    header = ("signal", "window", "number", "error before", "error after", "gain (95 % interval)")
+    return drawn + html.table(header, table)
 
 
 def _traces(diagnosis: Diagnosis) -> str:
@@ -171,7 +188,7 @@ def _leftover(diagnosis: Diagnosis) -> str:
     left = diagnosis.unknown
     if left is None:
         return ""
-    figure, axes = _axes(1)
+    figure, axes = _grid(1)
     axes[0].plot(left.curve[:, 0], left.curve[:, 1], "o-", color=BEFORE)
     axes[0].axhline(0, color=INK, lw=0.5)
     axes[0].set(xlabel=f"{left.direction} [{left.direction_unit}]", ylabel=f"missing [{left.unit}]")
@@ -192,7 +209,12 @@ def _leftover(diagnosis: Diagnosis) -> str:
 def _misfit(diagnosis: Diagnosis) -> str:
     rows = [(m.signal, m.test, m.where, _p(m.p_value)) for m in diagnosis.misfit]
     table = html.table(("signal", "failed test", "where", "p"), rows) if rows else "<p>No test fails.</p>"
-    return "<h2>Misfit of the refitted simulation</h2>" + table + _residuals(diagnosis)
+    return (
+        "<h2>Misfit of the refitted simulation</h2>"
+        + table
+        + _residuals(diagnosis)
+        + _correlations(diagnosis)
+    )
 
 
 def _residuals(diagnosis: Diagnosis) -> str:
@@ -226,6 +248,31 @@ def _residuals(diagnosis: Diagnosis) -> str:
     )
 
 
+def _correlations(diagnosis: Diagnosis) -> str:
+    shown = diagnosis.evidence.correlations
+    if not shown:
+        return ""
+    figure, grid = _grid(len(shown))
+    for axis, c in zip(grid, shown, strict=False):
+        axis.fill_between(c.lags, c.low, c.high, color=INK, alpha=0.12, lw=0)
+        axis.plot(c.lags, c.before, ".-", color=BEFORE, lw=1)
+        if diagnosis.causes:
+            axis.plot(c.lags, c.after, ".-", color=AFTER, lw=1)
+        axis.axhline(0, color=INK, lw=0.5)
+        p = f"p {_p(c.p_before)}" + (f", then {_p(c.p_after)}" if diagnosis.causes else "")
+        with_what = "itself" if c.other == c.signal else c.other
+        axis.set_title(f"{c.signal} with {with_what}: {p}", fontsize=9)
+        axis.set_xlabel("lag [s]")
+    after = "; with the causes (blue)" if diagnosis.causes else ""
+    caption = (
+        f"Correlation of the errors on test data, of the refitted base (red){after}. Grey: 95 % of what "
+        "chance gives at each lag, which among errors is white noise after the fit of each window's initial "
+        "state, and against an input the errors of other windows. p: that chance reaches as far at any "
+        "lag. A positive lag means that the input came first."
+    )
+    return "<h3>Correlations of the errors</h3>" + html.figure(figure, caption)
+
+
 def _ranking(diagnosis: Diagnosis) -> str:
     rows = [
         (name.replace("_", " "), f"{nats:.1f}", _p(p), values)
@@ -251,12 +298,17 @@ def _not_testable(diagnosis: Diagnosis) -> str:
     return "<h2>Not testable with these data</h2>" + html.table(("effect", "why"), rows)
 
 
-def _axes(count: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(4.2 * count + 0.6, 2.8), layout="constrained")
-    axes = list(np.atleast_1d(figure.subplots(1, count)))
-    for axis in axes:
+def _grid(count: int) -> tuple[Figure, list[Axes]]:
+    """A figure with axes in rows of at most three."""
+    columns = min(count, COLUMNS)
+    rows = math.ceil(count / columns)
+    figure = Figure(figsize=(3.6 * columns + 0.6, 2.7 * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for axis in axes[:count]:
         _plain(axis)
-    return figure, axes
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return figure, axes[:count]
 
 
 def _plain(axis: Axes) -> None:

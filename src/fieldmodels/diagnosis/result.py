@@ -50,6 +50,7 @@ class Cause:
         parameters: Fitted values.
         signal: The measured signal on which the causes gain most.
         gain: What adding it to the causes before it gains on that signal, on data not used to choose it.
+        equation: The term that it adds, in plain notation.
         alternatives: Effects that could stand in its place as far as these data tell.
         p_value: Of the paired test over blocks of windows.
         nats: Gain in held-out log-likelihood.
@@ -61,6 +62,7 @@ class Cause:
     parameters: Mapping[str, Estimate]
     signal: str
     gain: Share
+    equation: str = ""
     alternatives: tuple[str, ...] = ()
     p_value: float = float("nan")
     nats: float = float("nan")
@@ -77,6 +79,35 @@ class Misfit:
 
 
 @dataclass(frozen=True)
+class HorizonGain:
+    """Prediction error of one signal on windows of one length, before and after.
+
+    Attributes:
+        horizon: Length of the predicted windows [s].
+        rmse_before: With the base refitted and no effect.
+        rmse_after: With the causes.
+        gain: Reduction in percent.
+        windows: Number of windows.
+    """
+
+    horizon: float
+    rmse_before: float
+    rmse_after: float
+    gain: Share
+    windows: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "horizon_s": _number(self.horizon),
+            "rmse_before": _number(self.rmse_before),
+            "rmse_after": _number(self.rmse_after),
+            **self.gain.to_json(),
+            "windows": self.windows,
+        }
+
+
+@dataclass(frozen=True)
 class SignalGain:
     """Prediction error of one signal before and after the causes were added.
 
@@ -87,6 +118,7 @@ class SignalGain:
         gain: Reduction in percent.
         horizon: Length of the predicted windows [s].
         noise_floor: Estimated white noise of the sensor; NaN if unknown.
+        horizons: The same on shorter and longer windows of the same data, shortest first.
     """
 
     unit: str
@@ -95,6 +127,7 @@ class SignalGain:
     gain: Share
     horizon: float
     noise_floor: float
+    horizons: tuple[HorizonGain, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -105,6 +138,7 @@ class SignalGain:
             **self.gain.to_json(),
             "horizon_s": _number(self.horizon),
             "noise_floor": _number(self.noise_floor),
+            "horizons": [h.to_json() for h in self.horizons],
         }
 
 
@@ -146,6 +180,33 @@ class Leftover:
 
 
 @dataclass(frozen=True)
+class Correlation:
+    """Correlation of a signal's errors with something, by lag.
+
+    Attributes:
+        signal: Whose errors.
+        other: The same signal, or the input that they are held against.
+        lags: How much earlier the other is taken [s], shape (lags,).
+        before: Correlation of the refitted base's errors, shape (lags,).
+        after: The same with the causes added.
+        low: 2.5 % limit of chance at each lag, shape (lags,).
+        high: 97.5 % limit.
+        p_before: Probability that chance alone gives as large a correlation at any lag, before.
+        p_after: The same with the causes added.
+    """
+
+    signal: str
+    other: str
+    lags: FloatArray
+    before: FloatArray
+    after: FloatArray
+    low: FloatArray
+    high: FloatArray
+    p_before: float
+    p_after: float
+
+
+@dataclass(frozen=True)
 class NextMeasurement:
     """The measurement that would tell rivals apart."""
 
@@ -161,13 +222,13 @@ class Evidence:
         traces: Signal to windows of test data: time, measured, before, after; each (windows, samples).
         residuals: Signal to the refitted base's residual on the training data, by what it is drawn
             against: name to pairs (x, residual, residual after).
-        horizons: Signal to rows (horizon, rmse before, rmse after).
+        correlations: Of the errors on test data, among themselves and with the inputs.
         ranking: Rows (effects, gain in nats, p-value, parameters as text).
     """
 
     traces: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
     residuals: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
-    horizons: Mapping[str, FloatArray] = field(default_factory=dict)
+    correlations: tuple[Correlation, ...] = ()
     ranking: tuple[tuple[str, float, float, str], ...] = ()
 
 
@@ -223,6 +284,7 @@ class Diagnosis:
                     "effect": c.effect,
                     "cause": c.cause,
                     "where": c.where,
+                    "equation": c.equation,
                     "parameters": {name: e.to_json() for name, e in c.parameters.items()},
                     "gain": {"signal": c.signal, **c.gain.to_json()},
                     "alternatives": list(c.alternatives),
@@ -300,6 +362,7 @@ class Diagnosis:
             "effects": {
                 c.effect: {name: e.to_json() for name, e in c.parameters.items()} for c in self.causes
             },
+            "equations": {c.effect: {"words": c.cause, "symbols": c.equation} for c in self.causes},
         }
 
 
