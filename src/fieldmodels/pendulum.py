@@ -38,7 +38,7 @@ class Pendulum(OneAxis):
     disturbance_unit = "N m"
     axis = ROTARY
     nominal_scales = Scales(
-        base=(0.0626, 1.0), force=0.5, high_forces=(1.5, 1.2, 0.8, 0.4), position=0.8, velocity=2.0,
+        base=(0.0626, 1.0), force=0.5, high_forces=(1.5, 1.2, 0.8, 0.4), rate=150.0, position=0.8, velocity=2.0,
         duration=30.0, step=0.01, position_noise=2e-3, velocity_noise=5e-2, frequencies=(1.0,),
     )  # fmt: skip
     slots = MappingProxyType(
@@ -47,6 +47,8 @@ class Pendulum(OneAxis):
             "gravity_moment": kernel.GRAVITY,
             "viscous_friction.coefficient": kernel.DAMPING,
             "coulomb_friction.torque": kernel.COULOMB,
+            "stribeck_friction.torque": kernel.STRIBECK,
+            "hysteresis.torque": kernel.BRISTLE,
             "constant_force.torque": kernel.CONSTANT,
             "sensor_bias.bias": kernel.BIAS,
             **kernel.SHARED_SLOTS,

@@ -109,6 +109,12 @@ FORCES = {
         )
     ),
     "viscous_friction": lambda p: lambda t, x, v: -p["coefficient"] * v,
+    "cogging": lambda p: (
+        lambda t, x, v: (
+            p["sine"] * np.sin(2 * np.pi * x / p["period"])
+            + p["cosine"] * np.cos(2 * np.pi * x / p["period"])
+        )
+    ),
 }
 
 
@@ -132,7 +138,11 @@ def test_an_effect_changes_the_output_and_its_neutral_values_do_not(name, effect
     off = {p.name: p.nominal for p in model.effect(effect).parameters}
     np.testing.assert_array_equal(run(model, command, {effect: off}), nominal)
     # The first parameter switches the effect, whatever the others are (the step's is its factor).
-    switches = {"periodic_force": ("sine", "cosine"), "parameter_step": ("factor",)}
+    switches = {
+        "periodic_force": ("sine", "cosine"),
+        "cogging": ("sine", "cosine"),
+        "parameter_step": ("factor",),
+    }
     for switch in switches.get(effect, (model.effect(effect).parameters[0].name,)):
         values[switch] = off[switch]
     np.testing.assert_array_equal(run(model, command, {effect: values}), nominal)
@@ -156,9 +166,17 @@ def test_a_row_of_a_batch_equals_the_same_simulation_alone_to_the_bit(name):
 def test_mirrored_commands_give_mirrored_motion(name):
     model = bench(name)
     command = wave(model)
-    one_sided = {"constant_force", "periodic_force", "actuator_asymmetry", "sensor_bias", "sensor_drift"}
+    one_sided = {
+        "constant_force",
+        "periodic_force",
+        "cogging",
+        "actuator_asymmetry",
+        "sensor_bias",
+        "sensor_drift",
+    }
     effects = {k: v for k, v in typical(model).items() if k not in one_sided | {"sensor_quantisation"}}
-    np.testing.assert_array_equal(run(model, -command, effects), -run(model, command, effects))
+    # Some kinds of rounding know a direction: all but equal to the bit.
+    np.testing.assert_allclose(run(model, -command, effects), -run(model, command, effects), atol=1e-14)
 
 
 @pytest.mark.parametrize("name", BENCHES)
@@ -238,6 +256,139 @@ def test_sampling_finer_does_not_change_coulomb_motion(name):
     fine = run(model, np.repeat(command, 50), effects, step=STEP / 50)[::50]
     scale = np.abs(fine).max(axis=0)
     np.testing.assert_allclose(coarse / scale, fine / scale, atol=1e-3)
+
+
+def solve(model, command, derivative, state, tolerance=1e-10):
+    """States at every sample of any number of states, solved piece by piece where the command is held."""
+    inertia, rest = nominal_rest(model)
+    out = np.empty((len(command), len(state)))
+    out[0] = state
+    for i, u in enumerate(command[:-1]):
+        result = solve_ivp(
+            lambda t, y, u=u: derivative(t, y, u, lambda f, y: (f + rest(y[0], y[1])) / inertia),
+            (0.0, STEP), out[i], method="LSODA", rtol=tolerance, atol=tolerance * 1e-2, max_step=STEP / 10,
+        )  # fmt: skip
+        out[i + 1] = result.y[:, -1]
+    return out
+
+
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_a_rate_limit_agrees_with_an_adaptive_integrator(name, lag):
+    model, n = bench(name), 60
+    command = wave(model, n)
+    rate = float(np.abs(command).max()) / 0.075
+
+    def derivative(t, y, u, accelerate):
+        gap = u - y[2]
+        wanted = gap / lag if lag else np.sign(gap) * np.inf if abs(gap) > 1e-9 * rate else 0.0
+        return [y[1], accelerate(y[2], y), np.clip(wanted, -rate, rate)]
+
+    effects = {"actuator_rate_limit": {"rate": rate}, "actuator_lag": {"time_constant": lag}}
+    got = run(model, command, effects)
+    expected = solve(model, command, derivative, (0.0, 0.0, command[0]), 1e-10 if lag else 1e-8)[:, :2]
+    scale = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(got / scale, expected / scale, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_hysteresis_agrees_with_an_adaptive_integrator_through_its_reversals(name, share):
+    model = bench(name)
+    command = wave(model, 100)
+    level = 0.3 * float(np.abs(command).max())
+    distance = share * float(np.std(run(model, command)[:, 0]))
+
+    def derivative(t, y, u, accelerate):
+        bend = (level * y[1] - abs(y[1]) * y[2]) / distance
+        return [y[1], accelerate(u - y[2], y), bend]
+
+    values = {model.axis.force_name: level, "distance": distance}
+    expected = solve(model, command, derivative, (0.0, 0.0, 0.0))[:, :2]
+    assert np.sum(np.diff(np.sign(expected[1:, 1])) != 0) >= 2
+    scale = np.abs(expected).max(axis=0)
+    got = run(model, command, {"hysteresis": values})
+    np.testing.assert_allclose(got / scale, expected / scale, atol=5e-4)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_hysteresis_remembers_the_path_before_a_window(name):
+    model = bench(name)
+    command = wave(model)
+    values = {model.axis.force_name: 0.3 * float(np.abs(command).max()), "distance": 0.05}
+    whole = run(model, command, {"hysteresis": values})
+    later = replace(
+        one_window(model, command),
+        starts=np.array([100]),
+        lengths=np.array([200]),
+        states=whole[100:101],
+        observed=np.ones((1, 200, 2), dtype=bool),
+    )
+    position = model.outputs[0].name
+    later = replace(
+        later,
+        recording=replace(later.recording, signals={**later.recording.signals, position: whole[:, 0].copy()}),
+    )
+    got = model.simulate(model.vector(effects={"hysteresis": values})[None, :], later)[0, 0]
+    scale = np.abs(whole).max(axis=0)
+    np.testing.assert_allclose(got / scale, whole[100:] / scale, atol=5e-3)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_stribeck_friction_agrees_with_an_adaptive_integrator_and_with_coulomb_friction_at_its_ends(name):
+    model = bench(name)
+    f = model.axis.force_name
+    size = float(np.abs(wave(model)).max())
+    friction = {f: 0.2 * size, "velocity": 0.3 * model.nominal_scales.velocity}
+
+    def derivative(t, y, u, accelerate):
+        fall = friction[f] * np.exp(-((y[1] / friction["velocity"]) ** 2))
+        return [y[1], accelerate(u - fall, y)]
+
+    # From rest, through the falling branch, and not back.
+    command = np.full(12, 0.5 * size)
+    expected = solve(model, command, derivative, (0.0, 1e-6))
+    assert (expected[:, 1] > 0).all()
+    got = run(model, command, {"stribeck_friction": friction}, state=(0.0, 1e-6))
+    scale = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(got / scale, expected / scale, atol=1e-5)
+    # It holds what is below it; a speed that is never reached makes it Coulomb friction.
+    held = run(model, np.full(50, 0.19 * size), {"stribeck_friction": friction})
+    np.testing.assert_array_equal(held, 0.0)
+    command = wave(model)
+    slow = run(model, command, {"stribeck_friction": {f: 0.2 * size, "velocity": 1e9}})
+    np.testing.assert_array_equal(slow, run(model, command, {"coulomb_friction": {f: 0.2 * size}}))
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_friction_that_differs_by_direction_is_coulomb_friction_with_a_constant_force(name):
+    """So the library has no effect of its own for it; here it is integrated for itself, with sticking."""
+    model = bench(name)
+    f = model.axis.force_name
+    command = wave(model, 200)
+    forwards, backwards = (share * float(np.abs(command).max()) for share in (0.35, 0.1))
+    inertia, rest = nominal_rest(model)
+    x = v = 0.0
+    h, fine = STEP / 400, []
+    for i in range(len(command) * 400):
+        if i % 400 == 0:
+            fine.append((x, v))
+        free = command[i // 400] + rest(x, v)
+        if v == 0.0:
+            total = free - forwards if free > forwards else free + backwards if free < -backwards else 0.0
+        else:
+            total = free - forwards if v > 0.0 else free + backwards
+        new = v + h * total / inertia
+        v = 0.0 if new * v < 0.0 else new
+        x += h * v
+    fine = np.array(fine)
+    together = {
+        "coulomb_friction": {f: 0.5 * (forwards + backwards)},
+        "constant_force": {f: -0.5 * (forwards - backwards)},
+    }
+    scale = np.abs(fine).max(axis=0)
+    np.testing.assert_allclose(run(model, command, together) / scale, fine / scale, atol=5e-3)
+    assert np.sum(fine[:, 1] == 0.0) > 10
 
 
 @pytest.mark.parametrize("name", BENCHES)

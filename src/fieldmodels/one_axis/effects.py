@@ -3,7 +3,8 @@
 Left out, because these data cannot tell them from what is there: a bias of the actuator (the same
 equation as a constant force, whose cause names both), wind (a constant or periodic force), slip and
 slope (a bench has neither), and for the rig a bias of the position sensor (a constant force on the
-spring) and viscous friction (its damping).
+spring), viscous friction (its damping), and dry friction that differs by direction (Coulomb friction
+with a constant force, sliding and at rest: ``F_+`` and ``F_-`` are ``F_c`` +- ``F_0``).
 """
 
 from __future__ import annotations
@@ -45,6 +46,27 @@ def force_effects(axis: Axis, s: Scales) -> tuple[Effect, ...]:
             f"Dry friction: a {f} of constant size opposes motion and holds the axis at rest.",
             "-F_c sign(v)",
             _positive(f, newton, 0.1 * s.force),
+        ),
+        _effect(
+            "stribeck_friction", "force",
+            f"Dry friction falls with speed: to break away takes more {f} than to keep sliding.",
+            "-F_s exp(-(v/v_s)^2) sign(v), beside Coulomb friction",
+            _positive(f, newton, 0.1 * s.force),
+            _span("velocity", f"{metre}/s", s.velocity, 0.03, 0.1, 0.3),
+        ),
+        _effect(
+            "hysteresis", "force",
+            f"The axis bends before it slips (cable, seal, belt, gear): the {f} depends on the way it came.",
+            "dF_h/dx = (F_m - F_h sign(v)) / distance",
+            _positive(f, newton, 0.1 * s.force),
+            _span("distance", metre, s.position, 0.03, 0.1, 0.3, 1.0),
+        ),
+        _effect(
+            "cogging", "force", f"A {f} that repeats along the way: magnets, teeth or an eccentric pulley.",
+            "B_s sin(2 pi x/p) + B_c cos(2 pi x/p)",
+            _signed("sine", newton, 0.1 * s.force),
+            _signed("cosine", newton, 0.1 * s.force),
+            _span("period", metre, 4.0 * s.position, *(1.0 / np.arange(1.0, 15.1, 0.5))),
         ),
         _effect(
             "quadratic_drag", "force",
@@ -105,6 +127,14 @@ def actuator_effects(axis: Axis, s: Scales) -> tuple[Effect, ...]:
             f"The {f} follows the command with a first-order lag (motor winding, valve).",
             "T dF/dt = u - F",
             Parameter("time_constant", "s", 0.0, 0.0, 10.0, s.step, starts=late),
+        ),
+        _effect(
+            "actuator_rate_limit", "actuator", f"The {f} cannot change faster than at a certain rate.",
+            "|dF/dt| <= rate",
+            Parameter(
+                "rate", f"{newton}/s", NO_LIMIT, 1e-9, NO_LIMIT, 0.05 * s.rate,
+                starts=tuple(s.rate / k for k in (1.5, 3.0, 6.0, 12.0, 25.0, 50.0)),
+            ),
         ),
         _effect(
             "actuator_delay", "actuator", "The command acts late (bus, computing time).", "F(t) = u(t - T)",
@@ -202,3 +232,9 @@ def _positive(name: str, unit: str, size: float) -> Parameter:
 
 def _signed(name: str, unit: str, size: float) -> Parameter:
     return Parameter(name, unit, 0.0, -LARGE, LARGE, 0.5 * size, starts=(size,))
+
+
+def _span(name: str, unit: str, size: float, *shares: float) -> Parameter:
+    """A width that shapes an effect but does not switch it: sought from several shares of a size."""
+    starts = tuple(float(size * share) for share in shares)
+    return Parameter(name, unit, 1.0, 1e-9, LARGE, 0.5 * starts[0], starts=starts)

@@ -49,14 +49,13 @@ def respond_to(
         target = np.empty(len(u))
         kernel.actuate(np.ascontiguousarray(u), step, q, target)
         lagged = target.copy()
-        if q[kernel.LAG] > 0.0:
-            kernel.lag(target, np.zeros(len(u), dtype=np.int64), step, float(q[kernel.LAG]), lagged)
-        x = v = 0.0
+        if kernel.has_dynamics(q):
+            kernel.respond(target, np.zeros(len(u), dtype=np.int64), step, q, lagged)
+        x = v = bristle = 0.0
         for i in range(len(u)):
             out[episode, i] = x, v
             source = max(i - shift, 0)
             extra = force(i * step, x, v, float(u[i])) + q[kernel.CONSTANT]
-            x, v = kernel.advance(
-                x, v, i * step, step, float(target[source] + extra), float(lagged[source] + extra), q
-            )
+            aim, now = float(target[source] + extra), float(lagged[source] + extra)
+            x, v, bristle = kernel.advance_past_ramp(x, v, i * step, step, aim, now, bristle, q)
     return out

@@ -1,12 +1,18 @@
 """The compiled physics of one axis: actuator, equation of motion, sensors.
 
-    M dv/dt = F(t) - c v - F_c sign(v) - d v |v| - k x - G sin x - k_3 x^3
-              + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t) + disturbance(t),     dx/dt = v
+    M dv/dt = F(t) - c v - (F_c + F_s exp(-(v/v_s)^2)) sign(v) - F_h - d v |v| - k x - G sin x - k_3 x^3
+              + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t)
+              + B_s sin(2 pi x/p) + B_c cos(2 pi x/p) + disturbance(t),           dx/dt = v
+    dF/dt   = (u - F)/T, at most r in size;    dF_h/dx = (F_m - F_h sign(v))/delta
 
 ``x`` is a position [m] or an angle [rad], ``F`` a force [N] or a torque [N m]. All parameters of one
 simulation stand in a row ``q`` of length ``SLOTS``, one slot each. Commands and disturbances are held
 from their sample to the next. Integration is by classical Runge-Kutta steps that end where the held
-command switches and, with Coulomb friction, where the velocity reverses; so the axis really sticks.
+command switches and, with dry friction, where the velocity reverses; so the axis really sticks.
+
+Friction that falls with speed is Stribeck's curve in its Gaussian form (Armstrong-Helouvry, Dupont and
+Canudas de Wit 1994, Automatica 30(7)); hysteresis is Dahl's bristle (A solid friction model,
+The Aerospace Corporation, 1968), whose force depends on the path alone and is carried on along it exactly.
 """
 
 from __future__ import annotations
@@ -25,7 +31,9 @@ INERTIA, DAMPING, STIFFNESS, GRAVITY = 0, 1, 2, 3
 COULOMB, DRAG, CUBIC, CONSTANT, SINE, COSINE, FREQUENCY, GAP = 4, 5, 6, 7, 8, 9, 10, 11
 GAIN, ASYMMETRY, LAG, DELAY, LIMIT, DEAD_ZONE, STEP_TIME, STEP_FACTOR = 12, 13, 14, 15, 16, 17, 18, 19
 BIAS, VELOCITY_BIAS, DRIFT, SENSOR_GAIN, SENSOR_DELAY, QUANTUM = 20, 21, 22, 23, 24, 25
-SLOTS = 26
+RATE, STRIBECK, STRIBECK_VELOCITY, BRISTLE, BRISTLE_DISTANCE = 26, 27, 28, 29, 30
+COGGING_SINE, COGGING_COSINE, COGGING_PERIOD = 31, 32, 33
+SLOTS = 34
 
 SHARED_SLOTS = {
     "quadratic_drag.coefficient": DRAG,
@@ -33,11 +41,17 @@ SHARED_SLOTS = {
     "periodic_force.sine": SINE,
     "periodic_force.cosine": COSINE,
     "periodic_force.frequency": FREQUENCY,
+    "stribeck_friction.velocity": STRIBECK_VELOCITY,
+    "hysteresis.distance": BRISTLE_DISTANCE,
+    "cogging.sine": COGGING_SINE,
+    "cogging.cosine": COGGING_COSINE,
+    "cogging.period": COGGING_PERIOD,
     "backlash.gap": GAP,
     "actuator_gain.gain": GAIN,
     "actuator_asymmetry.difference": ASYMMETRY,
     "actuator_lag.time_constant": LAG,
     "actuator_delay.delay": DELAY,
+    "actuator_rate_limit.rate": RATE,
     "actuator_saturation.limit": LIMIT,
     "actuator_dead_zone.width": DEAD_ZONE,
     "sensor_drift.rate": DRIFT,
@@ -50,20 +64,23 @@ SHARED_SLOTS = {
 """Slot of every parameter that both benches have under one name."""
 
 NO_LIMIT = 1e9
-"""A saturation limit from this on means none."""
+"""A saturation or rate limit from this on means none."""
+FRICTION_STEPS = 32
+"""Integration steps within a sampling interval, at most, that dry friction and cogging ask for."""
 
 
 def neutral() -> FloatArray:
     """A row with every effect off and unit inertia, shape (SLOTS,)."""
     q = np.zeros(SLOTS)
     q[[INERTIA, GAIN, STEP_FACTOR, SENSOR_GAIN]] = 1.0
-    q[LIMIT] = NO_LIMIT
+    q[[STRIBECK_VELOCITY, BRISTLE_DISTANCE, COGGING_PERIOD]] = 1.0
+    q[[LIMIT, RATE]] = NO_LIMIT
     return q
 
 
 @inlined
 def acceleration(x: float, v: float, t: float, force: float, q: FloatArray) -> float:
-    """Acceleration without Coulomb friction [m/s^2 or rad/s^2]."""
+    """Acceleration without dry friction [m/s^2 or rad/s^2]."""
     total: float = force - q[DAMPING] * v - q[STIFFNESS] * x
     if q[GRAVITY] != 0.0:
         total -= q[GRAVITY] * math.sin(x)
@@ -74,29 +91,102 @@ def acceleration(x: float, v: float, t: float, force: float, q: FloatArray) -> f
     if q[SINE] != 0.0 or q[COSINE] != 0.0:
         phase = 2.0 * math.pi * q[FREQUENCY] * t
         total += q[SINE] * math.sin(phase) + q[COSINE] * math.cos(phase)
+    if q[COGGING_SINE] != 0.0 or q[COGGING_COSINE] != 0.0:
+        phase = 2.0 * math.pi * x / q[COGGING_PERIOD]
+        total += q[COGGING_SINE] * math.sin(phase) + q[COGGING_COSINE] * math.cos(phase)
     result: float = total / q[INERTIA]
     return result
 
 
 @inlined
-def runge_kutta(
-    x: float, v: float, t: float, h: float, target: float, lagged: float, friction: float, q: FloatArray
-) -> tuple[float, float]:
-    """One classical step of length ``h``; the actuator's force goes from ``lagged`` to ``target``."""
+def has_dynamics(q: FloatArray) -> bool:
+    """Whether the actuator's force follows its target with a lag or at a limited rate."""
+    return bool(q[LAG] > 0.0 or q[RATE] < NO_LIMIT)
+
+
+@inlined
+def ramp_time(force: float, target: float, q: FloatArray) -> float:
+    """How long the actuator moves at its rate limit towards a held target [s]; negative if not at all."""
+    return float(abs(target - force) / q[RATE] - q[LAG]) if q[RATE] < NO_LIMIT else -1.0
+
+
+@inlined
+def follow(force: float, target: float, h: float, q: FloatArray) -> float:
+    """The actuator's force a time ``h`` later: a ramp, then a first-order lag (exact for a held target)."""
+    ramp = ramp_time(force, target, q)
+    if ramp > 0.0:
+        if h <= ramp:
+            return float(force + math.copysign(q[RATE] * h, target - force))
+        force += math.copysign(q[RATE] * ramp, target - force)
+        h -= ramp
     if q[LAG] > 0.0:
-        half = math.exp(-0.5 * h / q[LAG])
-        force_1 = target + (lagged - target) - friction
-        force_2 = target + (lagged - target) * half - friction
-        force_3 = target + (lagged - target) * half * half - friction
+        return float(target + (force - target) * math.exp(-h / q[LAG]))
+    return target
+
+
+@inlined
+def has_dry_friction(q: FloatArray) -> bool:
+    """Whether a force depends on the direction of motion."""
+    return bool(q[COULOMB] != 0.0 or q[STRIBECK] != 0.0 or q[BRISTLE] != 0.0)
+
+
+@inlined
+def bend(bristle: float, moved: float, q: FloatArray) -> float:
+    """Dahl's bristle after a motion in one direction: it approaches its largest force along the path."""
+    level = math.copysign(q[BRISTLE], moved)
+    return float(level + (bristle - level) * math.exp(-abs(moved) / q[BRISTLE_DISTANCE]))
+
+
+@inlined
+def resistance(moved: float, v: float, sign: float, bristle: float, q: FloatArray) -> float:
+    """Dry friction and hysteresis while the axis moves in direction ``sign``, ``moved`` from its start."""
+    total = sign * q[COULOMB]
+    if q[STRIBECK] != 0.0:
+        ratio = v / q[STRIBECK_VELOCITY]
+        total += sign * q[STRIBECK] * math.exp(-ratio * ratio)
+    if q[BRISTLE] != 0.0:
+        total += bend(bristle, moved, q)
+    return float(total)
+
+
+@inlined
+def runge_kutta(
+    x: float,
+    v: float,
+    t: float,
+    h: float,
+    target: float,
+    lagged: float,
+    sign: float,
+    bristle: float,
+    q: FloatArray,
+) -> tuple[float, float]:
+    """One classical step of length ``h`` in one direction; the actuator goes from ``lagged`` to ``target``.
+
+    A ``sign`` of 0 means that there is no dry friction.
+    """
+    if has_dynamics(q):
+        force_1 = lagged
+        force_2 = follow(force_1, target, 0.5 * h, q)
+        force_3 = follow(force_2, target, 0.5 * h, q)
     else:
-        force_1 = force_2 = force_3 = target - friction
-    a1 = acceleration(x, v, t, force_1, q)
+        force_1 = force_2 = force_3 = target
+    f1, f2, f3, f4 = force_1, force_2, force_2, force_3
+    if sign != 0.0:
+        f1 -= resistance(0.0, v, sign, bristle, q)
+    a1 = acceleration(x, v, t, f1, q)
     v2 = v + 0.5 * h * a1
-    a2 = acceleration(x + 0.5 * h * v, v2, t + 0.5 * h, force_2, q)
+    if sign != 0.0:
+        f2 -= resistance(0.5 * h * v, v2, sign, bristle, q)
+    a2 = acceleration(x + 0.5 * h * v, v2, t + 0.5 * h, f2, q)
     v3 = v + 0.5 * h * a2
-    a3 = acceleration(x + 0.5 * h * v2, v3, t + 0.5 * h, force_2, q)
+    if sign != 0.0:
+        f3 -= resistance(0.5 * h * v2, v3, sign, bristle, q)
+    a3 = acceleration(x + 0.5 * h * v2, v3, t + 0.5 * h, f3, q)
     v4 = v + h * a3
-    a4 = acceleration(x + h * v3, v4, t + h, force_3, q)
+    if sign != 0.0:
+        f4 -= resistance(h * v3, v4, sign, bristle, q)
+    a4 = acceleration(x + h * v3, v4, t + h, f4, q)
     return x + h / 6.0 * (v + 2.0 * (v2 + v3) + v4), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
 
 
@@ -129,34 +219,52 @@ def plain_runge_kutta(
 
 @inlined
 def advance(
-    x: float, v: float, t: float, h: float, target: float, lagged: float, q: FloatArray
-) -> tuple[float, float]:
-    """One step with Coulomb friction: it opposes motion, and holds the axis while it can.
+    x: float, v: float, t: float, h: float, target: float, lagged: float, bristle: float, q: FloatArray
+) -> tuple[float, float, float]:
+    """One step with dry friction: it opposes motion, and holds the axis while it can.
 
     Where the velocity reverses within the step, the step is cut there (linear interpolation).
+
+    Returns:
+        Position, velocity, and force of the bristle.
     """
-    coulomb = q[COULOMB]
-    if coulomb == 0.0:
-        return runge_kutta(x, v, t, h, target, lagged, 0.0, q)
+    if not has_dry_friction(q):
+        x, v = runge_kutta(x, v, t, h, target, lagged, 0.0, 0.0, q)
+        return x, v, bristle
     for _ in range(2):
         if v == 0.0:
-            push = acceleration(x, v, t, lagged if q[LAG] > 0.0 else target, q) * q[INERTIA]
-            if abs(push) <= coulomb:
-                return x, 0.0
+            force = (lagged if has_dynamics(q) else target) - bristle
+            push = acceleration(x, v, t, force, q) * q[INERTIA]
+            if abs(push) <= q[COULOMB] + q[STRIBECK]:
+                return x, 0.0, bristle
             sign = 1.0 if push > 0.0 else -1.0
         else:
             sign = 1.0 if v > 0.0 else -1.0
-        new_x, new_v = runge_kutta(x, v, t, h, target, lagged, sign * coulomb, q)
+        new_x, new_v = runge_kutta(x, v, t, h, target, lagged, sign, bristle, q)
         if new_v * sign >= 0.0 or v == 0.0:
-            return new_x, new_v
+            return new_x, new_v, bend(bristle, new_x - x, q)
         reversal = h * v / (v - new_v)
-        x, _unused = runge_kutta(x, v, t, reversal, target, lagged, sign * coulomb, q)
-        if q[LAG] > 0.0:
-            lagged = target + (lagged - target) * math.exp(-reversal / q[LAG])
-        v = 0.0
+        new_x, _unused = runge_kutta(x, v, t, reversal, target, lagged, sign, bristle, q)
+        bristle = bend(bristle, new_x - x, q)
+        lagged = follow(lagged, target, reversal, q)
+        x, v = new_x, 0.0
         t += reversal
         h -= reversal
-    return x, v
+    return x, v, bristle
+
+
+@inlined
+def advance_past_ramp(
+    x: float, v: float, t: float, h: float, target: float, lagged: float, bristle: float, q: FloatArray
+) -> tuple[float, float, float]:
+    """A step of length ``h``, cut where the actuator leaves its rate limit."""
+    ramp = ramp_time(lagged, target, q)
+    if 0.0 < ramp < h:
+        x, v, bristle = advance(x, v, t, ramp, target, lagged, bristle, q)
+        lagged = follow(lagged, target, ramp, q)
+        t += ramp
+        h -= ramp
+    return advance(x, v, t, h, target, lagged, bristle, q)
 
 
 @compiled
@@ -184,31 +292,46 @@ def actuate(command: FloatArray, step: float, q: FloatArray, out: FloatArray) ->
 
 
 @compiled
-def lag(target: FloatArray, first: IntArray, step: float, time_constant: float, out: FloatArray) -> None:
-    """First-order lag along every episode, from rest at its first command (exact for held commands).
+def respond(target: FloatArray, first: IntArray, step: float, q: FloatArray, out: FloatArray) -> None:
+    """The actuator's force along every episode, from rest at its first command (exact for held commands).
 
     Args:
         target: What the actuator aims at, shape (n,).
         first: First sample of the episode that each sample belongs to, shape (n,).
         step: Sampling interval [s].
-        time_constant: Time constant [s].
+        q: Parameters, shape (SLOTS,).
         out: Receives the force at the sample times, shape (n,).
     """
-    decay = math.exp(-step / time_constant)
     for i in range(len(target)):
-        out[i] = target[i] if i == first[i] else target[i - 1] + (out[i - 1] - target[i - 1]) * decay
+        out[i] = target[i] if i == first[i] else follow(out[i - 1], target[i - 1], step, q)
+
+
+@compiled
+def bend_along(path: FloatArray, first: IntArray, q: FloatArray, out: FloatArray) -> None:
+    """The bristle's force along a measured path, unbent at the start of every episode.
+
+    Args:
+        path: Measured position, freed of noise, shape (n,).
+        first: First sample of the episode that each sample belongs to, shape (n,).
+        q: Parameters, shape (SLOTS,).
+        out: Receives the bristle's force, shape (n,).
+    """
+    for i in range(len(path)):
+        out[i] = 0.0 if i == first[i] else bend(out[i - 1], path[i] - path[i - 1], q)
 
 
 @inlined
 def is_plain(q: FloatArray) -> bool:
     """Whether no effect is on in the equation of motion or in the actuator's dynamics."""
     return bool(
-        q[COULOMB] == 0.0
+        not has_dry_friction(q)
         and q[DRAG] == 0.0
         and q[CUBIC] == 0.0
         and q[SINE] == 0.0
         and q[COSINE] == 0.0
-        and q[LAG] == 0.0
+        and q[COGGING_SINE] == 0.0
+        and q[COGGING_COSINE] == 0.0
+        and not has_dynamics(q)
     )
 
 
@@ -225,11 +348,23 @@ def is_static(q: FloatArray) -> bool:
 
 
 @inlined
-def substeps_for(q: FloatArray, step: float, least: int) -> int:
-    """Steps within a sampling interval: a power of two times ``least`` that resolves the fastest mode."""
+def substeps_for(q: FloatArray, step: float, least: int, speed: float) -> int:
+    """Steps within a sampling interval: a power of two times ``least`` that resolves the fastest mode.
+
+    Friction's slope, the bristle's stiffness and cogging at the given ``speed`` count too, in bounds: a
+    slope without end is a jump, which more steps do not resolve.
+    """
     fastest = math.sqrt((q[STIFFNESS] + abs(q[GRAVITY])) / q[INERTIA]) + q[DAMPING] / q[INERTIA]
     count = least
     while fastest * step > 0.2 * count and count < 256:
+        count *= 2
+    if q[STRIBECK] != 0.0:
+        fastest += q[STRIBECK] / (q[STRIBECK_VELOCITY] * q[INERTIA])
+    if q[BRISTLE] != 0.0:
+        fastest += math.sqrt(q[BRISTLE] / (q[BRISTLE_DISTANCE] * q[INERTIA]))
+    if q[COGGING_SINE] != 0.0 or q[COGGING_COSINE] != 0.0:
+        fastest += 0.4 * 2.0 * math.pi * speed / q[COGGING_PERIOD]  # half a radian a step is fine enough
+    while fastest * step > 0.2 * count and count < FRICTION_STEPS:
         count *= 2
     return count
 
@@ -247,6 +382,8 @@ def simulate(
     starts: IntArray,
     lengths: IntArray,
     states: FloatArray,
+    path: FloatArray,
+    speed: float,
     least_substeps: int,
     out: FloatArray,
 ) -> None:
@@ -267,12 +404,16 @@ def simulate(
         starts: First sample of each window, shape (windows,).
         lengths: Samples of each window, shape (windows,).
         states: Position and velocity as the sensors show them, shape (windows, 2).
+        path: Measured position over the whole recording, freed of noise, shape (n,): along it the
+            bristle was bent before a window; shape (0,) if hysteresis is off in every row.
+        speed: A high speed of this axis, at which cogging is still resolved.
         least_substeps: Integration steps within a sampling interval, at least.
         out: Receives position and velocity, shape (batch, windows, samples, 2), filled with NaN.
     """
     n = len(command)
     actuated = np.empty(n)
     filtered = np.empty(n)
+    bent = np.empty(len(path))
     edges = np.zeros(4)
     for p in range(q.shape[0]):
         r = q[p]
@@ -282,9 +423,12 @@ def simulate(
             actuate(command, step, r, target)
         plain = is_plain(r)
         inertia, damping, stiffness, gravity = r[INERTIA], r[DAMPING], r[STIFFNESS], r[GRAVITY]
-        if r[LAG] > 0.0:
-            lag(target, first, step, r[LAG], filtered)
-        substeps = substeps_for(r, step, least_substeps)
+        dynamic = has_dynamics(r)
+        if dynamic:
+            respond(target, first, step, r, filtered)
+        if r[BRISTLE] != 0.0:
+            bend_along(path, first, r, bent)
+        substeps = substeps_for(r, step, least_substeps, speed)
         shift = (r[DELAY] + r[SENSOR_DELAY]) / step
         whole = math.floor(shift)
         part = shift - whole
@@ -303,12 +447,10 @@ def simulate(
             shown_velocity = states[w, 1]
             source = max(start - whole - (1 if part > 0.0 else 0), low)
             now = target[source]
-            if r[LAG] > 0.0:
+            if dynamic:
                 now = filtered[source]
                 if part > 0.0 and start - whole - 1 >= low:
-                    now = target[source] + (filtered[source] - target[source]) * math.exp(
-                        -(1.0 - part) * step / r[LAG]
-                    )
+                    now = follow(now, target[source], (1.0 - part) * step, r)
             play = 0.5 * r[GAP] * math.tanh(now / backlash_force) if r[GAP] != 0.0 else 0.0
             clock = start * step
             x = (states[w, 0] - r[BIAS] - r[DRIFT] * clock - play) / r[SENSOR_GAIN]
@@ -319,6 +461,7 @@ def simulate(
             else:
                 v = (shown_velocity - r[DRIFT]) / r[SENSOR_GAIN]
             lagged = now
+            bristle = bent[start] if r[BRISTLE] != 0.0 else 0.0
             samples = lengths[w]
             for j in range(samples + ahead + 1):
                 if j < samples:
@@ -327,7 +470,7 @@ def simulate(
                     shown = r[SENSOR_GAIN] * x + r[BIAS] + r[DRIFT] * (start + j) * step
                     if r[GAP] != 0.0:
                         source = max(start + j - whole - (1 if part > 0.0 else 0), low)
-                        force = lagged if r[LAG] > 0.0 else target[source]
+                        force = lagged if dynamic else target[source]
                         shown += 0.5 * r[GAP] * math.tanh(force / backlash_force)
                     if r[QUANTUM] > 0.0:
                         shown = r[QUANTUM] * math.floor(shown / r[QUANTUM] + 0.5)
@@ -355,8 +498,10 @@ def simulate(
                             )
                     else:
                         for i in range(substeps):
-                            x, v = advance(x, v, t + i * h, h, aim + extra, lagged + extra, r)
-                            if r[LAG] > 0.0:
-                                lagged = aim + (lagged - aim) * math.exp(-h / r[LAG])
+                            x, v, bristle = advance_past_ramp(
+                                x, v, t + i * h, h, aim + extra, lagged + extra, bristle, r
+                            )
+                            if dynamic:
+                                lagged = follow(lagged, aim, h, r)
                     if edges[piece + 1] == ahead_part and j >= ahead and j - ahead < samples:
                         out[p, w, j - ahead, 1] = v + r[VELOCITY_BIAS]

@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from fieldmodels.model import FloatArray, Model
 from fieldmodels.one_axis import kernel
@@ -16,13 +17,16 @@ from fieldmodels.one_axis.effects import effect_library
 from fieldmodels.one_axis.scales import Scales, measure_scales
 from fieldmodels.recording import Recording, Windows
 
+FAST = 2.0  # times the usual speed: faster than nearly all of a recording
+
 
 class OneAxis(Model):
     """An axis with one input and a measured position, optionally also a measured velocity.
 
     Window states are the position and velocity *as the sensors show them*: the kernel inverts the
     sensors' gain, offset, drift, play and delay, so that a measured state stays a good start whatever
-    the sensors do. The clock of drifts, periodic forces and jumps is sample number times step. Each
+    the sensors do. What hysteresis remembers at a window's start comes from the measured position before
+    it. The clock of drifts, periodic forces and jumps is sample number times step. Each
     command is held until the next; before a recording's (or episode's) first sample, the first.
 
     Attributes:
@@ -66,9 +70,11 @@ class OneAxis(Model):
         command = np.ascontiguousarray(recording[self.inputs[0].name], dtype=np.float64)
         first, last = _episode_edges(recording)
         parameters = np.atleast_2d(parameters)
+        rows = self.rows(parameters)
+        bent = bool(rows[:, kernel.BRISTLE].any())
         out = np.full((len(parameters), len(windows), windows.samples, 2), np.nan)
         kernel.simulate(
-            self.rows(parameters),
+            rows,
             command,
             np.zeros(0) if windows.disturbance is None else np.ascontiguousarray(windows.disturbance),
             first,
@@ -79,6 +85,8 @@ class OneAxis(Model):
             windows.starts,
             windows.lengths,
             np.ascontiguousarray(windows.states),
+            _without_noise(recording, self.outputs[0].name) if bent else np.zeros(0),
+            FAST * self.scales.velocity,
             self.substeps,
             out,
         )
@@ -116,3 +124,10 @@ def _episode_edges(recording: Recording) -> tuple[NDArray[np.int64], NDArray[np.
     """First and last sample of the episode that each sample belongs to."""
     counts = np.diff(recording.bounds, axis=1)[:, 0]
     return np.repeat(recording.bounds[:, 0], counts), np.repeat(recording.bounds[:, 1] - 1, counts)
+
+
+def _without_noise(recording: Recording, name: str) -> FloatArray:
+    """A signal smoothed by a parabola through nine samples, episode by episode, shape (n,)."""
+    parts = [recording[name][a:b] for a, b in recording.bounds]
+    smooth = [savgol_filter(part, 9, 2) if len(part) >= 9 else part for part in parts]
+    return np.ascontiguousarray(np.concatenate(smooth), dtype=np.float64)

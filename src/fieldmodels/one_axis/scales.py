@@ -21,6 +21,7 @@ class Scales:
         base: Estimates of the base parameters, in the model's order.
         force: Root mean square of the command [N or N m].
         high_forces: Sizes that 0.5, 3, 10 and 30 % of the commands exceed [N or N m].
+        rate: Largest rate of the command from one sample to the next [N/s or N m/s].
         position: Root mean square of the position about its mean [m or rad].
         velocity: Root mean square of the velocity [m/s or rad/s].
         duration: Length of the longest recording [s].
@@ -33,6 +34,7 @@ class Scales:
     base: tuple[float, ...]
     force: float
     high_forces: tuple[float, ...]
+    rate: float
     position: float
     velocity: float
     duration: float
@@ -58,6 +60,7 @@ def measure_scales(
     force = np.concatenate([r[command] for r in recordings])
     shown = np.concatenate([r[position] - r[position].mean() for r in recordings])
     slopes = np.concatenate([_slopes(r, position) for r in recordings])
+    rate = max(float(np.max(np.abs(np.diff(r[command])), initial=0.0)) / r.step for r in recordings)
     noise = float(np.median([white_noise(r[position]) for r in recordings]))
     with_velocity = [r for r in recordings if velocity in r]
     high = np.quantile(np.abs(force), [0.995, 0.97, 0.9, 0.7])
@@ -66,6 +69,7 @@ def measure_scales(
         base=base,
         force=float(np.sqrt(np.mean(force**2))) or nominal.force,
         high_forces=tuple(float(f) for f in high) if (high > 0).all() else nominal.high_forces,
+        rate=rate or nominal.rate,
         position=float(np.sqrt(np.mean(shown**2))) or nominal.position,
         velocity=float(np.sqrt(np.mean(slopes**2))) or nominal.velocity,
         duration=max(len(r) * r.step for r in recordings),
