@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pkgutil import resolve_name
 from typing import Any
 
 import gymnasium
@@ -61,11 +62,12 @@ def play_episodes(
         progress: Called with the part that is done, 0 to 1.
     """
     n = len(seeds)
+    settings = {**environment.settings, **agent.settings}
     envs = gymnasium.make_vec(
         TASKS[task].env_id,
         num_envs=n,
         vectorization_mode="vector_entry_point",
-        settings={**environment.settings, **agent.settings},
+        settings=settings,
         reality=environment.reality,
     )
     try:
@@ -76,6 +78,8 @@ def play_episodes(
         steps = np.zeros(n, dtype=np.int64)
         returns = np.zeros(n)
         tallies = [Tally(metric, key, n) for metric, key in _measured(task, agent)]
+        for tally in tallies:
+            tally.begin(settings, info)
         took: list[float] = []
         longest = _episode_length(envs)
         while running.any():
@@ -114,6 +118,12 @@ class Tally:
         self._value = np.zeros(batch)
         self._given = np.ones(batch)
         self._per = np.ones(batch)
+        self._bound = np.ones(batch)
+
+    def begin(self, settings: Mapping[str, Any], info: Mapping[str, Any]) -> None:
+        """Take in what is told before the first step: ``settings`` that are not the defaults, and ``info``."""
+        if self.metric.bound:
+            self._bound = resolve_name(self.metric.bound)(settings, info)
 
     def add(self, info: Mapping[str, Any], running: NDArray[np.bool_]) -> None:
         """Take one step's ``info`` into account, for the episodes that are still running."""
@@ -138,7 +148,7 @@ class Tally:
         """
         metric = self.metric
         value = self._value / steps if metric.over == "mean" else self._value
-        value = np.where(self._given > 0, value / self._per, np.nan)
+        value = np.where(self._given > 0, value / (self._per * self._bound), np.nan)
         if not metric.may_miss and np.isnan(value).any():
             raise MetricError(f"{metric.name}: {self._key!r} of info is not a number in some episode")
         if metric.binary and not np.isin(value[~np.isnan(value)], (0.0, 1.0)).all():

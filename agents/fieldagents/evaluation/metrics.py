@@ -27,6 +27,8 @@ class Metric:
         given: Entry of ``info`` without which an episode has no value: a metric of the successful episodes
             names that of the success, which the episode's last step must hold.
         per: Entry of ``info`` that the episode's value is divided by, as it is at the last step.
+        bound: Where a function is, ``module:function``, of the environment's settings and its first ``info``,
+            whose value for each episode that episode's is divided by.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Metric:
     optional: bool = False
     given: str = ""
     per: str = ""
+    bound: str = ""
 
     @property
     def may_miss(self) -> bool:
@@ -147,6 +150,33 @@ METRICS: dict[str, tuple[Metric, ...]] = {
         ),
         Metric("wall_hits", "1", "walls driven into", "wall_hits", over="last"),
         Metric("dubins_length", "m", "length of the Dubins path", "dubins_length", over="last", common=True),
+    ),
+    "uav_route": (
+        Metric("success", "1", "arrived", "success", lower_is_better=False, over="last", binary=True),
+        Metric(
+            "length_ratio",
+            "1",
+            "length over the bound of undetected paths, if arrived",
+            "path_length",
+            over="last",
+            given="success",
+            bound="fieldagents.reference.uav_route.lower_bound:shortest_flights",
+        ),
+        Metric("path_length", "km", "length, if arrived", "path_length", over="last", given="success"),
+        Metric("damaged", "1", "hit by a missile", "damaged", over="last", binary=True),
+        Metric("time_over", "s", "time detected", "time_over", over="last"),
+        Metric(
+            "longest_detection", "s", "longest detection without a break", "longest_detection", over="last"
+        ),
+        Metric(
+            "largest_probability",
+            "1",
+            "largest probability of detection",
+            "largest_probability",
+            over="last",
+        ),
+        Metric("lock_losses", "1", "locks that radars lost", "lock_losses", over="last"),
+        Metric("legs", "1", "legs", "legs", over="last"),
     ),
 }
 """A task's metrics; the first is the one that verdicts are about."""

@@ -8,11 +8,16 @@ along the limit the path is a logarithmic spiral, and where a straight line keep
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from fieldagents.reference.uav_route.limits import NOSE, TAIL, limits_of, probability_seen
+from fieldgym.settings import read_settings
+from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.model import FloatArray
 from fieldmodels.uav_route.parameters import Layout, World
 
@@ -31,6 +36,49 @@ def lower_bound(layout: Layout, world: World) -> float:
     return max(
         (_about(start - np.array(r), goal - np.array(r), world) for r in layout.radars), default=straight
     )
+
+
+@lru_cache(maxsize=4096)
+def bound_to_capture(layout: Layout, world: World, capture: float) -> float:
+    """The same to the nearest place on the circle in which a flight has arrived [km], at least 1e-3."""
+
+    def bound(bearing: float) -> float:
+        goal = (
+            layout.goal[0] + capture * math.cos(bearing),
+            layout.goal[1] + capture * math.sin(bearing),
+        )
+        return lower_bound(Layout(layout.start, goal, layout.radars), world)
+
+    coarse = np.linspace(-math.pi, math.pi, 16, endpoint=False)
+    best = float(min(coarse, key=lambda a: bound(float(a))))
+    around = (best - coarse[1] + coarse[0], best + coarse[1] - coarse[0])
+    least = minimize_scalar(bound, bounds=around, method="bounded", options={"xatol": 1e-3})
+    return max(min(float(least.fun), bound(best)), 1e-3)
+
+
+def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> FloatArray:
+    """The bound of each episode of a batch [km], shape (batch,).
+
+    Args:
+        settings: Those of the environment that are not the defaults.
+        info: The first ``info`` of the episodes.
+    """
+    read: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)
+    layouts = layouts_of(info)
+    return np.array([bound_to_capture(layout, read.world, read.capture) for layout in layouts])
+
+
+def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
+    """The layout of each episode of a batch, from its ``info``."""
+    told = info["layout"]
+    return [
+        Layout(
+            (float(start[0]), float(start[1])),
+            (float(goal[0]), float(goal[1])),
+            tuple((float(x), float(y)) for x, y in radars),
+        )
+        for start, goal, radars in zip(told["start"], told["goal"], told["radars"], strict=True)
+    ]
 
 
 def _about(start: FloatArray, goal: FloatArray, world: World) -> float:
@@ -81,18 +129,26 @@ def _around(r: float, s: float, angle: float, circle: float) -> float:
     )
 
 
+@lru_cache(maxsize=64)
+def _steepest(world: World, nose: bool) -> tuple[FloatArray, FloatArray]:
+    """Distances over the ground, and how far the radar may be from nose or tail there, rounded up [rad]."""
+    radius = np.arange(1.0, limits_of(world).side + 1.0)
+    cone = NOSE if nose else TAIL
+    offsets = np.linspace(0.0, _STEEP, 201)
+    azimuth = cone + offsets if nose else math.pi - cone - offsets
+    seen = probability_seen(world, radius[:, None] + 0.0 * azimuth, azimuth + 0.0 * radius[:, None])
+    last = np.maximum((seen <= world.detection.threshold).sum(axis=1), 1) - 1
+    return radius, cone + offsets[last] + offsets[1]
+
+
 class _Spiral:
     """Ways between the circle and a place inside it, as steep to the radial as the threshold allows."""
 
     def __init__(self, inner: float, circle: float, world: World, *, nose: bool) -> None:
         edges = np.linspace(inner, circle, 401)
         self.radius, self.step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
-        cone = NOSE if nose else TAIL
-        offsets = np.linspace(0.0, _STEEP, 201)
-        azimuth = cone + offsets if nose else math.pi - cone - offsets
-        seen = probability_seen(world, edges[1:, None] + 0.0 * azimuth, azimuth + 0.0 * edges[1:, None])
-        self.limit = cone + offsets[np.maximum((seen <= world.detection.threshold).sum(axis=1), 1) - 1]
-        self.limit += offsets[1]  # rounded up: the bound stays one
+        radius, limit = _steepest(world, nose)
+        self.limit = limit[np.minimum(np.searchsorted(radius, edges[1:]), len(limit) - 1)]
         self.reach = self._angle(circle)
 
     def _steepness(self, closest: float) -> FloatArray:
