@@ -119,7 +119,7 @@ class UavRouteSettings:
     capture: Positive = 5.0
     horizon: Annotated[int, Field(ge=1, le=10_000)] = 60
     least_leg: Positive = 2.5
-    longest_leg: Positive = 50.0
+    longest_leg: Positive = 500.0
     length_cost: NotNegative = 0.01
     progress_reward: NotNegative = 0.01
     arrival_reward: NotNegative = 1.0
@@ -193,9 +193,10 @@ def actions_towards(
     ahead = np.asarray(waypoints, dtype=np.float64) - info["place"]
     turn = np.arctan2(ahead[:, 1], ahead[:, 0]) - info["radial"]
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
-    span = settings.longest_leg - settings.least_leg
-    share = (np.hypot(ahead[:, 0], ahead[:, 1]) - settings.least_leg) / span if span > 0 else 0 * turn
-    return np.column_stack([turn / np.pi, np.clip(2.0 * share - 1.0, -1.0, 1.0)]).astype(np.float32)
+    length = np.clip(np.hypot(ahead[:, 0], ahead[:, 1]), settings.least_leg, settings.longest_leg)
+    spread = math.log(settings.longest_leg / settings.least_leg)
+    share = np.log(length / settings.least_leg) / spread if spread > 0.0 else np.zeros(len(length))
+    return np.column_stack([turn / np.pi, 2.0 * share - 1.0]).astype(np.float32)
 
 
 def nearest_bearing(places: Floats, radars: Floats) -> Floats:
@@ -259,9 +260,8 @@ class _Flight(Play):
         going = flights["over"] == FLYING
         legs = np.empty_like(actions)
         legs[:, 0] = math.pi * actions[:, 0]
-        legs[:, 1] = settings.least_leg + 0.5 * (1.0 + actions[:, 1]) * (
-            settings.longest_leg - settings.least_leg
-        )
+        spread = settings.longest_leg / settings.least_leg
+        legs[:, 1] = settings.least_leg * spread ** (0.5 * (1.0 + actions[:, 1]))
         leg = self._seen = self.flights.advance(legs)
         self.elapsed[:] = flights["legs"]
         if self._drawing:
@@ -384,9 +384,9 @@ class UavRouteEnv(PlayEnv):
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
     | 0 | heading, from the bearing of the nearest radar | away from it | at it | away from it |
-    | 1 | length of the leg | 2.5 km (`least_leg`) | 26.25 km | 50 km (`longest_leg`) |
+    | 1 | length of the leg | 2.5 km (`least_leg`) | 35 km | 500 km (`longest_leg`) |
 
-    Headings are in units of pi, positive to the right of the radar. `fieldgym.uav_route.actions_towards`
+    Headings are in units of pi, positive to the right of the radar; lengths are a geometric scale. `fieldgym.uav_route.actions_towards`
     gives the actions that fly to waypoints on the map.
 
     ## Observation Space
