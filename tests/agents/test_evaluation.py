@@ -13,7 +13,7 @@ from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig, EvaluateConfig
 from fieldagents.evaluation import EvaluationError, evaluate, report_section
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.evaluate import _check_pairs
+from fieldagents.evaluation.evaluate import check_pairs
 from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.evaluation.summary import Labels, summarise_scenario
 
@@ -165,10 +165,10 @@ def test_episodes_are_those_of_the_scalar_environment():
 
 def test_agents_that_met_other_noise_are_not_compared():
     frame = pd.DataFrame({"scenario": "s", "seed": [1, 1], "agent": ["a", "b"], "ranger_mm": [1.0, 1.0]})
-    _check_pairs(frame, TASK)
+    check_pairs(frame, TASK)
     frame.loc[1, "ranger_mm"] = 1.1
     with pytest.raises(EvaluationError, match="s, seed 1"):
-        _check_pairs(frame, TASK)
+        check_pairs(frame, TASK)
 
 
 def trained(runs: int, gain: float, episodes: int = 40) -> tuple:

@@ -11,7 +11,7 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.seeds import TEST_SEEDS, TUNING_SEEDS
 from fieldagents.reference import references
 from fieldagents.reference.heel_strike import OracleGains, oracle_row, to_action, tuned
-from fieldagents.reference.tuning import WALKS, _ranger_error, _walks, tune
+from fieldagents.reference.tuning import WALKS, _ranger_error, recorded, tune
 from fieldgym.heel_strike import HeelStrikeSettings
 
 TASK = "heel_strike"
@@ -167,7 +167,7 @@ def test_an_agents_memory_is_one_row_an_environment():
 
 def test_rangers_reset_is_scored_without_running_it_again():
     """The linear recursion behind the tuning of Ranger's reset gives the published one back."""
-    walks = _walks(HeelStrikeSettings(strides=50), TUNING_SEEDS[:3])
+    walks = recorded(HeelStrikeSettings(strides=50), TUNING_SEEDS[:3])
     assert _ranger_error(walks, 0.1) == pytest.approx(np.abs(walks.estimator_mm[:, 1]).mean(), rel=1e-9)
 
 

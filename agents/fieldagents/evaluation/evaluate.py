@@ -67,7 +67,7 @@ def evaluate(
         took[scenario][entrant.name] = _decision_time(entrant, config.task, environment, seeds, batch)
     labels = {one.name: Labels(one.kind, one.runs[0].title, one.learned) for _, _, one in entrants}
     episodes = pd.concat(tables, ignore_index=True)
-    _check_pairs(episodes, config.task)
+    check_pairs(episodes, config.task)
     summary = Summary(
         name=config.name,
         task=config.task,
@@ -76,7 +76,7 @@ def evaluate(
         first_seed=seeds[0],
         seconds=round(time.perf_counter() - began, 1),
         decision_ms=took,
-        environments={name: _written_out(config.task, one) for name, one in config.environments.items()},
+        environments={name: written_out(config.task, one) for name, one in config.environments.items()},
         scenarios={
             str(scenario): summarise_scenario(part, config.task, config.baseline, labels)
             for scenario, part in episodes.groupby("scenario", sort=False)
@@ -89,7 +89,7 @@ def evaluate(
     return summary
 
 
-def _written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
+def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     """Settings and reality as plain values; a file may change later."""
     truth = read_reality(environment.reality, get_model(TASKS[task].model))
     groups = {"parameters": truth.base, **truth.effects} if truth.base else truth.effects
@@ -115,7 +115,7 @@ def _report(progress: Callable[[str, float], None], stage: str, done: int, total
     progress(stage, (done + part) / total)
 
 
-def _check_pairs(episodes: pd.DataFrame, task: str) -> None:
+def check_pairs(episodes: pd.DataFrame, task: str) -> None:
     """Make sure that all agents met the same noise on the same seed; else no pair is a pair."""
     for metric in METRICS[task]:
         if metric.common:

@@ -22,7 +22,9 @@ from fieldagents.evaluation.seeds import TUNING_SEEDS
 from fieldagents.reference.heel_strike import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
 from fieldmodels.files import write_text
+from fieldmodels.heel_strike.model import HeelStrikeModel
 from fieldmodels.heel_strike.search import Walks, record_walks, score_gains
+from fieldmodels.reality import read_reality
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +53,7 @@ def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: No
     Returns:
         Agent to its values, with the mean |error| [mm] on the walks that tuned it and on as many others.
     """
-    walks, check = (_walks(settings, TUNING_SEEDS[first : first + WALKS]) for first in (0, 5000))
+    walks, check = (recorded(settings, TUNING_SEEDS[first : first + WALKS]) for first in (0, 5000))
     found: dict[str, Any] = {}
 
     def keep(agent: str, score: Callable[[Walks], float], **values: Any) -> None:
@@ -73,20 +75,13 @@ def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: No
     # The action space holds S_FD fixed; the grid is searched with it, and its winner is reported.
     keep("paper_grid", lambda w: _score(w, best[:3], best[3]), gains=best[:3], decay=best[3])
 
-    ratios, resets = np.geomspace(0.001, 1, 49), np.geomspace(0.01, 1, 33)
-    grid = np.array([(ratio, ratio, reset, decay) for ratio, reset in product(ratios, resets)])
-    fixed = grid[np.argmin(score_gains(walks, grid))][:3]
+    fixed = fixed_gains(walks, decay)
     keep("fixed_tuned", lambda w: _score(w, fixed, decay), gains=fixed)
 
-    coarse = np.geomspace(0.001, 1, 13)
-    grid = np.array([(*gains, decay) for gains in product(coarse, coarse, np.geomspace(0.01, 1, 9))])
-    start = grid[np.argmin(score_gains(walks, grid))][:3]
-    gated = _gains(
-        _cma(lambda x: score_gains(walks, _with_decay(_gains(x), decay)), _encode(start), evaluations=1500)
-    )
+    gated = gated_gains(walks, decay)
     keep("gated_tuned", lambda w: _score(w, gated, decay), gains=gated)
 
-    weights, bias = _linear_rule(walks, gated, decay)
+    weights, bias = linear_rule(walks, gated, decay)
     keep(
         "adaptive",
         lambda w: _linear_scores(w, weights[None], bias[None], decay)[0],
@@ -112,10 +107,35 @@ def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: No
     return found
 
 
-def _walks(settings: HeelStrikeSettings, seeds: range) -> Walks:
-    """The very walks that the environment makes of these seeds."""
+def recorded(settings: HeelStrikeSettings, seeds: range, reality: Any = None) -> Walks:
+    """The very walks that the environment makes of these seeds.
+
+    Args:
+        settings: The environment's settings.
+        seeds: One a walk.
+        reality: The environment's reality.
+    """
     rngs = [np_random(seed)[0] for seed in seeds]
-    return record_walks(rngs, settings.strides, settings.leg, settings.regimes)
+    model = HeelStrikeModel(settings.leg)
+    vector = read_reality(reality, model).vector(model)
+    return record_walks(rngs, settings.strides, settings.leg, settings.regimes, vector)
+
+
+def fixed_gains(walks: Walks, decay: float) -> Floats:
+    """S_MS (the same early and late) and S_HR of least error on a logarithmic grid, shape (3,)."""
+    ratios, resets = np.geomspace(0.001, 1, 49), np.geomspace(0.01, 1, 33)
+    grid = np.array([(ratio, ratio, reset, decay) for ratio, reset in product(ratios, resets)])
+    return np.asarray(grid[np.argmin(score_gains(walks, grid))][:3])
+
+
+def gated_gains(walks: Walks, decay: float, evaluations: int = 1500) -> Floats:
+    """S_MS early and late and S_HR of least error, by CMA-ES from the best of a coarse grid, shape (3,)."""
+    coarse = np.geomspace(0.001, 1, 13)
+    grid = np.array([(*gains, decay) for gains in product(coarse, coarse, np.geomspace(0.01, 1, 9))])
+    start = grid[np.argmin(score_gains(walks, grid))][:3]
+    return _gains(
+        _cma(lambda x: score_gains(walks, _with_decay(_gains(x), decay)), _encode(start), evaluations)
+    )
 
 
 def _encode(gains: Floats) -> Floats:
@@ -168,8 +188,15 @@ def _linear_scores(walks: Walks, weights: Floats, bias: Floats, decay: float) ->
     return np.asarray(score_gains(walks, _with_decay(_gains(actions), decay)))
 
 
-def _linear_rule(walks: Walks, start: Floats, decay: float) -> tuple[Floats, Floats]:
-    """Weights and bias of the best linear rule; searched over standardised features."""
+def linear_rule(walks: Walks, start: Floats, decay: float, evaluations: int = 8000) -> tuple[Floats, Floats]:
+    """Weights, shape (3, 6), and bias, shape (3,), of the best linear rule of the features.
+
+    Args:
+        walks: The walks on which it is searched, over standardised features.
+        start: Fixed gains from which the search begins, shape (3,).
+        decay: S_FD [1/s].
+        evaluations: How many rules to try.
+    """
     features = np.clip(walks.features, FEATURE_LOW, FEATURE_HIGH)
     centre, spread = features.mean(axis=0), features.std(axis=0)
 
@@ -180,7 +207,7 @@ def _linear_rule(walks: Walks, start: Floats, decay: float) -> tuple[Floats, Flo
 
     x = np.zeros((3, features.shape[1] + 1))
     x[:, -1] = _encode(start)
-    best = _cma(lambda x: _linear_scores(walks, *decode(x), decay), x.ravel(), evaluations=8000)
+    best = _cma(lambda x: _linear_scores(walks, *decode(x), decay), x.ravel(), evaluations)
     weights, bias = decode(best)
     return weights[0], bias[0]
 
