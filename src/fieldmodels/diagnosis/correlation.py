@@ -46,7 +46,11 @@ def correlations(
     names = tuple(o.name for o in problem.model.outputs)
     measured = part.windows.measured(names)[:count]
     first, last = (measured - p.simulated[0][:count] for p in (before, after))
-    dense = [int(j) for j in np.unique(problem.outputs) if np.isfinite(last[:, :, j]).mean() > DENSE]
+    dense = [
+        int(j)
+        for j in np.unique(problem.outputs)
+        if np.isfinite(last[:, :, j]).mean() > DENSE and not problem.model.outputs[j].event
+    ]
     reach = min(LAGS, samples // 2)
     if not dense or reach < 2:
         return ()
@@ -169,7 +173,8 @@ def _fitted_noise(
     moved = np.nan_to_num(np.moveaxis(simulated[1:] - simulated[0], 0, -1) / STATE_STEP)
     features = part.counts.shape[1]
     slots = part.slots[:count].reshape(count, -1)
-    averaging = (slots[:, None, :] == np.arange(features)[None, :, None]) / part.counts[:count, :, None]
+    counts = np.maximum(part.counts[:count, :, None], 1.0)  # a look that was not made averages nothing
+    averaging = (slots[:, None, :] == np.arange(features)[None, :, None]) / counts
     observed = np.isfinite(errors)
     squares = np.where(observed, errors, 0.0) ** 2
     size = np.sqrt(squares.sum(axis=(0, 1)) / np.maximum(observed.sum(axis=(0, 1)), 1))

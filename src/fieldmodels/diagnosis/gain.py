@@ -68,7 +68,8 @@ def whitener_by_output(problem: Problem, raw: FloatArray) -> FloatArray:
     for j in np.unique(problem.outputs):
         own = problem.outputs == j
         size[own] = np.sqrt(np.mean(known[:, own] ** 2))
-    return np.asarray(np.diag(1 / np.maximum(size, 1e-6 * problem.output_scale)))
+    size = np.where(problem.events, 1.0, np.maximum(size, 1e-6 * problem.output_scale))
+    return np.asarray(np.diag(1 / size))
 
 
 def share(
@@ -146,9 +147,12 @@ def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
     """Standard deviation of an output's white noise, from second differences of the errors.
 
     A sensor that shows the same value for several samples tells less: then the root mean square of
-    the differences takes the median's place.
+    the differences takes the median's place. Of an event it is the error that remains if its simulated
+    probability p is right: the root mean square of p (1 - p).
     """
     outputs = tuple(o.name for o in problem.model.outputs)
+    if problem.model.outputs[output].event:
+        return _chance(problem, prediction, output)
     differences = []
     for part, simulated in zip(problem.parts, prediction.simulated, strict=True):
         error = (part.windows.measured(outputs) - simulated)[:, :, output]
@@ -158,6 +162,16 @@ def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
     if len(values) < 20:
         return float("nan")
     return float(np.sqrt(np.mean(np.clip(values, *np.percentile(values, [1, 99])) ** 2) / 6))
+
+
+def _chance(problem: Problem, prediction: Prediction, output: int) -> float:
+    names = tuple(o.name for o in problem.model.outputs)
+    looks = []
+    for part, simulated in zip(problem.parts, prediction.simulated, strict=True):
+        seen = np.isfinite(part.windows.measured(names)[:, :, output])
+        looks.append(simulated[:, :, output][seen])
+    p = np.concatenate(looks)
+    return float(np.sqrt(np.mean(p * (1.0 - p)))) if len(p) else float("nan")
 
 
 def _percent(before: FloatArray, after: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 A missing force is sought as tables and products of what moves along the fitted trajectories. A force on
 each of a few stretches of the windows is simulated once; every column of the dictionary is then a
 combination of these responses. All columns are judged on held-out windows beside the free parameters.
+What is missing from an event is sought alike, in its log-odds.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import STRETCHES, averaged, responses, stretches
+from fieldmodels.diagnosis.response import STRETCHES, averaged, odds_responses, responses, stretches
 from fieldmodels.diagnosis.result import Leftover
 from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, RARE_GAIN, RARE_P, block_p_value
 from fieldmodels.model import FloatArray
@@ -40,6 +41,7 @@ class Group:
         values: Force columns on the stretches of every window, shape (windows, stretches, columns).
         knots: Where the curve is drawn, shape (points,).
         curves: Each column's value there, shape (points, columns).
+        event: Index of the event output in whose log-odds it acts; None for a force.
     """
 
     direction: str
@@ -47,6 +49,7 @@ class Group:
     values: FloatArray
     knots: FloatArray
     curves: FloatArray
+    event: int | None = None
 
 
 @dataclass(frozen=True)
@@ -78,14 +81,21 @@ class Dictionary:
         self.problem = problem
         self.stretch = [stretches(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
         self.response = responses(problem, fitted)
-        self.groups = list(_groups(self._signals(fitted)))
+        signals = self._signals(fitted)
+        events = [int(j) for j in np.unique(problem.outputs) if problem.model.outputs[j].event]
+        names = [problem.model.outputs[j].name for j in events]
+        self.groups = list(_groups({name: s for name, s in signals.items() if name not in names}))
+        self.odds = {j: odds_responses(problem, fitted, j) for j in events}
+        for j in events:
+            self.groups += [replace(group, event=j) for group in _groups(signals)]
 
     def judge(self, candidate: Candidate, folds: NDArray[np.int64]) -> list[Found]:
         """Judge every group beside a fit of the same problem, most probable first."""
         fitted = candidate.fit
         result = []
         for group in self.groups:
-            columns = project(fitted, self.response @ group.values)
+            response = self.response if group.event is None else self.odds[group.event]
+            columns = project(fitted, response @ group.values)
             mixture = _own_shapes(columns, fitted)
             if mixture.shape[1] == 0:
                 continue
@@ -116,11 +126,15 @@ class Dictionary:
 
     def shape(self, found: Found, candidate: Candidate) -> Leftover:
         """What a judged group looks like."""
-        unit = self.problem.model.disturbance_unit or "1"
+        model, event = self.problem.model, found.group.event
+        unit = model.disturbance_unit or "1"
+        direction = found.group.direction
+        if event is not None:
+            unit, direction = "1", f"{direction}, in the log-odds of {model.outputs[event].name}"
         curve = np.column_stack([found.group.knots, found.group.curves @ found.coefficients])
         percent = 100 * found.total / float(candidate.loss.sum())
         return Leftover(
-            found.group.direction,
+            direction,
             unit,
             found.group.unit,
             curve,
@@ -151,7 +165,7 @@ class Dictionary:
                     continue
                 signals[signal.name] = (signal.unit, outputs[:, :, j])
                 # Random forces shape the rates, which then cannot tell what the forces depend on.
-                if f"{signal.unit}/s" not in units and not model.random_force:
+                if f"{signal.unit}/s" not in units and not (model.random_force or signal.event):
                     rate = np.gradient(outputs[:, :, j], recording.step, axis=1)
                     signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
             for signal in model.inputs:

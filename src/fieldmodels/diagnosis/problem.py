@@ -244,10 +244,10 @@ def _looked(model: Model, windows: Windows) -> NDArray[np.bool_]:
         wrong = np.flatnonzero(~(np.isnan(values) | (values == 0) | (values == 1)))
         if len(wrong):
             raise RecordingError(
-                f"{windows.recording.source}: signal {output.name!r}, sample {wrong[0]}: {values[wrong[0]]:g}; "
-                "an event is 1 or 0, and empty where nothing looked"
+                f"{windows.recording.source}: signal {output.name!r}, sample {wrong[0]}: "
+                f"{values[wrong[0]]:g}; an event is 1 or 0, and empty where nothing looked"
             )
-        looked[:, :, j] = np.isfinite(windows.measured((output.name,))[:, :, 0])
+        looked[:, :, j] = np.isfinite(windows.measured(tuple(o.name for o in model.outputs))[:, :, j])
     return looked
 
 

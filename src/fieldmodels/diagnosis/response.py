@@ -44,6 +44,25 @@ def sample_times(problem: Problem) -> FloatArray:
     return np.concatenate(result)
 
 
+def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:
+    """Change of an event's features by its log-odds on each stretch, (windows, features, stretches)."""
+    looks, base = problem.looks, problem.features - fitted.raw
+    result = np.zeros((*base.shape, STRETCHES))
+    if looks is None:
+        return result
+    p = np.zeros(base.shape)
+    p[:, looks.columns] = looks.probability(fitted.raw)
+    first = 0
+    for part in problem.parts:
+        stretch = stretches(part.windows.lengths, part.slots.shape[1])
+        window, sample = np.nonzero(part.slots[:, :, output] >= 0)
+        feature = part.slots[window, sample, output]
+        chance = p[first + window, feature]
+        result[first + window, feature, stretch[window, sample]] = chance * (1.0 - chance)
+        first += len(part.windows)
+    return result
+
+
 def responses(problem: Problem, fitted: Fit) -> FloatArray:
     """Change of the features by a unit force on each stretch, shape (windows, features, stretches).
 
