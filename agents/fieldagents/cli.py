@@ -319,6 +319,51 @@ def diagnose(
 
 
 @app.command()
+def exam(
+    model: Annotated[
+        list[str] | None, typer.Option(help="Model to examine; repeatable (default: all).")
+    ] = None,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(help="`single`, `pair`, `nothing` or `outside`; repeatable (default: all)."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Seeds of each effect; the rest in proportion.", min=1)] = 2,
+    first: Annotated[
+        int | None,
+        typer.Option(help="First seed (default: of the reported seeds; development: 1000).", min=0),
+    ] = None,
+    workers: Annotated[int, typer.Option(help="Processes of one thread each.", min=1)] = 2,
+    out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/exam"),
+    as_json: Json = False,
+) -> None:
+    """Hide faults in simulated data and count how often the diagnosis is right.
+
+    Writes `cases.jsonl` (a line a case, as it comes: an interrupted run goes on), `exam.json`, `exam.md`,
+    `report.html`.
+
+    For example:
+
+        fieldgym exam
+
+        fieldgym exam --model rig --kind single --seeds 1 --first 1000 --out results/exam-development
+    """
+    from fieldmodels.exam import table
+    from fieldmodels.exam.cases import KINDS, REPORTED, cases_of
+    from fieldmodels.exam.run import sit
+    from fieldmodels.exam.subjects import subject_names
+
+    asked = cases_of(model or subject_names(), kind or KINDS, seeds, REPORTED if first is None else first)
+    with progress() as report:
+        rows = sit(asked, out, workers=workers, progress=report)
+    written = table.write(rows, out)
+    if as_json:
+        _print_json(table.summary(rows))
+    else:
+        print(written["exam.md"].read_text(encoding="utf-8"))
+        _done({name: str(path) for name, path in written.items()})
+
+
+@app.command()
 def reproduce(
     what: Annotated[
         str | None, typer.Argument(metavar="[WHAT]", help="A table or figure; without it all are listed.")

@@ -1,0 +1,140 @@
+"""The cases of the exam: what is hidden, how large, and with which seed."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+from zlib import crc32
+
+import numpy as np
+
+from fieldmodels.exam.subjects import Subject, get_subject
+from fieldmodels.model import ModelError, did_you_mean
+
+Kind = Literal["single", "pair", "nothing", "outside"]
+KINDS: tuple[Kind, ...] = ("single", "pair", "nothing", "outside")
+PERCENTS = {"moderate": (10.0, 40.0), "hard": (3.0, 10.0)}
+"""What an effect adds to the held-out error of the refitted nominal model [%]; each case draws one."""
+DEVELOPMENT = 1_000
+"""First of the seeds on which rules and thresholds of the diagnosis were chosen (1000 to 9999)."""
+REPORTED = 50_000
+"""First of the seeds that are reported (from 50000): nothing was chosen on them."""
+PAIRS, NOTHING, OUTSIDE = 10, 15, 1.5
+"""Cases for each seed of the single effects: pairs a model; records without a fault a model, with white noise
+and as many with coloured; seeds a fault from outside."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One question of the exam.
+
+    Attributes:
+        model: Name of the model.
+        kind: ``single``, ``pair``, ``nothing`` or ``outside``.
+        size: ``moderate`` or ``hard``; of ``nothing`` the noise, ``white`` or ``coloured``.
+        hidden: Names of the hidden effects, or of the fault from outside.
+        seed: Of the excitation, the noise, the percentages and the signs.
+    """
+
+    model: str
+    kind: Kind
+    size: str
+    hidden: tuple[str, ...]
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Unique name of the case."""
+        return f"{self.model}/{self.kind}/{self.size}/{'+'.join(self.hidden) or '-'}/{self.seed}"
+
+    def rng(self) -> np.random.Generator:
+        """Source of what the case draws beside its records."""
+        return np.random.default_rng([self.seed, crc32(self.key.encode())])
+
+    def drawn(self) -> list[tuple[str, float, int]]:
+        """Each hidden fault with the percentage that it shall add and the sign of its direction."""
+        if self.kind == "nothing":
+            return []
+        rng, limits = self.rng(), PERCENTS[self.size]
+        return [(name, float(rng.uniform(*limits)), int(rng.choice([-1, 1]))) for name in self.hidden]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "key": self.key,
+            "model": self.model,
+            "kind": self.kind,
+            "size": self.size,
+            "hidden": list(self.hidden),
+            "seed": self.seed,
+        }
+
+
+def cases_of(models: Iterable[str], kinds: Iterable[str], seeds: int, first: int) -> list[Case]:
+    """The cases of some models.
+
+    Raises:
+        ModelError: For a model that has no exam, or a kind that there is none of.
+    """
+    chosen = list(kinds)
+    for kind in chosen:
+        if kind not in _OF_KIND:
+            raise ModelError(f"no cases of kind {kind!r}{did_you_mean(kind, _OF_KIND)}")
+    subjects = [get_subject(name) for name in dict.fromkeys(models)]
+    return [case for subject in subjects for case in all_cases(subject, chosen, seeds, first)]
+
+
+def all_cases(subject: Subject, kinds: Iterable[str], seeds: int, first: int) -> list[Case]:
+    """The cases of one model.
+
+    Args:
+        subject: The model's subject.
+        kinds: Which kinds.
+        seeds: Seeds of each single effect and size; the other kinds follow in proportion.
+        first: First seed.
+    """
+    return [case for kind in kinds for case in _OF_KIND[kind](subject, seeds, first)]
+
+
+def _singles(subject: Subject, seeds: int, first: int) -> Iterator[Case]:
+    for size in PERCENTS:
+        for effect in subject.model.effects:
+            for k in range(seeds):
+                yield Case(subject.name, "single", size, (effect.name,), first + k)
+
+
+def _pairs(subject: Subject, seeds: int, first: int) -> Iterator[Case]:
+    """Pairs drawn without replacement, then anew with the next seed."""
+    names = [effect.name for effect in subject.model.effects]
+    possible = [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in subject.alike]
+    order: list[int] = []
+    for number in range(PAIRS * seeds):
+        if not order:
+            again = number // len(possible)
+            order = list(np.random.default_rng([first, again]).permutation(len(possible)))
+        yield Case(
+            subject.name, "pair", "moderate", possible[order.pop()], first + 100 + number // len(possible)
+        )
+
+
+def _nothing(subject: Subject, seeds: int, first: int) -> Iterator[Case]:
+    for noise in ("white", "coloured"):
+        for k in range(NOTHING * seeds):
+            yield Case(subject.name, "nothing", noise, (), first + 200 + k)
+
+
+def _outside(subject: Subject, seeds: int, first: int) -> Iterator[Case]:
+    for fault in subject.outside:
+        for k in range(math.ceil(OUTSIDE * seeds)):
+            yield Case(subject.name, "outside", "moderate", (fault,), first + 700 + k)
+
+
+_OF_KIND: dict[str, Callable[[Subject, int, int], Iterator[Case]]] = {
+    "single": _singles,
+    "pair": _pairs,
+    "nothing": _nothing,
+    "outside": _outside,
+}

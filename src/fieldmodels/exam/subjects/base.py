@@ -1,0 +1,113 @@
+"""What the exam asks of a subject: records of a hidden reality, and values of an effect by its size."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import ClassVar, NamedTuple
+
+from fieldmodels.model import EffectValues, Model
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+
+
+class Outside(NamedTuple):
+    """A fault that the model's library does not list.
+
+    Attributes:
+        name: One of the subject's ``outside``.
+        size: In the unit in which the subject reads it.
+    """
+
+    name: str
+    size: float
+
+
+class Subject(ABC):
+    """A machine on which the diagnosis is examined.
+
+    Attributes:
+        name: Name of the model.
+        outside: Faults that the model does not list: name to one plain sentence.
+        needs_base: Effects that a refitted base absorbs; in their cases the base is known.
+        constants: Parameters of effects that do not grow with an effect's size, by full name.
+        peaks: Parameters that limit something, with the value above which they do nothing.
+        alike: Pairs of effects that are one and the same in the data, or whose sum is; none is hidden with
+            the other.
+        wander: Share of the noise's variance that wanders slowly in records with coloured noise.
+    """
+
+    name: ClassVar[str]
+    outside: ClassVar[Mapping[str, str]]
+    needs_base: ClassVar[frozenset[str]] = frozenset()
+    constants: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    peaks: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    alike: ClassVar[frozenset[frozenset[str]]] = frozenset()
+    wander: ClassVar[float] = 0.5
+
+    @cached_property
+    def model(self) -> Model:
+        """The model that is held against the data."""
+        return get_model(self.name)
+
+    @abstractmethod
+    def record(
+        self,
+        reality: EffectValues,
+        seed: int,
+        *,
+        noise: bool = True,
+        coloured: float = 0.0,
+        outside: Outside | None = None,
+    ) -> Recording:
+        """Record the machine by a simulation that is not the one that a diagnosis runs.
+
+        Args:
+            reality: Effects of the model that are on.
+            seed: Of excitation and noise; equal seeds excite alike, whatever is hidden.
+            noise: False for sensors without noise (what else is random stays).
+            coloured: Share of the noise's variance that wanders slowly.
+            outside: A fault from outside the library.
+
+        Raises:
+            ModelError: If the machine does not stand it.
+        """
+
+    def values(self, effect: str, size: float, sign: int = 1) -> dict[str, float]:
+        """Values of an effect's parameters at a multiple of its typical step.
+
+        Args:
+            effect: Name of the effect.
+            size: Multiple, positive; 0 is neutral.
+            sign: -1 for the other direction, where the effect has one (``signed``).
+        """
+        result = {}
+        for parameter in self.model.effect(effect).parameters:
+            full = f"{effect}.{parameter.name}"
+            if full in self.constants:
+                result[parameter.name] = self.constants[full]
+            elif full in self.peaks:
+                result[parameter.name] = self.peaks[full] / (1.0 + size)
+            else:
+                step = (parameter.starts[0] if parameter.starts else parameter.nominal + parameter.scale) - (
+                    parameter.nominal
+                )
+                value = parameter.nominal + sign * size * step
+                result[parameter.name] = min(max(value, parameter.lower), parameter.upper)
+        return result
+
+    def signed(self, effect: str) -> bool:
+        """Whether an effect has two directions."""
+        return all(
+            parameter.lower < parameter.nominal < parameter.upper
+            for parameter in self.model.effect(effect).parameters
+            if f"{effect}.{parameter.name}" not in {**self.constants, **self.peaks}
+        ) and not any(f"{effect}.{p.name}" in self.peaks for p in self.model.effect(effect).parameters)
+
+    def fixed(self, effects: Iterable[str]) -> dict[str, float]:
+        """Base parameters that a diagnosis is told, where it could not see an effect without."""
+        if not self.needs_base & set(effects):
+            return {}
+        return {p.name: p.nominal for p in self.model.parameters}

@@ -1,0 +1,25 @@
+"""The pendulum along a smooth random path."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from fieldmodels.exam.subjects.bench import DURATION, Bench
+
+
+class Pendulum(Bench):
+    """A pendulum that is swung by up to 1.2 rad."""
+
+    name = "pendulum"
+    excitation = "swing"
+    amplitude = 1.2
+    motion = (0.5, 1.5)
+    force = 0.4
+    constants = MappingProxyType(
+        {
+            "periodic_force.frequency": 1.3,
+            "parameter_step.time": 0.45 * DURATION,
+            "payload.length": 0.3,
+        }
+    )
+    peaks = MappingProxyType({"actuator_saturation.limit": 1.5})
