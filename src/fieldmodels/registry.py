@@ -10,6 +10,7 @@ from fieldmodels.model_files import is_model_file, load_model_file
 _MODELS = {
     "rig": "fieldmodels.rig:Rig",
     "pendulum": "fieldmodels.pendulum:Pendulum",
+    "propeller_arm": "fieldmodels.propeller_arm:PropellerArm",
     "heel_strike": "fieldmodels.heel_strike.model:HeelStrikeModel",
     "excitation": "fieldmodels.excitation.model:ExcitationModel",
     "line_following": "fieldmodels.line_following.model:LineFollowing",

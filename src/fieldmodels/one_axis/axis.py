@@ -11,6 +11,7 @@ class Axis:
 
     Attributes:
         rotary: True for an angle under gravity, False for a position on a spring.
+        damped: True if viscous friction is part of the nominal axis, not an effect.
         force_name: Name of the generalised force.
         force_unit: Its unit.
         position_name: Name of the generalised position.
@@ -18,11 +19,12 @@ class Axis:
     """
 
     rotary: bool
+    damped: bool
     force_name: str
     force_unit: str
     position_name: str
     position_unit: str
 
 
-LINEAR = Axis(False, "force", "N", "position", "m")
-ROTARY = Axis(True, "torque", "N m", "angle", "rad")
+LINEAR = Axis(False, True, "force", "N", "position", "m")
+ROTARY = Axis(True, False, "torque", "N m", "angle", "rad")

@@ -40,7 +40,7 @@ def force_effects(axis: Axis, s: Scales) -> tuple[Effect, ...]:
     if axis.rotary:
         payload_parameters.append(Parameter("length", "m", 0.5, 1e-3, 1e2, 0.05, starts=(0.5,)))
     return (
-        *((viscous,) if axis.rotary else ()),
+        *(() if axis.damped else (viscous,)),
         _effect(
             "coulomb_friction", "force",
             f"Dry friction: a {f} of constant size opposes motion and holds the axis at rest.",

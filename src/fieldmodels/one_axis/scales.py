@@ -186,7 +186,7 @@ def _regress(
     )
     right = sum(form.columns.T @ form.forces for form in forms)
     solution = np.linalg.lstsq(square / np.outer(size, size), right / size, rcond=1e-9)[0] / size
-    chosen = solution[[0, 2]] if axis.rotary else solution[:3]
+    chosen = solution[:3] if axis.damped else solution[[0, 2]]
     base = tuple(
         float(c) if np.isfinite(c) and c > 0 else f for c, f in zip(chosen, nominal.base, strict=True)
     )
