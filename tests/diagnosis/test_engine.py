@@ -239,8 +239,8 @@ def test_real_pendulum_friction():
         for name in ("ddp", "direct_collocation")
     )
     result = diagnose(model, [train], [test])
-    assert result.verdict == "named"
     assert [c.effect for c in result.causes] == ["coulomb_friction"]
+    assert set(result.causes[0].alternatives) <= {"hysteresis", "stribeck_friction"}  # contain it
     # The bench's own identification says 0.184 N m (with 0.047 N m s of viscous friction beside it).
     assert 0.10 < result.causes[0].parameters["torque"].value < 0.22
     assert result.gain["angle"].gain.ci95[0] > 50

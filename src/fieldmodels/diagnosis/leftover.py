@@ -20,12 +20,13 @@ from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import STRETCHES, averaged, odds_responses, responses, stretches
 from fieldmodels.diagnosis.result import Leftover
-from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, RARE_GAIN, RARE_P, block_p_value
+from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, block_p_value
 from fieldmodels.model import FloatArray
 
 KNOTS = 8  # of a table
 MULTIPLIED = 7  # signals of which products are tried
 MAX_P = 0.005  # of the best of some twenty groups
+RARE_P, RARE_GAIN = 0.02, 40.0  # of a shape that shows in few windows only, but strongly there
 RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.025  # a dictionary group may not beat a named effect by more [nats, share]
 RIVAL_P = 0.1  # of the paired test that it does
 LEAST_SINE = 0.1  # of the angle between a shape's response and what the free parameters can do

@@ -13,7 +13,7 @@ from fieldmodels.diagnosis.candidates import is_quantisation
 from fieldmodels.model import Effect, FloatArray, Model
 from fieldmodels.recording import Recording
 
-SHARE = 1 / 3  # of the error's variance that the lattice must explain to be named
+SHARE = 0.05  # of the error's variance that the lattice must explain to be worth a name
 TOLERANCE = 0.02  # of the step: how far values may lie from the lattice
 
 
