@@ -18,7 +18,7 @@ from typing import Any
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.exam.cases import Case
 from fieldmodels.exam.scoring import judged
-from fieldmodels.exam.sizes import Curve, curve_of
+from fieldmodels.exam.sizes import Curve, curve_of, size_on
 from fieldmodels.exam.subjects import Outside, get_subject
 from fieldmodels.files import write_text
 from fieldmodels.model import ModelError
@@ -78,11 +78,12 @@ def examine(case: Case, curves: dict[str, Curve]) -> Row:
     row: Row = case.to_json() | {"percents": [], "values": {}}
     hidden: dict[str, dict[str, float]] = {}
     outside = None
+    seeds = (case.seed, case.seed + TEST)
     for name, percent, sign in case.drawn():
-        size = curves[name].size(percent)
-        row["percents"].append(round(percent, 2))
+        size, added = size_on(subject, name, percent, seeds, sign, curves[name])
+        row["percents"].append(round(added, 2))
         if size is None:
-            most = f"{name} adds at most {curves[name].most:.1f} %, not {percent:.1f} %"
+            most = f"{name} adds {added:.1f} % at most, not {percent:.1f} %"
             return row | {"outcome": "out of reach", "seconds": 0.0, "summary": most}
         if case.kind == "outside":
             outside = Outside(name, size)
@@ -92,10 +93,7 @@ def examine(case: Case, curves: dict[str, Curve]) -> Row:
             row["values"][name] = hidden[name]
     coloured = subject.wander if case.size == "coloured" else 0.0
     try:
-        train, test = (
-            subject.record(hidden, seed, coloured=coloured, outside=outside)
-            for seed in (case.seed, case.seed + TEST)
-        )
+        train, test = (subject.record(hidden, seed, coloured=coloured, outside=outside) for seed in seeds)
     except ModelError as error:
         return row | {"outcome": "out of reach", "seconds": 0.0, "summary": str(error)}
     began = time.process_time()  # of one thread: other work on the machine does not count

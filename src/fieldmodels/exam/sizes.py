@@ -15,7 +15,7 @@ from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.diagnosis.stages import held
 from fieldmodels.exam.subjects import Outside, Subject
-from fieldmodels.model import FloatArray, ModelError, Stage
+from fieldmodels.model import EffectValues, FloatArray, ModelError, Stage
 from fieldmodels.recording import Recording
 
 PROBES = (7, 507)
@@ -25,6 +25,8 @@ LOWEST, HIGHEST = 3.0, 40.0
 SMALLEST, LARGEST = 1e-6, 1e5
 CLOSE = 0.08
 """Steps between neighbouring points of a curve are followed until so near a percentage (in its logarithm)."""
+NEAR, TRIES = 0.1, 10
+"""How near the size of a case must come (in its logarithm), and in how many tries."""
 
 
 @dataclass(frozen=True)
@@ -58,29 +60,78 @@ class Curve:
         return Curve(tuple(data["sizes"]), tuple(data["percents"]), data["most"])
 
 
-def curve_of(subject: Subject, fault: str) -> Curve:
-    """Find the curve of one of the model's effects or of a fault from outside.
+class Probe:
+    """Measures what one fault adds to the error on a pair of records: one to fit, one to measure.
 
-    A quantisation adds the variance of its steps, which needs no search. Of other faults the records lack the
-    sensors' noise, so that small ones show: their error adds to the noise in squares.
+    The error beside the fault's is that of records with all noise. The fault's own is measured without the
+    sensors' noise, so that a small one shows; both add in squares. Of several outputs the one counts whose
+    error grows most, in percent.
     """
-    base = _errors(subject, {}, None, {}, noise=True)
-    if fault.endswith("quantisation"):
-        return _quantisation(subject, fault, base)
-    fixed = subject.fixed([fault])
-    quiet = _errors(subject, {}, None, fixed, noise=False, scale=base)
 
-    def added(size: float) -> float:
+    def __init__(self, subject: Subject, fault: str, seeds: tuple[int, int], sign: int = 1) -> None:
+        """Measure the errors without the fault.
+
+        Args:
+            subject: Where it is hidden.
+            fault: One of the model's effects, or of the subject's faults from outside.
+            seeds: Of the two records.
+            sign: -1 for the other direction of an effect that has two.
+        """
+        self.subject, self.fault, self.seeds = subject, fault, seeds
+        self.sign = sign if fault not in subject.outside and subject.signed(fault) else 1
+        self._fixed = subject.fixed([fault])
+        self._base = _errors(subject, seeds, {}, None, {}, noise=True)
+        self._quiet = self._measured({}, None)
+
+    def _measured(self, reality: EffectValues, outside: Outside | None) -> FloatArray:
+        return _errors(self.subject, self.seeds, reality, outside, self._fixed, noise=False, scale=self._base)
+
+    def added(self, size: float) -> float:
         """Error that the fault adds, in units of the error without it; infinite if the machine fails."""
-        outside = Outside(fault, size) if fault in subject.outside else None
-        reality = {} if outside else {fault: subject.values(fault, size)}
+        if self.fault.endswith("quantisation"):  # a coarse step q of the first signal: q^2 / 12 of variance
+            step = self.subject.values(self.fault, size)["step"]
+            return float(step / math.sqrt(12.0) / self._base[0])
         try:
-            errors = _errors(subject, reality, outside, fixed, noise=False, scale=base)
+            if self.fault in self.subject.outside:
+                errors = self._measured({}, Outside(self.fault, size))
+            else:
+                values = self.subject.values(self.fault, size, self.sign)
+                errors = self._measured({self.fault: values}, None)
         except ModelError:
             return math.inf
-        return float(np.sqrt(np.nanmax(np.maximum(errors**2 - quiet**2, 0.0) / base**2)))
+        growth = np.maximum(errors**2 - self._quiet**2, 0.0) / self._base**2
+        return float(np.sqrt(np.nanmax(growth)))
 
-    return _searched(added)
+
+def curve_of(subject: Subject, fault: str) -> Curve:
+    """Find the curve of one of the model's effects or of a fault from outside, on the probes' records."""
+    return _searched(Probe(subject, fault, PROBES).added)
+
+
+def size_on(
+    subject: Subject, fault: str, percent: float, seeds: tuple[int, int], sign: int, curve: Curve
+) -> tuple[float | None, float]:
+    """The size that adds a percentage on a case's own records, which another excitation makes another one.
+
+    Returns:
+        The size, None if none was found; and what it adds there, or the most that was seen [%].
+    """
+    target = float(_added(percent))
+    probe = Probe(subject, fault, seeds, sign)
+    seen: dict[float, float] = {}
+    size = curve.size(percent) or (curve.sizes[-1] if curve.sizes else 1.0)
+    for _ in range(TRIES):
+        seen[size] = probe.added(size)
+        if abs(math.log(max(seen[size], 1e-9) / target)) < NEAR:
+            return size, _percent(seen[size])
+        below, above = _bracket(seen, target)
+        if above is None:  # grow
+            size *= min(3.0, 1.1 * target / max(seen[size], 1e-9))
+        elif below is None:
+            size *= max(0.2, 0.9 * target / seen[size])
+        else:
+            size = _between(below, above, seen[below], seen[above], target)
+    return None, _percent(max((a for a in seen.values() if math.isfinite(a)), default=0.0))
 
 
 def _searched(added: Callable[[float], float]) -> Curve:
@@ -137,17 +188,10 @@ def _between(below: float, above: float, least: float, most: float, target: floa
     return float(below * (above / below) ** share)
 
 
-def _quantisation(subject: Subject, effect: str, base: FloatArray) -> Curve:
-    """A coarse step q of the first signal adds q^2 / 12 to the variance."""
-    unit = subject.values(effect, 1.0)["step"]
-    percents = np.geomspace(LOWEST, 1.05 * HIGHEST, 12)
-    sizes = _added(percents) * base[0] * math.sqrt(12.0) / unit
-    return Curve(tuple(sizes.tolist()), tuple(percents.tolist()), float(percents[-1]))
-
-
 def _errors(
     subject: Subject,
-    reality: dict[str, dict[str, float]],
+    seeds: tuple[int, int],
+    reality: EffectValues,
     outside: Outside | None,
     fixed: dict[str, float],
     *,
@@ -155,17 +199,19 @@ def _errors(
     scale: FloatArray | None = None,
 ) -> FloatArray:
     """Held-out root mean square error of the refitted nominal model by output; NaN if not compared."""
-    train, test = (subject.record(reality, seed, noise=noise, outside=outside) for seed in PROBES)
+    train, test = (subject.record(reality, seed, noise=noise, outside=outside) for seed in seeds)
+    # What is small and what is large is told by sensors with noise, whatever these records have.
+    noisy = train if noise else subject.record({}, seeds[0])
     result = np.full(len(subject.model.outputs), np.nan)
     for stage in subject.model.stages([train, test]):
-        errors = _refitted(subject, stage, train, test, fixed, scale)
+        errors = _refitted(stage, noisy, train, test, fixed, scale)
         result = np.where(np.isfinite(errors), errors, result)
     return result
 
 
 def _refitted(
-    subject: Subject,
     stage: Stage,
+    noisy: Recording,
     train: Recording,
     test: Recording,
     fixed: dict[str, float],
@@ -173,8 +219,7 @@ def _refitted(
 ) -> FloatArray:
     """Errors of one stage."""
     known = {**held(stage), **fixed}
-    # What is small and what is large is told by sensors with noise, whatever this record has.
-    model = stage.model.scaled_to([subject.record({}, PROBES[0])])
+    model = stage.model.scaled_to([noisy])
     horizon = main_horizon(model, [train])
     training = problems.build(model, [train], horizon)
     testing = problems.build(model, [test], horizon, training)

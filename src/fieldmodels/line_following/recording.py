@@ -28,6 +28,8 @@ def record_walk(
     excitation: float = 0.05,
     law: tuple[float, float, float] = LAW,
     tracked: bool = True,
+    noise: float = 1.0,
+    robot: type[Walks] = Walks,
     rng: np.random.Generator,
 ) -> Recording:
     """Let the robot follow a line by eq (3.1), with random turns added so that its log tells something.
@@ -39,6 +41,8 @@ def record_walk(
         excitation: Standard deviation of the added turns [rad].
         law: Weights a, b, c of eq (3.1).
         tracked: Whether an overhead tracker measures offset and heading.
+        noise: Factor on the tracker's noise.
+        robot: What walks: another one may have a fault that no effect lists.
         rng: Source of noise and of the added turns.
 
     Raises:
@@ -50,7 +54,7 @@ def record_walk(
         # a bias of the walk itself would be an effect that nobody has switched on
         scene = Scene(straight(strides * model.gait.stride + 10.0), noise=Noise(bias=0.0))
     gait = scene.gait
-    walks = Walks(1, scene, truth[2:], stride=truth[0], height=truth[1])
+    walks = robot(1, scene, truth[2:], stride=truth[0], height=truth[1])
     walks.restart([0], [rng])
     a, b, c = law
     log: dict[str, list[float]] = {
@@ -65,8 +69,9 @@ def record_walk(
         log["steering"].append(command)
         log["curvature"].append(float(scene.track.curvature(one["arc"])))
         log["line"].append(float(one["lines"][0, 0]))
-        log["offset"].append(float(one["offset"]) + _noise(model, "offset") * rng.standard_normal())
-        log["heading"].append(float(one["misalignment"]) + _noise(model, "heading") * rng.standard_normal())
+        log["offset"].append(float(one["offset"]) + noise * _noise(model, "offset") * rng.standard_normal())
+        turned = float(one["misalignment"])
+        log["heading"].append(turned + noise * _noise(model, "heading") * rng.standard_normal())
         walks.advance(np.array([command]))
         if one["lost"][0] or abs(one["offset"]) > 1.0:
             raise ModelError(

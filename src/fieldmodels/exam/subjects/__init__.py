@@ -10,6 +10,11 @@ from fieldmodels.model import ModelError, did_you_mean
 _SUBJECTS = {
     "rig": "Rig",
     "pendulum": "Pendulum",
+    "heel_strike": "HeelStrike",
+    "excitation": "Excitation",
+    "line_following": "LineFollowing",
+    "pose_reaching": "PoseReaching",
+    "uav_route": "UavRoute",
 }
 
 

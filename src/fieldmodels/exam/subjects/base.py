@@ -8,7 +8,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
-from fieldmodels.model import EffectValues, Model
+from fieldmodels.model import EffectValues, Model, Parameter
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
@@ -33,7 +33,6 @@ class Subject(ABC):
         outside: Faults that the model does not list: name to one plain sentence.
         needs_base: Effects that a refitted base absorbs; in their cases the base is known.
         constants: Parameters of effects that do not grow with an effect's size, by full name.
-        peaks: Parameters that limit something, with the value above which they do nothing.
         alike: Pairs of effects that are one and the same in the data, or whose sum is; none is hidden with
             the other.
         wander: Share of the noise's variance that wanders slowly in records with coloured noise.
@@ -43,7 +42,6 @@ class Subject(ABC):
     outside: ClassVar[Mapping[str, str]]
     needs_base: ClassVar[frozenset[str]] = frozenset()
     constants: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    peaks: ClassVar[Mapping[str, float]] = MappingProxyType({})
     alike: ClassVar[frozenset[frozenset[str]]] = frozenset()
     wander: ClassVar[float] = 0.5
 
@@ -86,16 +84,14 @@ class Subject(ABC):
         result = {}
         for parameter in self.model.effect(effect).parameters:
             full = f"{effect}.{parameter.name}"
+            start = parameter.starts[0] if parameter.starts else parameter.nominal + parameter.scale
             if full in self.constants:
-                result[parameter.name] = self.constants[full]
-            elif full in self.peaks:
-                result[parameter.name] = self.peaks[full] / (1.0 + size)
+                value = self.constants[full]
+            elif _limits(parameter):
+                value = start / size if size > 0 else parameter.nominal
             else:
-                step = (parameter.starts[0] if parameter.starts else parameter.nominal + parameter.scale) - (
-                    parameter.nominal
-                )
-                value = parameter.nominal + sign * size * step
-                result[parameter.name] = min(max(value, parameter.lower), parameter.upper)
+                value = parameter.nominal + sign * size * (start - parameter.nominal)
+            result[parameter.name] = min(max(value, parameter.lower), parameter.upper)
         return result
 
     def signed(self, effect: str) -> bool:
@@ -103,11 +99,16 @@ class Subject(ABC):
         return all(
             parameter.lower < parameter.nominal < parameter.upper
             for parameter in self.model.effect(effect).parameters
-            if f"{effect}.{parameter.name}" not in {**self.constants, **self.peaks}
-        ) and not any(f"{effect}.{p.name}" in self.peaks for p in self.model.effect(effect).parameters)
+            if f"{effect}.{parameter.name}" not in self.constants
+        )
 
     def fixed(self, effects: Iterable[str]) -> dict[str, float]:
         """Base parameters that a diagnosis is told, where it could not see an effect without."""
         if not self.needs_base & set(effects):
             return {}
         return {p.name: p.nominal for p in self.model.parameters}
+
+
+def _limits(parameter: Parameter) -> bool:
+    """Whether a parameter is a limit, which does nothing as long as it is large."""
+    return parameter.nominal == parameter.upper

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from dataclasses import replace
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -20,7 +20,7 @@ Force = Callable[[float, float, float, float], float]
 
 OUTSIDE = MappingProxyType(
     {
-        "cogging": "A motor's cogging: a force that changes several times over the range of positions.",
+        "gear_error": "An eccentric gear of the position sensor: it errs by a wave over the range.",
         "end_stop": "An elastic stop that the axis presses on one side.",
         "place_damping": "Damping that grows with the square of the deflection.",
         "progressive_actuator": "An actuator that gives more than in proportion when it is asked for much.",
@@ -62,18 +62,22 @@ class Bench(Subject):
         outside: Outside | None = None,
     ) -> Recording:
         """See ``Subject.record``: half a minute at 100 Hz."""
-        return synthesise(
+        forced = outside is not None and outside.name != "gear_error"
+        recording = synthesise(
             self.model, reality, self.excitation, duration=DURATION, step=STEP, amplitude=self.amplitude,
             rng=np.random.default_rng(seed), noise=noise, coloured=coloured,
-            outside=self._force(outside) if outside else None,
+            outside=self._force(outside) if outside and forced else None,
         )  # fmt: skip
+        if outside and not forced:
+            place, name = self.motion[0], self.model.outputs[0].name
+            wave = outside.size * place * np.sin(3.0 * recording[name] / place)
+            return replace(recording, signals={**recording.signals, name: recording[name] + wave})
+        return recording
 
     def _force(self, outside: Outside) -> Force:
         """The force of a fault, of ``size`` times the bench's typical force at its typical motion."""
         size = outside.size * self.force
         place, speed = self.motion
-        if outside.name == "cogging":
-            return lambda _t, x, _v, _u: size * math.sin(6.0 * x / place)
         if outside.name == "end_stop":
             return lambda _t, x, _v, _u: -size * max(x / place - 0.8, 0.0)
         if outside.name == "place_damping":

@@ -18,8 +18,10 @@ class Pendulum(Bench):
     constants = MappingProxyType(
         {
             "periodic_force.frequency": 1.3,
+            "stribeck_friction.velocity": 0.2,
+            "hysteresis.distance": 0.08,
+            "cogging.period": 0.8,
             "parameter_step.time": 0.45 * DURATION,
             "payload.length": 0.3,
         }
     )
-    peaks = MappingProxyType({"actuator_saturation.limit": 1.5})

@@ -18,7 +18,9 @@ class Rig(Bench):
     constants = MappingProxyType(
         {
             "periodic_force.frequency": 1.3,
+            "stribeck_friction.velocity": 0.03,
+            "hysteresis.distance": 0.005,
+            "cogging.period": 0.08,
             "parameter_step.time": 0.45 * DURATION,
         }
     )
-    peaks = MappingProxyType({"actuator_saturation.limit": 8.0})
