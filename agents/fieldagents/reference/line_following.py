@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,18 @@ from fieldgym.line_following import WIDTH_SCALE, LineFollowingSettings
 from fieldgym.settings import read_settings
 from fieldmodels.line_following.firmware import line_position
 from fieldmodels.line_following.parameters import Camera, Gait
+from fieldmodels.line_following.plant import (
+    CAMERA_YAW,
+    MEMORY,
+    MOTOR_LIMIT,
+    NEUTRAL,
+    PITCH_ERROR,
+    QUANTUM,
+    SENSOR_GAIN,
+    SLIP_STEP,
+    STEERING_BIAS,
+    turn_of,
+)
 
 Floats = NDArray[np.float64]
 
@@ -159,30 +172,43 @@ class PurePursuit(Steering):
         return np.asarray(2.0 * place / (LOOK_AHEAD**2 + place**2) * STRIDE)
 
 
-def walk_matrices(latency: int, memory: float) -> tuple[Floats, Floats, Floats]:
-    """The walk near its line: state offset, heading, curvature, bias and the last two commands.
+def walk_matrices(latency: int, memory: float, plant: Floats = NEUTRAL) -> tuple[Floats, Floats, Floats]:
+    """The walk near its line: state offset, heading, curvature, bias and the last three commands.
 
     Args:
         latency: Strides that a command waits.
         memory: Share of the curvature that is left after a stride.
+        plant: The plant's parameter vector; its bias and its camera's yaw shift the walk and are not here.
 
     Returns:
-        Matrices A (6, 6), B (6, 1) and C (1, 6) of z' = A z + B theta, x = C z.
+        Matrices A (7, 7), B (7, 1) and C (1, 7) of z' = A z + B theta, x = C z.
     """
-    a = np.zeros((6, 6))
-    a[0, :3] = 1.0, STRIDE, -0.5 * STRIDE**2
-    a[1, 1:4] = 1.0, -STRIDE, 1.0
+    stride = STRIDE * (1.0 - plant[SLIP_STEP])
+    turns = turns_of(latency, plant)
+    a = np.zeros((7, 7))
+    a[0, :3] = 1.0, stride, -0.5 * stride**2
+    a[1, 1:4] = 1.0, -stride, 1.0
     a[2, 2] = memory
     a[3, 3] = 0.999  # a bias lasts; just below 1 so that the design has a solution
-    a[5, 4] = 1.0
-    b = np.zeros((6, 1))
-    b[4, 0] = 1.0
-    if latency:
-        a[1, 4] = 1.0
-    else:
-        b[1, 0] = 1.0
-    c = np.array([[-1.0, -LOOK_AHEAD, 0.5 * LOOK_AHEAD**2, 0.0, 0.0, 0.0]])
+    a[1, 4:] = turns[1:]
+    a[5, 4] = a[6, 5] = 1.0
+    b = np.zeros((7, 1))
+    b[1, 0], b[4, 0] = turns[0], 1.0
+    camera = Camera()
+    tilted = replace(camera, pitch=camera.pitch + plant[PITCH_ERROR])
+    ahead = tilted.look_ahead
+    shown = plant[SENSOR_GAIN] * camera.metres_per_pixel / tilted.metres_per_pixel
+    c = shown * np.array([[-1.0, -ahead, 0.5 * ahead**2, 0.0, 0.0, 0.0, 0.0]])
     return a, b, c
+
+
+def turns_of(latency: int, plant: Floats) -> Floats:
+    """What a stride's turn has of this stride's command and of each of the three before, shape (4,)."""
+    unbiased = plant.copy()
+    unbiased[STEERING_BIAS] = 0.0
+    small = 1e-6  # no motor gives way
+    commands = small * np.eye(MEMORY)
+    return np.array([turn_of(one[latency:], unbiased, 0.0, 1.0) for one in commands]) / small
 
 
 class Lqg(Steering):
@@ -191,52 +217,63 @@ class Lqg(Steering):
     Args:
         bend: Standard deviation of the curvature's change in a stride [1/m].
         effort: Weight of a turn's change against the offset.
+        plant: The plant's parameter vector, as the designer knows it.
     """
 
     def __init__(
-        self, name: str, title: str, settings: Mapping[str, Any], bend: float, effort: float
+        self,
+        name: str,
+        title: str,
+        settings: Mapping[str, Any],
+        bend: float,
+        effort: float,
+        plant: Floats = NEUTRAL,
     ) -> None:
         super().__init__(name, title, settings, sees="model")
         read = read_settings(dict(settings), LineFollowingSettings)
-        self._a, self._b, self._c = walk_matrices(read.latency_strides, 0.97)
-        cost = np.zeros((6, 6))
+        self._a, self._b, self._c = walk_matrices(read.latency_strides, 0.97, plant)
+        self._shift = self._c[0, 1] * plant[CAMERA_YAW]
+        self._most = min(self.limit, plant[MOTOR_LIMIT])
+        cost = np.zeros((7, 7))
         cost[0, 0] = 1.0
         cost[4, 4] = effort
-        cross = np.zeros((6, 1))
+        cross = np.zeros((7, 1))
         cross[4, 0] = -effort  # effort * (theta - last theta)^2
         weight = np.array([[effort]])
         solution = solve_discrete_are(self._a, self._b, cost, weight, s=cross)
         inner = weight + self._b.T @ solution @ self._b
         self._gain = np.linalg.solve(inner, self._b.T @ solution @ self._a + cross.T)[0]
         self._process = np.diag(
-            [max(read.lateral, 1e-4) ** 2, max(read.yaw, 1e-4) ** 2, bend**2, 1e-10, 0.0, 0.0]
+            [max(read.lateral, 1e-4) ** 2, max(read.yaw, 1e-4) ** 2, bend**2, 1e-10, 0.0, 0.0, 0.0]
         )
-        self._noise = max(read.sensor, 1e-3) ** 2
+        self._noise = (plant[SENSOR_GAIN] * max(read.sensor, 1e-3)) ** 2 + plant[QUANTUM] ** 2 / 12
         self._first = np.diag(
-            [read.offset**2 / 3, read.misalignment**2 / 3, 0.06**2, max(read.bias, 1e-4) ** 2 / 3, 0.0, 0.0]
-        ) + 1e-9 * np.eye(6)
-        self._mean = np.zeros((0, 6))
-        self._covariance = np.zeros((0, 6, 6))
+            [read.offset**2 / 3, read.misalignment**2 / 3, 0.06**2, max(read.bias, 1e-4) ** 2 / 3, 0, 0, 0]
+        ) + 1e-9 * np.eye(7)
+        self._start = np.zeros(7)
+        self._start[3] = plant[STEERING_BIAS]
+        self._mean = np.zeros((0, 7))
+        self._covariance = np.zeros((0, 7, 7))
 
     def forget(self, begun: NDArray[np.bool_]) -> None:
         """See ``Steering.forget``."""
         if len(self._mean) != len(begun):
-            self._mean = np.zeros((len(begun), 6))
+            self._mean = np.zeros((len(begun), 7))
             self._covariance = np.tile(self._first, (len(begun), 1, 1))
-        self._mean[begun] = 0.0
+        self._mean[begun] = self._start
         self._covariance[begun] = self._first
 
     def turn(self, observation: Floats, info: Mapping[str, Any]) -> Floats:  # noqa: ARG002
         """See ``Steering.turn``."""
         seen = observation[:, 8] < 0.5
         place = observation[:, 0] * WIDTH_SCALE
-        innovation = place - self._mean @ self._c[0]
+        innovation = place - self._shift - self._mean @ self._c[0]
         spread = self._covariance @ self._c[0]
         gain = np.where(seen[:, None], spread / (spread @ self._c[0] + self._noise)[:, None], 0.0)
         mean = self._mean + gain * innovation[:, None]
         covariance = self._covariance - gain[:, :, None] * spread[:, None, :]
         turn = -(mean @ self._gain)
-        turn = np.where(seen, np.clip(turn, -self.limit, self.limit), mean[:, 4])
+        turn = np.where(seen, np.clip(turn, -self._most, self._most), mean[:, 4])
         self._mean = mean @ self._a.T + turn[:, None] * self._b[:, 0]
         self._covariance = self._a @ covariance @ self._a.T + self._process
         return np.asarray(turn)

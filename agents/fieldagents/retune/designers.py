@@ -32,6 +32,7 @@ class Designer:
 
 TABLES = {
     "heel_strike": "fieldagents.retune.heel_strike:DESIGNERS",
+    "line_following": "fieldagents.retune.line_following:DESIGNERS",
 }
 """Where each task's designers are listed, the first being the most telling; imported when asked for."""
 
