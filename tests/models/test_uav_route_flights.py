@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmodels.model import ModelError
+from fieldmodels.uav_route.detection import probability_of_detection
 from fieldmodels.uav_route.flight import NUMBERS
 from fieldmodels.uav_route.flights import Flights, Rules, observed_names
 from fieldmodels.uav_route.layouts import random_layout, safe_route
@@ -17,6 +18,7 @@ from fieldmodels.uav_route.parameters import (
     PRINTED,
     Aircraft,
     Detection,
+    Layout,
     LockLoss,
     Reading,
     World,
@@ -344,11 +346,50 @@ def test_biased_position_shifts_what_is_seen():
 
 
 @pytest.mark.parametrize(
+    ("effect", "values", "shown", "slant"),
+    [
+        ("signature_scale", {"factor": 1.6}, 0.8, 400.0),
+        ("radar_range_scale", {"factor": 0.95}, 0.5, 400.0 / 0.95),
+        ("radar_position", {"north": 20e3, "east": 0.0}, 0.5, 380.0),
+    ],
+)
+def test_what_a_radar_truly_sees_changes_detection_but_not_what_is_shown(effect, values, shown, slant):
+    """Level and side-on, 400 km from where the radar is believed to be: the tables with the effect."""
+    rules = Rules(layout=Layout((400.0, 0.0), (0.0, 300.0), ((0.0, 0.0),)))
+    plant = UavRoute().plant(UavRoute().vector(effects={effect: values}))
+    nominal, real = make(1, rules).fly_to([[400.0, 2.5]]), make(1, rules, plant).fly_to([[400.0, 2.5]])
+    expected = probability_of_detection(shown, math.hypot(slant, 10.0 * slant / 400.0))
+    assert number(real, "largest_probability")[0] == pytest.approx(float(expected), abs=2e-3)
+    assert number(nominal, "largest_probability")[0] != pytest.approx(float(expected), abs=0.02)
+    margins = [i for i, name in enumerate(observed_names(1)) if "margin" in name or "bearing" in name]
+    np.testing.assert_array_equal(real.observed[:, margins], nominal.observed[:, margins])
+
+
+def test_a_wider_nose_cone_hides_what_would_be_seen_beside_it():
+    """34 degrees off the radar's bearing: in the cone once it is 1.2 times as wide (36 degrees)."""
+    rules = Rules(layout=Layout((300.0, 0.0), (0.0, 300.0), ((0.0, 0.0),)))
+    plant = UavRoute().plant(UavRoute().vector(effects={"nose_cone_width": {"factor": 1.2}}))
+    towards = [[300.0 - 3 * math.cos(math.radians(34)), 3 * math.sin(math.radians(34))]]
+    assert number(make(1, rules).fly_to(towards), "largest_probability")[0] > 0.9
+    assert number(make(1, rules, plant).fly_to(towards), "largest_probability")[0] == 0.01
+
+
+def test_a_longer_look_interval_makes_fewer_looks():
+    rules = Rules(World(detection=Detection(stochastic=True)), layout=EXAMPLE, longest_leg=50.0)
+    plant = UavRoute().plant(UavRoute().vector(effects={"look_interval": {"factor": 2.0}}))
+    flights = [make(1, rules), make(1, rules, plant)]
+    for one in flights:
+        one.fly_to([[600.0, 400.0]])
+    assert [int(one.flights[0]["looks"]) for one in flights] == [40, 20]  # 50 km at 0.25 km/s
+
+
+@pytest.mark.parametrize(
     ("make_it", "words"),
     [
         (lambda: Flights(0), "at least one"),
         (lambda: Flights(2, plant=[1.0]), "shape"),
-        (lambda: Flights(2, plant=[0.1, 0.1, 0, 0, 1, 0, 0]), "wind"),
+        (lambda: Flights(2, plant=[0.1, 0.1, 0, 0, 1, 0, 0, 1, 1, 1, 0, 0, 1]), "wind"),
+        (lambda: Flights(2, plant=np.eye(13)[0]), "factors"),
         (lambda: Flights(1).look(), "seed and restart"),
         (lambda: Flights(1).restart([0]), "seed"),
         (lambda: make(1).advance([0.0, 1.0]), "shape"),

@@ -6,10 +6,18 @@ import pytest
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
 from fieldmodels.uav_route.model import UavRoute
+from fieldmodels.uav_route.plant import nominal_plant
 from fieldmodels.uav_route.recording import record_flight
 
 MODEL = UavRoute()
 OUTPUTS = tuple(output.name for output in MODEL.outputs)
+WATCHED = {
+    "signature_scale": {"factor": 1.6},
+    "nose_cone_width": {"factor": 1.3},
+    "radar_range_scale": {"factor": 0.9},
+    "radar_position": {"north": 30e3, "east": -20e3},
+    "look_interval": {"factor": 1.2},
+}
 REALITIES = [
     None,
     {"wind": {"north": 20.0, "east": -35.0}},
@@ -23,6 +31,7 @@ REALITIES = [
         "sensor_bias": {"north": -90.0, "east": 40.0},
         "parameters": {"speed": 230.0},
     },
+    WATCHED,
 ]
 
 
@@ -41,7 +50,7 @@ def test_model_is_registered():
 
 @pytest.mark.parametrize("reality", REALITIES)
 def test_prediction_equals_the_recorders_own_integration(reality):
-    """Complex positions in 10 ms pieces against the kernel's pieces of legs, each window from its start."""
+    """Complex positions in 50 ms pieces against the kernel's pieces of legs, each window from its start."""
     recording = record(reality)
     windows = MODEL.windows(recording, 300.0)
     vector = truth(reality)
@@ -50,9 +59,50 @@ def test_prediction_equals_the_recorders_own_integration(reality):
     assert len(windows) >= 8
     assert np.nanmax(np.abs(error[:, :, :2])) < 1e-3
     assert np.nanmax(np.abs(error[:, :, 2])) < 1e-6
-    if reality:
+    if reality and reality is not WATCHED:
         off = MODEL.simulate(MODEL.nominal, windows)[0] - windows.measured(OUTPUTS)
         assert np.nanmax(np.abs(off)) > 0.1
+
+
+@pytest.mark.parametrize("reality", REALITIES)
+def test_detections_come_with_the_probabilities_that_are_predicted(reality):
+    """Drawn by the recorder from tables as NumPy interpolates them: residuals have mean 0 and variance 1.
+
+    Both are tested at three standard errors, fourteen tests in all: a right kernel fails one in 27 runs of
+    other seeds.
+    """
+    recording = record_flight(reality, 12000.0, episodes=6, rng=np.random.default_rng(5))
+    windows = MODEL.windows(recording, 120.0)
+    measured = windows.measured(OUTPUTS)[:, :, 3]
+    seen = np.isfinite(measured)
+    p = MODEL.simulate(truth(reality), windows)[0, :, :, 3][seen]
+    score = (measured[seen] - p) / np.sqrt(p * (1 - p))
+    error = np.sqrt(np.mean(score**4) / len(p))
+    assert len(p) > 1500
+    assert abs(score.mean()) < 3 / np.sqrt(len(p))
+    assert abs(np.mean(score**2) - 1) < 3 * error
+
+
+@pytest.mark.parametrize("effect", [name for name in WATCHED if name != "look_interval"])
+def test_detections_alone_tell_what_the_radar_sees(effect):
+    """The likelihood of the right parameters exceeds the nominal one's by far, positions as they are."""
+    recording = record_flight({effect: WATCHED[effect]}, 6000.0, episodes=6, rng=np.random.default_rng(6))
+    windows = MODEL.windows(recording, 120.0)
+    y = windows.measured(OUTPUTS)[:, :, 3]
+    vectors = np.array([MODEL.vector(effects={effect: WATCHED[effect]}), MODEL.nominal])
+    p = MODEL.simulate(vectors, windows)[:, :, :, 3]
+    right, nominal = np.nansum(np.log(np.where(y == 1, p, 1 - p)) + 0 * y, axis=(1, 2))
+    assert right > nominal + 10
+
+
+def test_looks_that_were_not_made_are_not_observed():
+    recording = record(noise=1.0)
+    windows = MODEL.windows(recording, 120.0)
+    looked = (recording["look_gap"] > 0).mean()
+    assert windows.observed[:, :, 3].mean() == pytest.approx(looked, abs=0.01)
+    np.testing.assert_array_equal(windows.observed[:, :, 3], windows.observed[:, :, 4])
+    blind = record_flight(None, 600.0, looks=False, rng=np.random.default_rng(0))
+    assert not MODEL.windows(blind, 120.0).observed[:, :, 3:].any()
 
 
 def test_a_batch_equals_single_vectors_to_the_bit():
@@ -88,14 +138,22 @@ def test_prediction_turns_with_the_map():
 
 
 def test_plant_converts_to_kilometres():
-    effects = {"wind": {"north": 10.0, "east": 0.0}, "sensor_bias": {"north": 0.0, "east": 500.0}}
-    plant = MODEL.plant(MODEL.vector({"speed": 240.0}, effects))
-    np.testing.assert_allclose(plant, [0.24, 0.01, 0, 0, 1, 0, 0.5])
+    effects = {
+        "wind": {"north": 10.0, "east": 0.0},
+        "sensor_bias": {"north": 0.0, "east": 500.0},
+        "nose_cone_width": {"factor": 1.1},
+        "radar_position": {"north": -3000.0, "east": 0.0},
+    }
+    plant = MODEL.plant(MODEL.vector({"speed": 240.0, "radar_north": 7e4}, effects))
+    np.testing.assert_allclose(plant, [0.24, 0.01, 0, 0, 1, 0, 0.5, 1, 1.1, 1, -3, 0, 1])
+    np.testing.assert_array_equal(MODEL.plant(MODEL.nominal), nominal_plant(0.25))
 
 
 def test_a_record_of_no_length_is_refused():
     with pytest.raises(ModelError, match="at least 10 samples"):
         record_flight(None, 5.0, rng=np.random.default_rng(0))
+    with pytest.raises(ModelError, match="twice in a step of 6 s"):
+        record_flight(None, 600.0, step=6.0, rng=np.random.default_rng(0))
 
 
 def test_disturbance_is_a_speed_along_the_course():

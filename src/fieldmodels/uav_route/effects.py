@@ -39,5 +39,43 @@ EFFECTS = (
         ),
         "measured = position + bias",
     ),
+    Effect(
+        "signature_scale",
+        "The aircraft shows more or less of itself than the table of signatures says.",
+        "environment",
+        (Parameter("factor", "1", 1.0, 0.05, 20.0, 0.05),),
+        "signature = factor * Table 4.1",
+    ),
+    Effect(
+        "nose_cone_width",
+        "The cone about the nose in which the aircraft is hard to see is wider or narrower than believed.",
+        "environment",
+        (Parameter("factor", "1", 1.0, 0.5, 2.0, 0.02, starts=(0.7, 0.8, 0.87, 0.94, 1.06, 1.13, 1.2, 1.3)),),
+        "azimuth / factor enters Table 4.1 up to 31 deg",
+    ),
+    Effect(
+        "radar_range_scale",
+        "The radar sees farther or less far than the table of ranges says.",
+        "environment",
+        (Parameter("factor", "1", 1.0, 0.3, 3.0, 0.02),),
+        "range = factor * Table 4.2",
+    ),
+    Effect(
+        "radar_position",
+        "The radar does not stand where it is believed to.",
+        "environment",
+        (
+            Parameter("north", "m", 0.0, -100e3, 100e3, 2000.0),
+            Parameter("east", "m", 0.0, -100e3, 100e3, 2000.0),
+        ),
+        "site = believed site + error",
+    ),
+    Effect(
+        "look_interval",
+        "The radar looks more or less often than believed.",
+        "environment",
+        (Parameter("factor", "1", 1.0, 0.4, 4.0, 0.01),),
+        "time between looks = factor * look interval",
+    ),
 )
-"""All effects; their parameters in turn follow the speed in a parameter vector."""
+"""All effects; their parameters in turn follow the base parameters in a parameter vector."""

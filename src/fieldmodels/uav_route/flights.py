@@ -19,7 +19,18 @@ from fieldmodels.uav_route.flight import EACH, FLIGHT, NUMBERS, OWN, Play
 from fieldmodels.uav_route.flying import play, start_all
 from fieldmodels.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.uav_route.parameters import RADARS, Layout, World, make_constants
-from fieldmodels.uav_route.simulation import PARAMETERS, SPEED, TURN_LOSS, WIND_EAST, WIND_NORTH
+from fieldmodels.uav_route.plant import (
+    CONE,
+    INTERVAL,
+    PARAMETERS,
+    RANGE,
+    SIGNATURE,
+    SPEED,
+    TURN_LOSS,
+    WIND_EAST,
+    WIND_NORTH,
+    nominal_plant,
+)
 
 
 @dataclass(frozen=True)
@@ -159,7 +170,7 @@ class Flights:
     Attributes:
         rules: What is flown.
         flights: All state, shape (batch,), dtype ``FLIGHT``.
-        plants: What each aircraft truly is, shape (batch, 7), as ``UavRoute.plant`` gives it.
+        plants: What each aircraft truly is, shape (batch, 13), as ``UavRoute.plant`` gives it.
     """
 
     def __init__(self, batch: int, rules: Rules | None = None, plant: ArrayLike | None = None) -> None:
@@ -168,17 +179,17 @@ class Flights:
         Args:
             batch: Number of flights.
             rules: What is flown.
-            plant: What the aircraft truly is, shape (7,) or (batch, 7), see ``UavRoute.plant``; None is
+            plant: What the aircraft truly is, shape (13,) or (batch, 13), see ``UavRoute.plant``; None is
                 nominal.
 
         Raises:
-            ModelError: If the batch is empty, the plant has the wrong shape, or its wind is stronger than
-                the aircraft.
+            ModelError: If the batch is empty, the plant has the wrong shape, its wind is stronger than the
+                aircraft, or a factor is not positive.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one flight, not {batch}")
         self.rules = rules or Rules()
-        nominal = (self.rules.world.aircraft.speed, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+        nominal = nominal_plant(self.rules.world.aircraft.speed)
         vector = np.asarray(nominal if plant is None else plant, dtype=np.float64)
         if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
             raise ModelError(
@@ -187,6 +198,8 @@ class Flights:
         slowest = vector[..., SPEED] * (1.0 - vector[..., TURN_LOSS])
         if not (np.hypot(vector[..., WIND_NORTH], vector[..., WIND_EAST]) < slowest).all():
             raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
+        if not (vector[..., [SIGNATURE, CONE, RANGE, INTERVAL]] > 0).all():
+            raise ModelError("factors of signature, nose cone, range and look interval must be positive")
         self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
         self.plants = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
         self._constants = make_constants(self.rules.world)

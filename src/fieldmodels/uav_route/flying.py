@@ -12,14 +12,13 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.model import FloatArray
 from fieldmodels.streams import GAMMA, mixed, uniform
 from fieldmodels.uav_route.aircraft import banked_time, ground_speed, heading_of, turn_into
-from fieldmodels.uav_route.detection import EXACT, probability
+from fieldmodels.uav_route.detection import EXACT
 from fieldmodels.uav_route.flight import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE, Play
 from fieldmodels.uav_route.layouts import draw_layout
 from fieldmodels.uav_route.lock_loss import timers_after
 from fieldmodels.uav_route.parameters import RADARS, Constants
+from fieldmodels.uav_route.plant import BANK, INTERVAL, SPEED, TURN_LOSS, WIND_EAST, WIND_NORTH, chance
 from fieldmodels.uav_route.showing import distance_to_goal, radial, write
-from fieldmodels.uav_route.signature import aspect, signature
-from fieldmodels.uav_route.simulation import BANK, SPEED, TURN_LOSS, WIND_EAST, WIND_NORTH
 
 
 @inlined
@@ -48,22 +47,18 @@ def begin(flight: Any, p: Play) -> None:
 
 @inlined
 def look(
-    flight: Any, north: float, east: float, cosine: float, sine: float, bank: float, c: Constants, p: Play
-) -> None:
+    flight: Any, north: float, east: float, cosine: float, sine: float, bank: float, plant: FloatArray,
+    c: Constants, p: Play,
+) -> None:  # fmt: skip
     """Let every radar compute its probability of detection, and detect above the threshold."""
     tilt = -bank if c.left_handed else bank
     tilt_cosine, tilt_sine = (math.cos(tilt), math.sin(tilt)) if tilt != 0.0 else (1.0, 0.0)
     for r in range(p.radars):
         to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
-        chance = 0.0
-        if to_north * to_north + to_east * to_east + c.altitude * c.altitude <= c.reach * c.reach:
-            slant, azimuth, elevation = aspect(
-                to_north, to_east, c.altitude, cosine, sine, tilt_cosine, tilt_sine
-            )
-            chance = probability(signature(azimuth, elevation), slant, c.log)
-        flight.probability[r] = chance
-        flight.largest = max(flight.largest, chance)
-        flight.detected[r] = 1 if chance > c.threshold + EXACT else 0
+        likely = chance(to_north, to_east, cosine, sine, tilt_cosine, tilt_sine, plant, c)
+        flight.probability[r] = likely
+        flight.largest = max(flight.largest, likely)
+        flight.detected[r] = 1 if likely > c.threshold + EXACT else 0
 
 
 @inlined
@@ -72,9 +67,9 @@ def draw_looks(flight: Any, c: Constants, p: Play) -> None:
     key = mixed(mixed(flight.key + np.uint64(flight.episode) * GAMMA) + GAMMA)
     for r in range(p.radars):
         number = uniform(key, RADARS * flight.looks + r)
-        chance = flight.probability[r]
-        seen = number >= chance if c.draw_above else number < chance
-        flight.detected[r] = 1 if seen and chance > 0.0 else 0
+        likely = flight.probability[r]
+        seen = number >= likely if c.draw_above else number < likely
+        flight.detected[r] = 1 if seen and likely > 0.0 else 0
     flight.looks += 1
 
 
@@ -101,7 +96,7 @@ def run_timers(flight: Any, time: float, c: Constants, p: Play) -> bool:
 @inlined
 def watch(
     flight: Any, duration: float, north: float, east: float, cosine: float, sine: float, bank: float,
-    c: Constants, p: Play,
+    plant: FloatArray, c: Constants, p: Play,
 ) -> bool:  # fmt: skip
     """Fly for a time [s] at a ground velocity [km/s] with one attitude; returns whether it ends in a hit.
 
@@ -111,18 +106,19 @@ def watch(
     x, y = flight.place[0], flight.place[1]
     flown, hit = 0.0, False
     pieces = max(1, math.ceil(duration / p.step - 1e-9))
+    interval = c.look_interval * plant[INTERVAL]
     while flown < duration and not hit:
         time = duration / pieces
         if c.stochastic:
-            due = flight.looks * c.look_interval - flight.time
+            due = flight.looks * interval - flight.time
             if due <= 1e-9:
-                look(flight, x + flown * north, y + flown * east, cosine, sine, bank, c, p)
+                look(flight, x + flown * north, y + flown * east, cosine, sine, bank, plant, c, p)
                 draw_looks(flight, c, p)
-                due = flight.looks * c.look_interval - flight.time
+                due = flight.looks * interval - flight.time
             time = min(max(due, 1e-9), duration - flown)
         else:
             middle = flown + 0.5 * time
-            look(flight, x + middle * north, y + middle * east, cosine, sine, bank, c, p)
+            look(flight, x + middle * north, y + middle * east, cosine, sine, bank, plant, c, p)
         hit = run_timers(flight, time, c, p)
         flown = flown + time if flown + time < duration - 1e-9 else duration
     flight.place[0], flight.place[1] = x + flown * north, y + flown * east
@@ -169,11 +165,11 @@ def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constan
         time = banked_time(turn, slow, bank, way / speed, c)
         if time > 0.0:
             tilt = math.copysign(bank, turn)
-            hit = watch(flight, time, speed * north, speed * east, cosine, sine, tilt, c, p)
+            hit = watch(flight, time, speed * north, speed * east, cosine, sine, tilt, plant, c, p)
             way = max(way - speed * time, 0.0)
     if not hit and way > 1e-9:
         speed, cosine, sine = ground_speed(north, east, plant[SPEED], wind_north, wind_east)
-        hit = watch(flight, way / speed, speed * north, speed * east, cosine, sine, 0.0, c, p)
+        hit = watch(flight, way / speed, speed * north, speed * east, cosine, sine, 0.0, plant, c, p)
     flight.legs += 1
     if hit:
         flight.over = DAMAGED

@@ -12,7 +12,7 @@ from fieldmodels.compiled import inlined
 from fieldmodels.model import FloatArray
 from fieldmodels.uav_route.flight import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN, Play
 from fieldmodels.uav_route.parameters import Constants
-from fieldmodels.uav_route.simulation import BIAS_EAST, BIAS_NORTH
+from fieldmodels.uav_route.plant import BIAS_EAST, BIAS_NORTH
 
 
 @inlined

@@ -12,6 +12,8 @@ from fieldmodels.model import FloatArray
 
 AZIMUTHS = np.radians([0.0, 30.0, 31.0, 159.0, 160.0, 180.0])
 """Columns of Table 4.1 [rad]; the table is symmetric."""
+NOSE = float(AZIMUTHS[2])
+"""Where the nose cone ends: from here to the tail cone the table does not depend on the azimuth [rad]."""
 ELEVATIONS = np.radians([0.0, 20.0, 45.0, 90.0])
 """Rows of Table 4.1 [rad]; the table is symmetric."""
 SIGNATURES = np.array(
