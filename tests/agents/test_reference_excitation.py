@@ -26,7 +26,7 @@ from fieldagents.reference.excitation_tuning import (
     EPISODES,
     SCENARIOS,
     Schedules,
-    constant_errors,
+    ending_errors,
     prior_vehicles,
 )
 from fieldagents.reproduce.excitation import (
@@ -206,7 +206,7 @@ def test_stored_schedules_are_worth_what_is_stored(key):
 def test_the_stored_error_of_the_best_constant_is_that_of_the_experiment(key):
     settings, stored = ExcitationSettings(**SCENARIOS[key]), tuned()[key]["best_constant"]
     actions = np.array(stored["actions"])
-    error = constant_errors(settings, actions, TUNING_SEEDS[:EPISODES])[0]
+    error = ending_errors(settings, actions[:, None], TUNING_SEEDS[:EPISODES])[0]
     assert error == pytest.approx(stored["tuned_percent"], rel=0.02)
 
 

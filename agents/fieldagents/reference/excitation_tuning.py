@@ -22,6 +22,7 @@ from fieldagents.reference.excitation import to_command
 from fieldagents.reference.excitation_criteria import forecast, relative_error
 from fieldagents.reference.tuning import TuningError
 from fieldgym.excitation import ExcitationSettings
+from fieldmodels.excitation.model import ExcitationModel
 from fieldmodels.excitation.motion import CONSTANT
 from fieldmodels.excitation.parameters import (
     CG,
@@ -39,6 +40,7 @@ from fieldmodels.excitation.regression import FEATURES
 from fieldmodels.excitation.sensors import FULL, full_scale, variances
 from fieldmodels.excitation.shaker import Shakers, average_percent
 from fieldmodels.files import write_text
+from fieldmodels.reality import read_reality
 
 Floats = NDArray[np.float64]
 
@@ -127,30 +129,36 @@ class Schedules:
         return np.asarray(relative_error(seen).mean(axis=0))
 
 
-def constant_errors(settings: ExcitationSettings, actions: Floats, seeds: range) -> Floats:
-    """Average % error at the end of the environment's own episodes under constant actions, shape (actions,).
+def ending_errors(
+    settings: ExcitationSettings, schedules: Floats, seeds: range, reality: Any = None
+) -> Floats:
+    """Average % error at the end of the environment's own episodes, shape (schedules,).
 
     Args:
         settings: Of the environment.
-        actions: Shape (actions, 3).
+        schedules: Actions that take turns, shape (schedules, n, 3); of a constant command n = 1.
         seeds: Of the episodes.
+        reality: Of the environment.
     """
-    limits = LIMITS[settings.limits]
-    errors = []
-    for action in actions:
-        shakers = Shakers(
-            len(seeds),
-            PRESETS[settings.preset],
-            limits=limits,
-            noise=SensorNoise(settings.noise, settings.noise_fraction),
-            estimator=settings.estimator,
-        )
-        shakers.restart(range(len(seeds)), [np_random(seed)[0] for seed in seeds])
-        command = np.tile(to_command(action, limits), (len(seeds), 1))
-        for _ in range(settings.decisions):
-            shaken = shakers.advance(command)
-        errors.append(average_percent(shaken.mean, shakers.truth, shakers.estimated).mean())
-    return np.array(errors)
+    model, limits = ExcitationModel(settings.preset), LIMITS[settings.limits]
+    batch = len(schedules) * len(seeds)
+    shakers = Shakers(
+        batch,
+        read_reality(reality, model).vector(model),
+        preset=PRESETS[settings.preset],
+        limits=limits,
+        noise=SensorNoise(settings.noise, settings.noise_fraction),
+        estimator=settings.estimator,
+        variant=settings.variant,
+        spread=settings.truth_spread,
+        bits=settings.bits,
+    )
+    shakers.restart(range(batch), [np_random(seed)[0] for _ in schedules for seed in seeds])
+    commands = np.repeat(to_command(repeated(schedules, settings.decisions), limits), len(seeds), axis=0)
+    for decision in range(settings.decisions):
+        shaken = shakers.advance(commands[:, decision])
+    errors = average_percent(shaken.mean, shakers.truth, shakers.estimated)
+    return np.asarray(errors.reshape(len(schedules), len(seeds)).mean(axis=1))
 
 
 def tune(settings: ExcitationSettings, log: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
@@ -165,13 +173,13 @@ def tune(settings: ExcitationSettings, log: Callable[[str], None] = lambda _: No
     """
     first, other = TUNING_SEEDS[:EPISODES], TUNING_SEEDS[5000 : 5000 + EPISODES]
     grid = 2.0 * np.array(list(product(*GRID))) - 1.0
-    errors = constant_errors(settings, grid, first)
+    errors = ending_errors(settings, grid[:, None], first)
     best = grid[np.argmin(errors)]
     found: dict[str, Any] = {
         "best_constant": {
             "actions": np.round(best[None], 4).tolist(),
             "tuned_percent": round(float(errors.min()), 3),
-            "checked_percent": round(float(constant_errors(settings, best[None], other)[0]), 3),
+            "checked_percent": round(float(ending_errors(settings, best[None, None], other)[0]), 3),
         }
     }
     log(f"best_constant: {found['best_constant']}")
@@ -193,17 +201,26 @@ def tune(settings: ExcitationSettings, log: Callable[[str], None] = lambda _: No
 
 def _search(judge: Schedules, decisions: int) -> Floats:
     """The best schedule: first of a few repeated commands, then of all of them free."""
-    block = _cma(judge, np.zeros((BLOCK, 3)), decisions, 0.5, BLOCK_EVALUATIONS)
-    return _cma(judge, _repeated(block[None], decisions)[0], decisions, 0.15, FREE_EVALUATIONS)
+    block = evolve(judge, np.zeros((BLOCK, 3)), decisions, 0.5, BLOCK_EVALUATIONS)
+    return evolve(judge, repeated(block[None], decisions)[0], decisions, 0.15, FREE_EVALUATIONS)
 
 
-def _repeated(blocks: Floats, decisions: int) -> Floats:
+def repeated(blocks: Floats, decisions: int) -> Floats:
     """Blocks of commands, shape (schedules, n, 3), repeated over all decisions."""
     return np.asarray(np.take(blocks, np.arange(decisions) % blocks.shape[1], axis=1))
 
 
-def _cma(judge: Schedules, start: Floats, decisions: int, width: float, evaluations: int) -> Floats:
+def evolve(
+    judge: Callable[[Floats], Floats], start: Floats, decisions: int, width: float, evaluations: int
+) -> Floats:
     """Covariance matrix adaptation (Hansen): the best of all candidates, of the start's shape.
+
+    Args:
+        judge: Costs of schedules, from shape (schedules, decisions, 3) to (schedules,).
+        start: Actions that take turns, where the search begins, shape (n, 3).
+        decisions: Length of a schedule.
+        width: Standard deviation of the first candidates.
+        evaluations: How many candidates to try.
 
     Raises:
         TuningError: Without the package ``cma``.
@@ -219,7 +236,7 @@ def _cma(judge: Schedules, start: Floats, decisions: int, width: float, evaluati
     )
     while not search.stop():
         candidates = search.ask()
-        schedules = _repeated(np.array(candidates).reshape(-1, *start.shape), decisions)
+        schedules = repeated(np.array(candidates).reshape(-1, *start.shape), decisions)
         search.tell(candidates, judge(schedules).tolist())
     return np.asarray(search.result.xbest).reshape(start.shape)
 

@@ -31,8 +31,10 @@ class Designer:
 
 
 TABLES = {
+    "excitation": "fieldagents.retune.excitation:DESIGNERS",
     "heel_strike": "fieldagents.retune.heel_strike:DESIGNERS",
     "line_following": "fieldagents.retune.line_following:DESIGNERS",
+    "pose_reaching": "fieldagents.retune.pose_reaching:DESIGNERS",
 }
 """Where each task's designers are listed, the first being the most telling; imported when asked for."""
 
