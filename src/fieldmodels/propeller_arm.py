@@ -47,7 +47,7 @@ class PropellerArm(OneAxis):
         Parameter("damping", "s", 0.02, 0.0, 1e4, 0.005, source=BENCH),
         Parameter("gravity_moment", "1", 0.4, 0.0, 1e4, 0.04, source=BENCH),
     )
-    horizons = (0.25, 0.5, 1.0)
+    horizons = (0.5, 1.0, 2.0)
     disturbance_unit = "1"
     axis = Axis(True, True, "torque", "1", "angle", "rad")
     nominal_scales = Scales(

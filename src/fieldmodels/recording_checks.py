@@ -9,7 +9,7 @@ from fieldmodels.recording import Recording
 from fieldmodels.table_files import SHOWN, Problem
 
 MAX_JITTER = 0.01
-"""Largest standard deviation of the time step, as a fraction of its median."""
+"""Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
 GAP = 1.5
 """A time step of more than this many medians is a gap."""
 MAX_ANGLE_SPAN = 20.0
@@ -37,47 +37,36 @@ def check_episodes(episode: FloatArray) -> list[Problem]:
 
 
 def check_time(recording: Recording) -> list[Problem]:
-    """Check that time increases in even steps within every episode."""
+    """Check that time does not stand still, nor fall by more than a step within an episode."""
     time, episode, median = recording.time, recording.episode, recording.step
     backward: list[int] = []
-    gaps: list[int] = []
-    count, total, squares, worst, worst_row = 0, 0.0, 0.0, 0.0, 0
     for start in range(0, len(time) - 1, _BLOCK):  # in blocks, so that a long record needs no second array
         block = slice(start, start + _BLOCK + 1)
-        steps = np.diff(time[block])
         inside = np.diff(episode[block]) == 0
-        backward += (start + 1 + np.flatnonzero((steps <= 0) & inside)).tolist()
-        gaps += (start + 1 + np.flatnonzero((steps > GAP * median) & inside)).tolist()
-        deviation = np.where(inside & (steps <= GAP * median), steps - median, 0.0)
-        count += int(inside.sum())
-        total += float(deviation.sum())
-        squares += float(deviation @ deviation)
-        if np.abs(deviation).max() > worst:
-            worst = float(np.abs(deviation).max())
-            worst_row = start + 1 + int(np.abs(deviation).argmax())
+        backward += (start + 1 + np.flatnonzero((np.diff(time[block]) < -max(median, 0.0)) & inside)).tolist()
     if len(backward) > len(time) // 2:
         return [Problem("time falls from row to row; sort the rows by time", row=backward[0])]
     if backward:
         return [_backward(time, row) for row in backward[:SHOWN]] + _more(backward, "such rows")
-    if count == 0:
-        return []
-    problems = [
-        Problem(
-            f"gap of {time[row] - time[row - 1]:.6g} s (the other rows are {median:.6g} s apart); "
-            "number the stretches before and after it in a column 'episode'",
-            row=row,
-        )
-        for row in gaps[:SHOWN]
-    ] + _more(gaps, "gaps")
-    jitter = np.sqrt(max(0.0, squares / count - (total / count) ** 2)) / median
-    if jitter > MAX_JITTER:
-        message = (
-            f"the time step varies by {100 * jitter:.2g} % (allowed: {100 * MAX_JITTER:g} %), most here; "
-            "interpolate the signals to an even step, or, if only the logger's clock is coarse, "
-            f"write t as row number times {median:.6g} s"
-        )
-        problems.append(Problem(message, row=worst_row))
-    return problems
+    if len(time) > 1 and np.ptp(time) == 0 and len(recording.bounds) < len(time):
+        return [Problem(f"time stands still at {time[0]:.9g} s; is this the clock's column?")]
+    return []
+
+
+def is_even(recording: Recording) -> bool:
+    """Whether time increases in steps that are even to one per cent, without a gap."""
+    time, episode, median = recording.time, recording.episode, recording.step
+    count, total, squares = 0, 0.0, 0.0
+    for start in range(0, len(time) - 1, _BLOCK):
+        block = slice(start, start + _BLOCK + 1)
+        inside = np.diff(episode[block]) == 0
+        steps = np.diff(time[block])[inside]
+        if np.any((steps <= 0) | (steps > GAP * median)):
+            return False
+        count += len(steps)
+        total += float((steps - median).sum())
+        squares += float((steps - median) @ (steps - median))
+    return count == 0 or squares / count - (total / count) ** 2 <= (MAX_JITTER * median) ** 2
 
 
 def check_length(recording: Recording, horizon: float) -> list[Problem]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from fieldmodels.model import Model, did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording_checks import check_episodes, check_length, check_time, suspicions
+from fieldmodels.recording_checks import check_episodes, check_length, check_time, is_even, suspicions
+from fieldmodels.resampling import evened
 from fieldmodels.table_files import Problem, Table, open_table, write_table
 from fieldmodels.units import UnitError, canonical, factor, known_units, si_unit
 
@@ -52,7 +53,8 @@ def load_recording(
             problems are reported together.
 
     Warns:
-        RecordingWarning: If a column looks as if it were in another unit than stated.
+        RecordingWarning: If a column looks as if it were in another unit than stated; or if the rows are
+            uneven, and were put on an even grid (see ``fieldmodels.resampling``).
     """
     table = open_table(Path(path))
     wanted = _columns(table, model, columns or {})
@@ -85,8 +87,7 @@ def load_recording(
         episode=np.zeros(rows, dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(path),
     )
-    _check(table, recording, model, horizon, next(c.name for c in wanted if c.signal == TIME))
-    return recording
+    return _checked(table, recording, model, horizon, next(c.name for c in wanted if c.signal == TIME))
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -195,15 +196,26 @@ def _missing(signal: str, name: str, header: Sequence[str], model: Model | None)
                    f"add it, or declare another one as '{signal}=NAME:UNIT'")  # fmt: skip
 
 
-def _check(
+def _checked(
     table: Table, recording: Recording, model: Model | None, horizon: float | None, time_name: str
-) -> None:
+) -> Recording:
+    """The recording on an even grid, with its suspicious columns warned of.
+
+    Raises:
+        RecordingError: If its time cannot be used, or it is too short or too coarse.
+    """
     problems = [Problem(p.message, p.column or time_name, p.row) for p in check_time(recording)]
-    if horizon is None and model is not None and model.horizons:
-        horizon = min(model.horizons)
-    if horizon is not None and not any(p.row is not None for p in problems):
-        problems += check_length(recording, horizon)
+    if not problems:
+        notes = []
+        if not is_even(recording):
+            even = evened(recording, model)
+            recording, notes = even.recording, [even.note]
+        if horizon is None and model is not None and model.horizons:
+            horizon = min(model.horizons)
+        if horizon is not None:
+            problems = [Problem(p.message, time_name) for p in check_length(recording, horizon)]
     if problems:
         raise table.fail(problems)
-    for reason in suspicions(recording, model):
+    for reason in (*notes, *suspicions(recording, model)):
         warnings.warn(f"{recording.source}: {reason}", RecordingWarning, stacklevel=3)
+    return recording

@@ -9,7 +9,7 @@ import pytest
 
 from fieldmodels import datasets
 from fieldmodels.datasets import DatasetError, dataset_names, fetch, get_dataset, open_recording, recognise
-from fieldmodels.recording import RecordingError
+from fieldmodels.recording import RecordingError, RecordingWarning
 from fieldmodels.registry import get_model
 
 DDP = "dfki_simple_pendulum/ddp"
@@ -74,9 +74,21 @@ def test_a_model_that_needs_another_signal_says_so(public_data):
         open_recording("quarter_drone/steps", get_model("pendulum"))
 
 
-def test_a_gap_of_a_real_log_is_found(public_data):
-    with pytest.raises(RecordingError, match=r"'time', row 22: gap of 0\.00549"):
-        open_recording("dfki_simple_pendulum/gravity_compensation")
+@pytest.mark.parametrize(
+    ("name", "note", "episodes"),
+    [
+        (
+            "dfki_simple_pendulum/gravity_compensation",
+            r"even step of 0\.00100.* s: the signals were interpolated",
+            1,
+        ),
+        ("quarter_drone/second", r"even step of 0\.010.* s: the rows are even.*; 2 long gaps start", 3),
+    ],
+)
+def test_uneven_real_logs_are_put_on_an_even_grid(public_data, name, note, episodes):
+    with pytest.warns(RecordingWarning, match=note):
+        recording = open_recording(name)
+    assert len(recording.bounds) == episodes
 
 
 def test_a_table_of_windows_opens_as_episodes_with_what_is_known_of_the_machine(public_data):
