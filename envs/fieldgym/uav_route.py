@@ -99,6 +99,7 @@ class UavRouteSettings:
         damage_cost: Cost of being hit.
         late_cost: Cost of running out of legs.
         detection_cost: Cost of a second of being detected.
+        sighting_cost: Cost of a leg on which the aircraft is detected.
     """
 
     layout: Literal["random", "example"] | UavLayout = "random"
@@ -126,6 +127,7 @@ class UavRouteSettings:
     damage_cost: NotNegative = 1.5
     late_cost: NotNegative = 1.0
     detection_cost: NotNegative = 0.0
+    sighting_cost: NotNegative = 0.0
 
     @property
     def world(self) -> World:
@@ -267,14 +269,13 @@ class _Flight(Play):
         if self._drawing:
             for i in np.flatnonzero(going).tolist():
                 self._trace(i, before[0][i], before[1][i])
-        reward = leg.reward
-        if settings.detection_cost:
-            reward = reward - settings.detection_cost * (flights["time_over"] - before[2])
+        detected = flights["time_over"] - before[2]
+        cost = settings.detection_cost * detected + settings.sighting_cost * (detected > 0.0)
         return Outcome(
             observation=self.observation(),
-            reward=reward,
+            reward=leg.reward - cost,
             terminated=leg.over != FLYING,
-            truncated=np.zeros(len(reward), dtype=np.bool_),
+            truncated=np.zeros(len(cost), dtype=np.bool_),
             info=self._info(leg),
         )
 
@@ -386,8 +387,8 @@ class UavRouteEnv(PlayEnv):
     | 0 | heading, from the bearing of the nearest radar | away from it | at it | away from it |
     | 1 | length of the leg | 2.5 km (`least_leg`) | 35 km | 500 km (`longest_leg`) |
 
-    Headings are in units of pi, positive to the right of the radar; lengths are a geometric scale. `fieldgym.uav_route.actions_towards`
-    gives the actions that fly to waypoints on the map.
+    Headings are in units of pi, positive to the right of the radar; lengths are a geometric scale.
+    `fieldgym.uav_route.actions_towards` gives the actions that fly to waypoints on the map.
 
     ## Observation Space
 
@@ -414,9 +415,9 @@ class UavRouteEnv(PlayEnv):
     ## Rewards
 
     `-length_cost` a kilometre flown, `progress_reward` a kilometre by which the goal has come nearer,
-    `arrival_reward` at the goal, `-damage_cost` for a hit, `-late_cost` where no leg is left,
-    `-detection_cost` (0) a second of being detected. Progress is a potential's difference: its sum over an
-    episode depends on the first and last place only.
+    `arrival_reward` at the goal, `-damage_cost` for a hit, `-late_cost` where no leg is left; by default 0:
+    `-detection_cost` a second of being detected, `-sighting_cost` a leg on which it happens. Progress is a
+    potential's difference: its sum over an episode depends on the first and last place only.
 
     `info` holds after each step, and after `reset`
 
