@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fieldmodels.diagnosis.fit import (
     Coordinates,
     Fit,
+    costs,
     diagonal_whitener,
     fit,
     held_out_loss,
@@ -26,6 +27,7 @@ from fieldmodels.model import Effect, FloatArray
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
 TRIED = 2  # starts that are followed after screening
+MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
 PRICE = 1.0  # nats a parameter, on top of what it costs on held-out windows
 LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
@@ -125,7 +127,7 @@ class Candidates:
         best = min(tries, key=lambda f: f.cost)
         if not np.isfinite(best.cost):
             return None
-        best = fit(self.problem, best.parameters, free, self.whitener, best.states, 12)
+        best = fit(self.problem, best.parameters, free, self.whitener, best.states, MOST)
         best = self._profiled(best, effect)
         search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
         return self._judged((*parent.effects, name), best, float(search))
@@ -133,7 +135,7 @@ class Candidates:
     def again(self, candidate: Candidate) -> Candidate:
         """Fit a candidate again with the present whitener."""
         return self._judged(
-            candidate.effects, refit(self.problem, candidate.fit, self.whitener), candidate.search
+            candidate.effects, refit(self.problem, candidate.fit, self.whitener, MOST), candidate.search
         )
 
     def without(self, candidate: Candidate, gone: str) -> Candidate:
@@ -235,6 +237,11 @@ class Candidates:
         starts = self.start_vectors(parent, effect)
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
+        if self.problem.looks is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
+            # Whether a rare look is likely or not changes too much for a first order.
+            vectors = np.concatenate([parent.fit.parameters[None], starts[:, 0]])
+            exact = costs(self.problem, vectors, parent.fit.states, parent.fit.whitener)
+            promise = exact[0] - exact[1:]
         result = []
         for i in np.argsort(-promise)[:TRIED]:
             start = starts[i, 0].copy()
@@ -285,20 +292,22 @@ class Candidates:
         for k, parameter in enumerate(effect.parameters):
             if parameter.smooth or model.names[place + k] in self.fixed:
                 continue
-            grid = np.array(_parameter_starts(self.problem, effect, k))
-            reach = float(np.median(np.diff(np.sort(grid)))) if len(grid) > 1 else parameter.scale
+            reach = spacing(self.problem, effect, k)
             for _ in range(3):
-                around = best.parameters[place + k] + reach * np.linspace(-1, 1, 9)
+                around = best.parameters[place + k] + reach * np.linspace(-1, 1, 17)
                 batch = np.repeat(best.parameters[None], len(around), axis=0)
                 batch[:, place + k] = np.clip(around, parameter.lower, parameter.upper)
-                raw = self.problem.features - self.problem.simulate(batch, best.states)
-                shifted = project(best, np.moveaxis(raw, 0, 2))
-                flat, _ = self.beside(best, shifted)
-                choice = int(np.argmin(np.sum(flat**2, axis=0)))
+                if self.problem.looks is not None:
+                    choice = int(np.argmin(costs(self.problem, batch, best.states, self.whitener)))
+                else:
+                    raw = self.problem.features - self.problem.simulate(batch, best.states)
+                    shifted = project(best, np.moveaxis(raw, 0, 2))
+                    flat, _ = self.beside(best, shifted)
+                    choice = int(np.argmin(np.sum(flat**2, axis=0)))
                 trial = fit(self.problem, batch[choice], best.free, self.whitener, best.states, 3)
                 if trial.cost < best.cost:
                     best = trial
-                reach /= 4
+                reach /= 8
         return best
 
 
@@ -333,6 +342,12 @@ def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[floa
         return tuple(np.linspace(times.min(), times.max(), 19)[1:-1].tolist())
     step = parameter.nominal + parameter.scale
     return (step if step <= parameter.upper else parameter.nominal - parameter.scale,)
+
+
+def spacing(problem: Problem, effect: Effect, k: int) -> float:
+    """How far the starts of one parameter lie apart."""
+    grid = np.sort(_parameter_starts(problem, effect, k))
+    return float(np.median(np.diff(grid))) if len(grid) > 1 else effect.parameters[k].scale
 
 
 def _linear(problem: Problem, effect: Effect) -> list[int]:

@@ -152,6 +152,12 @@ def fit(
     return here
 
 
+def costs(problem: Problem, batch: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:
+    """Cost [nats] of parameter vectors from given initial states, shape (batch,)."""
+    simulated = problem.simulate(batch, states)
+    return np.array([_cost(problem, problem.features - one, states, whitener) for one in simulated])
+
+
 def parameters_at(here: Fit, coordinates: Coordinates, step: FloatArray) -> FloatArray:
     """The whole vector after a step in coordinates, inside the bounds."""
     result = here.parameters.copy()

@@ -17,6 +17,7 @@ from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_P, RIVAL_SHARE, Dic
 from fieldmodels.diagnosis.misfit import misfit
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.profile import profiled_error
 from fieldmodels.diagnosis.quantisation import coarse_sensor
 from fieldmodels.diagnosis.result import (
     Cause,
@@ -36,6 +37,7 @@ FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
 FOLDS = 4
 UNDETERMINED = 0.5  # standard error of a base parameter, of its value, from which on it is not known
+UNTOLD = 0.1  # nats on the test data that decide nothing
 FAR = 3.0  # times the noise: an error beyond needs an explanation even if no test finds its direction
 
 
@@ -256,10 +258,12 @@ def _causes(
         effect = model.effect(name)
         place = model.slice_of(name).start
         values = {}
-        for i, p in enumerate(effect.parameters, start=place):
-            known = np.flatnonzero(chosen.fit.free == i)
+        for i, p in enumerate(effect.parameters):
+            known = np.flatnonzero(chosen.fit.free == place + i)
             std = float(errors[known[0]]) if len(known) else float("nan")
-            values[p.name] = Estimate(float(chosen.fit.parameters[i]), std, p.unit)
+            if not p.smooth:
+                std = profiled_error(candidates, chosen, effect, i)
+            values[p.name] = Estimate(float(chosen.fit.parameters[place + i]), std, p.unit)
         gain = path[k].loss - path[k + 1].loss
         causes.append(
             Cause(
@@ -337,13 +341,16 @@ def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:
 
 
 def _confirmed(path: Sequence[Candidate], testing: Problem) -> int:
-    """How many fits of a path stand on the test data: each must explain them better than the one before."""
+    """How many fits of a path stand on the test data: each must explain them better than the one before.
+
+    If the test data hold none of a cause's moments, they say nothing.
+    """
     losses = []
     for candidate in path:
         fitted = fit(testing, candidate.fit.parameters, NONE, path[-1].fit.whitener, iterations=6)
         losses.append(float(window_loss(fitted).sum()))
     for k in range(1, len(path)):
-        if not losses[k] < losses[k - 1]:
+        if not losses[k] < losses[k - 1] + UNTOLD:
             return k
     return len(path)
 

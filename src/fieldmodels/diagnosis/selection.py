@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.fit import covariance_whitener, stacked
+from fieldmodels.diagnosis.fit import Fit, covariance_whitener, stacked
 from fieldmodels.model import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -87,29 +87,39 @@ def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) ->
     cause's own direction, as the dispersion of its score after the fit; twice the gain is divided by it
     (quasi-likelihood, McCullagh and Nelder 1989, section 4.5), and compared with F.
     """
-    fitted = child.fit
-    new = ~np.isin(fitted.free, parent.fit.free) & fitted.active
+    new = ~np.isin(child.fit.free, parent.fit.free) & child.fit.active
     count = int(new.sum())
     if count == 0:
         return 1.0
-    own, old = stacked(fitted.jacobian[:, :, new]), stacked(fitted.jacobian[:, :, ~new & fitted.active])
-    if old.shape[1]:
-        basis = np.linalg.qr(old)[0]
+    ratio = max(2 * (parent.total - child.total), 0.0) / (count * dispersion(child.fit, new, blocks))
+    return float(special.fdtrc(count, max(len(np.unique(blocks)) - count, 1), ratio))
+
+
+def dispersion(fitted: Fit, which: NDArray[np.bool_], blocks: IntArray) -> float:
+    """How much more than white noise the errors move along some free parameters' own directions, 1 or more.
+
+    Mean square of the score over blocks, and over pairs of blocks, in units of its information.
+    """
+    count = int(which.sum())
+    if count == 0:
+        return 1.0
+    own = stacked(fitted.jacobian[:, :, which])
+    others = stacked(fitted.jacobian[:, :, ~which & fitted.active])
+    if others.shape[1]:
+        basis = np.linalg.qr(others)[0]
         own = own - basis @ (basis.T @ own)
     columns = own.reshape(*fitted.residual.shape, count)
     scores = np.einsum("wfk,wf->wk", columns, fitted.residual)
     powers = columns.transpose(0, 2, 1) @ columns
-    dispersion = 1.0
+    result = 1.0
     for size in (1, 2):
         number = np.unique(blocks // size, return_inverse=True)[1]
         score, power = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
         np.add.at(score, number, scores)
         np.add.at(power, number, powers)
         inverse = np.linalg.pinv(power, hermitian=True, rcond=1e-6)
-        squares = np.einsum("bk,bkl,bl->b", score, inverse, score)
-        dispersion = max(dispersion, float(squares.mean()) / count)
-    ratio = max(2 * (parent.total - child.total), 0.0) / (count * dispersion)
-    return float(special.fdtrc(count, max(len(np.unique(blocks)) - count, 1), ratio))
+        result = max(result, float(np.einsum("bk,bkl,bl->b", score, inverse, score).mean()) / count)
+    return result
 
 
 def select(candidates: Candidates, progress: Progress) -> Selection:
@@ -123,7 +133,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     progress("trying each effect", 0.1)
     level = _grown(candidates, [base])
     base = candidates.again(base)
-    ranking, before, chosen = tuple(level), base, base
+    ranking, before, chosen, levels = tuple(level), base, base, {1: level}
     for size in range(1, MAX_CAUSES + 1):
         if size > 1:
             progress(f"trying sets of {size}", 0.2 + 0.1 * size)
@@ -132,7 +142,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             if not children or not _called_for(candidates, chosen, parents, children[0]):
                 candidates.whitener = whitener
                 break
-            chosen, level = children[0], children
+            chosen, level, levels[size] = children[0], children, children
         elif level and accepted(base, level[0], blocks):
             chosen = level[0]
         # Nothing alone is called for: a pair may be, but no larger set.
@@ -140,8 +150,12 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             break
     progress("looking for look-alikes", 0.65)
     base = candidates.again(base)
-    if chosen.effects:
-        chosen, rivals = _simplest(chosen, _rivals(candidates, chosen, level), blocks)
+    needed = _needed(candidates, chosen)
+    if needed.effects:
+        level = [c for c in levels[len(needed.effects)] if c.total < needed.total + REFITTED_WITHIN]
+        if needed is not chosen:  # smaller sets were last fitted beside other weights
+            level = [candidates.again(c) for c in level]
+        chosen, rivals = _simplest(needed, _rivals(candidates, needed, level), blocks)
     else:
         chosen, rivals = base, ()
     return Selection(
@@ -152,6 +166,21 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
         ranking=ranking,
         untestable=tuple(sorted(candidates.untestable)),
     )
+
+
+def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
+    """The set without effects that it no longer needs: they may have made up for a fit that got stuck.
+
+    What remains is fitted from where the larger set led it, which the search did not know.
+    """
+    blocks = candidates.problem.blocks
+    while chosen.effects:
+        smaller = [candidates.without(chosen, name) for name in chosen.effects]
+        spare = [c for c in smaller if not accepted(c, chosen, blocks)]
+        if not spare:
+            return chosen
+        chosen = min(spare, key=lambda c: c.total)
+    return chosen
 
 
 def _simplest(
