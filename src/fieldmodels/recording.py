@@ -36,6 +36,7 @@ class Recording:
         episode: Episode number of each sample, shape (n,); episodes are contiguous.
         source: Where the data come from (a path, "simulation of rig"), for messages and reports.
         known: Values of a model's base parameters that are known of this machine (a wheel's radius).
+        notes: What is odd about the data, or was done to them on reading.
     """
 
     time: FloatArray
@@ -44,6 +45,7 @@ class Recording:
     episode: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     source: str = "memory"
     known: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Give a recording without episodes a single one; check that all columns have one length.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.model import FloatArray, Model, Signal
 from fieldmodels.recording import Recording
 from fieldmodels.table_files import SHOWN, Problem
+from fieldmodels.units import STANDARD_GRAVITY, other_units
 
 MAX_JITTER = 0.01
 """Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
@@ -14,11 +15,14 @@ GAP = 1.5
 """A time step of more than this many medians is a gap."""
 MAX_ANGLE_SPAN = 20.0
 """An angle that spans more radians than this (three turns) is suspected to be in degrees."""
+REST = 0.1
+"""How near to 1 an accelerometer's usual value is that counts gravity in g."""
+LEAST_COUNTED = 0.5
+"""Least time step [s] that is suspected to be counted in fractions of a second."""
 MIN_SAMPLES = 4
 """Fewest samples in which a window can be predicted."""
 
 _BLOCK = 1_000_000  # rows looked at together
-_SCALES = {180 / np.pi: "degrees", 1000.0: "millimetres", 100.0: "centimetres"}
 
 
 def check_episodes(episode: FloatArray) -> list[Problem]:
@@ -73,8 +77,10 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     """Check that at least one window of the horizon fits, with enough samples in it."""
     step = recording.step
     longest = max(float(recording.time[b - 1] - recording.time[a]) for a, b in recording.bounds)
-    looks_ms = step >= 0.5 and (MIN_SAMPLES - 1) * step / 1000 <= horizon
-    hint = "; the time column looks like milliseconds: declare it as 't=t:ms'" if looks_ms else ""
+    fits = (u for u in ("ms", "us", "ns") if (MIN_SAMPLES - 1) * step * other_units("s")[u] <= horizon)
+    unit = next(fits, "") if step >= LEAST_COUNTED else ""
+    name = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}.get(unit)
+    hint = f"; the time column looks like {name}: declare it as 't=t:{unit}'" if name else ""
     if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
         message = (
             f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster{hint}"
@@ -97,9 +103,8 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
                 f"column 't' advances by {step:g} a row; if it is in milliseconds, declare it as 't=t:ms'"
             )
         return found
-    for signal in model.outputs:
-        if signal.name not in recording:
-            continue
+    signals = [s for s in (*model.inputs, *model.outputs) if s.name in recording]
+    for signal in signals:
         values = recording[signal.name]
         span = float(np.ptp(values))
         if signal.angle and span > MAX_ANGLE_SPAN:
@@ -107,11 +112,17 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
                 f"column {signal.name!r} spans {span:.4g}, as radians {span / (2 * np.pi):.1f} turns; "
                 f"if it is in degrees, declare it as '{signal.name}={signal.name}:deg'"
             )
-        if span == 0 and len(values) > MIN_SAMPLES:
+        if span == 0 and len(values) > MIN_SAMPLES and signal in model.outputs:
             found.append(f"column {signal.name!r} never changes; is the sensor connected?")
-        for rate in model.outputs:
-            if rate.name in recording and rate.unit == f"{signal.unit}/s":
-                found += _wrong_scale(recording, signal.name, rate.name)
+        usual = float(np.median(np.abs(values)))
+        if signal.unit == "m/s^2" and abs(usual - 1.0) < REST and np.abs(values).max() < STANDARD_GRAVITY:
+            found.append(
+                f"column {signal.name!r} is usually {usual:.2f}, a tenth of gravity; if it is in g, "
+                f"declare it as '{signal.name}={signal.name}:g'"
+            )
+        for rate in signals:
+            if rate.unit == f"{signal.unit}/s":
+                found += _wrong_scale(recording, signal, rate)
     return found
 
 
@@ -129,24 +140,34 @@ def _backward(time: FloatArray, row: int) -> Problem:
     return Problem(f"t = {time[row]:.9g} s does not come after {time[row - 1]:.9g} s; {remedy}", row=row)
 
 
-def _wrong_scale(recording: Recording, position: str, velocity: str) -> list[str]:
-    """Compare a signal's differences with its measured rate: their ratio tells a wrong unit."""
-    part = slice(_BLOCK)
-    inside = np.diff(recording.episode[part]) == 0
-    slope = (np.diff(recording[position][part]) / np.diff(recording.time[part]))[inside]
-    measured = recording[velocity][part]
-    rate = (0.5 * (measured[1:] + measured[:-1]))[inside]
-    product, power = float(slope @ rate), float(rate @ rate)
-    if not product > 0:
+def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[str]:
+    """Compare a signal's changes with its measured rate: their ratio tells a wrong unit."""
+    count = min(len(recording), _BLOCK)
+    span = max(1, min(50, count // 100))  # so that noise does not hide the change
+    inside = recording.episode[span:count] == recording.episode[: count - span]
+    change = (recording[position.name][span:count] - recording[position.name][: count - span])[inside]
+    steps = (
+        np.diff(recording.time[:count])
+        * 0.5
+        * (recording[rate.name][1:count] + recording[rate.name][: count - 1])
+    )
+    whole = np.concatenate([[0.0], np.cumsum(np.where(np.diff(recording.episode[:count]) == 0, steps, 0.0))])
+    told = (whole[span:] - whole[:-span])[inside]
+    product, power = float(change @ told), float(told @ told)
+    if not product > 0 or not product > 0.8 * np.sqrt(power * float(change @ change)):
         return []
-    correlation = product / np.sqrt(power * float(slope @ slope))
     ratio = product / power
-    for scale, name in _SCALES.items():
-        for wrong, value in ((position, ratio), (velocity, 1 / ratio)):
-            if correlation > 0.8 and abs(value / scale - 1) < 0.1:
-                other = velocity if wrong == position else position
+    for wrong, value, other in ((position, ratio, rate), (rate, 1 / ratio, position)):
+        for unit, scale in other_units(wrong.unit).items():
+            if abs(value * scale - 1) < 0.1:
+                how = (
+                    f"it changes {value:.3g} times as fast as {other.name!r} says"
+                    if wrong is position
+                    else f"it is {value:.3g} times the rate of {other.name!r}"
+                )
+                clock = "; or is t in ms?" if scale == 1e-3 and wrong is rate else ""
                 return [
-                    f"column {wrong!r} looks like {name}: it changes {value:.3g} times as fast "
-                    f"as {other!r} says; declare its unit"
+                    f"column {wrong.name!r} looks as if it were in {unit}: {how}; declare it as "
+                    f"'{wrong.name}={wrong.name}:{unit}'{clock}"
                 ]
     return []

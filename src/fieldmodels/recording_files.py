@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +216,7 @@ def _checked(
             problems = [Problem(p.message, time_name) for p in check_length(recording, horizon)]
     if problems:
         raise table.fail(problems)
-    for reason in (*notes, *suspicions(recording, model)):
-        warnings.warn(f"{recording.source}: {reason}", RecordingWarning, stacklevel=3)
-    return recording
+    notes += suspicions(recording, model)
+    for note in notes:
+        warnings.warn(f"{recording.source}: {note}", RecordingWarning, stacklevel=3)
+    return replace(recording, notes=tuple(notes))

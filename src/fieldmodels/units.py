@@ -19,11 +19,11 @@ _FACTORS: dict[str, dict[str, float]] = {
     "rad": {"mrad": 1e-3, "deg": _DEGREE, "rev": 2 * pi},
     "rad/s": {"mrad/s": 1e-3, "deg/s": _DEGREE, "rpm": _RPM, "rev/s": 2 * pi},
     "rad/s^2": {"deg/s^2": _DEGREE},
-    "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254},
-    "m/s": {"mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6},
+    "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "m/s": {"mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6, "mph": 0.44704},
     "m/s^2": {"mm/s^2": 1e-3, "g": STANDARD_GRAVITY},
     "kg": {"g": 1e-3, "t": 1e3},
-    "N": {"mN": 1e-3, "kN": 1e3, "kgf": STANDARD_GRAVITY},
+    "N": {"mN": 1e-3, "kN": 1e3, "kgf": STANDARD_GRAVITY, "lbf": 0.45359237 * STANDARD_GRAVITY},
     "N m": {"mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "kN m": 1e3},
     "Pa": {"hPa": 1e2, "kPa": 1e3, "bar": 1e5},
     "V": {"mV": 1e-3},
@@ -44,6 +44,14 @@ _SPELLINGS = {
     "°/s": "deg/s",
     "dps": "deg/s",
     "radians": "rad",
+    "rad/sec": "rad/s",
+    "1/min": "rpm",
+    "RPM": "rpm",
+    "U/min": "rpm",
+    "kmh": "km/h",
+    "kph": "km/h",
+    "µm": "um",
+    "μm": "um",
     "Nm": "N m",
     "mNm": "mN m",
     "Ncm": "N cm",
@@ -70,6 +78,11 @@ def canonical(unit: str) -> str:
 def known_units() -> tuple[str, ...]:
     """All units that a column may be declared in."""
     return tuple(dict.fromkeys(u for si, others in _FACTORS.items() for u in (si, *others)))
+
+
+def other_units(wanted: str) -> dict[str, float]:
+    """Units of the same quantity as an SI unit, with their factors to it; none for an unknown unit."""
+    return dict(_FACTORS.get(canonical(wanted), {}))
 
 
 def factor(unit: str, wanted: str) -> float:

@@ -197,3 +197,25 @@ def test_the_command_line_tries_a_model_before_it_is_fitted(tmp_path):
     result = CliRunner().invoke(app, ["diagnose", str(log), "--model", str(path)])
     assert result.exit_code == 2
     assert "motor.py: simulate returned shape" in result.stderr
+
+
+def test_what_is_odd_about_a_log_is_said_in_the_terminal_and_in_the_report(tmp_path):
+    (tmp_path / "rig.yaml").write_text("{name: rig, model: rig, duration: 12, excitation: {amplitude: 5}}")
+    assert (
+        CliRunner().invoke(app, ["record", str(tmp_path / "rig.yaml"), "--out", str(tmp_path)]).exit_code == 0
+    )
+    header, *rows = (tmp_path / "rig.csv").read_text().splitlines()
+    del rows[300]
+    (tmp_path / "rig.csv").write_text("\n".join([header, *rows]))
+    asked = ["diagnose", str(tmp_path / "rig.csv"), "--model", "rig", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, [*asked, "--column", "position=position:mm"])
+    assert result.exit_code == 0, result.output
+    said = (
+        "put on an even step of 0.01 s",
+        "'position' looks as if it were in km: it changes 0.001 times as fast",
+    )
+    found = json.loads((tmp_path / "diagnosis.json").read_text())
+    for words in said:
+        assert words in result.stderr
+        assert words in (tmp_path / "report.html").read_text().replace("&#x27;", "'").replace("&#39;", "'")
+        assert any(words in note for note in found["data"]["notes"])

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from fieldmodels.model import Signal
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording_files import load_recording, save_recording
 from fieldmodels.registry import get_model
@@ -324,17 +325,53 @@ def test_an_angle_in_degrees_is_suspected_and_why(write):
     ):
         load_recording(write(text), PENDULUM)
     with pytest.warns(
-        RecordingWarning, match="'angle' looks like degrees: it changes 57.* as fast as 'velocity'"
+        RecordingWarning,
+        match="'angle' looks as if it were in deg: it changes 57.* as fast as 'velocity' says",
     ):
         load_recording(write(swing(scale=degrees, amplitude=0.05)), PENDULUM)
-    with pytest.warns(RecordingWarning, match="'velocity' looks like degrees"):
+    with pytest.warns(
+        RecordingWarning, match="'velocity' looks as if it were in deg/s: it is 57.*'velocity=velocity:deg/s'"
+    ):
         load_recording(write(swing(rate=degrees)), PENDULUM)
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"),
+    [("rpm", 60 / (2 * np.pi)), ("rev/s", 1 / (2 * np.pi)), ("mrad/s", 1e3), ("deg/s", 57.3)],
+)
+def test_a_rate_in_another_unit_is_suspected_also_in_noise_at_10_khz(write, unit, scale):
+    rng = np.random.default_rng(0)
+    time = np.arange(20_000) * 1e-4
+    angle = 0.4 * np.sin(5 * time) + 1e-3 * rng.standard_normal(len(time))
+    columns = {"t": time, "torque": np.sin(time), "angle": angle, "velocity": scale * 2.0 * np.cos(5 * time)}
+    with pytest.warns(RecordingWarning, match=f"'velocity' looks as if it were in {unit}: it is"):
+        load_recording(write(table(**columns)), PENDULUM)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_recording(write(table(**columns)), PENDULUM, {"velocity": f"velocity:{unit}"})
+
+
+def test_microseconds_are_recognised(write):
+    path = write(table(**bench(step=10_000)))
+    refused(path, "looks like microseconds: declare it as 't=t:us'")
+    assert load_recording(path, RIG, {"t": "t:us"}).step == pytest.approx(0.01)
+
+
+def test_an_accelerometer_in_g_is_suspected(write):
+    class Accelerometer(type(RIG)):
+        outputs = (Signal("position", "m"), Signal("acceleration", "m/s^2"))
+
+    columns = {**bench(), "acceleration": 1.0 + 0.05 * np.sin(np.arange(100.0))}
+    with pytest.warns(RecordingWarning, match="'acceleration' is usually 1.0.*'acceleration=acceleration:g'"):
+        load_recording(write(table(**columns)), Accelerometer())
 
 
 def test_a_position_in_millimetres_is_suspected(write):
     t = np.arange(500) * 0.01
     text = table(t=t, force=np.sin(t), position=100 * np.sin(3 * t), velocity=0.3 * np.cos(3 * t))
-    with pytest.warns(RecordingWarning, match="'position' looks like millimetres"):
+    with pytest.warns(
+        RecordingWarning, match="'position' looks as if it were in mm: .*'position=position:mm'"
+    ):
         load_recording(write(text), RIG)
 
 

@@ -72,7 +72,7 @@ def diagnose(
         raise RecordingError("no recording to diagnose; give at least one")
     fixed = {**_known(model, [*train, *test]), **(fixed or {})}
     stages = model.stages([*train, *test])
-    return joined(
+    whole = joined(
         model,
         [
             _diagnose_stage(
@@ -86,6 +86,7 @@ def diagnose(
             for number, stage in enumerate(stages)
         ],
     )
+    return replace(whole, notes=tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes))
 
 
 def _diagnose_stage(
@@ -263,6 +264,8 @@ def _causes(
             std = float(errors[known[0]]) if len(known) else float("nan")
             if not p.smooth:
                 std = profiled_error(candidates, chosen, effect, i)
+            elif problem.looks is not None and len(p.starts) > 1:  # its slope may be that of a few looks
+                std = max(std, profiled_error(candidates, chosen, effect, i))
             values[p.name] = Estimate(float(chosen.fit.parameters[place + i]), std, p.unit)
         gain = path[k].loss - path[k + 1].loss
         causes.append(

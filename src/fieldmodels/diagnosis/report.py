@@ -63,7 +63,7 @@ def _data(diagnosis: Diagnosis) -> str:
         f'<p class="soft">Fitted and chosen on {html.text(train)} ({diagnosis.windows[0]} windows); gains '
         f"measured on {html.text(test)} ({diagnosis.windows[1]} windows), which could only veto a cause. "
         f"{diagnosis.seconds:.1f} s.</p>"
-    )
+    ) + "".join(f'<p class="warn">{html.text(note)}</p>' for note in diagnosis.notes)
 
 
 def _causes(diagnosis: Diagnosis) -> str:

@@ -253,6 +253,7 @@ class Diagnosis:
         windows: Number of training and of test windows.
         seconds: Time that the diagnosis took.
         evidence: Arrays for the report.
+        notes: What is odd about the data, or was done to them (``Recording.notes``).
     """
 
     model: str
@@ -271,6 +272,7 @@ class Diagnosis:
     windows: tuple[int, int]
     seconds: float
     evidence: Evidence
+    notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
@@ -311,6 +313,7 @@ class Diagnosis:
                 "train": list(self.trained_on),
                 "test": list(self.tested_on),
                 "windows": {"train": self.windows[0], "test": self.windows[1]},
+                "notes": list(self.notes),
             },
             "seconds": round(self.seconds, 2),
         }
