@@ -31,6 +31,7 @@ HIDDEN: Mapping[bool, Mapping[str, Mapping[str, float]]] = {
         "actuator_gain": {"gain": 0.995},
         "turn_gain": {"gain": 0.981},
         "actuator_lag": {"time_constant": 0.0011},
+        "actuator_rate_limit": {"rate": 120.0},
         "actuator_delay": {"delay": 0.0011},
         "actuator_saturation": {"limit": 1.17},
         "actuator_dead_zone": {"width": 0.0026},
@@ -46,6 +47,7 @@ HIDDEN: Mapping[bool, Mapping[str, Mapping[str, float]]] = {
         "actuator_gain": {"gain": 0.988},
         "turn_gain": {"gain": 0.988},
         "actuator_lag": {"time_constant": 0.0051},
+        "actuator_rate_limit": {"rate": 60.0},
         "actuator_delay": {"delay": 0.0051},
         "actuator_saturation": {"limit": 1.15},
         "actuator_dead_zone": {"width": 0.0033},
@@ -61,7 +63,7 @@ HIDDEN: Mapping[bool, Mapping[str, Mapping[str, float]]] = {
 
 
 def rate_limited(commands: FloatArray, step: float) -> FloatArray:
-    """A drive that accelerates by at most 4 m/s^2 and 30 rad/s^2."""
+    """A controller that ramps speed and turn rate, not the wheels, by at most 4 m/s^2 and 30 rad/s^2."""
     result = np.empty_like(commands)
     now = np.zeros(2)
     reach = np.array([4.0, 30.0]) * step
@@ -94,7 +96,7 @@ def hard_iron(recording: Recording, largest: float) -> Recording:
 
 
 OUTSIDE: Mapping[str, Callable[[FloatArray, float], FloatArray]] = {
-    "rate limit": rate_limited,
+    "rate limit of the body": rate_limited,
     "weak to the left": weak_to_the_left,
     "understeer": understeer,
 }

@@ -19,6 +19,7 @@ HIDDEN = {
     "actuator_gain": {"gain": 0.995},
     "turn_gain": {"gain": 0.981},
     "actuator_lag": {"time_constant": 0.004},
+    "actuator_rate_limit": {"rate": 60.0},
     "actuator_delay": {"delay": 0.004},
     "actuator_saturation": {"limit": 1.05},
     "actuator_dead_zone": {"width": 0.0026},
@@ -62,7 +63,7 @@ def test_a_hidden_effect_is_found_with_its_size(effect: str, seed: int):
     if found.causes[0].effect == effect:
         for name, true in HIDDEN[effect].items():
             (parameter,) = [p for p in PoseReaching().effect(effect).parameters if p.name == name]
-            neutral = 1.3 if name == "limit" else parameter.nominal
+            neutral = {"limit": 1.3, "rate": 120.0}.get(name, parameter.nominal)
             tolerance = 12.0 if name == "time" else 0.35 * abs(true - neutral)
             assert found.causes[0].parameters[name].value == pytest.approx(true, abs=tolerance)
 

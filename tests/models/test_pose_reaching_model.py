@@ -24,6 +24,7 @@ FAULTS = {
     "actuator_gain": {"gain": 0.9},
     "turn_gain": {"gain": 1.1},
     "actuator_lag": {"time_constant": 0.13},
+    "actuator_rate_limit": {"rate": 2.0},
     "actuator_delay": {"delay": 0.07},
     "actuator_saturation": {"limit": 0.8},
     "actuator_dead_zone": {"width": 0.05},
@@ -84,6 +85,8 @@ def test_with_every_fault_it_is_the_ordinary_differential_equation():
         f["actuator_delay"]["delay"], f["actuator_lag"]["time_constant"], f["sensor_delay"]["delay"],
     )  # fmt: skip
 
+    most = f["actuator_rate_limit"]["rate"]
+
     def aims(time: float) -> np.ndarray:
         k = int(np.clip(np.floor((time - delay) / STEP + 1e-9), 0, len(recording) - 1))
         jumped = np.clip((k * STEP - f["parameter_step"]["time"]) / STEP + 1, 0, 1)
@@ -104,8 +107,8 @@ def test_with_every_fault_it_is_the_ordinary_differential_equation():
             v * np.cos(heading) - aside * np.sin(heading) + f["slope"]["x"] * abs(v),
             v * np.sin(heading) + aside * np.cos(heading) + f["slope"]["y"] * abs(v),
             w,
-            (a - left) / lag,
-            (b - right) / lag,
+            np.clip((a - left) / lag, -most, most),
+            np.clip((b - right) / lag, -most, most),
             left,
             right,
         ]

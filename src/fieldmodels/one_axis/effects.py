@@ -133,7 +133,7 @@ def actuator_effects(axis: Axis, s: Scales) -> tuple[Effect, ...]:
             "|dF/dt| <= rate",
             Parameter(
                 "rate", f"{newton}/s", NO_LIMIT, 1e-9, NO_LIMIT, 0.05 * s.rate,
-                starts=tuple(s.rate / k for k in (1.5, 3.0, 6.0, 12.0, 25.0, 50.0)),
+                starts=tuple(s.rate / k for k in (0.5, 1.5, 4.0, 10.0, 25.0)),
             ),
         ),
         _effect(

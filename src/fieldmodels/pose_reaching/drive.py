@@ -1,7 +1,7 @@
 """The drive between a command and the motion, in pieces that kernels compose: what may be wrong with it.
 
     command (speed, turn rate) -> what the rims aim at: gains, dead zone, saturation, a jump
-                               -> delay and lag -> the rims' travel
+                               -> delay, and lag at a limited rate -> the rims' travel
                                -> the body's motion: unequal wheels, slip, slope
 
 Both fronts, a robot that is told speed and turn rate and one that is told its wheels' speeds, are the same
@@ -17,13 +17,13 @@ from fieldmodels.compiled import inlined
 from fieldmodels.model import FloatArray
 
 RADIUS, TRACK = 0, 1
-GAIN, TURN_GAIN, LAG, DELAY, LIMIT, DEAD_ZONE = 2, 3, 4, 5, 6, 7
-UNEQUAL, YAW_SLIP, SIDEWAYS, SLOPE_X, SLOPE_Y = 8, 9, 10, 11, 12
-SENSOR_DELAY, HEADING_BIAS, STEP_TIME, STEP_FACTOR = 13, 14, 15, 16
-PARAMETERS = 17
+GAIN, TURN_GAIN, LAG, RATE, DELAY, LIMIT, DEAD_ZONE = 2, 3, 4, 5, 6, 7, 8
+UNEQUAL, YAW_SLIP, SIDEWAYS, SLOPE_X, SLOPE_Y = 9, 10, 11, 12, 13
+SENSOR_DELAY, HEADING_BIAS, STEP_TIME, STEP_FACTOR = 14, 15, 16, 17
+PARAMETERS = 18
 
 NO_LIMIT = 1e6
-"""A saturation limit [m/s] from this on means none."""
+"""A saturation limit [m/s] or rate limit [m/s^2] from this on means none."""
 
 
 @inlined
@@ -52,15 +52,42 @@ def rims(speed: float, rate: float, jumped: float, q: FloatArray) -> tuple[float
 
 
 @inlined
-def excess_after(excess: float, time: float, time_constant: float) -> float:
-    """What is left after a time [s] of a lagging rim's distance from what it aims at [m/s]."""
-    return excess * math.exp(-time / time_constant) if time_constant > 0.0 else 0.0
+def has_dynamics(q: FloatArray) -> bool:
+    """Whether a rim follows what it aims at with a lag or at a limited rate."""
+    return bool(q[LAG] > 0.0 or q[RATE] < NO_LIMIT)
 
 
 @inlined
-def excess_travel(excess: float, time: float, time_constant: float) -> float:
-    """How far a lagging rim gets within a time [s] beyond what it aims at [m]."""
-    return -excess * time_constant * math.expm1(-time / time_constant) if time_constant > 0.0 else 0.0
+def ramp_within(excess: float, time: float, q: FloatArray) -> float:
+    """For how much of a time [s] a rim changes at its rate limit: until its lag alone would be slower."""
+    if q[RATE] >= NO_LIMIT:
+        return 0.0
+    return float(min(max(abs(excess) / q[RATE] - q[LAG], 0.0), time))
+
+
+@inlined
+def excess_after(excess: float, time: float, q: FloatArray) -> float:
+    """What is left after a time [s] of a rim's distance from what it aims at [m/s]."""
+    ramp = ramp_within(excess, time, q)
+    if ramp > 0.0:
+        excess -= math.copysign(q[RATE] * ramp, excess)
+        if ramp >= time:
+            return excess
+    return float(excess * math.exp(-(time - ramp) / q[LAG])) if q[LAG] > 0.0 else 0.0
+
+
+@inlined
+def excess_travel(excess: float, time: float, q: FloatArray) -> float:
+    """How far a rim gets within a time [s] beyond what it aims at [m]."""
+    ramp = ramp_within(excess, time, q)
+    total = 0.0
+    if ramp > 0.0:
+        slope = math.copysign(q[RATE], excess)
+        total = (excess - 0.5 * slope * ramp) * ramp
+        excess -= slope * ramp
+    if q[LAG] > 0.0:
+        total -= excess * q[LAG] * math.expm1(-(time - ramp) / q[LAG])
+    return float(total)
 
 
 @inlined

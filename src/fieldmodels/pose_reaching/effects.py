@@ -16,11 +16,13 @@ class Scales:
 
     Attributes:
         speeds: Rim speeds that 0.5, 3, 10 and 30 % of the commands exceed [m/s].
+        rate: Largest rate of a rim's commanded speed from one sample to the next [m/s^2].
         duration: Length of the longest recording [s].
         step: Sampling interval [s].
     """
 
     speeds: tuple[float, ...] = (1.3, 1.1, 0.8, 0.5)
+    rate: float = 20.0
     duration: float = 60.0
     step: float = 0.05
 
@@ -50,6 +52,19 @@ def drive_effects(scales: Scales) -> tuple[Effect, ...]:
             "actuator",
             (Parameter("time_constant", "s", 0.0, 0.0, 10.0, 0.5 * scales.step, starts=late),),
             "time_constant * d(rim)/dt = commanded rim - rim",
+        ),
+        Effect(
+            "actuator_rate_limit",
+            "The wheels cannot change their speed faster than at a certain rate (a ramp in the drive, its "
+            "current's limit).",
+            "actuator",
+            (
+                Parameter(
+                    "rate", "m/s^2", NO_LIMIT, 1e-6, NO_LIMIT, 0.05 * scales.rate,
+                    starts=tuple(scales.rate / k for k in (0.5, 1.5, 4.0, 10.0, 25.0)),
+                ),
+            ),
+            "|d(rim)/dt| <= rate",
         ),
         Effect(
             "actuator_delay",

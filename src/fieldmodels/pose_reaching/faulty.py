@@ -13,7 +13,6 @@ from fieldmodels.model import FloatArray
 from fieldmodels.pose_reaching.drive import (
     DELAY,
     HEADING_BIAS,
-    LAG,
     SENSOR_DELAY,
     SLOPE_X,
     SLOPE_Y,
@@ -22,6 +21,7 @@ from fieldmodels.pose_reaching.drive import (
     body,
     excess_after,
     excess_travel,
+    has_dynamics,
     rims,
 )
 from fieldmodels.pose_reaching.unicycle import wrapped
@@ -93,17 +93,17 @@ def moved(
     whole = int(q[DELAY] / step)
     part = q[DELAY] / step - whole
     newer, older = 2 + 2 * ((instant - whole) % slots), 2 + 2 * ((instant - whole - 1) % slots)
-    left = travelled(memory, 0, (1.0 - part) * memory[newer] + part * memory[older], step, q[LAG])
-    right = travelled(memory, 1, (1.0 - part) * memory[newer + 1] + part * memory[older + 1], step, q[LAG])
+    left = travelled(memory, 0, (1.0 - part) * memory[newer] + part * memory[older], step, q)
+    right = travelled(memory, 1, (1.0 - part) * memory[newer + 1] + part * memory[older + 1], step, q)
     return body(left, right, step, 0.0, q)
 
 
 @inlined
-def travelled(memory: FloatArray, side: int, aim: float, step: float, time_constant: float) -> float:
+def travelled(memory: FloatArray, side: int, aim: float, step: float, q: FloatArray) -> float:
     """Travel of one rim in a step [m]; its speed at the end is remembered."""
-    excess = memory[side] - aim if time_constant > 0.0 else 0.0
-    memory[side] = aim + excess_after(excess, step, time_constant)
-    return aim * step + excess_travel(excess, step, time_constant)
+    excess = memory[side] - aim if has_dynamics(q) else 0.0
+    memory[side] = aim + excess_after(excess, step, q)
+    return aim * step + excess_travel(excess, step, q)
 
 
 @inlined

@@ -93,13 +93,15 @@ class PoseReaching(Model):
             sides = radius * commands
         else:
             half = 0.5 * track * commands[:, 1]
-            sides = np.stack([commands[:, 0] - half, commands[:, 0] + half])
+            sides = np.column_stack([commands[:, 0] - half, commands[:, 0] + half])
         speeds = np.quantile(np.abs(sides), [0.995, 0.97, 0.9, 0.7])
+        rate = float(np.max(np.abs(np.diff(sides, axis=0)), initial=0.0)) / recordings[0].step
         nominal = Scales()
         return type(self)(
             self.wheels,
             Scales(
                 speeds=tuple(speeds.tolist()) if (speeds > 0).all() else nominal.speeds,
+                rate=rate or nominal.rate,
                 duration=max(float(np.ptp(r.time)) for r in recordings),
                 step=recordings[0].step,
             ),

@@ -17,7 +17,6 @@ from fieldmodels.model import FloatArray
 from fieldmodels.pose_reaching.drive import (
     DELAY,
     HEADING_BIAS,
-    LAG,
     RADIUS,
     SENSOR_DELAY,
     SLOPE_X,
@@ -28,6 +27,7 @@ from fieldmodels.pose_reaching.drive import (
     body,
     excess_after,
     excess_travel,
+    has_dynamics,
     rims,
 )
 from fieldmodels.pose_reaching.unicycle import body_speeds, slipping_arc
@@ -76,14 +76,14 @@ def follow_commands(
             if i == first[i]:
                 course[i, side, TRAVEL] = 0.0
                 known = not math.isnan(before[i, side])
-                course[i, side, EXCESS] = before[i, side] - aim if known and q[LAG] > 0.0 else 0.0
+                course[i, side, EXCESS] = before[i, side] - aim if known and has_dynamics(q) else 0.0
             else:
                 last, excess = course[i - 1, side, AIM], course[i - 1, side, EXCESS]
-                now = last + excess_after(excess, step, q[LAG])
+                now = last + excess_after(excess, step, q)
                 course[i, side, TRAVEL] = (
-                    course[i - 1, side, TRAVEL] + last * step + excess_travel(excess, step, q[LAG])
+                    course[i - 1, side, TRAVEL] + last * step + excess_travel(excess, step, q)
                 )
-                course[i, side, EXCESS] = now - aim if q[LAG] > 0.0 else 0.0
+                course[i, side, EXCESS] = now - aim if has_dynamics(q) else 0.0
 
 
 @compiled
@@ -119,7 +119,7 @@ def travelled(
     first: int,
     last: int,
     step: float,
-    time_constant: float,
+    q: FloatArray,
     before: float,
 ) -> float:
     """Travel of a rim at a time between two samples, or outside its episode [m].
@@ -132,7 +132,7 @@ def travelled(
         first: The episode's first sample.
         last: Its last.
         step: Sampling interval [s].
-        time_constant: Of the lag [s].
+        q: Parameters, shape (PARAMETERS,).
         before: Speed of the rim before the episode [m/s].
     """
     if sample < first:
@@ -141,7 +141,7 @@ def travelled(
     if sample > last:
         time += (sample - last) * step
         sample = last
-    beyond = excess_travel(course[sample, side, EXCESS], time, time_constant)
+    beyond = excess_travel(course[sample, side, EXCESS], time, q)
     result: float = course[sample, side, TRAVEL] + course[sample, side, AIM] * time + beyond
     return result
 
@@ -198,11 +198,11 @@ def simulate(
         if with_wheels or not pose_driven_by_wheels:
             follow_commands(commands, wheel_front, before, first, time, step, q, simulated)
         course = simulated
-        pose_shift, pose_lag = (q[DELAY] + q[SENSOR_DELAY]) / step, q[LAG]
+        pose_shift = (q[DELAY] + q[SENSOR_DELAY]) / step
         if pose_driven_by_wheels:
             follow_wheels(wheels, first, step, q[RADIUS], measured)
             course = measured
-            pose_shift, pose_lag = q[SENSOR_DELAY] / step, 0.0
+            pose_shift = q[SENSOR_DELAY] / step  # and wheels that were measured have no excess
         wheel_whole = math.ceil(q[DELAY] / step)
         wheel_part = wheel_whole - q[DELAY] / step
         whole = math.ceil(pose_shift)
@@ -224,8 +224,8 @@ def simulate(
                 at = start + j - wheel_whole
                 for side in range(2):
                     way = travelled(
-                        simulated, side, at, wheel_part, low, high, step, q[LAG], rest[side]
-                    ) - travelled(simulated, side, at - 1, wheel_part, low, high, step, q[LAG], rest[side])
+                        simulated, side, at, wheel_part, low, high, step, q, rest[side]
+                    ) - travelled(simulated, side, at - 1, wheel_part, low, high, step, q, rest[side])
                     out[p, w, j, 3 + side] = (way / step + (2 * side - 1) * extra) / q[RADIUS]
             for j in range(lengths[w] if with_pose else 0):
                 out[p, w, j, 0] = x
@@ -243,12 +243,12 @@ def simulate(
                     duration = ((end - begin) + (end_part - begin_part)) * step
                     if duration <= 0.0:
                         continue
-                    left = travelled(
-                        course, 0, end, end_part, low, high, step, pose_lag, rest[0]
-                    ) - travelled(course, 0, begin, begin_part, low, high, step, pose_lag, rest[0])
-                    right = travelled(
-                        course, 1, end, end_part, low, high, step, pose_lag, rest[1]
-                    ) - travelled(course, 1, begin, begin_part, low, high, step, pose_lag, rest[1])
+                    left = travelled(course, 0, end, end_part, low, high, step, q, rest[0]) - travelled(
+                        course, 0, begin, begin_part, low, high, step, q, rest[0]
+                    )
+                    right = travelled(course, 1, end, end_part, low, high, step, q, rest[1]) - travelled(
+                        course, 1, begin, begin_part, low, high, step, q, rest[1]
+                    )
                     distance, lateral, turn = body(left, right, duration, extra, q)
                     x, y, cosine, sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
                     heading += turn
