@@ -33,6 +33,7 @@ LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
 MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
+SHOWN = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as determined
 
 
@@ -151,14 +152,17 @@ class Candidates:
         """Improvement [nats] that an effect promises at its best start, to first order."""
         return self.screened(parent, self.problem.model.effect(name))[0]
 
-    def score(self, parent: Candidate, effect: Effect) -> tuple[FloatArray, FloatArray]:
+    def score(self, parent: Candidate, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Improvement [nats] that each start of an effect promises, to first order.
+
+        Args:
+            parent: What the effect is added to.
+            starts: As of ``start_vectors``.
 
         Returns:
             Improvements, shape (starts,), and the best multiple of each linear parameter's step,
             shape (starts, group).
         """
-        starts = self.start_vectors(parent, effect)
         count, group, size = starts.shape
         flat_starts = starts.reshape(-1, size)
         simulated = np.concatenate(
@@ -233,8 +237,8 @@ class Candidates:
         key = (id(parent.fit), effect.name)
         if key in self.seen:
             return self.seen[key][1:]
-        promise, multiple = self.score(parent, effect)
         starts = self.start_vectors(parent, effect)
+        promise, multiple = self.score(parent, starts)
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
         if self.problem.looks is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
@@ -260,9 +264,11 @@ class Candidates:
     def determined(self, parent: Candidate, name: str) -> bool:
         """Whether the data can tell an effect from the base at all, by an exact rank test at its start."""
         effect = self.problem.model.effect(name)
-        start = self.screened(parent, effect)[1][0]
+        promise, starts = self.screened(parent, effect)
+        if self.problem.looks is not None and promise > SHOWN:
+            return True  # what the base absorbs gains nothing, though no look need lie on a slope there
         free = self.free((*parent.effects, name))
-        here = fit(self.problem, start, free, self.whitener, parent.fit.states, 0)
+        here = fit(self.problem, starts[0], free, self.whitener, parent.fit.states, 0)
         if _smallest_singular(here.jacobian) > 0.05:
             return True
         return _smallest_singular(self._central(here)) > SINGULAR

@@ -17,6 +17,7 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 IntArray = NDArray[np.int64]
 MIN_WINDOWS = 8
 BLOCK = 4  # windows a block: the unit of resampling, since slow noise couples neighbours
+HUGE = 1e100  # beyond which a simulation has failed, in any unit: squares of such numbers would overflow
 MIN_BLOCKS = 20  # with fewer windows than would give so many blocks, blocks are smaller
 
 
@@ -142,7 +143,7 @@ class Problem:
         for part in self.parts:
             last = first + len(part.windows)
             outputs = self.model.simulate(parameters[None], part.windows.with_states(states[first:last]))[0]
-            results.append(np.where(part.windows.observed, outputs, np.nan))
+            results.append(np.where(part.windows.observed, np.clip(outputs, -HUGE, HUGE), np.nan))
             first = last
         return results
 
@@ -309,4 +310,6 @@ def _compress(simulated: FloatArray, slots: IntArray, counts: FloatArray) -> Flo
             for f in range(features):
                 if counts[w, f] > 0.0:
                     result[p, w, f] /= counts[w, f]
+                if not abs(result[p, w, f]) < HUGE:
+                    result[p, w, f] = np.nan
     return result
