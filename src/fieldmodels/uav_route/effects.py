@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from fieldmodels.model import Effect, Parameter
 
+WIDTHS = tuple(width / 100 for width in range(60, 161, 2) if width != 100)
+"""Tried widths of the nose cone: half a degree apart, as fine as its edge."""
+
 EFFECTS = (
     Effect(
         "wind",
@@ -50,7 +53,7 @@ EFFECTS = (
         "nose_cone_width",
         "The cone about the nose in which the aircraft is hard to see is wider or narrower than believed.",
         "environment",
-        (Parameter("factor", "1", 1.0, 0.5, 2.0, 0.02, starts=(0.7, 0.8, 0.87, 0.94, 1.06, 1.13, 1.2, 1.3)),),
+        (Parameter("factor", "1", 1.0, 0.5, 2.0, 0.02, starts=WIDTHS),),
         "azimuth / factor enters Table 4.1 up to 31 deg",
     ),
     Effect(

@@ -17,6 +17,7 @@ from fieldmodels.model import FloatArray, ModelError
 from fieldmodels.streams import symmetric, uniform
 from fieldmodels.uav_route.detection import detection_range
 from fieldmodels.uav_route.parameters import RADARS, Detection, Layout
+from fieldmodels.uav_route.signature import AZIMUTHS
 
 START_NEAR, START_FAR = 1.01, 1.29
 """Distance of the start from the first radar, in side-on ranges."""
@@ -143,3 +144,43 @@ def safe_route(layout: Layout, detection: Detection | None = None) -> FloatArray
         raise ModelError("no route of two legs leads around the radar: the start is too near or behind it")
     route: FloatArray = np.array([start, goal * corner / goal_radius, goal]) + radar
     return route
+
+
+def distance_around(places: FloatArray, goals: FloatArray, radars: FloatArray, side_on: float) -> FloatArray:
+    """How far it is to the goal past the circle of the radar next to it, about as an unseen flight goes.
+
+    Straight, where that keeps the nose or the tail at the radar; else along the circle's tangent, around it,
+    and in along the goal's radial. A measure of progress, no certificate: other radars do not count.
+
+    Args:
+        places: North and east [km], shape (batch, 2).
+        goals: The same of the goals.
+        radars: The same of the radars, shape (batch, radars, 2).
+        side_on: Radius of the circles on the ground [km].
+
+    Returns:
+        Distances [km], shape (batch,).
+    """
+    rows = np.arange(len(places))
+    nearest = np.argmin(((radars - goals[:, None, :]) ** 2).sum(axis=2), axis=1)
+    radar = radars[rows, nearest]
+    place, goal = places - radar, goals - radar
+    leg = goal - place
+    straight = np.hypot(leg[:, 0], leg[:, 1])
+    outer = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-9)
+    inner = np.maximum(np.hypot(goal[:, 0], goal[:, 1]), 1e-9)
+    separation = np.arccos(np.clip((place * goal).sum(axis=1) / (outer * inner), -1.0, 1.0))
+    # the aspect is steepest at one of the ends of a leg that does not pass the radar
+    cone = math.cos(float(AZIMUTHS[1])) * np.maximum(straight, 1e-9)
+    slanted = [np.abs((leg * end).sum(axis=1)) / size for end, size in ((place, outer), (goal, inner))]
+    free = (slanted[0] >= cone) & (slanted[1] >= cone) | (np.minimum(outer, inner) > side_on) & (
+        separation <= np.arccos(side_on / np.maximum(outer, side_on))
+    )
+    beyond = separation - np.arccos(side_on / np.maximum(outer, side_on))
+    corner = np.maximum(side_on, inner)
+    tangent = np.sqrt(np.maximum(outer**2 - side_on**2, 0.0)) + side_on * beyond
+    to_corner = np.sqrt(outer**2 + corner**2 - 2.0 * outer * corner * np.cos(separation))
+    around = np.where(beyond > 0.0, tangent, to_corner) + (corner - inner)
+    around += np.maximum(side_on - outer, 0.0)  # out of the circle first
+    distance: FloatArray = np.where(free, straight, np.maximum(around, straight))
+    return distance

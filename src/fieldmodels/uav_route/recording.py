@@ -21,6 +21,8 @@ NEAREST, FARTHEST = 250e3, 450e3
 the one and hardly at the other."""
 SHORTEST, LONGEST = 6e3, 20e3
 """Lengths of its legs [m]."""
+SHARPEST = math.radians(170)
+"""Sharpest turn that is commanded: beyond, the noise of a position decides to which side it goes [rad]."""
 SUBSTEPS = 40
 """Pieces of a sample in which the flight is integrated."""
 JITTER = 0.1
@@ -133,7 +135,7 @@ def _fly(
     looked, due = -interval, 0.0
     for i in range(count):
         if i == 0 or abs(target - place) <= 1.5 * speed * step:
-            target = _next_target(place, believed, rng)
+            target = _next_target(place, believed, course if i > 0 else None, rng)
             new = (target - place) / abs(target - place)
             angle_turned = cmath.phase(new / course) if i > 0 else 0.0
             course = new
@@ -190,9 +192,10 @@ def _probability(
     return float(np.interp(slant, scale * np.array(ranges), detection.PROBABILITIES))
 
 
-def _next_target(place: complex, radar: complex, rng: np.random.Generator) -> complex:
-    """A waypoint within the ring about the radar."""
+def _next_target(place: complex, radar: complex, course: complex | None, rng: np.random.Generator) -> complex:
+    """A waypoint within the ring about the radar that takes no reversal."""
     while True:
         target = place + cmath.rect(rng.uniform(SHORTEST, LONGEST), rng.uniform(-math.pi, math.pi))
-        if NEAREST <= abs(target - radar) <= FARTHEST:
+        sharp = course is not None and abs(cmath.phase((target - place) / course)) > SHARPEST
+        if NEAREST <= abs(target - radar) <= FARTHEST and not sharp:
             return target
