@@ -123,9 +123,9 @@ def test_the_second_aircraft_flies_the_mirror_image() -> None:
 
 def test_the_heading_before_the_first_leg_counts() -> None:
     # flying on is free; having to turn at the side of the radar is not
-    free = leg_plan(EXAMPLE, legs=2)
+    free = leg_plan(EXAMPLE, legs=2, polish=2)
     course = free.waypoints[1] - free.waypoints[0]
-    on = leg_plan(EXAMPLE, legs=2, heading=math.atan2(course[1], course[0]))
+    on = leg_plan(EXAMPLE, legs=2, polish=2, heading=math.atan2(course[1], course[0]))
     turning = leg_plan(EXAMPLE, legs=2, heading=0.0)
     assert on.certificate is not None
     assert on.certificate.undetected
@@ -222,7 +222,7 @@ def test_exactly_three_of_four_forces_one_phase() -> None:
 
 
 def test_planning_anew_keeps_what_it_has() -> None:
-    once, anew = leg_plan(EXAMPLE, legs=2), receding_plan(EXAMPLE, legs=2)
+    once, anew = leg_plan(EXAMPLE), receding_plan(EXAMPLE, legs=2)
     assert anew.certificate is not None
     assert anew.certificate.undetected
     assert anew.length <= once.length + 1e-6

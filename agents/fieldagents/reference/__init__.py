@@ -40,6 +40,7 @@ TABLES = {
     "line_following": "fieldagents.reference.line_following:REFERENCES",
     "line_following_pixels": "fieldagents.reference.line_following:PIXEL_REFERENCES",
     "pose_reaching": "fieldagents.reference.pose_reaching:REFERENCES",
+    "uav_route": "fieldagents.reference.uav_route.agents:REFERENCES",
 }
 """Where each task's reference agents are listed, in the order of presentation; imported when asked for."""
 

@@ -117,6 +117,10 @@ ENTRIES: dict[str, Entry] = {
         "The robot that makes its own training data (section 5.4)",
         "fieldagents.reproduce.pose_reaching:own_training_data",
     ),
+    "uav_route/figure-4.5": Entry(
+        "Paths under detection and lock loss (Figs 4.4 to 4.6)",
+        "fieldagents.reproduce.uav_route:figures_4_4_to_4_6",
+    ),
     "pose_reaching/ceiling": Entry(
         "How near the ceiling is to the least time possible", "fieldagents.reproduce.pose_reaching:ceiling"
     ),

@@ -41,6 +41,7 @@ def lattice_plan(
     detour: float = 1.25,
     refinements: int = 3,
     lock_loss: bool = False,
+    least_leg: float = 0.0,
     heading: float | None = None,
 ) -> Plan:
     """Plan over a lattice, without a solver.
@@ -52,6 +53,7 @@ def lattice_plan(
         detour: The lattice fills the ellipse of paths this many times as long as the straight line.
         refinements: How often it is made three times as fine about the path.
         lock_loss: True allows detections as long as no radar launches its missile; False allows none.
+        least_leg: Shortest leg [km], but for one that ends at the goal.
         heading: Heading before the first leg [rad]; None begins without a turn.
 
     Raises:
@@ -67,7 +69,7 @@ def lattice_plan(
     name = "lattice-lock-loss" if lock_loss else "lattice"
     before = math.nan if heading is None else heading
     nodes = _ellipse(start, goal, spacing, detour)
-    path, count = _shortest(nodes, sites, c, before)
+    path, count = _shortest(nodes, sites, c, before, least_leg)
     if not len(path):
         reason = "no path over this lattice: a finer spacing, or a larger detour"
         if count >= LABELS:
@@ -76,7 +78,7 @@ def lattice_plan(
         return make_plan(name, layout, world, search, heading=heading)
     for _ in range(refinements):
         spacing /= 3.0
-        path, _ = _shortest(_about(path, spacing), sites, c, before)
+        path, _ = _shortest(_about(path, spacing), sites, c, before, least_leg)
     search = Search(
         "feasible",
         "shortest path found over the lattice and its refinements",
@@ -109,9 +111,11 @@ def _about(path: FloatArray, spacing: float) -> FloatArray:
     return np.concatenate([path[:1], path[-1:], path[1:-1], *clouds])
 
 
-def _shortest(nodes: FloatArray, sites: FloatArray, c: Constants, before: float) -> tuple[FloatArray, int]:
+def _shortest(
+    nodes: FloatArray, sites: FloatArray, c: Constants, before: float, least_leg: float
+) -> tuple[FloatArray, int]:
     """The path found from the first node to the second, shape (n, 2), and the number of labels."""
-    chain, count = _search(nodes, sites, c, before)
+    chain, count = _search(nodes, sites, c, before, least_leg)
     return nodes[chain[::-1]], count
 
 
@@ -174,7 +178,7 @@ def _no_worse(a: FloatArray, b: FloatArray) -> bool:
 
 @compiled
 def _search(
-    nodes: FloatArray, sites: FloatArray, c: Constants, before: float
+    nodes: FloatArray, sites: FloatArray, c: Constants, before: float, least_leg: float
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], int]:
     """A* from node 0 to node 1: the path's nodes, from the goal back (none without one), and labels made."""
     n, m = len(nodes), len(sites)
@@ -206,7 +210,7 @@ def _search(
             north, east = nodes[j, 0] - nodes[here, 0], nodes[j, 1] - nodes[here, 1]
             length = math.sqrt(north * north + east * east)
             total = cost[label] + length
-            if length < 1e-9 or total + to_goal[j] >= best:
+            if length < 1e-9 or (length < least_leg and j != 1) or total + to_goal[j] >= best:
                 continue
             old_cosine, old_sine = north, east
             if parent[label] >= 0:

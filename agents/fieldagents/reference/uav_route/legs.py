@@ -4,10 +4,13 @@ Each leg is in one mode towards each radar, and each mode is a convex set of pai
 
 - *outside*: both ends, so the whole leg, lie beyond a line that touches the circle in which the side is seen;
 - *nose* (*tail*): both ends lie in one sector of bearings about the radar, and the leg's direction lies in
-  the low cone about the nose (tail), narrowed by half the sector. So the radar stays in the cone all along.
+  the low cone about the nose (tail), narrowed by half the sector. So the radar stays in the cone all along;
+- *free*, with lock loss only: detected or not, but shorter than what the radar needs to launch its missile.
+  Between two free legs there is one that is not, long enough for the radar to lose its lock.
 
-A leg that begins with a turn begins with a bank, which raises the signature outside the cones: then *outside*
-means beyond the larger circle in which a banked side is seen. Lengths are those of a polygon, as in (4.13).
+A leg that begins with a turn begins with a bank, which raises the signature outside the cones: an *outside*
+leg then begins *far* away, beyond the larger circle in which a banked side is seen by as much as the longest
+bank takes. Lengths are those of a polygon, as in (4.13).
 """
 
 from __future__ import annotations
@@ -22,7 +25,17 @@ import numpy as np
 
 from fieldagents.reference.uav_route.limits import NOSE, TAIL, limits_of
 from fieldagents.reference.uav_route.plan import Plan, Search, make_plan
-from fieldagents.reference.uav_route.polish import Kind, Mode, length_of, polished, split
+from fieldagents.reference.uav_route.polish import (
+    Kind,
+    Mode,
+    Span,
+    bank_length,
+    free_length,
+    length_of,
+    lock_length,
+    polished,
+    split,
+)
 from fieldagents.reference.uav_route.programs import Solver, choose_solver, modelling, solve
 from fieldmodels.model import FloatArray, ModelError
 from fieldmodels.uav_route.parameters import Layout, World
@@ -33,15 +46,24 @@ Rows = list[tuple[FloatArray, FloatArray, float]]
 
 MARGIN = 1e-6
 """What is kept from every limit [km], so that a solver's tolerance breaks none."""
+MARGINS = (2e-6, 0.1)
+"""The same when the waypoints move, larger so that what is flown can be planned on; the second if need be."""
+FAR_SIDES = 24
+"""Sides of the polygons beyond which a turn may begin."""
+LONG_SIDES = 12
+"""Directions along which a leg's length may be shown to be enough for a lock to be lost."""
 
 
 def leg_plan(
     layout: Layout,
     world: World | None = None,
     *,
-    legs: int = 3,
+    legs: int = 2,
     directions: int = 72,
-    polish: bool = True,
+    polish: int = 4,
+    lock_loss: bool = False,
+    guide: FloatArray | None = None,
+    window: float = math.radians(25.0),
     heading: float | None = None,
     solver: Solver = "auto",
     time_limit: float | None = None,
@@ -49,14 +71,19 @@ def leg_plan(
     """Plan a route of a few straight legs of any lengths, undetected as a whole, banked turns included.
 
     The program chooses the modes and proves that no other choice of its form is shorter; then the waypoints
-    move to their best places for these modes. ``search`` tells of the program.
+    move to their best places for these modes, with legs in a cone divided where that shortens the route.
+    Radars come into the program once they see its route; ``search`` tells of the last one.
 
     Args:
         layout: Start, goal and radars.
-        world: The continuous model; its lock loss is not used, since nothing is ever detected.
-        legs: Largest number of legs.
+        world: The continuous model.
+        legs: Largest number of legs of the program.
         directions: Number of sides of the polygons that stand for circles, and of sectors.
-        polish: Whether the waypoints move afterwards.
+        polish: Number of legs up to which the route is divided when its waypoints move; 0 leaves them.
+        lock_loss: True allows detections as long as no radar launches its missile; False allows none.
+        guide: A route from start to goal [km], shape (n, 2): the program then has its n - 1 legs, each with
+            the modes about its own only; what is proven then holds among these.
+        window: How far the bearing of a mode may lie from the guide's leg [rad].
         heading: Heading before the first leg [rad]; None begins without a turn.
         solver: Which solver.
         time_limit: For each program [s].
@@ -66,27 +93,55 @@ def leg_plan(
         ModelError: If a number is not possible.
     """
     world = world or World()
-    if legs < 1 or directions < 12:
+    if guide is not None:
+        legs = len(guide) - 1
+    if legs < 1 or directions < 12 or polish < 0:
         raise ModelError("a route has at least 1 leg, and at least 12 directions, for a sector in each cone")
     engine = choose_solver(solver, time_limit)
-    name, begun = f"legs-{legs}", time.perf_counter()
-    blocked = _blocked(layout, world)
+    name, begun = f"legs-{legs}" + ("-lock-loss" if lock_loss else ""), time.perf_counter()
+    blocked = _blocked(layout, world, lock_loss)
     if blocked:
         return make_plan(name, layout, world, Search("infeasible", blocked, engine.name), heading=heading)
-    modes = [[_all_around(radar, layout, directions, heading) for radar in layout.radars]] * legs
-    program = _Program(layout, world, modes, directions, heading)
-    search = solve(program.pulp, engine, begun)
-    if search.status in ("infeasible", "no answer"):
-        return make_plan(name, layout, world, search, heading=heading)
-    waypoints, chosen = _cleared(program.waypoints(), program.chosen())
-    if polish:
-        waypoints = _better(waypoints, chosen, layout, world, heading, legs)
+    waypoints = np.array([layout.start, layout.goal])
+    known: tuple[int, ...] = ()
+    seen = _seeing(waypoints, layout, world, heading)
+    while True:  # a best route past some radars that holds for all is a best one past all
+        known = tuple(sorted({*known, *seen}))
+        part = replace(layout, radars=tuple(layout.radars[r] for r in known))
+        modes = [
+            [
+                _about(_all_around(radar, layout, directions, heading), radar, guide, i, window)
+                for radar in part.radars
+            ]
+            for i in range(legs)
+        ]
+        program = _Program(part, world, modes, directions, heading, lock_loss=lock_loss)
+        search = replace(solve(program.pulp, engine, begun), seconds=time.perf_counter() - begun)
+        if search.status in ("infeasible", "no answer"):
+            return make_plan(name, layout, world, search, heading=heading)
+        waypoints, chosen, spans = _cleared(program.waypoints(), program.chosen(), program.spans())
+        if polish:
+            waypoints = _better(waypoints, chosen, spans, part, world, heading, max(polish, legs))
+        flown = refly(waypoints, layout.radars, world, heading=heading).certificate
+        seen = _seeing(waypoints, layout, world, heading)
+        if flown.undetected or (lock_loss and flown.survived) or seen <= set(known):
+            break
+    if guide is not None and search.status == "optimal":
+        search = replace(search, reason="proven optimal among the modes about the guiding route")
     search = replace(search, seconds=time.perf_counter() - begun)
     return make_plan(name, layout, world, search, waypoints, heading=heading)
 
 
-def _blocked(layout: Layout, world: World) -> str:
-    """Why there can be no undetected plan at all, in words; empty if nothing is against it."""
+def _seeing(waypoints: FloatArray, layout: Layout, world: World, heading: float | None) -> set[int]:
+    """The radars that detect a route."""
+    detected = refly(waypoints, layout.radars, world, heading=heading).detected
+    return set(np.flatnonzero(detected.any(axis=0)).tolist())
+
+
+def _blocked(layout: Layout, world: World, lock_loss: bool) -> str:
+    """Why there can be no plan at all, in words; empty if nothing is against it."""
+    if lock_loss and free_length(world) > 0.0:
+        return ""
     limits = limits_of(world)
     nearest = min(limits.nose, limits.tail, limits.side)
     for what, place in (("start", layout.start), ("goal", layout.goal)):
@@ -113,30 +168,50 @@ def _all_around(
     return modes
 
 
-def _cleared(waypoints: FloatArray, modes: list[list[Mode]]) -> tuple[FloatArray, list[list[Mode]]]:
+def _about(
+    modes: list[Mode], radar: tuple[float, float], guide: FloatArray | None, leg: int, window: float
+) -> list[Mode]:
+    """The modes whose bearing some place on the guide's leg has, or nearly so."""
+    if guide is None:
+        return modes
+    along = np.linspace(guide[leg], guide[leg + 1], 33) - np.array(radar)
+    bearings = np.arctan2(along[:, 1], along[:, 0])
+    return [m for m in modes if np.cos(bearings - m.bearing).max() >= math.cos(window)]
+
+
+def _cleared(
+    waypoints: FloatArray, modes: list[list[Mode]], spans: list[Span]
+) -> tuple[FloatArray, list[list[Mode]], list[Span]]:
     """A route without its legs of no length."""
     ahead = np.hypot(*np.diff(waypoints, axis=0).T)
     legs = [i for i in range(len(modes)) if ahead[i] > 1e-3] or [0]
     path = np.concatenate([waypoints[legs], waypoints[-1:]])
     path[0] = waypoints[0]
-    return path, [modes[i] for i in legs]
+    return path, [modes[i] for i in legs], [spans[i] for i in legs]
 
 
 def _better(
     waypoints: FloatArray,
     modes: list[list[Mode]],
+    spans: list[Span],
     layout: Layout,
     world: World,
     heading: float | None,
     legs: int,
 ) -> FloatArray:
-    """The polished route, if the continuous model finds it undetected and shorter; else the one given."""
-    path, kinds = split(waypoints, modes, legs)
+    """The polished route, if the continuous model finds it as good and shorter; else the one given."""
+    path, kinds, spans = split(waypoints, modes, spans, legs)
     if len(path) == 2 or not layout.radars:
         return waypoints
-    better = polished(path, kinds, np.array(layout.radars).reshape(-1, 2), world, heading)
-    flown = refly(better, layout.radars, world, heading=heading).certificate
-    return better if flown.undetected and flown.path_length < length_of(waypoints) else waypoints
+    sites = np.array(layout.radars).reshape(-1, 2)
+    detected = any(mode.kind == "free" for leg in modes for mode in leg)
+    for margin in MARGINS:
+        better = polished(path, kinds, spans, sites, world, heading, margin)
+        flown = refly(better, layout.radars, world, heading=heading).certificate
+        holds = flown.survived if detected else flown.undetected
+        if holds and flown.path_length < length_of(waypoints):
+            return better
+    return waypoints
 
 
 class _Program:
@@ -149,12 +224,14 @@ class _Program:
         modes: Sequence[Sequence[Sequence[Mode]]],
         directions: int,
         heading: float | None,
+        *,
+        lock_loss: bool,
     ) -> None:
         pulp = modelling()
         self.pulp = pulp.LpProblem("legs", pulp.LpMinimize)
         self.layout, self.world, self.heading = layout, world, heading
         ends = np.array([layout.start, layout.goal])
-        reach = limits_of(world).banked_side
+        reach = limits_of(world).banked_side + bank_length(world, math.pi)
         sites = np.array(layout.radars).reshape(-1, 2)
         around = np.concatenate([ends, sites + reach, sites - reach]) if len(sites) else ends
         self.low, self.high = around.min(axis=0), around.max(axis=0)
@@ -167,38 +244,85 @@ class _Program:
             for i in range(1, n)
         ]
         self.points: list[list[Any]] = [list(layout.start), *inner, list(layout.goal)]
-        lengths = [pulp.LpVariable(f"length{i}", 0.0) for i in range(n)]
-        self.pulp += pulp.lpSum(lengths)
+        self.lengths = [pulp.LpVariable(f"length{i}", 0.0) for i in range(n)]
+        self.polygon = math.cos(math.pi / directions)
+        self.pulp += pulp.lpSum(self.lengths)
         for i in range(n):
             p, q = self.points[i], self.points[i + 1]
             for a in 2.0 * math.pi * np.arange(directions) / directions:
-                self.pulp += lengths[i] >= math.cos(a) * (q[0] - p[0]) + math.sin(a) * (q[1] - p[1])
+                self.pulp += self.lengths[i] >= math.cos(a) * (q[0] - p[0]) + math.sin(a) * (q[1] - p[1])
+        self.free: dict[tuple[int, int], Any] = {}
+        self.long: dict[int, Any] = {}
+        if lock_loss and free_length(world) > 0.0:
+            self.free = {
+                (i, r): pulp.LpVariable(f"free{i}_{r}", cat="Binary")
+                for i in range(n)
+                for r in range(len(sites))
+            }
+            self._lock_loss(n, len(sites))
         self.choices: list[list[list[tuple[Mode, Any]]]] = [
             [self._choose(i, r, modes[i][r]) for r in range(len(sites))] for i in range(n)
         ]
 
     def _choose(self, leg: int, radar: int, modes: Sequence[Mode]) -> list[tuple[Mode, Any]]:
         """Make a leg take exactly one mode towards a radar."""
-        pulp = modelling()
-        turns = leg > 0 or self.heading is not None
-        choices = []
+        pulp, site = modelling(), np.array(self.layout.radars[radar])
+        turns = (leg > 0 or self.heading is not None) and self.world.aircraft.bank > 0.0
+        choices: list[tuple[Mode, Any]] = []
+        banked = []  # outside, and begun with a turn
         for k, mode in enumerate(modes):
-            options = [(_rows(mode, np.array(self.layout.radars[radar]), self.world, turns), "")]
+            rows = _rows(mode, site, self.world)
+            taken = self._option(f"mode{leg}_{radar}_{k}", leg, rows)
+            if taken is not None:
+                choices.append((mode, taken))
+            if taken is not None and mode.kind == "outside" and turns:
+                banked.append(taken)
             if mode.kind == "outside" and leg == 0 and self.heading is not None:
-                rows = _rows(mode, np.array(self.layout.radars[radar]), self.world, False)
-                options.append((rows + _straight_on(self.heading), "_on"))
-            for rows, suffix in options:
-                if all(self._extreme(leg, row, max) >= 0.0 for row in rows):
-                    taken = pulp.LpVariable(f"mode{leg}_{radar}_{k}{suffix}", cat="Binary")
-                    for row in rows:
-                        slack = max(0.0, -self._extreme(leg, row, min))
-                        self.pulp += self._value(leg, row) >= -slack * (1 - taken)
-                    choices.append((mode, taken))
+                on = self._option(f"mode{leg}_{radar}_{k}_on", leg, rows + _straight_on(self.heading))
+                if on is not None:
+                    choices.append((mode, on))
+        if banked:
+            bearings = 2.0 * math.pi * np.arange(FAR_SIDES) / FAR_SIDES
+            far = [
+                self._option(f"far{leg}_{radar}_{k}", leg, _far(float(b), site, self.world))
+                for k, b in enumerate(bearings)
+            ]
+            self.pulp += pulp.lpSum(x for x in far if x is not None) >= pulp.lpSum(banked)
+        if (leg, radar) in self.free:
+            choices.append((Mode("free", 0.0, 0.0), self.free[leg, radar]))
         if choices:
             self.pulp += pulp.lpSum(taken for _, taken in choices) == 1
         else:
             self.pulp += pulp.LpVariable(f"impossible{leg}_{radar}", 0.0, 0.0) >= 1  # no mode fits this leg
         return choices
+
+    def _option(self, name: str, leg: int, rows: Rows) -> Any:
+        """A binary that is 1 only if the rows hold; None where they cannot."""
+        if any(self._extreme(leg, row, max) < 0.0 for row in rows):
+            return None
+        taken = modelling().LpVariable(name, cat="Binary")
+        for row in rows:
+            slack = max(0.0, -self._extreme(leg, row, min))
+            self.pulp += self._value(leg, row) >= -slack * (1 - taken)
+        return taken
+
+    def _lock_loss(self, legs: int, radars: int) -> None:
+        """Free legs are short, and between two of them one that is not is long; see the module's text."""
+        pulp = modelling()
+        most, least = self.polygon * free_length(self.world), lock_length(self.world)
+        largest = float(np.hypot(*(self.high - self.low)))
+        bearings = 2.0 * math.pi * np.arange(LONG_SIDES) / LONG_SIDES
+        for i in range(1, legs - 1):
+            rows = [[(-_unit(float(b)), _unit(float(b)), least)] for b in bearings]
+            options = [self._option(f"long{i}_{k}", i, one) for k, one in enumerate(rows)]
+            self.long[i] = pulp.lpSum(x for x in options if x is not None)
+            self.pulp += self.long[i] <= 1
+        for r in range(radars):
+            for i in range(legs):
+                self.pulp += self.lengths[i] <= most + (largest - most) * (1 - self.free[i, r])
+                for j in range(i + 1, legs):
+                    between = [self.long[k] + self.free[k, r] for k in range(i + 1, j)]
+                    self.pulp += self.free[i, r] + self.free[j, r] <= 1 + pulp.lpSum(between)
 
     def _value(self, leg: int, row: tuple[FloatArray, FloatArray, float]) -> Any:
         """Left side less right side of a constraint on a leg."""
@@ -221,23 +345,40 @@ class _Program:
         """Mode of each leg towards each radar in the solution."""
         return [[max(choices, key=lambda c: c[1].value())[0] for choices in leg] for leg in self.choices]
 
+    def spans(self) -> list[Span]:
+        """Shortest and longest length of each leg in the solution's modes [km]."""
+        value = modelling().value
+        free = {i for (i, _), taken in self.free.items() if taken.value() > 0.5}
+        long = {i for i, taken in self.long.items() if value(taken) > 0.5}
+        return [
+            (
+                lock_length(self.world) if i in long else 0.0,
+                free_length(self.world) if i in free else math.inf,
+            )
+            for i in range(len(self.lengths))
+        ]
+
     def waypoints(self) -> FloatArray:
         """Start, waypoints and goal of the solution."""
         value = modelling().value
         return np.array([[float(value(x)) for x in point] for point in self.points])
 
 
-def _rows(mode: Mode, radar: FloatArray, world: World, turns: bool) -> Rows:
+def _unit(bearing: float) -> FloatArray:
+    return np.array([math.cos(bearing), math.sin(bearing)])
+
+
+def _rows(mode: Mode, radar: FloatArray, world: World) -> Rows:
     """A mode as linear constraints on the ends of a leg."""
     limits, none = limits_of(world), np.zeros(2)
-    out = np.array([math.cos(mode.bearing), math.sin(mode.bearing)])
+    out = _unit(mode.bearing)
 
     def both(normal: FloatArray, distance: float) -> Rows:
         c = float(normal @ radar) + distance + MARGIN
         return [(normal, none, c), (none, normal, c)]
 
     if mode.kind == "outside":
-        return both(out, limits.banked_side if turns else limits.side)
+        return both(out, limits.side)
     cone, least = (NOSE, limits.nose) if mode.kind == "nose" else (TAIL, limits.tail)
     course = mode.bearing + (math.pi if mode.kind == "nose" else 0.0)
     rows = both(out, least)
@@ -250,10 +391,14 @@ def _rows(mode: Mode, radar: FloatArray, world: World, turns: bool) -> Rows:
     return rows
 
 
+def _far(bearing: float, radar: FloatArray, world: World) -> Rows:
+    """A leg that begins so far away that its bank, as long as that of a reversal, ends outside, too."""
+    out = _unit(bearing)
+    least = limits_of(world).banked_side + bank_length(world, math.pi)
+    return [(out, np.zeros(2), float(out @ radar) + least + MARGIN)]
+
+
 def _straight_on(heading: float) -> Rows:
     """A leg that goes on in the same direction."""
-    along, across = (
-        np.array([math.cos(heading), math.sin(heading)]),
-        np.array([-math.sin(heading), math.cos(heading)]),
-    )
+    along, across = _unit(heading), _unit(heading + 0.5 * math.pi)
     return [(-along, along, 0.0), (-across, across, 0.0), (across, -across, 0.0)]

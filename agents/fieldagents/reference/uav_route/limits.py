@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmodels.model import FloatArray
 from fieldmodels.uav_route.detection import probability_of_detection
@@ -48,6 +49,26 @@ def limits_of(world: World) -> Limits:
         nose=_safe_beyond(world, nose, (0.0, -bank, bank)),
         tail=_safe_beyond(world, tail, (0.0, -bank, bank)),
     )
+
+
+@lru_cache(maxsize=64)
+def banked_limits(world: World) -> tuple[FloatArray, FloatArray]:
+    """Azimuths from nose to tail [rad], and beyond which distance [km] a bank to any side is not detected."""
+    azimuths = np.radians(np.linspace(0.0, 180.0, 361))
+    coarse = np.arange(0.0, world.detection.reach + 8.0, 4.0)[:, None]
+
+    def seen(distance: FloatArray) -> NDArray[np.bool_]:
+        at, azimuth = np.broadcast_arrays(distance, azimuths)
+        banks = (-world.aircraft.bank, world.aircraft.bank)
+        chances = [probability_seen(world, at, azimuth, b) for b in banks]
+        return np.asarray(np.max(chances, axis=0) > world.detection.threshold)
+
+    low = np.where(seen(coarse), coarse, -4.0).max(axis=0)
+    high = low + 4.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = np.where(seen(middle), middle, low), np.where(seen(middle), high, middle)
+    return azimuths, high
 
 
 def probability_seen(

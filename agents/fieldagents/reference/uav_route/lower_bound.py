@@ -39,21 +39,30 @@ def lower_bound(layout: Layout, world: World) -> float:
 
 
 @lru_cache(maxsize=4096)
-def bound_to_capture(layout: Layout, world: World, capture: float) -> float:
-    """The same to the nearest place on the circle in which a flight has arrived [km], at least 1e-3."""
+def bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[float, float]:
+    """The same to the nearest place on the circle in which a flight has arrived, and where that is.
+
+    Returns:
+        The length [km], at least 1e-3, and the bearing of the place from the goal [rad].
+    """
 
     def bound(bearing: float) -> float:
-        goal = (
-            layout.goal[0] + capture * math.cos(bearing),
-            layout.goal[1] + capture * math.sin(bearing),
-        )
-        return lower_bound(Layout(layout.start, goal, layout.radars), world)
+        return lower_bound(moved_goal(layout, capture, bearing), world)
 
     coarse = np.linspace(-math.pi, math.pi, 16, endpoint=False)
     best = float(min(coarse, key=lambda a: bound(float(a))))
     around = (best - coarse[1] + coarse[0], best + coarse[1] - coarse[0])
     least = minimize_scalar(bound, bounds=around, method="bounded", options={"xatol": 1e-3})
-    return max(min(float(least.fun), bound(best)), 1e-3)
+    if least.fun < bound(best):
+        best = float(least.x)
+    return max(bound(best), 1e-3), best
+
+
+def moved_goal(layout: Layout, distance: float, bearing: float) -> Layout:
+    """A layout with its goal moved by a distance [km] along a bearing [rad]."""
+    north, east = layout.goal
+    goal = (north + distance * math.cos(bearing), east + distance * math.sin(bearing))
+    return Layout(layout.start, goal, layout.radars)
 
 
 def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> FloatArray:
@@ -65,7 +74,7 @@ def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> Fl
     """
     read: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)
     layouts = layouts_of(info)
-    return np.array([bound_to_capture(layout, read.world, read.capture) for layout in layouts])
+    return np.array([bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts])
 
 
 def layouts_of(info: Mapping[str, Any]) -> list[Layout]:

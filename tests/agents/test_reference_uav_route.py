@@ -1,0 +1,140 @@
+"""The planners as agents in the environment: what they plan, how they fly it, and what comes of it."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+
+from fieldagents.agent import visible
+from fieldagents.config import EnvironmentConfig
+from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.reference import references
+from fieldagents.reference.uav_route import programs
+from fieldagents.reference.uav_route.agents import Planner
+from fieldagents.reference.uav_route.legs import leg_plan
+from fieldagents.reference.uav_route.lower_bound import bound_to_capture, layouts_of
+from fieldgym.uav_route import UavRouteSettings
+from fieldmodels.uav_route.parameters import EXAMPLE, World
+
+NO_LOCK_LOSS = {"lock_loss": False}
+SAFE = ("two_legs", "legs", "lattice")
+
+
+def played(name: str, settings: dict, episodes: int):
+    agent = references("uav_route")[name].make(settings)
+    return run_episodes(agent, "uav_route", EnvironmentConfig(settings=settings), range(episodes))
+
+
+@pytest.fixture(scope="module")
+def results():
+    return {name: played(name, NO_LOCK_LOSS, 6) for name in ("straight", *SAFE)}
+
+
+def test_undetected_plans_arrive_undetected(results) -> None:
+    for name in SAFE:
+        assert (results[name]["success"] == 1).all()
+        assert (results[name]["time_over"] == 0).all()
+
+
+def test_no_undetected_flight_is_shorter_than_the_bound(results) -> None:
+    # planned in a circle of 5 km less 50 m, flown to its edge
+    assert all((results[name]["length_ratio"] >= 1 - 1e-6).all() for name in SAFE)
+    assert results["lattice"]["length_ratio"].mean() < results["two_legs"]["length_ratio"].mean()
+    assert results["legs"]["length_ratio"].mean() < results["two_legs"]["length_ratio"].mean()
+
+
+def test_who_flies_straight_is_hit(results) -> None:
+    straight = results["straight"]
+    assert straight["damaged"].mean() > 0.5
+    assert (straight["success"] + straight["damaged"] == 1).all()
+
+
+def test_lock_loss_is_used() -> None:
+    settings = {"layout": "example"}
+    table = played("legs_lock_loss", settings, 1)
+    assert table["success"][0] == 1
+    assert 0 < table["longest_detection"][0] <= 150
+    assert table["length_ratio"][0] < 1
+
+
+def test_further_radars_out_of_the_way_change_nothing() -> None:
+    # random layouts of one seed share their first radar, and the others keep away from a safe route
+    one, three = (played("two_legs", NO_LOCK_LOSS | {"radars": n}, 4) for n in (1, 3))
+    np.testing.assert_allclose(one["path_length"], three["path_length"])
+
+
+def test_receding_plans_again_and_arrives() -> None:
+    table = played("receding", NO_LOCK_LOSS | {"layout": "example"}, 1)
+    assert table["success"][0] == 1
+    assert table["time_over"][0] == 0
+
+
+def test_a_plan_is_flown_as_planned() -> None:
+    settings = NO_LOCK_LOSS | {"layout": "example"}
+    agent = references("uav_route")["legs"].make(settings)
+    envs = gymnasium.make_vec(
+        "fieldgym/UavRoute-v0", num_envs=2, vectorization_mode="vector_entry_point", settings=settings
+    )
+    observation, info = envs.reset(seed=3)
+    agent.begin_episodes(np.ones(2, dtype=np.bool_))
+    action = agent.act(observation, visible(info, agent.sees))
+    assert action.dtype == np.float32
+    assert envs.action_space.contains(action)
+    sketch = agent.sketch()
+    assert sketch is not None
+    plan = sketch["plan"]
+    np.testing.assert_allclose(plan[0], plan[1])
+    for waypoint in plan[0][:-1]:
+        observation, _, terminated, _, info = envs.step(action)
+        assert not terminated.any()
+        np.testing.assert_allclose(info["place"], np.broadcast_to(waypoint, (2, 2)), atol=1e-3)
+        action = agent.act(observation, visible(info, agent.sees))
+    *_, info = envs.step(action)
+    assert (info["success"] == 1).all()
+    flown = leg_plan(EXAMPLE).length
+    assert info["path_length"][0] < flown
+    envs.close()
+
+
+def test_plans_end_where_arrival_is_nearest() -> None:
+    bound, bearing = bound_to_capture(EXAMPLE, World(), 5.0)
+    goal = np.array(EXAMPLE.goal) + 5.0 * np.array([np.cos(bearing), np.sin(bearing)])
+    assert bound < leg_plan(EXAMPLE).lower_bound - 4.0
+    assert np.hypot(*goal) > np.hypot(*EXAMPLE.goal)  # farther from the radar
+
+
+def test_without_a_plan_the_goal_is_flown_to() -> None:
+    settings = NO_LOCK_LOSS | {
+        "layout": {"start": (350.0, 125.0), "goal": (20.0, 0.0), "radars": ((0.0, 0.0),)}
+    }
+    agent = references("uav_route")["legs"].make(settings)
+    table = run_episodes(agent, "uav_route", EnvironmentConfig(settings=settings), range(1))
+    assert table["damaged"][0] == 1
+
+
+def test_layouts_are_read_from_info() -> None:
+    told = {
+        "start": np.array([[1.0, 2.0]]),
+        "goal": np.array([[3.0, 4.0]]),
+        "radars": np.array([[[5.0, 6.0], [7.0, 8.0]]]),
+    }
+    (layout,) = layouts_of({"layout": told})
+    assert (layout.start, layout.goal, layout.radars) == ((1.0, 2.0), (3.0, 4.0), ((5.0, 6.0), (7.0, 8.0)))
+
+
+def test_a_missing_solver_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise programs.MissingSolverError("needs PuLP: pip install 'fieldgym[planning]'")
+
+    monkeypatch.setattr(programs, "modelling", fail)
+    with pytest.raises(programs.MissingSolverError, match=r"fieldgym\[planning\]"):
+        played("legs", NO_LOCK_LOSS | {"layout": "example"}, 1)
+
+
+def test_long_legs_are_divided_and_short_ones_left_out() -> None:
+    settings = UavRouteSettings(least_leg=2.5, longest_leg=50.0)
+    agent = Planner("x", "x", settings, lambda layout, world, heading: None)  # type: ignore[arg-type]
+    route = agent._flyable(np.array([[0.0, 0.0], [0.0, 120.0], [0.0, 121.0], [30.0, 121.0]]))
+    legs = np.hypot(*np.diff(np.concatenate([[[0.0, 0.0]], route]), axis=0).T)
+    np.testing.assert_allclose(legs, [40.0, 40.0, 40.0, np.hypot(30.0, 1.0)])
