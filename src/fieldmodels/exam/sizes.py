@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.fit import diagonal_whitener, fit
-from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.gain import Prediction, predict
+from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.diagnosis.stages import held
-from fieldmodels.exam.subjects import Outside, Subject
+from fieldmodels.exam.subjects import Outside, Subject, get_subject
 from fieldmodels.model import EffectValues, FloatArray, ModelError, Stage
-from fieldmodels.recording import Recording
 
 PROBES = (7, 507)
 """Seeds of the two records on which sizes are found: fitted on the first, measured on the second."""
@@ -63,13 +64,15 @@ class Curve:
 class Probe:
     """Measures what one fault adds to the error on a pair of records: one to fit, one to measure.
 
-    The error beside the fault's is that of records with all noise. The fault's own is measured without the
-    sensors' noise, so that a small one shows; both add in squares. Of several outputs the one counts whose
-    error grows most, in percent.
+    The error of records with the fault but without the sensors' noise adds in squares to the error of records
+    with all noise and no fault. Where chance drives the machine, or draws events, it would blur a small
+    effect: there an effect adds how far the refitted nominal model and the true one predict apart, each from
+    the states that fit best. Of several outputs the one counts whose error grows most, in percent; of an event
+    output the error is its root mean deviance.
     """
 
     def __init__(self, subject: Subject, fault: str, seeds: tuple[int, int], sign: int = 1) -> None:
-        """Measure the errors without the fault.
+        """Measure the error without the fault.
 
         Args:
             subject: Where it is hidden.
@@ -80,27 +83,28 @@ class Probe:
         self.subject, self.fault, self.seeds = subject, fault, seeds
         self.sign = sign if fault not in subject.outside and subject.signed(fault) else 1
         self._fixed = subject.fixed([fault])
-        self._base = _errors(subject, seeds, {}, None, {}, noise=True)
-        self._quiet = self._measured({}, None)
-
-    def _measured(self, reality: EffectValues, outside: Outside | None) -> FloatArray:
-        return _errors(self.subject, self.seeds, reality, outside, self._fixed, noise=False, scale=self._base)
+        self._base = _base_errors(subject.name, seeds)
+        chance = subject.model.random_force or any(output.event for output in subject.model.outputs)
+        self._quiet = None
+        if fault in subject.outside or not chance:
+            self._quiet = _Pair(subject, seeds, {}, None).errors(self._fixed, self._base)
 
     def added(self, size: float) -> float:
         """Error that the fault adds, in units of the error without it; infinite if the machine fails."""
         if self.fault.endswith("quantisation"):  # a coarse step q of the first signal: q^2 / 12 of variance
             step = self.subject.values(self.fault, size)["step"]
             return float(step / math.sqrt(12.0) / self._base[0])
+        outside = Outside(self.fault, size) if self.fault in self.subject.outside else None
+        hidden = {} if outside else {self.fault: self.subject.values(self.fault, size, self.sign)}
         try:
-            if self.fault in self.subject.outside:
-                errors = self._measured({}, Outside(self.fault, size))
-            else:
-                values = self.subject.values(self.fault, size, self.sign)
-                errors = self._measured({self.fault: values}, None)
+            pair = _Pair(self.subject, self.seeds, hidden, outside)
         except ModelError:
             return math.inf
-        growth = np.maximum(errors**2 - self._quiet**2, 0.0) / self._base**2
-        return float(np.sqrt(np.nanmax(growth)))
+        if self._quiet is None:
+            growth = pair.apart(self._fixed, self._base, hidden) ** 2
+        else:
+            growth = pair.errors(self._fixed, self._base) ** 2 - self._quiet**2
+        return float(np.sqrt(np.nanmax(np.maximum(growth, 0.0) / self._base**2)))
 
 
 def curve_of(subject: Subject, fault: str) -> Curve:
@@ -188,52 +192,110 @@ def _between(below: float, above: float, least: float, most: float, target: floa
     return float(below * (above / below) ** share)
 
 
-def _errors(
-    subject: Subject,
-    seeds: tuple[int, int],
-    reality: EffectValues,
-    outside: Outside | None,
-    fixed: dict[str, float],
-    *,
-    noise: bool,
-    scale: FloatArray | None = None,
-) -> FloatArray:
-    """Held-out root mean square error of the refitted nominal model by output; NaN if not compared."""
-    train, test = (subject.record(reality, seed, noise=noise, outside=outside) for seed in seeds)
-    # What is small and what is large is told by sensors with noise, whatever these records have.
-    noisy = train if noise else subject.record({}, seeds[0])
-    result = np.full(len(subject.model.outputs), np.nan)
-    for stage in subject.model.stages([train, test]):
-        errors = _refitted(stage, noisy, train, test, fixed, scale)
-        result = np.where(np.isfinite(errors), errors, result)
-    return result
+@cache
+def _noisy(model: str, seeds: tuple[int, int]) -> _Pair:
+    """Records with all noise and without a fault."""
+    return _Pair(get_subject(model), seeds, {}, None, noise=True)
 
 
-def _refitted(
-    stage: Stage,
-    noisy: Recording,
-    train: Recording,
-    test: Recording,
-    fixed: dict[str, float],
-    scale: FloatArray | None,
-) -> FloatArray:
-    """Errors of one stage."""
-    known = {**held(stage), **fixed}
-    model = stage.model.scaled_to([noisy])
-    horizon = main_horizon(model, [train])
-    training = problems.build(model, [train], horizon)
-    testing = problems.build(model, [test], horizon, training)
-    start = model.vector({name: value for name, value in known.items() if "." not in name})
-    free = np.array(
-        [i for i, p in enumerate(model.parameters) if p.refitted and p.name not in known], dtype=np.int64
+@cache
+def _base_errors(model: str, seeds: tuple[int, int]) -> FloatArray:
+    """Held-out error of the refitted nominal model by output where nothing is hidden."""
+    return _noisy(model, seeds).errors({}, None)
+
+
+class _Pair:
+    """A record to fit and one to measure."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        seeds: tuple[int, int],
+        reality: EffectValues,
+        outside: Outside | None,
+        noise: bool = False,
+    ) -> None:
+        self.subject, self.seeds = subject, seeds
+        self.train, self.test = (
+            subject.record(reality, seed, noise=noise, outside=outside) for seed in seeds
+        )
+
+    def errors(self, fixed: Mapping[str, float], scale: FloatArray | None) -> FloatArray:
+        """Error of the refitted nominal model by output; NaN where nothing is compared."""
+        result = np.full(len(self.subject.model.outputs), np.nan)
+        for stage in self.subject.model.stages([self.train, self.test]):
+            testing, nominal = self._refitted(stage, fixed, scale)
+            found = predict(testing, nominal)
+            errors = found.rmse()
+            for j, output in enumerate(testing.model.outputs):
+                if output.event:
+                    chances = _chances(testing, found, j)
+                    errors[j] = math.sqrt(float(np.mean(2.0 * _cross_entropy(chances, chances))))
+            result = np.where(np.isfinite(errors), errors, result)
+        return result
+
+    def apart(self, fixed: Mapping[str, float], scale: FloatArray, hidden: EffectValues) -> FloatArray:
+        """How far the refitted nominal model and the true one predict apart by output."""
+        result = np.full(len(self.subject.model.outputs), np.nan)
+        for stage in self.subject.model.stages([self.train, self.test]):
+            testing, nominal = self._refitted(stage, fixed, scale)
+            acting = {name: values for name, values in hidden.items() if name in stage.effects}
+            base = {n: v for n, v in self.train.known.items() if n in stage.model.names}
+            true = predict(testing, testing.model.vector(base, acting))
+            refitted = predict(testing, nominal)
+            for j, output in enumerate(testing.model.outputs):
+                if j not in testing.outputs:
+                    continue
+                if output.event:
+                    truly, believed = _chances(testing, true, j), _chances(testing, refitted, j)
+                    gap = 2.0 * (_cross_entropy(truly, believed) - _cross_entropy(truly, truly))
+                else:
+                    gap = (_observed(testing, true, j) - _observed(testing, refitted, j)) ** 2
+                result[j] = math.sqrt(float(np.mean(gap)))
+        return result
+
+    def _refitted(
+        self, stage: Stage, fixed: Mapping[str, float], scale: FloatArray | None
+    ) -> tuple[Problem, FloatArray]:
+        """The test windows of one stage, and its nominal model refitted to the training windows."""
+        known = {**self.train.known, **held(stage), **fixed}
+        # What is small and what is large is told by sensors with noise, whatever these records have.
+        noisy = self.train if scale is None else _noisy(self.subject.name, self.seeds).train
+        model = stage.model.scaled_to([noisy])
+        horizon = main_horizon(model, [self.train])
+        training = problems.build(model, [self.train], horizon)
+        testing = problems.build(model, [self.test], horizon, training)
+        start = model.vector({name: value for name, value in known.items() if name in model.names})
+        free = np.array(
+            [i for i, p in enumerate(model.parameters) if p.refitted and p.name not in known], dtype=np.int64
+        )
+        if scale is None:
+            first = fit(training, start, free, np.diag(1 / training.output_scale))
+            whitener = diagonal_whitener(training, first.raw)
+        else:
+            whitener = np.diag(1 / np.where(training.events, 1.0, scale[training.outputs]))
+        return testing, fit(training, start, free, whitener).parameters
+
+
+def _observed(problem: Problem, found: Prediction, output: int) -> FloatArray:
+    """An output as predicted where it was measured."""
+    names = tuple(o.name for o in problem.model.outputs)
+    return np.concatenate(
+        [
+            values[:, :, output][np.isfinite(part.windows.measured(names)[:, :, output])]
+            for part, values in zip(problem.parts, found.simulated, strict=True)
+        ]
     )
-    if scale is None:
-        first = fit(training, start, free, np.diag(1 / training.output_scale))
-        whitener = diagonal_whitener(training, first.raw)
-    else:
-        whitener = np.diag(1 / scale[training.outputs])
-    fitted = fit(training, start, free, whitener)
-    return predict(testing, fitted.parameters).rmse()
+
+
+def _chances(problem: Problem, found: Prediction, output: int) -> FloatArray:
+    """Predicted chances of an event, short of certainty."""
+    return np.clip(_observed(problem, found, output), 1e-3, 1.0 - 1e-3)
+
+
+def _cross_entropy(truly: FloatArray, believed: FloatArray) -> FloatArray:
+    """Mean surprise [nats] at events of true chances for one who believes others."""
+    return np.asarray(-truly * np.log(believed) - (1.0 - truly) * np.log1p(-believed))
 
 
 def _added(percent: Any) -> Any:

@@ -57,9 +57,7 @@ def record_walk(
     walks = robot(1, scene, truth[2:], stride=truth[0], height=truth[1])
     walks.restart([0], [rng])
     a, b, c = law
-    log: dict[str, list[float]] = {
-        name: [] for name in ("steering", "curvature", "line", "offset", "heading")
-    }
+    log: dict[str, list[float]] = {name: [] for name in ("steering", "arc", "line", "offset", "heading")}
     one = walks.walks[0]
     # differences of white noise: the added turns cancel, and the heading does not wander off
     added = excitation * np.diff(rng.standard_normal(strides + 1)) / np.sqrt(2.0)
@@ -67,7 +65,7 @@ def record_walk(
         steered = a * one["lines"][0, 1] + b * one["lines"][0, 0] + c * one["commands"][0]
         command = float(np.clip(steered + added[stride], -gait.limit, gait.limit))
         log["steering"].append(command)
-        log["curvature"].append(float(scene.track.curvature(one["arc"])))
+        log["arc"].append(float(one["arc"]))
         log["line"].append(float(one["lines"][0, 0]))
         log["offset"].append(float(one["offset"]) + noise * _noise(model, "offset") * rng.standard_normal())
         turned = float(one["misalignment"])
@@ -79,6 +77,7 @@ def record_walk(
                 "less excitation"
             )
     signals: dict[str, FloatArray] = {name: np.array(values) for name, values in log.items()}
+    signals["curvature"] = np.asarray(scene.track.curvature(signals.pop("arc")))
     if not tracked:
         del signals["offset"], signals["heading"]
     units = {signal.name: signal.unit for signal in (*model.inputs, *model.outputs)}

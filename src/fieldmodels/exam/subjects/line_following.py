@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -12,7 +13,7 @@ from fieldmodels.exam.subjects.base import Outside, Subject
 from fieldmodels.exam.subjects.noise import wandering
 from fieldmodels.line_following.parameters import Noise
 from fieldmodels.line_following.recording import LAW, record_walk
-from fieldmodels.line_following.tracks import straight
+from fieldmodels.line_following.tracks import Track, straight
 from fieldmodels.line_following.walks import Scene, Walks
 from fieldmodels.model import EffectValues, FloatArray
 from fieldmodels.recording import Recording
@@ -51,7 +52,7 @@ class LineFollowing(Subject):
         walk = record_walk(
             dict(reality),
             STRIDES,
-            scene=Scene(straight(0.7 * STRIDES + 10.0), noise=levels),
+            scene=Scene(_line(), noise=levels),
             law=LAW,
             noise=white,
             robot=_robot(outside) if outside else Walks,
@@ -59,6 +60,12 @@ class LineFollowing(Subject):
         )
         whole = {output.name: output.noise for output in self.model.outputs} | {"line": NOISE.sensor}
         return wandering(walk, whole, coloured, CORRELATION, seed)
+
+
+@cache
+def _line() -> Track:
+    """A straight line that is long enough."""
+    return straight(0.7 * STRIDES + 10.0)
 
 
 class Faulty(Walks):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -14,7 +15,7 @@ from fieldmodels.model import EffectValues, FloatArray
 from fieldmodels.recording import Recording
 from fieldmodels.uav_route.recording import record_flight
 
-DURATION = 4000.0
+DURATION, EPISODES = 8000.0, 4
 CORRELATION = 20.0
 """Correlation time of noise that wanders [s]: ten samples."""
 
@@ -25,7 +26,7 @@ class UavRoute(Subject):
     name = "uav_route"
     outside = MappingProxyType(
         {
-            "speed_by_place": "The aircraft is faster in the north than in the south.",
+            "fading_radar": "The radar's range swings slowly, as with the weather.",
             "late_position": "The tracker shows where the aircraft was some time ago.",
             "position_scale": "The tracker's map is too large.",
             "position_swing": "The tracker's position swings slowly.",
@@ -42,27 +43,39 @@ class UavRoute(Subject):
         outside: Outside | None = None,
     ) -> Recording:
         """See ``Subject.record``."""
-        by_place = outside if outside and outside.name == "speed_by_place" else None
+        fading = outside if outside and outside.name == "fading_radar" else None
         flight = record_flight(
             dict(reality),
             DURATION,
+            episodes=EPISODES,
             noise=math.sqrt(1.0 - coloured) * noise,
-            added=(lambda place: by_place.size * math.tanh(place.real / 50e3)) if by_place else None,
+            faded=_fading(fading.size) if fading else None,
             rng=np.random.default_rng(seed),
         )
         whole = {o.name: o.noise for o in self.model.outputs if o.name in ("north", "east")}
         flight = wandering(flight, whole, coloured, CORRELATION, seed)
-        if outside and by_place is None:
-            places = {name: _shown(outside, flight.time, flight[name]) for name in ("north", "east")}
+        if outside and not fading:
+            places = {name: _shown(outside, flight, name) for name in ("north", "east")}
             return replace(flight, signals={**flight.signals, **places})
         return flight
 
 
-def _shown(outside: Outside, time: FloatArray, place: FloatArray) -> FloatArray:
+def _fading(size: float) -> Callable[[complex, float], float]:
+    """Factor of the radar's ranges, which swings once in 900 s."""
+    return lambda _place, time: math.exp(min(size, 2.0) * math.sin(2 * math.pi * time / 900.0))
+
+
+def _shown(outside: Outside, flight: Recording, name: str) -> FloatArray:
     """A coordinate as a faulty tracker shows it [m]."""
+    place = flight[name]
     if outside.name == "late_position":
-        return np.interp(time - outside.size, time, place)
+        return np.concatenate(
+            [
+                np.interp(flight.time[a:b] - outside.size, flight.time[a:b], place[a:b])
+                for a, b in flight.bounds
+            ]
+        )
     if outside.name == "position_scale":
         return (1.0 + outside.size) * place
     assert outside.name == "position_swing"
-    return place + outside.size * np.sin(2 * np.pi * time / 700.0)
+    return place + outside.size * np.sin(2 * np.pi * flight.time / 700.0)
