@@ -36,7 +36,7 @@ WITHIN = 0.05
 """How far inside the circle of arrival a plan ends [km]."""
 REACHED = 0.5
 """Within this distance of a waypoint the next one is flown to [km]."""
-NODES = 16
+NODES = 10
 """Nodes of the lattice along the straight line."""
 LATTICE_LEG = 5.0
 """Smallest spacing of the lattice [km]."""
@@ -194,7 +194,7 @@ def _printed(lock_loss: bool) -> Planning:
     return plan
 
 
-def _legs(layout: Layout, world: World, heading: float | None) -> Plan:
+def legs(layout: Layout, world: World, heading: float | None) -> Plan:
     """Two legs, or three where two find no way."""
     plan = leg_plan(layout, world, heading=heading, time_limit=TIME_LIMIT)
     if plan.found:
@@ -210,7 +210,7 @@ def _legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
             plan = leg_plan(layout, lower, heading=heading, time_limit=TIME_LIMIT)
             if plan.found:
                 return plan
-    return _legs(layout, world, heading)
+    return legs(layout, world, heading)
 
 
 def _legs_lock_loss(layout: Layout, world: World, heading: float | None) -> Plan:
@@ -239,7 +239,7 @@ def _straight(layout: Layout, world: World, heading: float | None) -> Plan:  # n
     return straight_plan(layout, world)
 
 
-def _two_legs(layout: Layout, world: World, heading: float | None) -> Plan:
+def two_legs(layout: Layout, world: World, heading: float | None) -> Plan:
     """The route that random layouts are drawn around; where there is none it is told so."""
     try:
         route = safe_route(layout, world.detection)
@@ -267,7 +267,7 @@ def _reference(
 REFERENCES = (
     _reference("straight", "Straight to the goal, whatever the radars see", lambda _: _straight, direct=True),
     _reference(
-        "two_legs", "Past the nearest circle to the goal's radial, and in along it", lambda _: _two_legs
+        "two_legs", "Past the nearest circle to the goal's radial, and in along it", lambda _: two_legs
     ),
     _reference(
         "printed",
@@ -275,7 +275,7 @@ REFERENCES = (
         lambda _: _printed(False),
     ),
     _reference("printed_lock_loss", "The same with lock loss, (4.33)", lambda _: _printed(True), direct=True),
-    _reference("legs", "Two or three certified legs by a small program, then polished", lambda _: _legs),
+    _reference("legs", "Two or three certified legs by a small program, then polished", lambda _: legs),
     _reference(
         "legs_low",
         "The same at the lowest probability of detection that leaves a way",
@@ -301,7 +301,7 @@ REFERENCES = (
     _reference(
         "receding",
         "As legs, but a radar is known from 500 km on, planned anew then and every 100 km",
-        lambda _: _legs,
+        lambda _: legs,
         sight=SIGHT,
         advance=ADVANCE,
     ),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -38,13 +39,19 @@ def lower_bound(layout: Layout, world: World) -> float:
     )
 
 
-@lru_cache(maxsize=4096)
 def bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[float, float]:
     """The same to the nearest place on the circle in which a flight has arrived, and where that is.
 
     Returns:
         The length [km], at least 1e-3, and the bearing of the place from the goal [rad].
     """
+    certain = replace(world.detection, stochastic=False)
+    return _bound_to_capture(layout, World(world.aircraft, certain), capture)
+
+
+@lru_cache(maxsize=4096)
+def _bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[float, float]:
+    """The same; lock loss and luck do not matter to it."""
 
     def bound(bearing: float) -> float:
         return lower_bound(moved_goal(layout, capture, bearing), world)
