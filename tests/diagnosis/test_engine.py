@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.fit import fit, heavy_tailed, held_out_loss, refit
 from fieldmodels.diagnosis.gain import predict, share
+from fieldmodels.diagnosis.loudness import levelled
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.quantisation import lattice
 from fieldmodels.diagnosis.report import write_results
-from fieldmodels.diagnosis.selection import block_p_value
+from fieldmodels.diagnosis.selection import block_p_value, dispersion
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
 from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording, RecordingError
@@ -210,6 +212,71 @@ def test_block_p_value_is_uniform_without_gain():
     values = [block_p_value(rng.normal(size=40), blocks) for _ in range(400)]
     assert np.mean(np.array(values) < 0.05) < 0.08
     assert block_p_value(np.full(40, 1.0) + 0.1 * rng.normal(size=40), blocks) < 1e-6
+
+
+def test_loud_records_do_not_hide_what_a_quiet_one_shows():
+    quiet = [tank_record(400, rate=0.01)]
+    loud = [tank_record(seed, noise=0.06, rate=0.01) for seed in (401, 402)]
+    result = diagnose(Tank(), quiet + loud)
+    assert [c.effect for c in result.causes] == ["leak"]
+    rate = result.causes[0].parameters["rate"]
+    assert abs(rate.value - 0.01) < 3 * rate.std < 0.004
+
+
+def test_records_of_equal_noise_are_not_weighed():
+    problem = build(Tank(), [tank_record(seed) for seed in (403, 404)], 0.8)
+    assert levelled(problem, problem, Tank().nominal) == (problem, problem)
+
+
+def test_a_simulation_that_explodes_is_no_number():
+    problem = build(Tank(), [tank_record(405)], 0.8)
+    exploding = Tank().nominal
+    exploding[1] = -1e80
+    assert np.isnan(problem.simulate(exploding[None], problem.states)).any()
+    assert fit(problem, exploding, np.arange(2), np.diag(1 / problem.output_scale)).cost == np.inf
+
+
+def test_dispersion_is_one_in_white_noise_and_grows_with_noise_alike_within_blocks(fitted):
+    problem, _, base = fitted
+    rng = np.random.default_rng(2)
+    shape = base.fit.residual.shape
+    which = np.array([False, True])
+    column = base.fit.jacobian[:, :, 1] / np.linalg.norm(base.fit.jacobian[:, :, 1], axis=1)[:, None]
+    common = np.repeat(rng.standard_normal(problem.blocks.max() + 1), 4)[: shape[0], None]
+    white = [
+        dispersion(replace(base.fit, residual=rng.standard_normal(shape)), which, problem.blocks)
+        for _ in range(20)
+    ]
+    alike = replace(base.fit, residual=rng.standard_normal(shape) + 2 * common * column)
+    assert np.mean(white) < 1.6  # never below one, and the larger of two estimates
+    assert dispersion(alike, which, problem.blocks) > 4
+
+
+def test_a_cause_that_acts_rarely_is_named():
+    """A wall that is met in a few blocks only: most blocks gain nothing."""
+    model = get_model("rig")
+    reality = {"actuator_saturation": {"limit": 6.2}}
+    records = [
+        synthesise(model, reality, "mixed", amplitude=8.0, rng=np.random.default_rng([21, k]))
+        for k in range(2)
+    ]
+    result = diagnose(model, records[:1], records[1:])
+    assert [c.effect for c in result.causes] == ["actuator_saturation"]
+    assert result.causes[0].parameters["limit"].value == pytest.approx(6.2, abs=0.1)
+
+
+def test_moment_of_a_jump_has_an_interval():
+    model = get_model("rig")
+    reality = {"parameter_step": {"time": 12.3, "factor": 0.96}}
+    records = [
+        synthesise(model, reality, "mixed", amplitude=8.0, rng=np.random.default_rng([22, k]))
+        for k in range(2)
+    ]
+    result = diagnose(model, records[:1], records[1:])
+    assert [c.effect for c in result.causes] == ["parameter_step"]
+    moment = result.causes[0].parameters["time"]
+    assert abs(moment.value - 12.3) < 3 * moment.std
+    assert 0.005 < moment.std < 1.0  # below the steps of the first search, 1.5 s
 
 
 def test_lag_and_delay_are_ambiguous_and_a_measurement_is_proposed():

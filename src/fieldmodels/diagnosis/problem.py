@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,8 @@ class Part:
         counts: Samples a feature, shape (windows, features).
         features: Measured features, shape (windows, features).
         blocks: Block number of each window within this recording, shape (windows,).
+        loudness: What the features, measured and simulated, are divided by, shape (features,): how much
+            noisier this recording is than the others.
     """
 
     windows: Windows
@@ -38,6 +40,11 @@ class Part:
     counts: FloatArray
     features: FloatArray
     blocks: IntArray
+    loudness: FloatArray | float = 1.0
+
+    def compressed(self, outputs: FloatArray) -> FloatArray:
+        """Outputs of every sample, shape (batch, windows, samples, outputs), as features."""
+        return np.asarray(_compress(outputs, self.slots, self.counts) / self.loudness)
 
 
 @dataclass(frozen=True)
@@ -121,7 +128,7 @@ class Problem:
         for part in self.parts:
             last = first + len(part.windows)
             outputs = self.model.simulate(parameters, part.windows.with_states(states[first:last]))
-            results.append(_compress(outputs, part.slots, part.counts))
+            results.append(part.compressed(outputs))
             first = last
         return np.concatenate(results, axis=1)
 
@@ -131,9 +138,7 @@ class Problem:
         for part, force in zip(self.parts, forces, strict=True):
             last = first + len(part.windows)
             windows = part.windows.with_states(states[first:last]).with_disturbance(force)
-            results.append(
-                _compress(self.model.simulate(parameters[None], windows), part.slots, part.counts)[0]
-            )
+            results.append(part.compressed(self.model.simulate(parameters[None], windows))[0])
             first = last
         return np.concatenate(results)
 
@@ -154,7 +159,7 @@ class Problem:
             rows = part.windows.starts[:, None] + np.arange(part.slots.shape[1])[None, :]
             values = column[np.minimum(rows, len(column) - 1)]
             spread = np.repeat(values[None, :, :, None], part.slots.shape[2], axis=3)
-            results.append(_compress(spread, part.slots, part.counts)[0])
+            results.append(part.compressed(spread)[0])
         return np.concatenate(results)
 
     def select(self, blocks: NDArray[np.bool_]) -> Problem:
@@ -165,7 +170,8 @@ class Problem:
             first += len(part.windows)
             if keep.any():
                 parts.append(
-                    Part(
+                    replace(
+                        part,
                         windows=part.windows.select(keep),
                         slots=part.slots[keep],
                         counts=part.counts[keep],
@@ -173,7 +179,7 @@ class Problem:
                         blocks=part.blocks[keep],
                     )
                 )
-        return Problem(self.model, tuple(parts), self.outputs, self.horizon, self.bins)
+        return replace(self, parts=tuple(parts))
 
 
 def build(

@@ -14,6 +14,7 @@ from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.fit import fit, standard_errors, window_loss
 from fieldmodels.diagnosis.gain import NONE, Prediction, by_horizon, noise_floor, predict, share
 from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_P, RIVAL_SHARE, Dictionary
+from fieldmodels.diagnosis.loudness import levelled
 from fieldmodels.diagnosis.misfit import misfit
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.problem import Problem
@@ -79,7 +80,7 @@ def diagnose(
                 stage.model,
                 train,
                 test,
-                {**held(stage), **fixed},
+                {**_known(stage.model, ()), **held(stage), **fixed},
                 scaled_progress(tell, number, len(stages)),
                 seed,
             )
@@ -102,7 +103,7 @@ def _diagnose_stage(
     start = _start(model, fixed)
     model = model.scaled_to([*train, *test])
     tell("cutting the data into windows", 0.0)
-    training, testing = _split(model, train, test)
+    training, testing = levelled(*_split(model, train, test), start)
     candidates = Candidates(
         problem=training,
         start=start,
