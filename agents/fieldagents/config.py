@@ -346,6 +346,7 @@ RECORD_KEYS = {
     "line_following": ("settings",),
     "pose_reaching": ("step", "episodes", "noise"),
     "differential_drive": ("step", "episodes", "noise"),
+    "uav_route": ("step", "episodes", "noise"),
 }
 """Keys of a recording of the other models, which move by themselves or by random commands of their own."""
 

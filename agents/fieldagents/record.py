@@ -134,11 +134,26 @@ def _drive(config: RecordConfig, model: Model, reality: Reality, rng: np.random.
     )
 
 
+def _flight(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Generator) -> Recording:
+    """An aircraft that flies from waypoint to waypoint under a radar's looks."""
+    from fieldmodels.uav_route.recording import record_flight
+
+    return record_flight(
+        reality,
+        config.duration,
+        episodes=config.episodes,
+        step=config.step or 2.0,
+        noise=config.noise,
+        rng=rng,
+    )
+
+
 RECORDERS = {
     "excitation": _experiment,
     "heel_strike": _walk,
     "line_following": _line,
     "pose_reaching": _drive,
     "differential_drive": _drive,
+    "uav_route": _flight,
 }
 """Who records a model that is not simply driven by a command."""

@@ -71,7 +71,7 @@ def test_detections_come_with_the_probabilities_that_are_predicted(reality):
     Both are tested at three standard errors, fourteen tests in all: a right kernel fails one in 27 runs of
     other seeds.
     """
-    recording = record_flight(reality, 12000.0, episodes=6, rng=np.random.default_rng(5))
+    recording = record_flight(reality, 2000.0, episodes=6, rng=np.random.default_rng(5))
     windows = MODEL.windows(recording, 120.0)
     measured = windows.measured(OUTPUTS)[:, :, 3]
     seen = np.isfinite(measured)
@@ -86,7 +86,7 @@ def test_detections_come_with_the_probabilities_that_are_predicted(reality):
 @pytest.mark.parametrize("effect", [name for name in WATCHED if name != "look_interval"])
 def test_detections_alone_tell_what_the_radar_sees(effect):
     """The likelihood of the right parameters exceeds the nominal one's by far, positions as they are."""
-    recording = record_flight({effect: WATCHED[effect]}, 6000.0, episodes=6, rng=np.random.default_rng(6))
+    recording = record_flight({effect: WATCHED[effect]}, 1000.0, episodes=6, rng=np.random.default_rng(6))
     windows = MODEL.windows(recording, 120.0)
     y = windows.measured(OUTPUTS)[:, :, 3]
     vectors = np.array([MODEL.vector(effects={effect: WATCHED[effect]}), MODEL.nominal])

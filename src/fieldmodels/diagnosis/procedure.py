@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -39,6 +40,7 @@ HELD_OUT = 4  # without test data every fourth block is kept for the gain
 FOLDS = 4
 UNDETERMINED = 0.5  # standard error of a base parameter, of its value, from which on it is not known
 UNTOLD = 0.1  # nats on the test data that decide nothing
+ABOVE = 1.5  # times the noise: an error beyond is said; of white and wandering noise alike it is 1.4
 FAR = 3.0  # times the noise: an error beyond needs an explanation even if no test finds its direction
 
 
@@ -71,6 +73,7 @@ def diagnose(
     tell = progress or (lambda _what, _share: None)
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
+    _check_range(model, [*train, *test])
     fixed = {**_known(model, [*train, *test]), **(fixed or {})}
     stages = model.stages([*train, *test])
     whole = joined(
@@ -161,6 +164,7 @@ def _diagnose_stage(
             for p in model.parameters
             if p.lower > 0 and not base[p.name].std <= UNDETERMINED * base[p.name].value
         ),
+        above_noise=_above_noise(testing, after),
         vector=extended.fit.parameters,
         not_testable=_not_testable(selection),
         trained_on=tuple(r.source for r in train),
@@ -177,6 +181,24 @@ def _diagnose_stage(
             rng,
         ),
     )
+
+
+def _check_range(model: Model, recordings: Sequence[Recording]) -> None:
+    """Refuse values that no sensor shows, as of a simulated machine that ran away.
+
+    Raises:
+        RecordingError: With the recording and the signal.
+    """
+    for recording in recordings:
+        for signal in (*model.inputs, *model.outputs):
+            if signal.name in recording:
+                values = recording[signal.name]
+                wrong = np.flatnonzero(~np.isnan(values) & ~(np.abs(values) < problems.HUGE**0.25))
+                if len(wrong):
+                    place = f"{recording.source}: signal {signal.name!r}, sample {wrong[0]}"
+                    raise RecordingError(
+                        f"{place}: {values[wrong[0]]:g} cannot have been measured; cut such values out"
+                    )
 
 
 def _known(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -234,10 +256,10 @@ def _main_output(problem: Problem) -> int:
     return int(problem.outputs[0])
 
 
-def _telling_output(training: Problem, path: Sequence[Candidate]) -> int:
-    """The output whose error the causes reduce most, by the training data: there their gains are stated."""
-    before, after = (predict(training, c.fit.parameters).rmse() for c in (path[0], path[-1]))
-    return int(np.nanargmin(after / before))
+def _telling_outputs(training: Problem, path: Sequence[Candidate]) -> list[int]:
+    """The output whose error each cause reduces most, by the training data: there its gain is stated."""
+    errors = [predict(training, c.fit.parameters).rmse() for c in path]
+    return [int(np.nanargmin(after / before)) for before, after in itertools.pairwise(errors)]
 
 
 def _causes(
@@ -252,7 +274,7 @@ def _causes(
     model, problem = candidates.problem.model, candidates.problem
     if not chosen.effects:
         return ()
-    output = _telling_output(problem, path)
+    outputs = _telling_outputs(problem, path)
     predictions = [predict(testing, c.fit.parameters) for c in path]
     errors = standard_errors(problem, chosen.fit)
     causes = []
@@ -275,8 +297,8 @@ def _causes(
                 cause=effect.cause,
                 where=effect.where,
                 parameters=values,
-                signal=model.outputs[output].name,
-                gain=share(predictions[k], predictions[k + 1], output, testing.blocks, rng),
+                signal=model.outputs[outputs[k]].name,
+                gain=share(predictions[k], predictions[k + 1], outputs[k], testing.blocks, rng),
                 p_value=block_p_value(gain, problem.blocks),
                 nats=path[k].total - path[k + 1].total,
                 equation=effect.equation,
@@ -312,6 +334,21 @@ def _far_from_noise(testing: Problem, after: Prediction, output: int) -> bool:
     """Whether what is left is so much larger than the sensor's noise that something must be missing."""
     floor = noise_floor(testing, after, output)
     return bool(after.rmse()[output] > FAR * floor)
+
+
+def _above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
+    """Times its sensor's noise that each signal's error still is, where that is a good deal.
+
+    Where random forces drive the machine, the error says nothing; an event has no sensor noise.
+    """
+    if testing.model.random_force:
+        return {}
+    result = {}
+    for j in np.unique(testing.outputs[~testing.events]):
+        floor = noise_floor(testing, after, int(j))
+        if floor > 0 and after.rmse()[j] > ABOVE * floor:
+            result[testing.model.outputs[j].name] = float(after.rmse()[j] / floor)
+    return result
 
 
 def _mostly_explained(testing: Problem, before: Prediction, after: Prediction, output: int) -> bool:

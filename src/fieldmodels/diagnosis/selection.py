@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.fit import Fit, covariance_whitener, stacked
+from fieldmodels.diagnosis.fit import Fit, covariance_whitener, project, stacked
 from fieldmodels.model import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -19,6 +19,7 @@ Progress = Callable[[str, float], None]
 MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
 MAX_P = 0.01  # of a paired test over blocks of windows
 STRONG_P = 1e-6  # of the likelihood test for a cause that shows in few blocks; wandering noise came to 5e-5
+TOUCHED = 0.01  # of the most that a cause changes in any block
 MIN_SHARE = 0.003  # of the whole misfit: what is smaller is not worth a name
 SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are told apart beyond these
 SAME_ANYHOW = 2.0  # nats: decides nothing, however steady (near twins differ little, but always)
@@ -91,7 +92,10 @@ def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) ->
     count = int(new.sum())
     if count == 0:
         return 1.0
-    ratio = max(2 * (parent.total - child.total), 0.0) / (count * dispersion(child.fit, new, blocks))
+    excess = dispersion(child.fit, new, blocks)
+    if child.fit.looks is not None:
+        excess = dispersion_of_change(parent.fit, child.fit, blocks)
+    ratio = max(2 * (parent.total - child.total), 0.0) / (count * excess)
     return float(special.fdtrc(count, max(len(np.unique(blocks)) - count, 1), ratio))
 
 
@@ -119,6 +123,23 @@ def dispersion(fitted: Fit, which: NDArray[np.bool_], blocks: IntArray) -> float
         np.add.at(power, number, powers)
         inverse = np.linalg.pinv(power, hermitian=True, rcond=1e-6)
         result = max(result, float(np.einsum("bk,bkl,bl->b", score, inverse, score).mean()) / count)
+    return result
+
+
+def dispersion_of_change(parent: Fit, child: Fit, blocks: IntArray) -> float:
+    """The same along all that a cause changes: where looks decide, slopes may vanish at the best fit.
+
+    Blocks that the cause hardly touches have nothing to say.
+    """
+    column = project(child, (parent.raw - child.raw)[:, :, None])[:, :, 0]
+    scores, powers = np.sum(column * child.residual, axis=1), np.sum(column**2, axis=1)
+    result = 1.0
+    for size in (1, 2):
+        number = np.unique(blocks // size, return_inverse=True)[1]
+        score, power = np.bincount(number, scores), np.bincount(number, powers)
+        touched = power > TOUCHED * power.max()
+        if touched.any():
+            result = max(result, float(np.mean(score[touched] ** 2 / power[touched])))
     return result
 
 

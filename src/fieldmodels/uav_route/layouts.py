@@ -31,6 +31,8 @@ FAR = 1.9
 """Largest distance of a further radar from the middle of start and goal, in side-on ranges."""
 APART = 0.5
 """Smallest distance between two radars, in side-on ranges."""
+WEDGE = float(AZIMUTHS[1])
+"""Azimuth up to which the nose shows next to nothing [rad]."""
 
 
 def side_on_range(detection: Detection) -> float:
@@ -149,8 +151,9 @@ def safe_route(layout: Layout, detection: Detection | None = None) -> FloatArray
 def distance_around(places: FloatArray, goals: FloatArray, radars: FloatArray, side_on: float) -> FloatArray:
     """How far it is to the goal past the circle of the radar next to it, about as an unseen flight goes.
 
-    Straight, where that keeps the nose or the tail at the radar; else along the circle's tangent, around it,
-    and in along the goal's radial. A measure of progress, no certificate: other radars do not count.
+    Straight from where the nose points at the radar all the way, a wedge that opens outwards at the goal;
+    else along the circle's tangent, around it, and in along the wedge's edge. A measure of progress without
+    jumps, no certificate: other radars and banks do not count.
 
     Args:
         places: North and east [km], shape (batch, 2).
@@ -163,24 +166,23 @@ def distance_around(places: FloatArray, goals: FloatArray, radars: FloatArray, s
     """
     rows = np.arange(len(places))
     nearest = np.argmin(((radars - goals[:, None, :]) ** 2).sum(axis=2), axis=1)
-    radar = radars[rows, nearest]
-    place, goal = places - radar, goals - radar
-    leg = goal - place
-    straight = np.hypot(leg[:, 0], leg[:, 1])
-    outer = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-9)
-    inner = np.maximum(np.hypot(goal[:, 0], goal[:, 1]), 1e-9)
+    place, goal = places - radars[rows, nearest], goals - radars[rows, nearest]
+    straight = np.hypot(*(goal - place).T)
+    outer = np.maximum(np.hypot(*place.T), 1e-9)
+    inner = np.maximum(np.hypot(*goal.T), 1e-9)
     separation = np.arccos(np.clip((place * goal).sum(axis=1) / (outer * inner), -1.0, 1.0))
-    # the aspect is steepest at one of the ends of a leg that does not pass the radar
-    cone = math.cos(float(AZIMUTHS[1])) * np.maximum(straight, 1e-9)
-    slanted = [np.abs((leg * end).sum(axis=1)) / size for end, size in ((place, outer), (goal, inner))]
-    free = (slanted[0] >= cone) & (slanted[1] >= cone) | (np.minimum(outer, inner) > side_on) & (
-        separation <= np.arccos(side_on / np.maximum(outer, side_on))
+    radius = np.maximum(np.minimum(outer, side_on), inner)  # at which the wedge is entered
+    edge = WEDGE - np.arcsin(math.sin(WEDGE) * inner / radius)  # its bearing there, from the goal's
+    entered = radius * np.sin(edge) / math.sin(WEDGE)  # distance of goal and edge
+    to_edge = separation - edge
+    seen = np.arccos(side_on / np.maximum(outer, side_on))  # from the bearing of the tangent's point
+    direct = np.sqrt(
+        np.maximum(outer**2 + radius**2 - 2.0 * outer * radius * np.cos(np.maximum(to_edge, 0.0)), 0.0)
     )
-    beyond = separation - np.arccos(side_on / np.maximum(outer, side_on))
-    corner = np.maximum(side_on, inner)
-    tangent = np.sqrt(np.maximum(outer**2 - side_on**2, 0.0)) + side_on * beyond
-    to_corner = np.sqrt(outer**2 + corner**2 - 2.0 * outer * corner * np.cos(separation))
-    around = np.where(beyond > 0.0, tangent, to_corner) + (corner - inner)
-    around += np.maximum(side_on - outer, 0.0)  # out of the circle first
-    distance: FloatArray = np.where(free, straight, np.maximum(around, straight))
+    tangent = np.sqrt(np.maximum(outer**2 - side_on**2, 0.0)) + side_on * (to_edge - seen)
+    inside = np.abs(outer - radius) + side_on * to_edge
+    way = np.where(outer < side_on, inside, np.where(to_edge > seen, tangent, direct)) + entered
+    own_edge = WEDGE - np.arcsin(np.minimum(math.sin(WEDGE) * inner / np.maximum(outer, inner), 1.0))
+    free = (outer >= inner) & (separation <= own_edge)
+    distance: FloatArray = np.where(free, straight, np.maximum(way, straight))
     return distance

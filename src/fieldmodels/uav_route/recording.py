@@ -48,13 +48,12 @@ def record_flight(
 
     The flight is integrated here in small pieces with complex positions (north + i east), and detections are
     drawn from the tables as NumPy interpolates them, apart from the kernels that predict both. The autopilot
-    turns to the next waypoint at the last sample before it would pass the present one. Flights of several
-    episodes begin all around the radar.
+    turns to the next waypoint at the last sample before it would pass the present one.
 
     Args:
         reality: What aircraft and radar truly are: effects of the model, see ``read_reality``.
-        duration: Length of the record [s], all episodes together.
-        episodes: Number of flights.
+        duration: Length of an episode [s].
+        episodes: Number of episodes; each begins in another direction from the radar.
         step: Time between samples [s].
         bank: Whether the bank is logged.
         looks: Whether the radar's looks are logged.
@@ -64,13 +63,10 @@ def record_flight(
         rng: Source of the waypoints, of the noise and of the detections.
 
     Raises:
-        ModelError: If duration, episodes or step is not positive, or a radar would look twice in a step.
+        ModelError: If an episode is too short, or a radar would look twice in a step.
     """
-    if not (step > 0 and episodes >= 1 and duration >= 10 * step * episodes):
-        raise ModelError(
-            f"a record needs at least 10 samples an episode, not {duration:g} s in {episodes} episodes and "
-            f"steps of {step:g} s"
-        )
+    if not (step > 0 and episodes >= 1 and duration >= 10 * step):
+        raise ModelError(f"an episode needs at least 10 samples, not {duration:g} s in steps of {step:g} s")
     model = UavRoute()
     values = dict(zip(model.names, read_reality(reality, model).vector(model).tolist(), strict=True))
     interval = model.world.detection.look_interval * values["look_interval.factor"]
@@ -78,7 +74,7 @@ def record_flight(
         raise ModelError(
             f"a look every {interval:g} s would come twice in a step of {step:g} s; sample faster"
         )
-    count = round(duration / step / episodes)
+    count = round(duration / step)
     luck = rng.spawn(1)[0]
     flown = [
         _fly(model, values, count, step, 2 * math.pi * e / episodes, added, faded, rng, luck)
