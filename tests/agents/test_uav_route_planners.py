@@ -13,7 +13,7 @@ from fieldagents.reference.uav_route.lattice import lattice_plan
 from fieldagents.reference.uav_route.legs import leg_plan
 from fieldagents.reference.uav_route.limits import limits_of, probability_seen
 from fieldagents.reference.uav_route.lower_bound import lower_bound
-from fieldagents.reference.uav_route.printed import Form, printed_plan, safe_distances
+from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan, safe_distances
 from fieldagents.reference.uav_route.receding import receding_plan
 from fieldagents.reference.uav_route.straight import straight_plan
 from fieldmodels.model import ModelError
@@ -119,6 +119,49 @@ def test_the_second_aircraft_flies_the_mirror_image() -> None:
     first, second = leg_plan(EXAMPLE), leg_plan(SECOND_UAV)
     assert second.length == pytest.approx(first.length, abs=1e-3)
     np.testing.assert_allclose(second.waypoints * [-1.0, 1.0], first.waypoints, atol=0.2)
+
+
+def test_two_aircraft_in_one_program_cost_what_each_costs_alone() -> None:
+    # nothing couples them, so the source's program for two says no more than two of its programs
+    near, far = (Layout((x, y), (np.sign(x) * 340.0, 0.0), EXAMPLE.radars) for x, y in ((350, 8), (-350, 20)))
+    form = replace(COARSE, lookup="sets", steps=3)
+    alone = [printed_plan(layout, form=form) for layout in (near, far)]
+    assert alone[0].search.objective < alone[1].search.objective
+    first, second = joint_printed_plans((near, far), form=form)
+    assert first.search is second.search
+    assert first.search.status == "optimal"
+    assert first.search.objective == sum(plan.search.objective for plan in alone)
+    assert first.search.counts.integers == sum(plan.search.counts.integers for plan in alone)
+    for plan, layout in ((first, near), (second, far)):
+        np.testing.assert_allclose(plan.waypoints[[0, -1]], [layout.start, layout.goal], atol=1e-5)
+
+
+def test_a_guide_limits_the_modes_to_those_about_it() -> None:
+    free = leg_plan(EXAMPLE, legs=2)
+    guided = leg_plan(EXAMPLE, guide=lattice_plan(EXAMPLE, spacing=10.0, refinements=1).waypoints)
+    assert guided.certificate is not None
+    assert guided.certificate.undetected
+    assert guided.search.counts.integers < free.search.counts.integers or len(guided.waypoints) > 3
+    assert "about the guiding route" in guided.search.reason
+    assert guided.length <= 1.005 * free.length
+
+
+def test_legs_with_lock_loss_are_shorter_and_survive() -> None:
+    certain, pardoned = leg_plan(EXAMPLE), leg_plan(EXAMPLE, lock_loss=True)
+    assert pardoned.certificate is not None
+    assert pardoned.certificate.survived
+    assert 0 < pardoned.certificate.longest_detection < 150.0
+    assert pardoned.length < 0.96 * certain.length
+    # radars that fire at once leave nothing to use
+    killed = leg_plan(EXAMPLE, World(lock_loss=INSTANT_KILL), lock_loss=True)
+    assert killed.length == pytest.approx(certain.length, rel=1e-6)
+
+
+def test_a_turn_far_from_the_radar_may_lead_back_to_its_circle() -> None:
+    around = leg_plan(Layout((0.0, 600.0), (340.0, 0.0), EXAMPLE.radars), legs=3, directions=36)
+    assert around.certificate is not None
+    assert around.certificate.undetected
+    assert around.excess < 0.05
 
 
 def test_the_heading_before_the_first_leg_counts() -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -90,20 +91,57 @@ def printed_plan(
         MissingSolverError: If PuLP or the solver is not installed.
         ModelError: If a number is not possible.
     """
+    (plan,) = joint_printed_plans((layout,), world, form, solver=solver, time_limit=time_limit)
+    return plan
+
+
+def joint_printed_plans(
+    layouts: Sequence[Layout],
+    world: World | None = None,
+    form: Form | None = None,
+    *,
+    solver: Solver = "auto",
+    time_limit: float | None = None,
+) -> tuple[Plan, ...]:
+    """Plan several aircraft in one program, as the source does for two (section 4.5.1).
+
+    Its radars see each aircraft by itself and nothing couples them, so that the sum of their costs is least
+    where each cost is: planning each alone gives as much, sooner.
+
+    Args:
+        layouts: Start, goal and radars of each aircraft.
+        world: As for ``printed_plan``, like the others.
+        form: How the program is written.
+        solver: Which solver.
+        time_limit: For the solver [s].
+
+    Returns:
+        A plan for each aircraft; ``search`` tells of the common program, whose objective is the sum.
+
+    Raises:
+        MissingSolverError: If PuLP or the solver is not installed.
+        ModelError: If a number is not possible, or there is no aircraft.
+    """
+    if not layouts:
+        raise ModelError("plans are made for at least one aircraft")
     world, form = world or World(), form or Form()
-    engine = choose_solver(solver, time_limit)
+    engine, pulp = choose_solver(solver, time_limit), modelling()
     begun = time.perf_counter()
-    program = _Program(layout, world, form)
-    search = solve(program.pulp, engine, begun)
+    problem = pulp.LpProblem("printed", pulp.LpMinimize)
+    programs = [_Program(problem, f"u{i}_", layout, world, form) for i, layout in enumerate(layouts)]
+    problem += pulp.lpSum(program.cost for program in programs)
+    search = solve(problem, engine, begun)
     name = "printed" if form.lookup == "pairs" else "printed-sets"
     if form.lock_loss is not None:
         name += f"-lock-loss-{form.lock_loss}"
     if search.status in ("infeasible", "no answer"):
         if search.status == "infeasible":
             search = _explained(search, form)
-        return make_plan(name, layout, world, search)
-    waypoints, durations = program.path()
-    return make_plan(name, layout, world, search, waypoints, durations)
+        return tuple(make_plan(name, layout, world, search) for layout in layouts)
+    paths = [program.path() for program in programs]
+    return tuple(
+        make_plan(name, layout, world, search, *path) for layout, path in zip(layouts, paths, strict=True)
+    )
 
 
 def safe_distances(world: World, sides: int) -> FloatArray:
@@ -131,12 +169,12 @@ def _explained(search: Search, form: Form) -> Search:
 
 
 class _Program:
-    """The program; indices m and n are 0-based for the source's 1..M."""
+    """One aircraft's part of the program; indices m and n are 0-based for the source's 1..M."""
 
-    def __init__(self, layout: Layout, world: World, form: Form) -> None:
-        pulp = modelling()
-        self.pulp = pulp.LpProblem("printed", pulp.LpMinimize)
-        self.layout, self.form, self.sum = layout, form, pulp.lpSum
+    def __init__(self, problem: Any, prefix: str, layout: Layout, world: World, form: Form) -> None:
+        self.pulp, self.prefix = problem, prefix
+        self.layout, self.form, self.sum = layout, form, modelling().lpSum
+        self.pardons: list[list[Any]] = [[] for _ in layout.radars]
         self.altitude, self.speed = world.aircraft.altitude, world.aircraft.speed
         angle = 2.0 * math.pi * np.arange(1, form.sides + 1) / form.sides
         self.sines, self.cosines = np.sin(angle).tolist(), np.cos(angle).tolist()
@@ -156,17 +194,17 @@ class _Program:
             for r in range(len(layout.radars)):
                 self._radar(k, r, heading)
         self.pulp += self.sum(self.arrived) == 1  # (4.21)
-        self.pulp += self.sum(
+        self.cost = self.sum(
             k * form.step_time * b for k, b in zip(steps, self.arrived, strict=True)
         )  # (4.22)
         if form.lock_loss is not None:
             self._lock_loss(form.lock_loss)
 
     def _real(self, name: str, low: float, high: float) -> Any:
-        return modelling().LpVariable(name, low, high)
+        return modelling().LpVariable(self.prefix + name, low, high)
 
     def _binary(self, name: str) -> Any:
-        return modelling().LpVariable(name, cat="Binary")
+        return modelling().LpVariable(self.prefix + name, cat="Binary")
 
     def _move(self, k: int) -> None:
         """(4.8), (4.9), written from step to step, and the goal, (4.17)-(4.20)."""
@@ -212,7 +250,10 @@ class _Program:
                 self.pulp += self.altitude <= distance * tangents[d + 1] + self.altitude * (1 - band)
             self.pulp += self.altitude >= distance * tangents[d] - tangents[d] * largest * (1 - band)
         self.pulp += self.sum(bands) == 1  # (4.30)
-        pardon: Any = self._binary(f"bll{name}") if self.form.lock_loss is not None else 0
+        pardon: Any = 0
+        if self.form.lock_loss is not None:
+            pardon = self._binary(f"bll{name}")
+            self.pardons[r].append(pardon)
         pairs = self._pairs(name, heading, sight) if self.form.lookup == "pairs" else None
         for d, band in enumerate(bands):
             table = self.table[d]
@@ -248,10 +289,9 @@ class _Program:
 
     def _lock_loss(self, count: int) -> None:
         """(4.33)."""
-        names = {v.name: v for v in self.pulp.variables()}
-        for r in range(len(self.layout.radars)):
-            for k in range(1, self.form.steps - count + 2):
-                window = self.sum(names[f"bll{k + j}_{r}"] for j in range(count))
+        for pardons in self.pardons:
+            for k in range(self.form.steps - count + 1):
+                window = self.sum(pardons[k : k + count])
                 if self.form.detections == "exactly":
                     self.pulp += window == count - 1
                 else:
