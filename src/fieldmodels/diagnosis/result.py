@@ -254,6 +254,7 @@ class Diagnosis:
         seconds: Time that the diagnosis took.
         evidence: Arrays for the report.
         notes: What is odd about the data, or was done to them (``Recording.notes``).
+        above_noise: Signal to how many times its sensor's noise the error still is, if that is a good deal.
     """
 
     model: str
@@ -273,6 +274,7 @@ class Diagnosis:
     seconds: float
     evidence: Evidence
     notes: tuple[str, ...] = ()
+    above_noise: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
@@ -308,6 +310,7 @@ class Diagnosis:
             ),
             "parameters": {name: e.to_json() for name, e in self.parameters.items()},
             "undetermined": list(self.undetermined),
+            "above_noise": {name: _number(times) for name, times in self.above_noise.items()},
             "not_testable": dict(self.not_testable),
             "data": {
                 "train": list(self.trained_on),
@@ -319,18 +322,27 @@ class Diagnosis:
         }
 
     def summary(self) -> str:
-        """The verdict in one plain sentence, and a caution where the data hardly determine the base."""
-        if not self.undetermined:
-            return self._sentence()
-        names = " and ".join(name.replace("_", " ") for name in self.undetermined)
-        return (
-            f"{self._sentence()} Caution: these data hardly determine {names}, so the verdict says little; "
-            "excite the machine more."
-        )
+        """The verdict in one plain sentence, what the error still is, and a caution where due."""
+        text = self._sentence()
+        if self.above_noise and self.verdict != "unknown":
+            rest = " and ".join(
+                f"that of {name.replace('_', ' ')} {times:.1f} times"
+                for name, times in self.above_noise.items()
+            )
+            text += f" Errors remain above the sensors' noise: {rest}."
+        if self.undetermined:
+            names = " and ".join(name.replace("_", " ") for name in self.undetermined)
+            text += (
+                f" Caution: these data hardly determine {names}, so the verdict says little; "
+                "excite the machine more."
+            )
+        return text
 
     def _sentence(self) -> str:
         names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
         if self.verdict == "consistent":
+            if self.above_noise:
+                return "No listed effect helps significantly."
             return "Nothing significant is missing: the refitted simulation explains these data."
         if self.verdict == "unknown":
             shape = ""
