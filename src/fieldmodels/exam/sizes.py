@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.fit import diagonal_whitener, fit
-from fieldmodels.diagnosis.gain import Prediction, predict
+from fieldmodels.diagnosis.gain import NONE, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.diagnosis.stages import held
@@ -28,6 +28,10 @@ CLOSE = 0.08
 """Steps between neighbouring points of a curve are followed until so near a percentage (in its logarithm)."""
 NEAR, TRIES = 0.1, 10
 """How near the size of a case must come (in its logarithm), and in how many tries."""
+
+
+CHANCES = (1e-3, 1.0 - 1e-3)
+"""Between which chances of an event count: short of certainty."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Probe:
     The error of records with the fault but without the sensors' noise adds in squares to the error of records
     with all noise and no fault. Where chance drives the machine, or draws events, it would blur a small
     effect: there an effect adds how far the refitted nominal model and the true one predict apart, each from
-    the states that fit best. Of several outputs the one counts whose error grows most, in percent; of an event
+    the states that fit best. Of several outputs that one counts whose error grows most; of an event
     output the error is its root mean deviance.
     """
 
@@ -87,7 +91,7 @@ class Probe:
         chance = subject.model.random_force or any(output.event for output in subject.model.outputs)
         self._quiet = None
         if fault in subject.outside or not chance:
-            self._quiet = _Pair(subject, seeds, {}, None).errors(self._fixed, self._base)
+            self._quiet = Pair(subject, seeds, {}, None).errors(self._fixed, self._base)
 
     def added(self, size: float) -> float:
         """Error that the fault adds, in units of the error without it; infinite if the machine fails."""
@@ -97,7 +101,7 @@ class Probe:
         outside = Outside(self.fault, size) if self.fault in self.subject.outside else None
         hidden = {} if outside else {self.fault: self.subject.values(self.fault, size, self.sign)}
         try:
-            pair = _Pair(self.subject, self.seeds, hidden, outside)
+            pair = Pair(self.subject, self.seeds, hidden, outside)
         except ModelError:
             return math.inf
         if self._quiet is None:
@@ -193,9 +197,9 @@ def _between(below: float, above: float, least: float, most: float, target: floa
 
 
 @cache
-def _noisy(model: str, seeds: tuple[int, int]) -> _Pair:
+def _noisy(model: str, seeds: tuple[int, int]) -> Pair:
     """Records with all noise and without a fault."""
-    return _Pair(get_subject(model), seeds, {}, None, noise=True)
+    return Pair(get_subject(model), seeds, {}, None, noise=True)
 
 
 @cache
@@ -204,7 +208,7 @@ def _base_errors(model: str, seeds: tuple[int, int]) -> FloatArray:
     return _noisy(model, seeds).errors({}, None)
 
 
-class _Pair:
+class Pair:
     """A record to fit and one to measure."""
 
     def __init__(
@@ -225,13 +229,15 @@ class _Pair:
         result = np.full(len(self.subject.model.outputs), np.nan)
         for stage in self.subject.model.stages([self.train, self.test]):
             testing, nominal = self._refitted(stage, fixed, scale)
-            found = predict(testing, nominal)
-            errors = found.rmse()
-            for j, output in enumerate(testing.model.outputs):
-                if output.event:
-                    chances = _chances(testing, found, j)
-                    errors[j] = math.sqrt(float(np.mean(2.0 * _cross_entropy(chances, chances))))
-            result = np.where(np.isfinite(errors), errors, result)
+            predicted = _predicted(testing, nominal, scale)
+            measured = _where_measured(testing, _measured(testing))
+            for j in np.unique(testing.outputs):
+                if testing.model.outputs[j].event:
+                    chances = np.clip(predicted[j], *CHANCES)
+                    squares = 2.0 * _cross_entropy(chances, chances)
+                else:
+                    squares = (measured[j] - predicted[j]) ** 2
+                result[j] = math.sqrt(float(np.mean(squares)))
         return result
 
     def apart(self, fixed: Mapping[str, float], scale: FloatArray, hidden: EffectValues) -> FloatArray:
@@ -241,17 +247,15 @@ class _Pair:
             testing, nominal = self._refitted(stage, fixed, scale)
             acting = {name: values for name, values in hidden.items() if name in stage.effects}
             base = {n: v for n, v in self.train.known.items() if n in stage.model.names}
-            true = predict(testing, testing.model.vector(base, acting))
-            refitted = predict(testing, nominal)
-            for j, output in enumerate(testing.model.outputs):
-                if j not in testing.outputs:
-                    continue
-                if output.event:
-                    truly, believed = _chances(testing, true, j), _chances(testing, refitted, j)
-                    gap = 2.0 * (_cross_entropy(truly, believed) - _cross_entropy(truly, truly))
+            true = _predicted(testing, testing.model.vector(base, acting), scale)
+            refitted = _predicted(testing, nominal, scale)
+            for j in np.unique(testing.outputs):
+                if testing.model.outputs[j].event:
+                    truly, believed = np.clip(true[j], *CHANCES), np.clip(refitted[j], *CHANCES)
+                    squares = 2.0 * (_cross_entropy(truly, believed) - _cross_entropy(truly, truly))
                 else:
-                    gap = (_observed(testing, true, j) - _observed(testing, refitted, j)) ** 2
-                result[j] = math.sqrt(float(np.mean(gap)))
+                    squares = (true[j] - refitted[j]) ** 2
+                result[j] = math.sqrt(float(np.mean(squares)))
         return result
 
     def _refitted(
@@ -273,24 +277,43 @@ class _Pair:
             first = fit(training, start, free, np.diag(1 / training.output_scale))
             whitener = diagonal_whitener(training, first.raw)
         else:
-            whitener = np.diag(1 / np.where(training.events, 1.0, scale[training.outputs]))
+            whitener = _whitener(training, scale)
         return testing, fit(training, start, free, whitener).parameters
 
 
-def _observed(problem: Problem, found: Prediction, output: int) -> FloatArray:
-    """An output as predicted where it was measured."""
+def _predicted(problem: Problem, parameters: FloatArray, scale: FloatArray | None) -> dict[int, FloatArray]:
+    """Every output as predicted where it was measured, from the states that fit best.
+
+    Outputs count by the error of records with noise, in records without it too: else the smallest errors
+    would count most.
+    """
+    if scale is None:
+        simulated = predict(problem, parameters).simulated
+    else:
+        states = fit(problem, parameters, NONE, _whitener(problem, scale), None, 10).states
+        simulated = problem.samples(parameters, states)
+    return _where_measured(problem, simulated)
+
+
+def _where_measured(problem: Problem, values: Sequence[FloatArray]) -> dict[int, FloatArray]:
+    """Values of all windows, where an output was measured, by output."""
+    measured = _measured(problem)
+    return {
+        int(j): np.concatenate(
+            [v[:, :, j][np.isfinite(m[:, :, j])] for v, m in zip(values, measured, strict=True)]
+        )
+        for j in np.unique(problem.outputs)
+    }
+
+
+def _measured(problem: Problem) -> list[FloatArray]:
+    """Measured values of all windows, (windows, samples, outputs) a recording; NaN where there is none."""
     names = tuple(o.name for o in problem.model.outputs)
-    return np.concatenate(
-        [
-            values[:, :, output][np.isfinite(part.windows.measured(names)[:, :, output])]
-            for part, values in zip(problem.parts, found.simulated, strict=True)
-        ]
-    )
+    return [part.windows.measured(names) for part in problem.parts]
 
 
-def _chances(problem: Problem, found: Prediction, output: int) -> FloatArray:
-    """Predicted chances of an event, short of certainty."""
-    return np.clip(_observed(problem, found, output), 1e-3, 1.0 - 1e-3)
+def _whitener(problem: Problem, scale: FloatArray) -> FloatArray:
+    return np.asarray(np.diag(1 / np.where(problem.events, 1.0, scale[problem.outputs])))
 
 
 def _cross_entropy(truly: FloatArray, believed: FloatArray) -> FloatArray:

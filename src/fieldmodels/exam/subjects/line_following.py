@@ -37,6 +37,10 @@ class LineFollowing(Subject):
         }
     )
 
+    alike = frozenset(
+        {frozenset({"foot_slip", "turn_gain"}), frozenset({"foot_slip", "actuator_delay"})}
+    )  # slip without a shorter stride is a gain and a delay
+
     def record(
         self,
         reality: EffectValues,

@@ -30,6 +30,7 @@ class PoseReaching(Subject):
             "compass": "A compass whose error depends on the heading (hard iron).",
         }
     )
+    alike = frozenset({frozenset({"actuator_lag", "actuator_delay"})})
     constants = MappingProxyType({"parameter_step.time": 0.45 * DURATION})
 
     def record(

@@ -33,6 +33,8 @@ class UavRoute(Subject):
         }
     )
 
+    alike = frozenset({frozenset({"signature_scale", "radar_range_scale"})})
+
     def record(
         self,
         reality: EffectValues,
