@@ -22,6 +22,7 @@ from fieldgym.settings import read_settings
 from fieldmodels.reality import read_reality
 from fieldmodels.uav_route.flight import FLYING, NUMBERS
 from fieldmodels.uav_route.flights import Flights, Leg, Rules, Score, observed_names
+from fieldmodels.uav_route.layouts import distance_around, side_on_range
 from fieldmodels.uav_route.model import UavRoute
 from fieldmodels.uav_route.parameters import (
     EXAMPLE,
@@ -95,6 +96,8 @@ class UavRouteSettings:
         longest_leg: Longest leg [km].
         length_cost: Cost of a kilometre flown.
         progress_reward: Reward of a kilometre by which the goal has come nearer.
+        progress: How far the goal is, for that reward: ``straight``, or ``around`` the circle in which the
+            radar next to the goal sees an aircraft's side.
         arrival_reward: Reward of arriving.
         damage_cost: Cost of being hit.
         late_cost: Cost of running out of legs.
@@ -123,6 +126,7 @@ class UavRouteSettings:
     longest_leg: Positive = 500.0
     length_cost: NotNegative = 0.01
     progress_reward: NotNegative = 0.01
+    progress: Literal["straight", "around"] = "straight"
     arrival_reward: NotNegative = 1.0
     damage_cost: NotNegative = 1.5
     late_cost: NotNegative = 1.0
@@ -171,7 +175,7 @@ class UavRouteSettings:
             longest_leg=self.longest_leg,
             score=Score(
                 length=self.length_cost,
-                progress=self.progress_reward,
+                progress=self.progress_reward if self.progress == "straight" else 0.0,
                 arrival=self.arrival_reward,
                 damage=self.damage_cost,
                 late=self.late_cost,
@@ -220,6 +224,7 @@ class _Flight(Play):
         self.reality = read_reality(reality, model)
         self.flights = Flights(batch, rules, model.plant(self.reality.vector(model)))
         self.elapsed = np.zeros(batch, dtype=np.int64)
+        self._side_on = side_on_range(rules.world.detection)
         self._drawing = drawing
         self._trails: list[list[Floats]] = [[] for _ in range(batch)]
         self._plan: Floats | None = None
@@ -259,6 +264,7 @@ class _Flight(Play):
         """Take every flight through one leg."""
         settings, flights = self.settings, self.flights.flights
         before = flights["place"].copy(), flights["course"].copy(), flights["time_over"].copy()
+        distance = self._around()
         going = flights["over"] == FLYING
         legs = np.empty_like(actions)
         legs[:, 0] = math.pi * actions[:, 0]
@@ -270,14 +276,24 @@ class _Flight(Play):
             for i in np.flatnonzero(going).tolist():
                 self._trace(i, before[0][i], before[1][i])
         detected = flights["time_over"] - before[2]
-        cost = settings.detection_cost * detected + settings.sighting_cost * (detected > 0.0)
+        gain = settings.progress_reward * (distance - self._around())
+        gain -= settings.detection_cost * detected + settings.sighting_cost * (detected > 0.0)
         return Outcome(
             observation=self.observation(),
-            reward=leg.reward - cost,
+            reward=leg.reward + gain,
             terminated=leg.over != FLYING,
-            truncated=np.zeros(len(cost), dtype=np.bool_),
+            truncated=np.zeros(len(gain), dtype=np.bool_),
             info=self._info(leg),
         )
+
+    def _around(self) -> Floats | float:
+        """Distance to the goal past the circle of its radar [km], or 0 if it does not count."""
+        if self.settings.progress == "straight":
+            return 0.0
+        flights, rules = self.flights.flights, self.flights.rules
+        circle = math.sqrt(max(self._side_on**2 - rules.world.aircraft.altitude**2, 0.0))
+        radars = flights["radars"][:, : rules.count]
+        return distance_around(flights["place"], flights["goal"], radars, circle)
 
     def _info(self, leg: Leg) -> dict[str, Any]:
         """Everything that is told beside the observation."""
