@@ -3,26 +3,38 @@
     python benchmarks/uav_route_planners.py --sides 24 --time-limit 600
     python benchmarks/uav_route_planners.py --readings
     python benchmarks/uav_route_planners.py --layouts --time-limit 60
+    python benchmarks/uav_route_planners.py --two
+    python benchmarks/uav_route_planners.py --agents 20
 
 For detection thresholds 0.5, 0.6, 0.7, and for 0.5 with a lock lost in four steps: the program as printed,
 the same with its table's headings added up, whole legs, and the lattice. One line a plan, as it comes: how
 the search ended, its size, its time, the ratio of the printed program's time to it, and what the continuous
 model says of the plan. The source's program has 15,363 binaries, 72 linear variables and 10,359 constraints.
 ``--readings`` prints what the slack and the form of (4.33) change, flown with the bank and without;
-``--layouts`` a detour around one radar and a way between three.
+``--layouts`` a detour around one radar and a way between three, with the ratio to the lattice's time;
+``--two`` the source's two aircraft; ``--agents`` what the planning agents need on random layouts.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import gymnasium
+import numpy as np
+
+from fieldagents.evaluation.seeds import TUNING_SEEDS
+from fieldagents.reference.uav_route.agents import legs, legs_lock_loss, legs_low, over_lattice, printed
 from fieldagents.reference.uav_route.lattice import lattice_plan
 from fieldagents.reference.uav_route.legs import leg_plan
+from fieldagents.reference.uav_route.lower_bound import layouts_of
 from fieldagents.reference.uav_route.plan import Plan
-from fieldagents.reference.uav_route.printed import Form, printed_plan
-from fieldmodels.uav_route.parameters import EXAMPLE, Aircraft, Detection, Layout, World
+from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan
+from fieldgym.uav_route import UavRouteSettings
+from fieldmodels.uav_route.parameters import EXAMPLE, SECOND_UAV, Aircraft, Detection, Layout, World
 from fieldmodels.uav_route.refly import refly
 
 HEAD = (
@@ -68,14 +80,55 @@ def layouts(more: dict[str, Any]) -> None:
     around = Layout((0.0, 600.0), (340.0, 0.0), EXAMPLE.radars)
     three = Layout((-100.0, -600.0), (0.0, 600.0), ((0.0, 0.0), (700.0, 250.0), (-700.0, 250.0)))
     for name, layout, spacing, detour in (("around", around, 20.0, 1.5), ("three radars", three, 40.0, 2.0)):
-        legs = leg_plan(layout, legs=3, **more)
-        print(f"{name}: lower bound {legs.lower_bound:.1f} km")
-        for plan in (
-            legs,
-            lattice_plan(layout, spacing=spacing, detour=detour),
-            lattice_plan(layout, spacing=spacing, detour=detour, lock_loss=True),
-        ):
-            print(line(plan, 0.5, legs), flush=True)
+        lattice = lattice_plan(layout, spacing=spacing, detour=detour)
+        print(f"{name}: lower bound {lattice.lower_bound:.1f} km")
+        step = 1.2 * lattice.length / (12 * World().aircraft.speed)
+        form = Form(lookup="sets", step_time=step)
+        planned = (
+            ("two legs", partial(leg_plan, layout, legs=2, **more)),
+            ("three legs", partial(leg_plan, layout, legs=3, **more)),
+            ("guided by the lattice", partial(leg_plan, layout, guide=lattice.waypoints, **more)),
+            ("lattice", lambda plan=lattice: plan),
+            ("lock loss", partial(lattice_plan, layout, spacing=spacing, detour=detour, lock_loss=True)),
+            (f"12 steps of {step:.0f} s", partial(printed_plan, layout, form=form, **more)),
+        )
+        for title, function in planned:
+            print(f"{title}:\n{line(function(), 0.5, lattice)}", flush=True)
+
+
+def two(more: dict[str, Any]) -> None:
+    """The source's two aircraft: each alone, and both in one program."""
+    for form in (Form(lookup="sets"), Form(lookup="sets", lock_loss=4)):
+        print(f"two aircraft, lock loss {form.lock_loss}")
+        for group in ((EXAMPLE,), (SECOND_UAV,), (EXAMPLE, SECOND_UAV)):
+            for plan in joint_printed_plans(group, form=form, **more):
+                print(line(plan, 0.5, plan), f" cost {plan.search.objective:g} s", flush=True)
+
+
+def agents(count: int) -> None:
+    """What the planning agents need for one of the environment's random layouts."""
+    envs = gymnasium.make_vec("fieldgym/UavRoute-v0", num_envs=count, vectorization_mode="vector_entry_point")
+    _, info = envs.reset(seed=TUNING_SEEDS[0])
+    drawn = layouts_of(info)
+    envs.close()
+    settings = UavRouteSettings()
+    planners = {
+        "legs": legs,
+        "legs-low": legs_low,
+        "legs-lock-loss": legs_lock_loss,
+        "lattice": over_lattice(settings, lock_loss=False),
+        "lattice-lock-loss": over_lattice(settings, lock_loss=True),
+        "printed": printed(lock_loss=False),
+    }
+    print(f"{'planner':20}{'median s':>10}{'largest s':>10}{'found':>7}")
+    for name, planner in planners.items():
+        planner(drawn[0], settings.world, None)  # compiled before any clock runs
+        took, found = [], 0
+        for layout in drawn:
+            begun = time.perf_counter()
+            found += planner(layout, settings.world, None).found
+            took.append(time.perf_counter() - begun)
+        print(f"{name:20}{np.median(took):10.3f}{max(took):10.2f}{found:4d}/{count}", flush=True)
 
 
 def main() -> None:
@@ -87,13 +140,19 @@ def main() -> None:
     parser.add_argument("--solver", default="auto", choices=["auto", "highs", "cbc"])
     parser.add_argument("--readings", action="store_true")
     parser.add_argument("--layouts", action="store_true")
+    parser.add_argument("--two", action="store_true")
+    parser.add_argument("--agents", type=int, default=0, metavar="LAYOUTS")
     given = parser.parse_args()
     more: dict[str, Any] = {"solver": given.solver, "time_limit": given.time_limit}
     lattice_plan(EXAMPLE, spacing=25.0)  # compiled before any clock runs
-    leg_plan(EXAMPLE, legs=2, **more)
+    for threshold in (0.5, 0.6, 0.7):  # nor is it timed what each world's distances are, for anyone
+        leg_plan(EXAMPLE, World(detection=Detection(threshold=threshold)), **more)
+    if given.agents:
+        agents(given.agents)
+        return
     print(HEAD, flush=True)
-    if given.readings or given.layouts:
-        for wanted, function in ((given.readings, readings), (given.layouts, layouts)):
+    if given.readings or given.layouts or given.two:
+        for wanted, function in ((given.readings, readings), (given.layouts, layouts), (given.two, two)):
             if wanted:
                 function(more)
         return
@@ -112,6 +171,9 @@ def main() -> None:
                 lambda w=world: lattice_plan(EXAMPLE, w),
             ]
         else:
+            others += [
+                lambda w=world, n=n: leg_plan(EXAMPLE, w, legs=n, lock_loss=True, **more) for n in (2, 3, 4)
+            ]
             others.append(lambda w=world: lattice_plan(EXAMPLE, w, lock_loss=True))
         for planned in others:
             print(line(planned(), threshold, printed), flush=True)

@@ -178,7 +178,7 @@ class Planner(Agent):
             self._routes[i] = self._routes[i][1:]
 
 
-def _printed(lock_loss: bool) -> Planning:
+def printed(*, lock_loss: bool) -> Planning:
     """The source's program with its twelve steps, as long as the way needs them to be."""
 
     def plan(layout: Layout, world: World, heading: float | None) -> Plan:  # noqa: ARG001
@@ -202,7 +202,7 @@ def legs(layout: Layout, world: World, heading: float | None) -> Plan:
     return leg_plan(layout, world, legs=3, heading=heading, time_limit=TIME_LIMIT)
 
 
-def _legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
+def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
     """Whole legs at the lowest of some thresholds that leaves a way."""
     for threshold in CALM:
         if threshold < world.detection.threshold:
@@ -213,13 +213,16 @@ def _legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
     return legs(layout, world, heading)
 
 
-def _legs_lock_loss(layout: Layout, world: World, heading: float | None) -> Plan:
+def legs_lock_loss(layout: Layout, world: World, heading: float | None) -> Plan:
+    """Three legs that may be detected for a while."""
     return leg_plan(
         layout, world, legs=3, directions=36, lock_loss=True, heading=heading, time_limit=TIME_LIMIT
     )
 
 
-def _lattice(lock_loss: bool, settings: UavRouteSettings) -> Planning:
+def over_lattice(settings: UavRouteSettings, *, lock_loss: bool) -> Planning:
+    """The lattice, as fine as the way is short."""
+
     def plan(layout: Layout, world: World, heading: float | None) -> Plan:
         straight = math.dist(layout.start, layout.goal)
         spacing = max(LATTICE_LEG, straight / NODES)
@@ -272,30 +275,32 @@ REFERENCES = (
     _reference(
         "printed",
         "The source's program (4.8)-(4.32), twelve steps as long as the way needs, at most 30 s",
-        lambda _: _printed(False),
+        lambda _: printed(lock_loss=False),
     ),
-    _reference("printed_lock_loss", "The same with lock loss, (4.33)", lambda _: _printed(True), direct=True),
+    _reference(
+        "printed_lock_loss", "The same with lock loss, (4.33)", lambda _: printed(lock_loss=True), direct=True
+    ),
     _reference("legs", "Two or three certified legs by a small program, then polished", lambda _: legs),
     _reference(
         "legs_low",
         "The same at the lowest probability of detection that leaves a way",
-        lambda _: _legs_low,
+        lambda _: legs_low,
     ),
     _reference(
         "legs_lock_loss",
         "Three legs that may be detected as long as no missile is launched, at most 30 s",
-        lambda _: _legs_lock_loss,
+        lambda _: legs_lock_loss,
         direct=True,
     ),
     _reference(
         "lattice",
         "Shortest path over a lattice, undetected",
-        lambda settings: _lattice(False, settings),
+        lambda settings: over_lattice(settings, lock_loss=False),
     ),
     _reference(
         "lattice_lock_loss",
         "Shortest path over a lattice, detected as long as no missile is launched",
-        lambda settings: _lattice(True, settings),
+        lambda settings: over_lattice(settings, lock_loss=True),
         direct=True,
     ),
     _reference(
