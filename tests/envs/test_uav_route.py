@@ -9,7 +9,7 @@ from fieldgym.settings import SettingsError
 from fieldgym.uav_route import UavRouteSettings, actions_towards
 from fieldmodels.model import ModelError
 from fieldmodels.uav_route.flights import NUMBERS, observed_names
-from fieldmodels.uav_route.layouts import safe_route
+from fieldmodels.uav_route.layouts import distance_around, safe_route
 from fieldmodels.uav_route.parameters import EXAMPLE, INSTANT_KILL
 from fieldmodels.uav_route.refly import refly
 
@@ -114,6 +114,41 @@ def test_reward_is_what_the_page_says():
         before = info
     assert (seen > 0).any()
     assert terminated.all()
+
+
+def test_progress_around_the_circle_is_a_potential():
+    """Its rewards sum up to a difference of distances, whatever way is flown; a safe route loses little."""
+    envs = vector(1, layout="example", progress="around", length_cost=0.0, lock_loss=False)
+    _, rewards = fly(envs, SAFE)
+    potential = rewards.sum() - 1.0  # less the arrival
+    away = vector(1, layout="example", progress="around", length_cost=0.0, engage=1e9)
+    detour = [EXAMPLE.start, (400.0, 150.0), (420.0, 40.0), (330.0, 5.0), (345.0, 0.0)]
+    infos, rewards = fly(away, detour)
+    assert infos[-1]["success"][0] == 1
+    left = [
+        distance_around(np.array([place]), np.array([EXAMPLE.goal]), np.zeros((1, 1, 2)), 364.06)[0]
+        for place in (EXAMPLE.start, SAFE[2] * 345 / 340, infos[-1]["place"][0])
+    ]
+    assert left[0] == pytest.approx(139.14, abs=0.6)  # tangent, arc and spiral of the lower bound
+    assert potential == pytest.approx(0.01 * (left[0] - left[1]), abs=1e-4)
+    assert rewards.sum() - 1.0 == pytest.approx(0.01 * (left[0] - left[2]), abs=1e-4)
+
+
+def test_distance_around_is_at_least_straight_and_has_no_jumps():
+    """For goals within the circle: a step of 100 m changes it by no more than 400 m."""
+    rng = np.random.default_rng(0)
+    n = 20_000
+    goals = np.column_stack([rng.uniform(250, 362, n), np.zeros(n)])
+    radius, bearing = rng.uniform(100, 700, n), rng.uniform(-np.pi, np.pi, n)
+    places = np.column_stack([radius * np.cos(bearing), radius * np.sin(bearing)])
+    moved = places + 0.1 * np.column_stack([np.cos(2 * bearing), np.sin(2 * bearing)])
+    one, other = (distance_around(at, goals, np.zeros((n, 1, 2)), 364.06) for at in (places, moved))
+    assert np.abs(one - other).max() < 0.4
+    assert (one >= np.hypot(*(goals - places).T) - 1e-9).all()
+    outwards = np.column_stack([radius, np.zeros(n)])[radius > goals[:, 0]]
+    goals = goals[radius > goals[:, 0]]
+    straight = distance_around(outwards, goals, np.zeros((len(goals), 1, 2)), 364.06)
+    np.testing.assert_allclose(straight, outwards[:, 0] - goals[:, 0], atol=1e-9)
 
 
 def test_a_turned_map_gives_the_same_episode():

@@ -1,0 +1,112 @@
+"""Speed of the UAV-route environment beside its own kernel and Gymnasium's CartPole, within one run.
+
+python benchmarks/uav_route_env_speed.py
+
+Both environments are stepped with actions drawn beforehand, episodes restart as they end, and all that a
+step returns is made (observation, reward, flags, info). Rounds alternate between all rows, and each round's
+processor time is taken; printed are the fastest round of each and its ratio to CartPole's native vector form
+with as many environments.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import fieldgym  # noqa: F401 - registers the environments
+from fieldmodels.uav_route.flights import Flights, Rules
+
+OURS, THEIRS = "fieldgym/UavRoute-v0", "CartPole-v1"
+ROUNDS = 12
+SECONDS = 0.1
+ACTIONS = 64
+
+
+def native(name: str, count: int, **settings: Any) -> Callable[[int], object]:
+    """A step of a native vector environment, with the k-th of its actions."""
+    options = {"settings": settings} if settings else {}
+    env = gym.make_vec(name, num_envs=count, vectorization_mode="vector_entry_point", **options)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(ACTIONS)]
+    return lambda k: env.step(actions[k % ACTIONS])
+
+
+def scalar(name: str) -> Callable[[int], object]:
+    """A step of a single environment, which restarts at an episode's end."""
+    env = gym.make(name)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(ACTIONS)]
+
+    def step(k: int) -> None:
+        _, _, terminated, truncated, _ = env.step(actions[k % ACTIONS])
+        if terminated or truncated:
+            env.reset()
+
+    return step
+
+
+def kernel(count: int) -> Callable[[int], object]:
+    """A leg of the bare kernel, with the lengths that the environment's actions mean."""
+    rules, rng = Rules(longest_leg=500.0), np.random.default_rng(0)
+    flights = Flights(count, rules)
+    for i in range(count):
+        flights.seed(i, np.random.default_rng(i))
+    flights.restart(range(count))
+    spread = rules.longest_leg / rules.least_leg
+    actions = [
+        np.column_stack(
+            [rng.uniform(-math.pi, math.pi, count), rules.least_leg * spread ** rng.uniform(0, 1, count)]
+        )
+        for _ in range(ACTIONS)
+    ]
+    return lambda k: flights.advance(actions[k % ACTIONS], restarting=True)
+
+
+def steps_a_second(steppers: dict[str, tuple[Callable[[int], object], int]]) -> dict[str, float]:
+    """Steps of environments a second of each stepper, its fastest round of several."""
+    for step, _ in steppers.values():
+        step(0)  # may compile
+    best = dict.fromkeys(steppers, 0.0)
+    for _ in range(ROUNDS):
+        for name, (step, count) in steppers.items():
+            calls, begin, start = 0, time.process_time(), time.perf_counter()
+            while time.perf_counter() - start < SECONDS:
+                for k in range(16):
+                    step(k + calls)
+                calls += 16
+            best[name] = max(best[name], calls * count / (time.process_time() - begin))
+    return best
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'':44s}{'steps/s':>12s}{'of CartPole':>13s}")
+    for count in (64, 1024):
+        rates = steps_a_second(
+            {
+                f"kernel alone, {count}": (kernel(count), count),
+                f"native vector, {count}": (native(OURS, count), count),
+                f"native vector, no lock is lost, {count}": (native(OURS, count, lock_loss=False), count),
+                f"native vector, drawn looks, {count}": (native(OURS, count, detection="stochastic"), count),
+                f"native vector, 4 radars, {count}": (native(OURS, count, radars=4), count),
+                f"CartPole, native vector, {count}": (native(THEIRS, count), count),
+            }
+        )
+        base = list(rates.values())[-1]
+        for name, value in rates.items():
+            print(f"{name:44s}{value:12,.0f}{value / base:13.2f}")
+    rates = steps_a_second({"one environment": (scalar(OURS), 1), "CartPole, one": (scalar(THEIRS), 1)})
+    base = list(rates.values())[-1]
+    for name, value in rates.items():
+        print(f"{name:44s}{value:12,.0f}{value / base:13.2f}")
+
+
+if __name__ == "__main__":
+    main()
