@@ -160,10 +160,11 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             progress(f"trying sets of {size}", 0.2 + 0.1 * size)
             whitener, parents = candidates.whitener, [c for c in level if c is not chosen][:PARENTS]
             children = _grown(candidates, [chosen, *parents] if chosen.effects else parents)
-            if not children or not _called_for(candidates, chosen, parents, children[0]):
+            larger = _called_for(candidates, chosen, parents, children)
+            if larger is None:
                 candidates.whitener = whitener
                 break
-            chosen, level, levels[size] = children[0], children, children
+            chosen, level, levels[size] = larger, children, children
         elif level and accepted(base, level[0], blocks):
             chosen = level[0]
         # Nothing alone is called for: a pair may be, but no larger set.
@@ -216,14 +217,23 @@ def _simplest(
 
 
 def _called_for(
-    candidates: Candidates, chosen: Candidate, parents: list[Candidate], child: Candidate
-) -> bool:
-    """Whether a larger set is accepted; a pair from nothing must also beat each of its parents clearly."""
+    candidates: Candidates, chosen: Candidate, parents: list[Candidate], children: list[Candidate]
+) -> Candidate | None:
+    """The larger set that is accepted, if any; a pair from nothing must also beat its parents clearly.
+
+    A set of more effects with fewer parameters need only fit better: the one with more may be it in
+    disguise (a long wave of the place, for a constant and a cubic force).
+    """
     blocks = candidates.problem.blocks
-    if not accepted(candidates.again(chosen), child, blocks):
-        return False
-    inside = [p for p in parents if set(p.effects) < set(child.effects)] if not chosen.effects else []
-    return all(accepted(candidates.again(p), child, blocks) for p in inside)
+    before = candidates.again(chosen)
+    for child in children:
+        if child.size < chosen.size and before.total - child.total > SAME_ANYHOW:
+            return child
+    if not children or not accepted(before, children[0], blocks):
+        return None
+    best = children[0]
+    inside = [p for p in parents if set(p.effects) < set(best.effects)] if not chosen.effects else []
+    return best if all(accepted(candidates.again(p), best, blocks) for p in inside) else None
 
 
 def same(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
@@ -251,9 +261,11 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
                 jobs.append((promise, parent, name))
     jobs.sort(key=lambda job: -job[0])
     best: dict[frozenset[str], Candidate] = {}
+    model = candidates.problem.model
     for i, (promise, parent, name) in enumerate(jobs):
-        if i >= TRIED_AT_LEAST and promise < TRIED_ABOVE:
-            break
+        simpler = parent.size + len(model.effect(name).parameters) < parents[0].size
+        if i >= TRIED_AT_LEAST and promise < (-2 * SAME_GAIN if simpler else TRIED_ABOVE):
+            continue
         child = candidates.extend(parent, name)
         if child is None:
             continue
