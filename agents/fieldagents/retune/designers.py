@@ -35,6 +35,7 @@ TABLES = {
     "heel_strike": "fieldagents.retune.heel_strike:DESIGNERS",
     "line_following": "fieldagents.retune.line_following:DESIGNERS",
     "pose_reaching": "fieldagents.retune.pose_reaching:DESIGNERS",
+    "uav_route": "fieldagents.retune.uav_route:DESIGNERS",
 }
 """Where each task's designers are listed, the first being the most telling; imported when asked for."""
 
