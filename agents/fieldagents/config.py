@@ -337,15 +337,15 @@ class WalkConfig(Config):
     regimes: bool = False
 
 
-DRIVEN = ("excitation", "step", "episodes", "noise")
+DRIVEN = ("excitation", "input", "step", "episodes", "noise")
 """Keys of a recording of a model with a commanded input."""
 
 RECORD_KEYS = {
     "excitation": ("step", "episodes", "noise"),
     "heel_strike": ("walk",),
     "line_following": ("settings",),
-    "pose_reaching": ("step", "episodes", "noise"),
-    "differential_drive": ("step", "episodes", "noise"),
+    "pose_reaching": ("input", "step", "episodes", "noise"),
+    "differential_drive": ("input", "step", "episodes", "noise"),
     "uav_route": ("step", "episodes", "noise"),
 }
 """Keys of a recording of the other models, which move by themselves or by random commands of their own."""
@@ -359,6 +359,8 @@ class RecordConfig(Config):
         model: Name of the model; a user's own is named on the command line (``--set model=my_bench.py``).
         reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
         excitation: How the input is driven, for a model with a commanded input; tasks' robots move at random.
+        input: CSV or Parquet file of commands that are played instead, as `fieldgym diagnose` plans them: `t`
+            and a column an input, at `step`, for `duration` at least.
         walk: The noise of a walk, for ``heel_strike``, which nobody drives.
         settings: Line, plant and noise of a walk, for ``line_following``: settings of its environment.
         duration: Length of an episode [s].
@@ -373,6 +375,7 @@ class RecordConfig(Config):
     model: str
     reality: RealityConfig = None
     excitation: ExcitationConfig | None = None
+    input: Path | None = None
     walk: WalkConfig | None = None
     settings: dict[str, Any] | None = None
     duration: float = Field(gt=0, le=36_000)
@@ -400,7 +403,7 @@ class RecordConfig(Config):
             check_reality(info.data["model"], reality)
         return reality
 
-    @field_validator("excitation", "walk", "settings", "step", "episodes", "noise")
+    @field_validator("excitation", "input", "walk", "settings", "step", "episodes", "noise")
     @classmethod
     def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
         model = info.data.get("model")

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from fieldagents.config import ExcitationConfig, RecordConfig, WalkConfig
-from fieldmodels.model import Model
+from fieldmodels.model import FloatArray, Model
 from fieldmodels.reality import Reality, read_reality
-from fieldmodels.recording import Recording
-from fieldmodels.recording_files import save_recording
+from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.recording_files import load_recording, save_recording
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
@@ -64,7 +64,7 @@ def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random
     return synthesise(
         model,
         reality,
-        drive.kind,
+        drive.kind if config.input is None else commands(config, model, 0.01),
         duration=config.duration,
         step=config.step or 0.01,
         amplitude=drive.amplitude,
@@ -72,6 +72,41 @@ def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random
         rng=rng,
         noise=config.noise,
     )
+
+
+def commands(config: RecordConfig, model: Model, usual_step: float) -> FloatArray:
+    """The commands of the config's ``input`` file, cut to its duration, shape (n, inputs).
+
+    Args:
+        config: With an ``input``.
+        model: Says which columns.
+        usual_step: Sampling interval if the config states none [s].
+
+    Raises:
+        RecordingError: If the file lacks an input, has another step, or is too short.
+    """
+    assert config.input is not None
+    planned = load_recording(config.input)
+    names = [signal.name for signal in model.inputs]
+    missing = [name for name in names if name not in planned]
+    if missing:
+        raise RecordingError(
+            f"{config.input}: model {model.name!r} is commanded by {', '.join(names)}; column "
+            f"{', '.join(missing)} is missing"
+        )
+    step = config.step or usual_step
+    if abs(planned.step - step) > 1e-6 * step:
+        raise RecordingError(
+            f"{config.input}: rows are {planned.step:g} s apart, the recording's step is {step:g} s; "
+            f"set step: {planned.step:g}"
+        )
+    count = round(config.duration / step)
+    if len(planned) < count:
+        raise RecordingError(
+            f"{config.input}: {len(planned) * step:g} s of commands, but duration is {config.duration:g} s; "
+            f"set duration: {len(planned) * step:g}"
+        )
+    return np.column_stack([planned[name] for name in names])[:count]
 
 
 def _experiment(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
@@ -120,9 +155,20 @@ def _line(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Gener
 def _drive(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
     """A robot that drives by random commands."""
     from fieldmodels.pose_reaching.model import PoseReaching
-    from fieldmodels.pose_reaching.recording import record_drive
+    from fieldmodels.pose_reaching.recording import record_commands, record_drive
 
     assert isinstance(model, PoseReaching)
+    if config.input is not None:
+        given = commands(config, model, 0.05)
+        return record_commands(
+            given,
+            rng,
+            reality,
+            step=config.step or 0.05,
+            episodes=config.episodes,
+            noise=config.noise,
+            model=model,
+        )
     return record_drive(
         config.duration,
         rng,

@@ -146,8 +146,11 @@ class Model(ABC):
         horizons: Prediction horizons [s] of a diagnosis, shortest first; the second is the main one.
         disturbance_unit: Unit of the additive generalised force that ``Windows.disturbance`` holds,
             empty if the model has no such entry.
+        measured_inputs: Signals that a recording may have of what the machine made of its commands, one for
+            each input; see ``stages``.
         random_force: True if random forces drive the real machine, so that errors far above the sensors'
             noise prove nothing by themselves.
+        inputs_are_free: False where nobody can play any input that he likes (a walker's own steering).
     """
 
     name: str
@@ -159,6 +162,8 @@ class Model(ABC):
     horizons: tuple[float, ...]
     disturbance_unit: str = ""
     random_force: bool = False
+    inputs_are_free: bool = True
+    measured_inputs: tuple[Signal, ...] = ()
 
     @abstractmethod
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
@@ -224,6 +229,11 @@ class Model(ABC):
         """
         del recordings
         return (Stage(self, tuple(effect.name for effect in self.effects)),)
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """Everything that a recording may hold for this model."""
+        return (*self.inputs, *self.outputs, *self.measured_inputs)
 
     @cached_property
     def all_parameters(self) -> tuple[Parameter, ...]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.correlation import correlations
+from fieldmodels.diagnosis.events import calibration
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Evidence
@@ -42,6 +43,7 @@ def collect(
         traces=_traces(testing, *predictions),
         residuals=_residuals(training, before, after),
         correlations=correlations(testing, after, *predictions, rng),
+        calibration=_calibration(testing, *predictions),
         ranking=ranking,
     )
 
@@ -71,6 +73,26 @@ def _traces(problem: Problem, before: Prediction, after: Prediction) -> dict[str
     }
 
 
+def _calibration(
+    problem: Problem, before: Prediction, after: Prediction
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Predicted against observed frequency of every event signal."""
+    outputs = tuple(o.name for o in problem.model.outputs)
+    measured = [part.windows.measured(outputs) for part in problem.parts]
+    result = {}
+    for j in _used(problem):
+        if not problem.model.outputs[j].event:
+            continue
+        seen = [np.isfinite(values[:, :, j]) for values in measured]
+        happened = np.concatenate([values[:, :, j][s] for values, s in zip(measured, seen, strict=True)])
+        first, last = (
+            np.concatenate([one[:, :, j][s] for one, s in zip(p.simulated, seen, strict=True)])
+            for p in (before, after)
+        )
+        result[outputs[j]] = calibration(first, happened), calibration(last, happened)
+    return result
+
+
 def _residuals(problem: Problem, before: FloatArray, after: FloatArray) -> dict[str, dict[str, FloatArray]]:
     """Mean residual with its standard error in bins of time, the signals and the inputs.
 
@@ -81,12 +103,13 @@ def _residuals(problem: Problem, before: FloatArray, after: FloatArray) -> dict[
     against: dict[str, list[FloatArray]] = {}
     windows_of: list[NDArray[np.int64]] = []
     first, last = predict(problem, before), predict(problem, after)
+    recordings = [part.windows.recording for part in problem.parts]
+    inputs = [s.name for s in problem.model.inputs if max(len(np.unique(r[s.name])) for r in recordings) > 2]
     offset = 0
     for part, a, b in zip(problem.parts, first.simulated, last.simulated, strict=True):
         recording = part.windows.recording
         rows = np.minimum(part.windows.starts[:, None] + np.arange(a.shape[1]), len(recording) - 1)
         measured = part.windows.measured(outputs)
-        inputs = [s.name for s in problem.model.inputs if len(np.unique(recording[s.name])) > 2]
         against.setdefault("time", []).append(recording.time[rows].ravel())
         for j in _used(problem):
             against.setdefault(outputs[j], []).append(a[:, :, j].ravel())

@@ -148,6 +148,10 @@ class Dictionary:
         model = self.problem.model
         first = 0
         collected: dict[str, tuple[str, list[FloatArray]]] = {}
+        recorded = [part.windows.recording for part in self.problem.parts]
+        moving = {  # a flag or a setting moves nothing
+            s.name for s in model.inputs if max(len(np.unique(r[s.name])) for r in recorded) > 3
+        }
         for part, stretch in zip(self.problem.parts, self.stretch, strict=True):
             windows = part.windows
             # A fitted state knows the random force of its window, which would pass for a force that
@@ -171,7 +175,7 @@ class Dictionary:
                     signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
             for signal in model.inputs:
                 values = recording[signal.name]
-                if len(np.unique(values)) > 3:  # a flag or a setting moves nothing
+                if signal.name in moving:
                     signals[signal.name] = (signal.unit, values[rows])
                     lag = max(1, stretch.shape[1] // STRETCHES)
                     before = values[np.maximum(rows - lag, 0)]

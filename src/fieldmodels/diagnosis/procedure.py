@@ -157,7 +157,7 @@ def _diagnose_stage(
         misfit=misfit(training, selection.base, candidates.folds),
         gain=_gains(testing, (selection.base, extended), (before, after), rng),
         unknown=unknown,
-        next_measurement=(next_measurement(candidates, selection, rng) if verdict == "ambiguous" else None),
+        next_measurement=next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=tuple(
             p.name

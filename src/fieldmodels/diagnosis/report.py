@@ -15,6 +15,7 @@ from fieldmodels import html
 from fieldmodels.diagnosis.result import Diagnosis, Estimate
 from fieldmodels.files import write_text
 from fieldmodels.model import FloatArray
+from fieldmodels.recording_files import save_recording
 from fieldmodels.yaml import save_yaml
 
 COLUMNS = 3  # axes beside each other
@@ -25,6 +26,9 @@ TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "
 def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
     """Write ``diagnosis.json``, ``report.html`` and ``extended.yaml``; each appears whole or not at all.
 
+    If a next measurement is planned, also its commands, ``next_input.csv``, and ``next_record.yaml``, with
+    which ``fieldgym record`` plays them.
+
     Returns:
         File name to path.
     """
@@ -34,6 +38,20 @@ def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
     title = f"What the simulation {diagnosis.model!r} gets wrong"
     write_text(paths["report.html"], html.page(title, report_section(diagnosis)))
     save_yaml(diagnosis.extended(), paths["extended.yaml"])
+    plan = diagnosis.next_measurement.plan if diagnosis.next_measurement else None
+    if plan is not None:
+        paths |= {name: directory / name for name in ("next_input.csv", "next_record.yaml")}
+        save_recording(plan, paths["next_input.csv"])
+        save_yaml(
+            {
+                "name": "next",
+                "model": diagnosis.model,
+                "input": str(paths["next_input.csv"]),
+                "duration": round(len(plan) * plan.step, 6),
+                "step": round(plan.step, 9),
+            },
+            paths["next_record.yaml"],
+        )
     return paths
 
 
@@ -47,6 +65,7 @@ def report_section(diagnosis: Diagnosis) -> str:
         _causes(diagnosis),
         _gains(diagnosis),
         _traces(diagnosis),
+        _calibration(diagnosis),
         _next(diagnosis),
         _leftover(diagnosis),
         _misfit(diagnosis),
@@ -148,7 +167,8 @@ def _traces(diagnosis: Diagnosis) -> str:
     if diagnosis.causes:
         drawn.append(("after", "simulated after", AFTER))
     for (top, below), (name, trace) in zip(axes.reshape(-1, 2), traces.items(), strict=True):
-        sparse = bool(np.isfinite(trace["measured"]).sum(axis=1).max() < 12)
+        known = np.isfinite(trace["measured"])
+        sparse = bool(known.sum(axis=1).max() < 12 or known.mean() < 0.5)
         line = {"marker": ".", "linestyle": "none"} if sparse else {"lw": 1.0}
         top.plot(*_joined(trace["time"], trace["measured"], sparse), color=INK, label="measured", **line)
         for key, label, colour in drawn:
@@ -166,6 +186,25 @@ def _traces(diagnosis: Diagnosis) -> str:
     )
 
 
+def _calibration(diagnosis: Diagnosis) -> str:
+    curves = diagnosis.evidence.calibration
+    if not curves:
+        return ""
+    figure, grid = _grid(len(curves))
+    for axis, (name, (before, after)) in zip(grid, curves.items(), strict=False):
+        axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
+        drawn = [(before, "before", BEFORE)] + ([(after, "after", AFTER)] if diagnosis.causes else [])
+        for curve, label, colour in drawn:
+            axis.errorbar(*curve[:, :2].T, 2 * curve[:, 2], fmt="o-", color=colour, label=label, ms=4, lw=1)
+        axis.set(xlabel=f"simulated probability of {name}", ylabel="observed frequency")
+    grid[0].legend(frameon=False)
+    return "<h2>Probabilities and frequencies</h2>" + html.figure(
+        figure,
+        "Looks of the test data in groups of equal number, by their simulated probability, with two standard "
+        "errors. Dotted: a simulation that is right.",
+    )
+
+
 def _joined(time: FloatArray, values: FloatArray, sparse: bool) -> tuple[FloatArray, FloatArray]:
     """Windows in a row, with a gap between them."""
     if sparse:
@@ -180,7 +219,7 @@ def _next(diagnosis: Diagnosis) -> str:
         return ""
     compared = diagnosis.next_measurement.input.get("compared", {})
     rows = [(name, f"{value:g}") for name, value in compared.items()] if isinstance(compared, Mapping) else []
-    table = html.table(("input of equal power", "separation [nats]"), rows) if rows else ""
+    table = html.table(("input within what was recorded", "separation [nats]"), rows) if rows else ""
     return f"<h2>Measure next</h2><p>{html.text(diagnosis.next_measurement.why)}</p>{table}"
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fieldmodels.model import FloatArray
+from fieldmodels.recording import Recording
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
@@ -208,10 +209,17 @@ class Correlation:
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """The measurement that would tell rivals apart."""
+    """The measurement that would tell rivals apart.
+
+    Attributes:
+        why: What to do and what it promises, in plain words.
+        input: The same as data, for ``diagnosis.json``.
+        plan: The commands, sample by sample, if they can be chosen.
+    """
 
     why: str
     input: Mapping[str, Any]
+    plan: Recording | None = None
 
 
 @dataclass(frozen=True)
@@ -223,12 +231,15 @@ class Evidence:
         residuals: Signal to the refitted base's residual on the training data, by what it is drawn
             against: name to pairs (x, residual, residual after).
         correlations: Of the errors on test data, among themselves and with the inputs.
+        calibration: Event signal to its calibration curves on test data before and after, as of
+            ``events.calibration``.
         ranking: Rows (effects, gain in nats, p-value, parameters as text).
     """
 
     traces: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
     residuals: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
     correlations: tuple[Correlation, ...] = ()
+    calibration: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     ranking: tuple[tuple[str, float, float, str], ...] = ()
 
 

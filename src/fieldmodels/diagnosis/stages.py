@@ -54,6 +54,7 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
         evidence=Evidence(
             traces={name: rows for part in parts for name, rows in part.evidence.traces.items()},
             residuals={name: rows for part in parts for name, rows in part.evidence.residuals.items()},
+            calibration={name: own for part in parts for name, own in part.evidence.calibration.items()},
             correlations=tuple(c for part in parts for c in part.evidence.correlations),
             ranking=tuple(row for part in parts for row in part.evidence.ranking),
         ),

@@ -34,6 +34,7 @@ class ExcitationModel(Model):
     """
 
     name = "excitation"
+    inputs_are_free = False
     inputs = (Signal("arm_angle", "rad", angle=True), Signal("arm_axis", "1"))
     outputs = (
         *(Signal(f"acceleration_{axis}", "m/s2", noise=0.02) for axis in ("x", "y", "z")),

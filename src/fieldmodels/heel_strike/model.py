@@ -48,6 +48,7 @@ class HeelStrikeModel(Model):
     """
 
     name = "heel_strike"
+    inputs_are_free = False
     inputs = (Signal("strike", "1"),)
     outputs = (
         Signal("gyro", "rad/s", noise=0.0041),

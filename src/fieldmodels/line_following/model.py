@@ -36,6 +36,7 @@ class LineFollowing(Model):
     """
 
     name = "line_following"
+    inputs_are_free = False
     inputs = (Signal("steering", "rad", angle=True), Signal("curvature", "1/m"))
     outputs = (
         Signal("line", "m", noise=0.02),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -78,13 +78,53 @@ def record_drive(
         ModelError: For an unknown reality.
     """
     model = model or PoseReaching()
-    parts = [
-        synthesise(
-            model, reality, _for_front(model, random_commands(duration, step, limits or Limits(), rng)),
-            step=step, rng=rng, noise=noise, coloured=coloured, applied=applied,
-        )
-        for _ in range(episodes)
-    ]  # fmt: skip
+    # Each episode's commands are drawn when it begins, after the noise of the one before.
+    drawn = (
+        _for_front(model, random_commands(duration, step, limits or Limits(), rng)) for _ in range(episodes)
+    )
+    return _joined(
+        [
+            synthesise(
+                model, reality, given, step=step, rng=rng, noise=noise, coloured=coloured, applied=applied
+            )
+            for given in drawn
+        ],
+        wheels,
+    )
+
+
+def record_commands(
+    commands: FloatArray,
+    rng: np.random.Generator,
+    reality: Reality | Mapping[str, Any] | None = None,
+    *,
+    step: float = 0.05,
+    episodes: int = 1,
+    noise: float = 1.0,
+    model: PoseReaching | None = None,
+    wheels: bool = True,
+) -> Recording:
+    """Record a robot that is driven by given commands; arguments and result as of ``record_drive``.
+
+    Args:
+        commands: What the model is told, the same in every episode, shape (n, 2).
+        rng: Source of the noise.
+        reality: What differs from the nominal robot.
+        step: Sampling interval [s].
+        episodes: Number of episodes; each starts at rest at the origin.
+        noise: Factor on the sensors' noise.
+        model: The robot (default: nominal, told its motion).
+        wheels: Whether the wheels' speeds are measured too.
+    """
+    model = model or PoseReaching()
+    return _joined(
+        [synthesise(model, reality, commands, step=step, rng=rng, noise=noise) for _ in range(episodes)],
+        wheels,
+    )
+
+
+def _joined(parts: Sequence[Recording], wheels: bool) -> Recording:
+    """Episodes in one recording, headings wrapped."""
     names = [n for n in parts[0].signals if wheels or not n.endswith("_wheel")]
     signals = {name: np.concatenate([part[name] for part in parts]) for name in names}
     signals["heading"] = np.pi - np.mod(np.pi - signals["heading"], 2 * np.pi)
@@ -93,7 +133,7 @@ def record_drive(
         time=np.concatenate([part.time for part in parts]),
         signals=signals,
         units={name: parts[0].units[name] for name in names},
-        episode=np.repeat(np.arange(episodes), [len(part) for part in parts]),
+        episode=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
     )
 
 

@@ -32,6 +32,7 @@ class UavRoute(Model):
     """
 
     name = "uav_route"
+    inputs_are_free = False
     inputs = (Signal("to_north", "m"), Signal("to_east", "m"))
     outputs = (
         Signal("north", "m", noise=20.0),

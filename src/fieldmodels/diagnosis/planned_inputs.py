@@ -1,0 +1,175 @@
+"""Inputs for a next measurement, inside the limits that the recordings have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.model import FloatArray, Model
+from fieldmodels.recording import Recording
+
+SLACK = 0.02  # of an output's range, beyond which it leaves the range
+ROUND = 0.9 * 2 * np.pi  # an angle that has been so far round is free
+Shape = Callable[[FloatArray, np.random.Generator], FloatArray]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a machine has gone through in its recordings, which a next one must not exceed.
+
+    Attributes:
+        lowest: Least value of each input, shape (inputs,).
+        highest: Largest, shape (inputs,).
+        change: Largest change of each input from one sample to the next, shape (inputs,).
+        below: Least value of each output, minus infinity where it is free, shape (outputs,).
+        above: Largest, shape (outputs,).
+    """
+
+    lowest: FloatArray
+    highest: FloatArray
+    change: FloatArray
+    below: FloatArray
+    above: FloatArray
+
+    def excess(self, values: FloatArray, which: NDArray[np.int64]) -> float:
+        """How far simulated outputs go, as a multiple of what was measured: up to 1 they stay in its range.
+
+        Args:
+            values: Simulated, shape (n, len(which)).
+            which: Their indices.
+        """
+        ends = np.isfinite(self.above[which])
+        low, high = self.below[which][ends], self.above[which][ends]
+        if not np.isfinite(values).all():
+            return np.inf
+        middle, half = 0.5 * (high + low), (0.5 + SLACK) * (high - low)
+        return float(np.max(np.abs(values[:, ends] - middle) / half, initial=0.0))
+
+
+def limits_of(model: Model, recordings: Sequence[Recording]) -> Limits:
+    """Limits as the recordings show them."""
+    inputs = [np.concatenate([r[signal.name] for r in recordings]) for signal in model.inputs]
+    changes = [
+        max(float(np.max(np.abs(np.diff(r[s.name])), initial=0.0)) for r in recordings) for s in model.inputs
+    ]
+    below, above = np.full(len(model.outputs), -np.inf), np.full(len(model.outputs), np.inf)
+    for j, signal in enumerate(model.outputs):
+        if not all(signal.name in r for r in recordings):
+            continue
+        values = np.concatenate([r[signal.name] for r in recordings])
+        if signal.angle and np.ptp(values) > ROUND:
+            continue
+        below[j], above[j] = values.min(), values.max()
+    return Limits(
+        lowest=np.array([values.min() for values in inputs]),
+        highest=np.array([values.max() for values in inputs]),
+        change=np.array(changes),
+        below=below,
+        above=above,
+    )
+
+
+def planned(
+    limits: Limits, shape: Shape, time: FloatArray, scale: float, rng: np.random.Generator
+) -> FloatArray:
+    """A shape scaled into the inputs' ranges and slowed to their largest changes, shape (n, inputs).
+
+    Args:
+        limits: Of the machine.
+        shape: Gives values from -1 to 1, shape (n, inputs).
+        time: Sample times [s], shape (n,).
+        scale: Share of the range that is used.
+        rng: Source of all randomness.
+    """
+    middle, half = 0.5 * (limits.highest + limits.lowest), 0.5 * (limits.highest - limits.lowest)
+    return slowed(middle + scale * half * shape(time, rng), limits)
+
+
+def slowed(values: FloatArray, limits: Limits) -> FloatArray:
+    """The same values, changing from sample to sample by no more than was recorded."""
+    result = np.empty_like(values)
+    now = np.clip(np.zeros(values.shape[1]), limits.lowest, limits.highest)
+    for i, aim in enumerate(values):
+        now = now + np.clip(aim - now, -limits.change, limits.change)
+        result[i] = now
+    return result
+
+
+def shapes(step: float, recorded: FloatArray, limits: Limits) -> dict[tuple[str, float], Shape]:
+    """Candidate inputs by kind and shortest time [s].
+
+    Args:
+        step: Sampling interval [s].
+        recorded: The commands as recorded, shape (n, inputs): repeated as they are and with a fast binary
+            sequence on top, for machines that other inputs would drive out of their range.
+        limits: Of the machine.
+    """
+    fast, medium = max(0.05, 2 * step), max(0.2, 4 * step)
+    half = np.maximum(0.5 * (limits.highest - limits.lowest), 1e-300)
+    shown = (recorded - 0.5 * (limits.highest + limits.lowest)) / half
+
+    def every(single: Shape) -> Shape:
+        """One draw of a shape for each input."""
+        return lambda t, rng: np.column_stack([single(t, rng) for _ in range(recorded.shape[1])])
+
+    return {
+        ("pseudo-random binary input", 2 * step): every(binary(2 * step, step)),
+        ("pseudo-random binary input", fast): every(binary(fast, step)),
+        ("pseudo-random binary input", medium): every(binary(medium, step)),
+        ("pseudo-random binary input", 0.5): every(binary(0.5, step)),
+        ("sequence of random steps", 0.5): every(levels(0.5, step)),
+        ("fast multisine", 4 * step): every(sines(4 * step, 40 * step)),
+        ("multisine", medium): every(sines(medium, 10.0)),
+        ("multisine", 1.0): every(sines(1.0, 10.0)),
+        ("chirp", medium): every(sweep(medium)),
+        ("recorded input", step): again(shown, 0.0, fast, step),
+        ("recorded input with a pseudo-random binary input", fast): again(shown, 0.3, fast, step),
+    }
+
+
+def binary(shortest: float, step: float) -> Shape:
+    """A pseudo-random binary sequence that may switch after so long [s]."""
+    count = max(round(shortest / step), 1)
+    return lambda t, rng: np.repeat(rng.choice([-1.0, 1.0], len(t) // count + 1), count)[: len(t)]
+
+
+def levels(shortest: float, step: float) -> Shape:
+    """Random levels, each held so long [s]."""
+    count = max(round(shortest / step), 1)
+    return lambda t, rng: np.repeat(rng.uniform(-1, 1, len(t) // count + 1), count)[: len(t)]
+
+
+def sines(shortest: float, longest: float) -> Shape:
+    """Ten sines of random phase between two periods [s]."""
+    frequencies = np.geomspace(1 / longest, 1 / shortest, 10)
+
+    def waves(t: FloatArray, rng: np.random.Generator) -> FloatArray:
+        values = np.sin(2 * np.pi * np.outer(t, frequencies) + rng.uniform(0, 2 * np.pi, 10)).sum(axis=1)
+        return np.asarray(values / np.abs(values).max())
+
+    return waves
+
+
+def sweep(shortest: float) -> Shape:
+    """A sine whose period falls from 10 s to the shortest [s]."""
+
+    def wave(t: FloatArray, rng: np.random.Generator) -> FloatArray:
+        ratio = 10.0 / shortest
+        phase = 2 * np.pi * 0.1 * t[-1] / np.log(ratio) * (ratio ** (t / t[-1]) - 1.0)
+        return np.asarray(np.sin(phase + rng.uniform(0, 2 * np.pi)))
+
+    return wave
+
+
+def again(recorded: FloatArray, share: float, shortest: float, step: float) -> Shape:
+    """The recorded commands, from their start again where they end, with a binary sequence on top."""
+    noise = binary(shortest, step)
+
+    def shape(t: FloatArray, rng: np.random.Generator) -> FloatArray:
+        top = np.column_stack([noise(t, rng) for _ in range(recorded.shape[1])])
+        return np.asarray((1.0 - share) * np.resize(recorded, top.shape) + share * top)
+
+    return shape
