@@ -28,7 +28,7 @@ from fieldmodels.files import replacing, write_text
 
 FOLDER = Path(__file__).parent / "environments"
 STEPS_BEFORE_THE_PICTURE = 60
-PICTURED = {"excitation": "frozen_weight", "pose_reaching": "path_memory"}
+PICTURED = {"excitation": "frozen_weight", "pose_reaching": "path_memory", "uav_route": "two_legs"}
 """Who is at work in a task's picture; where nobody is named, the actions stay in the middle."""
 
 

@@ -162,13 +162,12 @@ def _route(canvas: Canvas, picture: Picture, at: Map) -> None:
         for point in picture.plan:
             canvas.circle(at(point), 3.0, PLAN)
     threshold = picture.world.detection.threshold
-    points = [at(row[:2]) for row in picture.trail]
-    over = (picture.trail[:, 2] > threshold).tolist()
-    for k in range(1, len(points)):
-        canvas.line(points[k - 1 : k + 1], SEEN if over[k] else HIDDEN, 3.0)
-    if points:
-        canvas.line([at(picture.layout.start), points[0]], SEEN if over[0] else HIDDEN, 3.0)
-        canvas.line([points[-1], at(picture.place)], SEEN if over[-1] else HIDDEN, 3.0)
+    points = [at(picture.layout.start), *(at(row[:2]) for row in picture.trail), at(picture.place)]
+    over = [False, *(picture.trail[:, 2] > threshold).tolist()]
+    over.append(over[-1])
+    if len(points) > 2:
+        for k in range(1, len(points)):
+            canvas.bar(points[k - 1], points[k], SEEN if over[k] else HIDDEN, 3.0)
 
 
 def _ends(canvas: Canvas, picture: Picture, at: Map) -> None:
@@ -281,7 +280,7 @@ def _radars(canvas: Canvas, picture: Picture) -> None:
             line = y + 18 + 24 * k
             canvas.text(name, (left + 150, line), MUTED, 11)
             _bar(canvas, left + 216, line + 1, 110, float(time) / most if most else float(time > 0), color)
-            canvas.text(f"{min(time, most):.0f} of {most:.0f} s", (left + 410, line), INK, 11, align="right")
+            canvas.text(f"{min(time, most):.0f} of {most:.4g} s", (left + 410, line), INK, 11, align="right")
 
 
 def _bar(canvas: Canvas, x: float, y: float, width: float, share: float, color: Color) -> None:
