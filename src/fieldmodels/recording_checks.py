@@ -19,6 +19,8 @@ REST = 0.1
 """How near to 1 an accelerometer's usual value is that counts gravity in g."""
 LEAST_COUNTED = 0.5
 """Least time step [s] that is suspected to be counted in fractions of a second."""
+STUCK = 5
+"""Rows at one extreme value, in a signal that else changes from row to row, that count as saturation."""
 MIN_SAMPLES = 4
 """Fewest samples in which a window can be predicted."""
 
@@ -114,6 +116,11 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
             )
         if span == 0 and len(values) > MIN_SAMPLES and signal in model.outputs:
             found.append(f"column {signal.name!r} never changes; is the sensor connected?")
+        if signal in model.outputs and not signal.event and (rows := _stuck(values)):
+            found.append(
+                f"column {signal.name!r} stays at its extreme values for up to {rows} rows at a time; if the "
+                "sensor saturates there, leave these stretches out and start new episodes"
+            )
         usual = float(np.median(np.abs(values)))
         if signal.unit == "m/s^2" and abs(usual - 1.0) < REST and np.abs(values).max() < STANDARD_GRAVITY:
             found.append(
@@ -124,6 +131,17 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
             if rate.unit == f"{signal.unit}/s":
                 found += _wrong_scale(recording, signal, rate)
     return found
+
+
+def _stuck(values: FloatArray) -> int:
+    """Longest run at the largest or smallest value of a signal that moves elsewhere; 0 for a normal one."""
+    moving = np.mean(np.diff(values) != 0)
+    longest = 0
+    for extreme in (values.max(), values.min()):
+        at = np.concatenate([[False], values == extreme, [False]])
+        edges = np.flatnonzero(np.diff(at.astype(np.int8)))
+        longest = max(longest, int(np.max(edges[1::2] - edges[::2], initial=0)))
+    return longest if longest >= STUCK and moving > 0.5 else 0
 
 
 def _more(rows: list[int], what: str) -> list[Problem]:
