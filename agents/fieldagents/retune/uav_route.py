@@ -3,8 +3,8 @@
 The planners know the tables as they are printed, a calm day and an aircraft that banks as it should. What
 differs and has a place in their world is put there: speed, bank, where the radars stand, a shifted position.
 Whatever else differs (stronger or wider signatures, longer ranges, wind) shows where a plan is flown: each is
-flown in the simulation first, and of the thresholds from high to low the first one counts whose plan is
-nowhere detected there.
+flown in the simulation first, and of the thresholds from high to low the first one counts whose plan stays
+undetected there by a margin.
 """
 
 from __future__ import annotations
@@ -47,13 +47,31 @@ LARGEST_BANK = 1.5
 
 
 class Thresholds(Config):
-    """What is tried.
+    """What is tried, and what is asked of it.
 
     Attributes:
         thresholds: Probabilities of detection that plans keep below, beside the environment's own.
+        margin: How far below the environment's threshold the probability must stay in the simulation: room
+            for what the simulation does not know, since a plan at the threshold is detected by any error.
     """
 
-    thresholds: tuple[Threshold, ...] = (0.9, 0.7, 0.35, 0.2, 0.1, 0.05, 0.02)
+    thresholds: tuple[Threshold, ...] = (
+        0.9,
+        0.8,
+        0.7,
+        0.6,
+        0.45,
+        0.4,
+        0.35,
+        0.3,
+        0.25,
+        0.2,
+        0.15,
+        0.1,
+        0.05,
+        0.02,
+    )
+    margin: float = Field(default=0.1, ge=0, lt=1)
 
 
 class Replanner(Planner):
@@ -65,7 +83,7 @@ class Replanner(Planner):
         settings: Of the environment.
         plan: How it plans.
         reality: Of the simulation.
-        thresholds: Thresholds of detection that it plans with, beside the environment's own.
+        options: Thresholds that it plans with, and the margin that it keeps.
     """
 
     def __init__(
@@ -75,14 +93,15 @@ class Replanner(Planner):
         settings: UavRouteSettings,
         plan: Planning,
         reality: Reality,
-        thresholds: tuple[float, ...],
+        options: Thresholds,
     ) -> None:
         plant = UavRoute(settings.world).plant(reality.vector(UavRoute(settings.world)))
         bank = min(settings.bank * float(plant[BANK]), LARGEST_BANK)
         believed = replace(settings, speed=float(plant[SPEED]), bank=bank)
         super().__init__(name, title, believed, self._tried)
         own = self.world.detection.threshold
-        self._thresholds = sorted({own, *thresholds}, reverse=True)
+        self._thresholds = sorted({own, *options.thresholds}, reverse=True)
+        self._most = own - options.margin
         self._candidate, self._simulated, self._reality = plan, settings, reality
         self._bias = plant[[BIAS_NORTH, BIAS_EAST]]
         self._site = plant[[SITE_NORTH, SITE_EAST]]
@@ -99,22 +118,22 @@ class Replanner(Planner):
         return super().act(observation, {**info, "layout": seen})
 
     def _tried(self, layout: Layout, world: World, heading: float | None) -> Plan:
-        """The plan of the highest threshold that is not detected; else the one that is for the least time."""
+        """The plan of the highest threshold that stays undetected; else the one that is seen least."""
         if layout in self._answers:
             return self._answers[layout]
         tried: list[tuple[float, Plan]] = []
         for threshold in self._thresholds:
             lower = replace(world, detection=replace(world.detection, threshold=threshold))
             plan = self._candidate(layout, lower, heading)
-            tried.append((self._detected(plan, layout) if plan.found else math.inf, plan))
-            if not 0.0 < tried[-1][0] < math.inf:
-                break  # undetected, or no way at all: a lower threshold leaves less
+            tried.append((self.seen(plan, layout) if plan.found else math.inf, plan))
+            if tried[-1][0] <= self._most or not plan.found:
+                break  # a lower threshold is a longer way, or none
         answer = min(tried, key=lambda one: one[0])[1]
         self._answers[layout] = answer
         return answer
 
-    def _detected(self, plan: Plan, layout: Layout) -> float:
-        """Time for which a plan is detected in the simulation [s]."""
+    def seen(self, plan: Plan, layout: Layout) -> float:
+        """Largest probability with which a plan is detected in the simulation."""
         shift = self._site + self._bias
         settings = {
             **asdict(self._simulated),
@@ -141,18 +160,16 @@ class Replanner(Planner):
             if terminated[0] or truncated[0]:
                 break
         env.close()
-        return float(info["time_over"][0])
+        return float(info["largest_probability"][0])
 
 
 def _designer(name: str, plan: Planning) -> Designer:
-    title = (
-        f"{references(TASK)[name].title}, at the highest threshold whose plan the simulation finds undetected"
-    )
+    title = f"{references(TASK)[name].title}, at the highest threshold that is safe in the simulation"
 
     def design(settings: Mapping[str, Any], reality: Any, options: Thresholds) -> Agent:
         own = read_settings(dict(settings), UavRouteSettings)
         truth = read_reality(reality, UavRoute(own.world))
-        return Replanner(name, title, own, plan, truth, options.thresholds)
+        return Replanner(name, title, own, plan, truth, options)
 
     return Designer(name, title, Thresholds, design)
 

@@ -58,8 +58,8 @@ def won_back(
     if to_win.verdict == "insufficient":
         return WonBack("insufficient", _ratio(won.mean(), loss.mean()), None)
     drawn = rng.integers(len(loss), size=(RESAMPLES, len(loss)))
-    losses = loss[drawn].mean(axis=1)
-    shares = (won[drawn].mean(axis=1) / losses)[losses != 0]
+    gains, losses = won[drawn].mean(axis=1), loss[drawn].mean(axis=1)
+    shares = gains[losses != 0] / losses[losses != 0]
     low, high = np.quantile(shares, (0.025, 0.975))
     return WonBack("measured", _ratio(won.mean(), loss.mean()), (float(low), float(high)))
 
