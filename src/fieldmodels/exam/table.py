@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -307,3 +308,14 @@ def into_page(page_text: str, found: dict[str, Any]) -> str:
     before, rest = page_text.split(BEGIN, 1)
     after = rest.split(END, 1)[1]
     return f"{before}{BEGIN}\n\n{markdown(found)}\n{END}{after}"
+
+
+def main() -> None:
+    """Put a result into a page: ``python -m fieldmodels.exam.table results/exam/exam.json docs/exam.md``."""
+    source, target = (Path(name) for name in sys.argv[1:])
+    found = json.loads(source.read_text(encoding="utf-8"))
+    write_text(target, into_page(target.read_text(encoding="utf-8"), found))
+
+
+if __name__ == "__main__":
+    main()
