@@ -143,6 +143,25 @@ def test_record_an_experiment_in_three_modes(tmp_path):
     assert table.groupby("episode")["arm_angle"].std().gt(0.05).all()  # the arm moves in each
 
 
+def test_recorded_flights_are_diagnosed(tmp_path):
+    """The radar's looks survive the file: both hidden effects come back, the near twin beside one of them."""
+    result = run("record", CONFIGS / "uav_route" / "record.yaml", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "seen_too_well.csv")
+    assert set(table["detected"]) == {0, 1}
+    assert (table["look_gap"] == 0).mean() == pytest.approx(
+        0.6, abs=0.01
+    )  # a look every 5 s, a row every 2 s
+    out = tmp_path / "found"
+    result = run("diagnose", tmp_path / "seen_too_well.csv", "--model", "uav_route", "--out", out)
+    assert result.exit_code == 0, result.output
+    causes = json.loads((out / "diagnosis.json").read_text())["causes"]
+    found = [{cause["effect"], *cause["alternatives"]} for cause in causes]
+    assert found[0] == {"wind"}
+    assert {"signature_scale"} <= found[1] <= {"signature_scale", "radar_range_scale"}
+    assert len(found) == 2
+
+
 def test_a_recorded_line_follower_has_no_bias_that_nobody_asked_for(tmp_path):
     """Whatever else is set; a bias that is asked for turns the robot."""
     config, command = CONFIGS / "line_following" / "record.yaml", {}
