@@ -43,7 +43,7 @@ def columns(model: Model, texts: Sequence[str]) -> dict[str, str]:
     Raises:
         ConfigError: With every text that names no signal of the model.
     """
-    signals = ["t", "episode", *(signal.name for signal in (*model.inputs, *model.outputs))]
+    signals = ["t", "episode", *(signal.name for signal in model.signals)]
     result: dict[str, str] = {}
     problems: list[str] = []
     for text in texts:

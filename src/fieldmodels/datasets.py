@@ -281,7 +281,7 @@ def open_recording(
     dataset = dataset or recognise(path)
     if dataset is None:
         return load_recording(path, model, columns, horizon)
-    wanted = None if model is None else {"t", *(s.name for s in (*model.inputs, *model.outputs))}
+    wanted = None if model is None else {"t", *(s.name for s in model.signals)}
     if dataset.windows:
         recording = _with_body_speeds(load_windows(path, dataset.windows))
         lacking = [s.name for s in model.inputs if s.name not in recording] if model else []

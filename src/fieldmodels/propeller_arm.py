@@ -60,9 +60,10 @@ class PropellerArm(OneAxis):
         | {"damping": kernel.DAMPING}
     )
 
-    def __init__(self, scales: Scales | None = None) -> None:
+    def __init__(self, scales: Scales | None = None, driven_by_measured: bool = False) -> None:
         """Declare parameters and effects for an arm of these scales (default: nominal)."""
-        super().__init__(scales)
+        super().__init__(scales, driven_by_measured)
+        self.measured_inputs = ()  # thrust on a bench is not measured
         library = tuple(effect for effect in self.effects if effect.name not in NOT_SCALED)
         self.effects = (*library, THRUST_CURVE)
 

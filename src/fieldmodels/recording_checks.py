@@ -20,7 +20,7 @@ REST = 0.1
 LEAST_COUNTED = 0.5
 """Least time step [s] that is suspected to be counted in fractions of a second."""
 STUCK = 5
-"""Rows at one extreme value, in a signal that else changes from row to row, that count as saturation."""
+"""Rows at one extreme value, in a signal that is not coarse, that count as saturation."""
 MIN_SAMPLES = 4
 """Fewest samples in which a window can be predicted."""
 
@@ -82,7 +82,12 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     fits = (u for u in ("ms", "us", "ns") if (MIN_SAMPLES - 1) * step * other_units("s")[u] <= horizon)
     unit = next(fits, "") if step >= LEAST_COUNTED else ""
     name = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}.get(unit)
-    hint = f"; the time column looks like {name}: declare it as 't=t:{unit}'" if name else ""
+    slow = "if the bench is so slow, state its clock as 't=t:s'"
+    hint = (
+        f"; the time column looks like {name}: declare it as 't=t:{unit}'; or {slow}"
+        if name
+        else f", or {slow}"
+    )
     if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
         message = (
             f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster{hint}"
@@ -135,13 +140,14 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
 
 def _stuck(values: FloatArray) -> int:
     """Longest run at the largest or smallest value of a signal that moves elsewhere; 0 for a normal one."""
-    moving = np.mean(np.diff(values) != 0)
+    first = values[:_BLOCK]
+    coarse = len(np.unique(first)) < 0.25 * len(first)
     longest = 0
     for extreme in (values.max(), values.min()):
         at = np.concatenate([[False], values == extreme, [False]])
         edges = np.flatnonzero(np.diff(at.astype(np.int8)))
         longest = max(longest, int(np.max(edges[1::2] - edges[::2], initial=0)))
-    return longest if longest >= STUCK and moving > 0.5 else 0
+    return 0 if coarse or longest < STUCK else longest
 
 
 def _more(rows: list[int], what: str) -> list[Problem]:

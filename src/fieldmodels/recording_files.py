@@ -17,12 +17,17 @@ from fieldmodels.table_files import Problem, Table, open_table, write_table
 from fieldmodels.units import UnitError, canonical, factor, known_units, si_unit
 
 TIME, EPISODE = "t", "episode"
+LEAST_SCALED = 50
+"""Rows from which on a recording says how slow its bench is."""
 _USUAL = {TIME: ("time", "time_s", "timestamp", "seconds", "zeit", "tempo"), EPISODE: ("run", "trial")}
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A column to read: the signal's name, its name in the file, the factor to its SI unit, that unit."""
+    """A column to read: the signal's name, its name in the file, the factor to its SI unit, that unit.
+
+    Of the time, the unit that is stated, empty if none is.
+    """
 
     signal: str
     name: str
@@ -87,7 +92,7 @@ def load_recording(
         episode=np.zeros(rows, dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(path),
     )
-    return _checked(table, recording, model, horizon, next(c.name for c in wanted if c.signal == TIME))
+    return _checked(table, recording, model, horizon, next(c for c in wanted if c.signal == TIME))
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -126,7 +131,7 @@ def _columns(table: Table, model: Model | None, mapping: Mapping[str, str]) -> l
     required, optional = [TIME], [EPISODE]
     if model is not None:
         required += [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
-        optional += [s.name for s in model.outputs if s.optional]
+        optional += [s.name for s in (*model.outputs, *model.measured_inputs) if s.optional]
         for signal in mapping:
             if signal not in required + optional:
                 hint = did_you_mean(signal, required + optional)
@@ -164,9 +169,9 @@ def _convert(table: Table, model: Model | None, signal: str, name: str, unit: st
     if signal == EPISODE:
         return _Column(signal, name, 1.0, "")
     if signal == TIME:
-        wanted = "s"
-    elif model is not None:
-        wanted = next(s.unit for s in (*model.inputs, *model.outputs) if s.name == signal)
+        return _Column(signal, name, factor(stated, "s") if stated else 1.0, stated)
+    if model is not None:
+        wanted = next(s.unit for s in model.signals if s.name == signal)
     elif unit:
         wanted = si_unit(unit)[0]
     else:
@@ -189,7 +194,7 @@ def _missing(signal: str, name: str, header: Sequence[str], model: Model | None)
         return Problem(f"column {name!r} is missing; if it is {guess!r}, declare '{signal}={guess}{suffix}'")
     role = "seconds" if signal == TIME else ""
     if model is not None and signal != TIME:
-        role = next((s.unit for s in (*model.inputs, *model.outputs) if s.name == signal), "")
+        role = next((s.unit for s in model.signals if s.name == signal), "")
     need = f" [{role}]" if role else ""
     close = did_you_mean(name, header).partition(" (known:")[0]
     return Problem(f"column {name!r}{need} is missing{close}; the header has {', '.join(header)}; "
@@ -197,23 +202,25 @@ def _missing(signal: str, name: str, header: Sequence[str], model: Model | None)
 
 
 def _checked(
-    table: Table, recording: Recording, model: Model | None, horizon: float | None, time_name: str
+    table: Table, recording: Recording, model: Model | None, horizon: float | None, clock: _Column
 ) -> Recording:
     """The recording on an even grid, with its suspicious columns warned of.
 
     Raises:
         RecordingError: If its time cannot be used, or it is too short or too coarse.
     """
-    problems = [Problem(p.message, p.column or time_name, p.row) for p in check_time(recording)]
+    problems = [Problem(p.message, p.column or clock.name, p.row) for p in check_time(recording)]
     if not problems:
         notes = []
         if not is_even(recording):
             even = evened(recording, model)
             recording, notes = even.recording, [even.note]
         if horizon is None and model is not None and model.horizons:
-            horizon = min(model.horizons)
+            # A slow bench is predicted over longer times; but a clock in ms looks like one.
+            slow = clock.unit and len(recording) >= LEAST_SCALED
+            horizon = min((model.scaled_to([recording]) if slow else model).horizons)
         if horizon is not None:
-            problems = [Problem(p.message, time_name) for p in check_length(recording, horizon)]
+            problems = [Problem(p.message, clock.name) for p in check_length(recording, horizon)]
     if problems:
         raise table.fail(problems)
     notes += suspicions(recording, model)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import difflib
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from fieldmodels.recording import RecordingError
 SHOWN = 5
 """Problems of one kind that a message lists."""
 
+_DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ]|$)|\d{1,2}:\d{2}")
 _BLOCK = 1 << 20  # bytes of text parsed at once
 _BATCH = 1 << 17  # Parquet rows decoded at once
 _ROWS = 1 << 27  # more than are ever expected: a damaged file may claim any number
@@ -201,6 +203,9 @@ class CsvTable(Table):
                 hint = "; a decimal comma? write 1.5, not 1,5" if len(cells) > len(self.header) else ""
                 yield Problem(f"{len(cells)} cells, but the header has {len(self.header)}{hint}", row=index)
                 continue
+            if index == 0 and not any(_is_number(cells[position]) for _, position in positions):
+                yield Problem("a second line of text (units?); delete it: the header is one line", row=index)
+                return
             for name, position in positions:
                 message = _wrong(cells[position])
                 if message:
@@ -343,4 +348,6 @@ def _wrong(cell: str) -> str:
         return f"{text} is not a finite number; leave the row out and start a new episode"
     if _is_number(text.replace(",", ".", 1)):
         return f"{text!r} has a decimal comma; write {text.replace(',', '.', 1)}"
+    if _DATE.match(text):
+        return f"{text!r} is a date; write the seconds since the start as a number"
     return f"{text!r} is not a number"

@@ -12,6 +12,10 @@ from fieldmodels.model import FloatArray
 from fieldmodels.one_axis.axis import Axis
 from fieldmodels.recording import Recording
 
+USUAL_PACE = 4.0  # times slower or faster than the nominal bench: from there on horizons follow
+LEAST_STEPS = 10.0  # steps in the main horizon
+LEAST_SHORT = 4.0  # steps in the shortest
+
 
 @dataclass(frozen=True)
 class Scales:
@@ -80,6 +84,19 @@ def measure_scales(
         else nominal.velocity_noise,
         frequencies=frequencies,
     )
+
+
+def horizons_for(horizons: tuple[float, ...], scales: Scales, nominal: Scales) -> tuple[float, ...]:
+    """Prediction horizons [s] for a bench: the nominal ones, unless it is far slower or faster.
+
+    A bench that moves in a hundredth of the time must be predicted over a hundredth of it; one that is
+    sampled slowly, over enough samples.
+    """
+    pace = (scales.position / scales.velocity) / (nominal.position / nominal.velocity)
+    factor = 1.0 if 1.0 / USUAL_PACE <= pace <= USUAL_PACE else pace
+    main = horizons[min(1, len(horizons) - 1)]
+    factor = max(factor, LEAST_STEPS * scales.step / main, LEAST_SHORT * scales.step / horizons[0])
+    return tuple(float(f"{factor * h:.2g}") for h in horizons) if factor != 1.0 else horizons
 
 
 def white_noise(values: FloatArray) -> float:
