@@ -195,11 +195,8 @@ def printed(*, lock_loss: bool) -> Planning:
 
 
 def legs(layout: Layout, world: World, heading: float | None) -> Plan:
-    """Two legs, or three where two find no way."""
-    plan = leg_plan(layout, world, heading=heading, time_limit=TIME_LIMIT)
-    if plan.found:
-        return plan
-    return leg_plan(layout, world, legs=3, heading=heading, time_limit=TIME_LIMIT)
+    """Three certified legs, polished into four."""
+    return leg_plan(layout, world, legs=3, polish=4, heading=heading, time_limit=TIME_LIMIT)
 
 
 def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
@@ -215,9 +212,7 @@ def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
 
 def legs_lock_loss(layout: Layout, world: World, heading: float | None) -> Plan:
     """Three legs that may be detected for a while."""
-    return leg_plan(
-        layout, world, legs=3, directions=36, lock_loss=True, heading=heading, time_limit=TIME_LIMIT
-    )
+    return leg_plan(layout, world, legs=3, lock_loss=True, heading=heading, time_limit=TIME_LIMIT)
 
 
 def over_lattice(settings: UavRouteSettings, *, lock_loss: bool) -> Planning:
@@ -280,10 +275,10 @@ REFERENCES = (
     _reference(
         "printed_lock_loss", "The same with lock loss, (4.33)", lambda _: printed(lock_loss=True), direct=True
     ),
-    _reference("legs", "Two or three certified legs by a small program, then polished", lambda _: legs),
+    _reference("legs", "Three certified legs by a small program, then polished into four", lambda _: legs),
     _reference(
         "legs_low",
-        "The same at the lowest probability of detection that leaves a way",
+        "Two certified legs at the lowest probability of detection that leaves a way",
         lambda _: legs_low,
     ),
     _reference(

@@ -10,7 +10,8 @@ Each leg is in one mode towards each radar, and each mode is a convex set of pai
 
 A leg that begins with a turn begins with a bank, which raises the signature outside the cones: an *outside*
 leg then begins *far* away, beyond the larger circle in which a banked side is seen by as much as the longest
-bank takes. Lengths are those of a polygon, as in (4.13).
+bank takes; or nearer, but *slanted* towards the radar or away from it, so that the bank shows it less.
+Lengths are those of a polygon, as in (4.13).
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from fieldagents.reference.uav_route.limits import NOSE, TAIL, limits_of
+from fieldagents.reference.uav_route.limits import NOSE, TAIL, banked_limits, limits_of
 from fieldagents.reference.uav_route.plan import Plan, Search, make_plan
 from fieldagents.reference.uav_route.polish import (
     Kind,
@@ -48,8 +49,12 @@ MARGIN = 1e-6
 """What is kept from every limit [km], so that a solver's tolerance breaks none."""
 MARGINS = (2e-6, 0.1)
 """The same when the waypoints move, larger so that what is flown can be planned on; the second if need be."""
-FAR_SIDES = 24
-"""Sides of the polygons beyond which a turn may begin."""
+FAR_SIDES = 36
+"""Sides of the polygons beyond which, and number of sectors in which, a turn may begin."""
+SLANTS: tuple[tuple[Kind, float], ...] = tuple(
+    (kind, math.radians(steep)) for kind in get_args(Kind)[1:3] for steep in (45.0, 60.0, 75.0)
+)
+"""How near to nose or tail the radar may stay in a bank [rad]."""
 LONG_SIDES = 12
 """Directions along which a leg's length may be shown to be enough for a lock to be lost."""
 
@@ -59,8 +64,8 @@ def leg_plan(
     world: World | None = None,
     *,
     legs: int = 2,
-    directions: int = 72,
-    polish: int = 4,
+    directions: int = 24,
+    polish: int = 3,
     lock_loss: bool = False,
     guide: FloatArray | None = None,
     window: float = math.radians(25.0),
@@ -282,12 +287,15 @@ class _Program:
                 if on is not None:
                     choices.append((mode, on))
         if banked:
-            bearings = 2.0 * math.pi * np.arange(FAR_SIDES) / FAR_SIDES
-            far = [
-                self._option(f"far{leg}_{radar}_{k}", leg, _far(float(b), site, self.world))
-                for k, b in enumerate(bearings)
+            near = np.array([mode.bearing for mode in modes])
+            every = 2.0 * math.pi * np.arange(FAR_SIDES) / FAR_SIDES
+            bearings = [
+                float(b) for b in every if np.cos(near - b).max() >= math.cos(2.0 * math.pi / FAR_SIDES)
             ]
-            self.pulp += pulp.lpSum(x for x in far if x is not None) >= pulp.lpSum(banked)
+            ways = [_far(b, site, self.world) for b in bearings]
+            ways += [_slanted(b, *steep, site, self.world) for b in bearings for steep in SLANTS]
+            begun = [self._option(f"begun{leg}_{radar}_{k}", leg, rows) for k, rows in enumerate(ways)]
+            self.pulp += pulp.lpSum(x for x in begun if x is not None) >= pulp.lpSum(banked)
         if (leg, radar) in self.free:
             choices.append((Mode("free", 0.0, 0.0), self.free[leg, radar]))
         if choices:
@@ -396,6 +404,24 @@ def _far(bearing: float, radar: FloatArray, world: World) -> Rows:
     out = _unit(bearing)
     least = limits_of(world).banked_side + bank_length(world, math.pi)
     return [(out, np.zeros(2), float(out @ radar) + least + MARGIN)]
+
+
+def _slanted(bearing: float, kind: Kind, steep: float, radar: FloatArray, world: World) -> Rows:
+    """A leg that begins so steeply to or from the radar that its bank shows it less than a side."""
+    azimuths, distances = banked_limits(world)
+    nose, width, bank = kind == "nose", math.pi / FAR_SIDES, bank_length(world, math.pi)
+    least = float(distances[azimuths <= steep if nose else azimuths >= math.pi - steep].max()) + bank
+    out, none, rows = _unit(bearing), np.zeros(2), []
+    rows.append((out, none, float(out @ radar) + least + MARGIN))
+    course = bearing + (math.pi if nose else 0.0)
+    for side in (-1.0, 1.0):
+        edge = bearing + side * width
+        inward = side * np.array([math.sin(edge), -math.cos(edge)])
+        rows.append((inward, none, float(inward @ radar)))
+        edge = course + side * (steep - width - bank / least)  # the radar's bearing changes in the bank
+        inward = side * np.array([math.sin(edge), -math.cos(edge)])
+        rows.append((-inward, inward, 0.0))
+    return rows
 
 
 def _straight_on(heading: float) -> Rows:
