@@ -160,6 +160,23 @@ def test_what_acts_on_events_alone_is_found(effect, hidden):
     assert after < 3.5 < before
 
 
+class Deaf(Alarm):
+    """The same with nothing measured but the alarm: the level is an input."""
+
+    name = "deaf"
+    inputs = (Signal("inflow", "m/s"), Signal("level", "m"))
+    outputs = (Signal("alarm", "1", event=True),)
+
+    def simulate(self, parameters, windows):
+        return super().simulate(parameters, windows)[..., 1:]
+
+
+@pytest.mark.parametrize(("hidden", "names"), [({"shift": 0.4}, ["threshold"]), ({}, [])])
+def test_events_alone_suffice(hidden, names):
+    result = diagnose(Deaf(), [record(4, **hidden)], fixed={"outflow": 0.1})
+    assert [cause.effect for cause in result.causes] == names
+
+
 def test_the_report_draws_probabilities_beside_frequencies(tmp_path):
     page = write_results(diagnose(MODEL, [record(4, shift=0.4)]), tmp_path)["report.html"].read_text()
     assert "Probabilities and frequencies" in page
