@@ -49,7 +49,9 @@ def sit(cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progres
     out.mkdir(parents=True, exist_ok=True)
     log = out / "cases.jsonl"
     codes = {name: code_hash(name) for name in {case.model for case in cases}}
-    done = {row["key"]: row for row in read_rows(log) if row["code"] == codes.get(row["model"])}
+    kept = read_rows(log)
+    write_text(log, "".join(json.dumps(row, allow_nan=False) + "\n" for row in kept))  # whole lines only
+    done = {row["key"]: row for row in kept if row["code"] == codes.get(row["model"])}
     left = [case for case in cases if case.key not in done]
     with _pool(workers) as pool:
         curves = _curves(left, out / "sizes.json", pool, tell)

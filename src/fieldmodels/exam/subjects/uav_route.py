@@ -1,4 +1,4 @@
-"""The flying aircraft: integrated in 200 pieces a sample, with complex positions."""
+"""The flying aircraft: integrated in 40 pieces a sample, with complex positions."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from fieldmodels.model import EffectValues, FloatArray
 from fieldmodels.recording import Recording
 from fieldmodels.uav_route.recording import record_flight
 
-DURATION, EPISODES = 8000.0, 4
+DURATION, EPISODES = 2000.0, 4
 CORRELATION = 20.0
 """Correlation time of noise that wanders [s]: ten samples."""
 
 
 class UavRoute(Subject):
-    """Flights of 4000 s at 0.5 Hz from one random waypoint to the next."""
+    """Four flights of 2000 s at 0.5 Hz from one random waypoint to the next, under a radar."""
 
     name = "uav_route"
     outside = MappingProxyType(
