@@ -151,6 +151,7 @@ class Model(ABC):
         random_force: True if random forces drive the real machine, so that errors far above the sensors'
             noise prove nothing by themselves.
         inputs_are_free: False where nobody can play any input that he likes (a walker's own steering).
+        unbounded_outputs: Outputs that may go beyond what was recorded (a robot's place on an open floor).
     """
 
     name: str
@@ -163,6 +164,7 @@ class Model(ABC):
     disturbance_unit: str = ""
     random_force: bool = False
     inputs_are_free: bool = True
+    unbounded_outputs: tuple[str, ...] = ()
     measured_inputs: tuple[Signal, ...] = ()
 
     @abstractmethod

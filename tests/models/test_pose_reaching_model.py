@@ -128,8 +128,8 @@ def test_with_every_fault_it_is_the_ordinary_differential_equation():
     course = np.array(states)
     at = np.searchsorted(ends, np.arange(160) * STEP - late - 1e-7)
     shown = course[at, :3] + [0.0, 0.0, f["heading_bias"]["angle"]]
-    # Within a step with lag the arc is not quite a circle's: 0.1 mm a step.
-    assert np.abs(outputs[:, :2] - shown[:, :2]).max() < 2e-3
+    # While the rims change their speed, the way is cut into a few circles' arcs.
+    assert np.abs(outputs[:, :2] - shown[:, :2]).max() < 2e-4
     assert outputs[:, 2] == pytest.approx(shown[:, 2], abs=1e-6)
     now = np.searchsorted(ends, np.arange(160) * STEP - 1e-7)
     turned = np.diff(course[now, 5:7], axis=0) / (ROBOCUP.radius * STEP)

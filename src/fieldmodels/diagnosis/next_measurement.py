@@ -100,7 +100,7 @@ def next_measurement(
         why=(
             f"A {kind} (shortest {shortest:g} s, {up_to}: nothing beyond what was recorded) separates {ours} "
             f"from {theirs} best. {needed:.0f} s of it promise {promised:.1f} nats: the better one "
-            f"then leads with a probability of {100 * chance:.1f} %."
+            f"then leads with a probability of {100 * chance:.1f} %.{plan.room(values)}"
         ),
         input={
             "signal": names if several else names[0],
@@ -187,6 +187,16 @@ class _Plan:
         whitener = np.diag(np.sqrt(samples) / np.maximum(noise, 1e-12))
         fitted = fit(problem, self.rival.fit.parameters, self.rival.fit.free, whitener, iterations=6)
         return fitted.cost if np.isfinite(fitted.cost) else None
+
+    def room(self, values: FloatArray) -> str:
+        """How far the outputs go that nothing bounds, in plain words."""
+        model, outputs = self.present.model, self._outputs(values)
+        spans = [
+            f"{signal.name} {outputs[:, j].min():.1f} to {outputs[:, j].max():.1f} {signal.unit}"
+            for j, signal in enumerate(model.outputs)
+            if signal.name in model.unbounded_outputs and not signal.angle and j in self.present.outputs
+        ]
+        return f" It needs room: {', '.join(spans)}, from its start." if spans else ""
 
     def _outputs(self, values: FloatArray) -> FloatArray:
         """What the chosen set would show without noise, shape (n, outputs)."""

@@ -57,7 +57,7 @@ def limits_of(model: Model, recordings: Sequence[Recording]) -> Limits:
     ]
     below, above = np.full(len(model.outputs), -np.inf), np.full(len(model.outputs), np.inf)
     for j, signal in enumerate(model.outputs):
-        if not all(signal.name in r for r in recordings):
+        if signal.name in model.unbounded_outputs or not all(signal.name in r for r in recordings):
             continue
         values = np.concatenate([r[signal.name] for r in recordings])
         if signal.angle and np.ptp(values) > ROUND:

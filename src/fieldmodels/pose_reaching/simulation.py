@@ -39,6 +39,10 @@ AIM, EXCESS, TRAVEL = 0, 1, 2
 its travel since the episode's start [m]."""
 
 
+ARCS = 4
+"""Arcs between two samples, or a sample and a switch of the command, of a robot that speeds up."""
+
+
 @compiled
 def follow_commands(
     commands: FloatArray,
@@ -205,6 +209,8 @@ def simulate(
             pose_shift = q[SENSOR_DELAY] / step  # and wheels that were measured have no excess
         wheel_whole = math.ceil(q[DELAY] / step)
         wheel_part = wheel_whole - q[DELAY] / step
+        # While the rims change their speed, the body's way is cut into shorter arcs.
+        cuts = ARCS if has_dynamics(q) and not pose_driven_by_wheels else 1
         whole = math.ceil(pose_shift)
         part = whole - pose_shift
         for w in range(len(starts)):
@@ -237,17 +243,24 @@ def simulate(
                 # From `part` of a step after sample `at` to as much after the next, where a command
                 # switches in between.
                 at = start + j - whole
-                for piece in range(2):
-                    begin, begin_part = (at, part) if piece == 0 else (at + 1, 0.0)
-                    end, end_part = (at + 1, 0.0) if piece == 0 else (at + 1, part)
-                    duration = ((end - begin) + (end_part - begin_part)) * step
+                for piece in range(2 * cuts):
+                    # The first half of the pieces fills up sample `at`, the second begins the next one.
+                    sample = at if piece < cuts else at + 1
+                    low_part, high_part = (part, 1.0) if piece < cuts else (0.0, part)
+                    # Short arcs after a switch, where the speed changes most.
+                    first_share, last_share = ((piece % cuts) / cuts) ** 2, ((piece % cuts + 1) / cuts) ** 2
+                    begin = low_part + (high_part - low_part) * first_share
+                    duration = (high_part - low_part) * (last_share - first_share) * step
                     if duration <= 0.0:
                         continue
+                    end, end_part = sample, low_part + (high_part - low_part) * last_share
+                    if piece == cuts - 1:
+                        end, end_part = sample + 1, 0.0
                     left = travelled(course, 0, end, end_part, low, high, step, q, rest[0]) - travelled(
-                        course, 0, begin, begin_part, low, high, step, q, rest[0]
+                        course, 0, sample, begin, low, high, step, q, rest[0]
                     )
                     right = travelled(course, 1, end, end_part, low, high, step, q, rest[1]) - travelled(
-                        course, 1, begin, begin_part, low, high, step, q, rest[1]
+                        course, 1, sample, begin, low, high, step, q, rest[1]
                     )
                     distance, lateral, turn = body(left, right, duration, extra, q)
                     x, y, cosine, sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
