@@ -18,7 +18,8 @@ Progress = Callable[[str, float], None]
 
 MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
 MAX_P = 0.01  # of a paired test over blocks of windows
-STRONG_P = 1e-6  # of the likelihood test for a cause that shows in few blocks; wandering noise came to 5e-5
+RARE_P = 0.1  # of the test over blocks for a cause that shows in few of them only
+STRONG_P = 1e-6  # of its test of likelihood; wandering noise came to 5e-5
 TOUCHED = 0.01  # of the most that a cause changes in any block
 MIN_SHARE = 0.003  # of the whole misfit: what is smaller is not worth a name
 SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are told apart beyond these
@@ -73,11 +74,12 @@ def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
     total = parent.total - child.total
     if total <= max(MIN_GAIN, MIN_SHARE * float(parent.loss.sum())):
         return False
-    if block_p_value(gain, blocks) < MAX_P:
+    p = block_p_value(gain, blocks)
+    if p < MAX_P:
         return True
     largest = float(np.bincount(np.unique(blocks, return_inverse=True)[1], weights=gain).max())
     single = len(child.effects) == len(parent.effects) + 1 and total - largest > MIN_GAIN
-    return single and likelihood_p_value(parent, child, blocks) < STRONG_P
+    return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < STRONG_P
 
 
 def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) -> float:
