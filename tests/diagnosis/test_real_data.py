@@ -6,15 +6,18 @@ The Warthog has a file of its own (test_warthog.py).
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.datasets import open_recording
+from fieldmodels.model import FloatArray
 from fieldmodels.propeller_arm import PropellerArm
 from fieldmodels.recording import Recording, Windows
 
@@ -28,17 +31,6 @@ def diagnosed(folder: Path, collection: str, out: Path, model: str, train: list[
     result = CliRunner().invoke(app, ["diagnose", *asked, "--model", model, "--out", str(out)])
     assert result.exit_code == 0, result.output
     return json.loads((out / "diagnosis.json").read_text())
-
-
-def vector(model: Model, found: dict, upto: int | None = None, measured: bool = True) -> FloatArray:
-    """The extended simulation, or with only its first causes."""
-    del measured
-    base = {name: entry["value"] for name, entry in found["parameters"].items()}
-    effects = {
-        cause["effect"]: {name: entry["value"] for name, entry in cause["parameters"].items()}
-        for cause in found["causes"][:upto]
-    }
-    return model.vector(base, effects)
 
 
 def test_coulomb_friction_of_the_dfki_pendulum(public_data, tmp_path):
@@ -61,37 +53,72 @@ def test_a_bang_bang_swing_up_stays_unknown(public_data, tmp_path):
     assert found["causes"] == []
 
 
+@pytest.mark.slow
 def test_a_pendulum_that_was_moved_by_hand_is_not_explained_by_its_bench(public_data, tmp_path):
     found = diagnosed(public_data, "dfki_simple_pendulum", tmp_path, "pendulum", ["gravity_compensation"])
     assert found["verdict"] == "unknown" or found["unknown"] is not None
 
 
-def between(recording: Recording, begin: float, end: float) -> Recording:
-    kept = (recording.time >= begin) & (recording.time < end)
-    signals = {name: values[kept] for name, values in recording.signals.items()}
+def flying(name: str) -> Recording:
+    """The minute of a log in which the arm flies, as its publishers cut it."""
+    recording = open_recording(f"quarter_drone/{name}", PropellerArm())
+    kept = (recording.time >= 20.0) & (recording.time < 80.0)
+    signals = {key: values[kept] for key, values in recording.signals.items()}
     return replace(recording, time=recording.time[kept], signals=signals, episode=recording.episode[kept])
 
 
-def window_error(model: PropellerArm, recording: Recording, parameters: FloatArray) -> float:
-    """Root mean square error of half a second predicted from measured starts [deg]."""
+def window_errors(model: PropellerArm, recording: Recording, parameters: FloatArray) -> FloatArray:
+    """Errors of half a second predicted from measured starts [deg]."""
     windows = model.windows(recording, 0.5)
     error = model.simulate(parameters, windows)[0] - windows.measured(tuple(o.name for o in model.outputs))
-    return float(np.rad2deg(np.sqrt(np.mean(error[:, :, 0] ** 2))))
+    return np.rad2deg(error[:, :, 0]).ravel()
 
 
 def free_run_error(model: PropellerArm, recording: Recording, parameters: FloatArray) -> float:
     """Root mean square error of a whole run from its first measured state [deg]."""
-    n = len(recording)
-    start = np.array([0])
-    windows = Windows(
-        recording,
-        start,
-        np.array([n]),
-        model.initial_states(recording, start),
-        np.ones((1, n, 2), dtype=bool),
-    )
-    error = model.simulate(parameters, windows)[0, 0, :, 0] - recording["angle"]
+    start, observed = np.array([0]), np.ones((1, len(recording), 2), dtype=np.bool_)
+    states = model.initial_states(recording, start)
+    whole = Windows(recording, start, np.array([len(recording)]), states, observed)
+    error = model.simulate(parameters, whole)[0, 0, :, 0] - recording["angle"]
     return float(np.rad2deg(np.sqrt(np.mean(error**2))))
+
+
+STEPS = {
+    "damping": (0.02, 1.52),
+    "thrust_curve.exponent": (1.8, 1.15),
+    "actuator_delay.delay": (0.05, 0.82),
+    "coulomb_friction.torque": (0.01, 0.68),
+}
+
+
+def test_each_step_towards_the_quarter_drone_halves_what_is_unseen(public_data):
+    """From measured starts, half a second ahead on the unseen swept sine: 1.52 to 0.68 degrees."""
+    if not (public_data / "quarter_drone").is_dir():
+        pytest.skip("no real data: FIELDGYM_DATA holds no quarter_drone")
+    model = PropellerArm()
+    train, test = [flying("multisine"), flying("steps")], flying("swept_sine")
+    names, values = ["inertia", "gravity_moment"], [0.05, 0.35]
+    for step, (start, seen) in STEPS.items():
+        names, values = [*names, step], [*values, start]
+        if step == "thrust_curve.exponent":
+            values[:2] = [0.025, 0.2]
+        free = [model.index(name) for name in names]
+
+        def parameters(x: FloatArray, free: list[int] = free) -> FloatArray:
+            result = model.nominal.copy()
+            result[free] = x
+            return result
+
+        def errors(x: FloatArray, parameters: Callable[..., FloatArray] = parameters) -> FloatArray:
+            return np.concatenate([window_errors(model, r, parameters(x)) for r in train])
+
+        fitted = least_squares(errors, values, x_scale=np.abs(values), bounds=(0.0, np.inf), max_nfev=60)
+        values = list(fitted.x)
+        found = parameters(fitted.x)
+        assert np.sqrt(np.mean(window_errors(model, test, found) ** 2)) == pytest.approx(seen, rel=0.05)
+    assert found[model.index("thrust_curve.exponent")] == pytest.approx(2.0, abs=0.15)
+    # A minute in free run; the publishers' grey box has 3.18 degrees here.
+    assert free_run_error(model, test, found) < 2.8
 
 
 @pytest.mark.slow
