@@ -17,7 +17,7 @@ from fieldmodels.diagnosis.loudness import levelled
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.quantisation import lattice
 from fieldmodels.diagnosis.report import write_results
-from fieldmodels.diagnosis.selection import MAX_P, block_p_value, dispersion
+from fieldmodels.diagnosis.selection import MAX_P, accepted, block_p_value, dispersion
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
 from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording, RecordingError
@@ -204,6 +204,20 @@ def test_held_out_loss_equals_a_refit_without_the_fold(fitted):
     left = fit(inside, without.parameters, np.zeros(0, dtype=np.int64), candidates.whitener)
     slow = heavy_tailed(left.residual, left.raw.shape[1])
     assert quick[folds == 0] == pytest.approx(slow, rel=0.01)
+
+
+def test_a_parameter_that_the_data_cannot_see_is_not_credited(fitted):
+    """Left to itself, a column of the size of a rounding error would fit some fold by a step of thousands."""
+    problem, candidates, base = fitted
+    blind = 1e-6 * np.random.default_rng(3).standard_normal((*base.fit.residual.shape, 1))
+    wide = replace(
+        base.fit,
+        jacobian=np.concatenate([base.fit.jacobian, blind], axis=2),
+        active=np.append(base.fit.active, True),
+    )
+    alone, beside = (held_out_loss(f, candidates.folds) for f in (base.fit, wide))
+    assert beside == pytest.approx(alone, rel=1e-12)
+    assert not accepted(base, replace(base, effects=("leak",), loss=base.loss - 1.0), problem.blocks)
 
 
 def test_refit_does_not_leave_the_optimum(fitted):

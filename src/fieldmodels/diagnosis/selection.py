@@ -72,7 +72,7 @@ def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
     """Whether the data call for the effects that the child has and the parent has not."""
     gain = parent.loss - child.loss
     total = parent.total - child.total
-    if total <= max(MIN_GAIN, MIN_SHARE * float(parent.loss.sum())):
+    if total <= max(MIN_GAIN, MIN_SHARE * float(parent.loss.sum())) or child.fit.cost >= parent.fit.cost:
         return False
     p = block_p_value(gain, blocks)
     if p < MAX_P:
