@@ -21,7 +21,7 @@ from fieldmodels.diagnosis.selection import MIN_GAIN, Selection
 from fieldmodels.model import FloatArray
 from fieldmodels.recording import Recording, RecordingError, Windows
 
-SECONDS, LONGEST = 20.0, 120.0  # of a planned measurement: compared over the first, at most the second
+SECONDS, LONGEST = 20.0, 240.0  # of a planned measurement: compared over the first, at most the second
 WINDOWS = 12  # at the main horizon, at least
 ENOUGH = 16.0  # nats that decide: beyond the 6 that tell two sets apart by 2.5 standard deviations
 WEAK = 15.0  # nats: a single effect that leads its next rival by less is named, but weakly
