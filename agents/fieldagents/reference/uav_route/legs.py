@@ -49,6 +49,10 @@ MARGIN = 1e-6
 """What is kept from every limit [km], so that a solver's tolerance breaks none."""
 MARGINS = (2e-6, 0.1)
 """The same when the waypoints move, larger so that what is flown can be planned on; the second if need be."""
+FINER = 3
+"""How many lines touch a circle for each sector about it."""
+LENGTH_SIDES = 72
+"""Sides of the polygons that stand for lengths: within 0.1 %."""
 FAR_SIDES = 36
 """Sides of the polygons beyond which, and number of sectors in which, a turn may begin."""
 SLANTS: tuple[tuple[Kind, float], ...] = tuple(
@@ -83,7 +87,7 @@ def leg_plan(
         layout: Start, goal and radars.
         world: The continuous model.
         legs: Largest number of legs of the program.
-        directions: Number of sides of the polygons that stand for circles, and of sectors.
+        directions: Number of sectors about each radar; three times as many lines touch its circle.
         polish: Number of legs up to which the route is divided when its waypoints move; 0 leaves them.
         lock_loss: True allows detections as long as no radar launches its missile; False allows none.
         guide: A route from start to goal [km], shape (n, 2): the program then has its n - 1 legs, each with
@@ -120,7 +124,7 @@ def leg_plan(
             ]
             for i in range(legs)
         ]
-        program = _Program(part, world, modes, directions, heading, lock_loss=lock_loss)
+        program = _Program(part, world, modes, heading, lock_loss=lock_loss)
         search = replace(solve(program.pulp, engine, begun), seconds=time.perf_counter() - begun)
         if search.status in ("infeasible", "no answer"):
             return make_plan(name, layout, world, search, heading=heading)
@@ -165,11 +169,18 @@ def _all_around(
 ) -> list[Mode]:
     """Modes all around a radar; the goal lies on an edge between sectors, as most routes end on one."""
     first = math.atan2(layout.goal[1] - radar[1], layout.goal[0] - radar[0])
-    step = 2.0 * math.pi / directions
-    kinds: tuple[Kind, ...] = ("outside", "nose", "tail")
-    modes = [Mode(kind, first + (m + 0.5) * step, 0.5 * step) for kind in kinds for m in range(directions)]
+    kinds: tuple[tuple[Kind, int], ...] = (
+        ("outside", FINER * directions),
+        ("nose", directions),
+        ("tail", directions),
+    )
+    modes = [
+        Mode(kind, first + (m + 0.5) * 2.0 * math.pi / count, math.pi / count)
+        for kind, count in kinds
+        for m in range(count)
+    ]
     if heading is not None:  # a line along which the aircraft may fly on
-        modes += [Mode("outside", heading + side * 0.5 * math.pi, 0.5 * step) for side in (-1.0, 1.0)]
+        modes += [Mode("outside", heading + side * 0.5 * math.pi, 0.0) for side in (-1.0, 1.0)]
     return modes
 
 
@@ -227,7 +238,6 @@ class _Program:
         layout: Layout,
         world: World,
         modes: Sequence[Sequence[Sequence[Mode]]],
-        directions: int,
         heading: float | None,
         *,
         lock_loss: bool,
@@ -250,11 +260,11 @@ class _Program:
         ]
         self.points: list[list[Any]] = [list(layout.start), *inner, list(layout.goal)]
         self.lengths = [pulp.LpVariable(f"length{i}", 0.0) for i in range(n)]
-        self.polygon = math.cos(math.pi / directions)
+        self.polygon = math.cos(math.pi / LENGTH_SIDES)
         self.pulp += pulp.lpSum(self.lengths)
         for i in range(n):
             p, q = self.points[i], self.points[i + 1]
-            for a in 2.0 * math.pi * np.arange(directions) / directions:
+            for a in 2.0 * math.pi * np.arange(LENGTH_SIDES) / LENGTH_SIDES:
                 self.pulp += self.lengths[i] >= math.cos(a) * (q[0] - p[0]) + math.sin(a) * (q[1] - p[1])
         self.free: dict[tuple[int, int], Any] = {}
         self.long: dict[int, Any] = {}
