@@ -115,7 +115,7 @@ def next_measurement(
             "compared": {f"{k} {s:g} s": round(v, 2) for (k, s), v in scores.items()},
         },
         plan=Recording(
-            time=_times(needed, step),
+            time=_clock(len(values), step),
             signals={name: values[:, i] for i, name in enumerate(names)},
             units={signal.name: signal.unit for signal in model.inputs},
             source="planned measurement",
@@ -127,8 +127,9 @@ def _names(candidate: Candidate) -> str:
     return " and ".join(candidate.effects).replace("_", " ")
 
 
-def _times(seconds: float, step: float) -> FloatArray:
-    return np.arange(round(seconds / step), dtype=np.float64) * step
+def _clock(count: int, step: float) -> FloatArray:
+    """Sample times [s]."""
+    return np.arange(count, dtype=np.float64) * step
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class _Plan:
             None if hardly any would keep the outputs in the range that was measured.
         """
         compared = np.unique(self.present.outputs)
-        time, scale = _times(seconds, self.step), 1.0
+        time, scale = _clock(round(seconds / self.step), self.step), 1.0
         for _ in range(TRIES):
             values = planned(self.limits, shape, time, scale, np.random.default_rng(self.seed))
             excess = self.limits.excess(self._outputs(values)[:, compared], compared)
@@ -177,7 +178,7 @@ class _Plan:
             return None
         measured = {model.outputs[j].name: outputs[:, j] for j in compared}
         given = {signal.name: values[:, i] for i, signal in enumerate(model.inputs)}
-        record = Recording(time=np.arange(len(values)) * self.step, signals={**measured, **given})
+        record = Recording(time=_clock(len(values), self.step), signals={**measured, **given})
         try:
             problem = build(model, [record], model.horizons[min(1, len(model.horizons) - 1)])
         except RecordingError:
@@ -204,7 +205,7 @@ class _Plan:
         signals = {signal.name: values[:, i] for i, signal in enumerate(model.inputs)}
         whole = Windows(
             recording=Recording(
-                time=np.arange(n) * self.step,
+                time=_clock(n, self.step),
                 signals=signals | {o.name: np.zeros(n) for o in model.outputs},
                 source="planned measurement",
             ),
