@@ -195,7 +195,10 @@ def _calibration(diagnosis: Diagnosis) -> str:
         axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
         drawn = [(before, "before", BEFORE)] + ([(after, "after", AFTER)] if diagnosis.causes else [])
         for curve, label, colour in drawn:
-            axis.errorbar(*curve[:, :2].T, 2 * curve[:, 2], fmt="o-", color=colour, label=label, ms=4, lw=1)
+            predicted, observed, error = curve[:, :3].T
+            axis.errorbar(
+                predicted, observed, yerr=2 * error, fmt="o-", color=colour, label=label, ms=4, lw=1
+            )
         axis.set(xlabel=f"simulated probability of {name}", ylabel="observed frequency")
     grid[0].legend(frameon=False)
     return "<h2>Probabilities and frequencies</h2>" + html.figure(
