@@ -14,6 +14,9 @@ from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from zlib import crc32
+
+import numpy as np
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.exam.cases import Case
@@ -21,7 +24,8 @@ from fieldmodels.exam.scoring import judged
 from fieldmodels.exam.sizes import Curve, curve_of, size_on
 from fieldmodels.exam.subjects import Outside, get_subject
 from fieldmodels.files import write_text
-from fieldmodels.model import ModelError
+from fieldmodels.model import Model, ModelError
+from fieldmodels.recording import Recording
 
 Row = dict[str, Any]
 Progress = Callable[[str, float], None]
@@ -52,7 +56,8 @@ def sit(cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progres
     kept = read_rows(log)
     write_text(log, "".join(json.dumps(row, allow_nan=False) + "\n" for row in kept))  # whole lines only
     done = {row["key"]: row for row in kept if row["code"] == codes.get(row["model"])}
-    left = [case for case in cases if case.key not in done]
+    # Mixed, so that the rows of an interrupted exam are a sample of the whole.
+    left = sorted((c for c in cases if c.key not in done), key=lambda case: crc32(case.key.encode()))
     with _pool(workers) as pool:
         curves = _curves(left, out / "sizes.json", pool, tell)
         futures = {
@@ -75,6 +80,10 @@ def examine(case: Case, curves: dict[str, Curve]) -> Row:
     Args:
         case: The case.
         curves: Curve of each hidden fault.
+
+    Returns:
+        The case with the values that were hidden and the outcome, beside those of ``scoring``: ``out of
+        reach`` if no size adds the percentage, ``failed`` if the diagnosis ended in an error.
     """
     subject = get_subject(case.model)
     row: Row = case.to_json() | {"percents": [], "values": {}}
@@ -98,10 +107,27 @@ def examine(case: Case, curves: dict[str, Curve]) -> Row:
         train, test = (subject.record(hidden, seed, coloured=coloured, outside=outside) for seed in seeds)
     except ModelError as error:
         return row | {"outcome": "out of reach", "seconds": 0.0, "summary": str(error)}
+    if not (_finite(subject.model, train) and _finite(subject.model, test)):
+        fault = " and ".join(case.hidden)
+        return row | {
+            "outcome": "out of reach",
+            "seconds": 0.0,
+            "summary": f"{fault} lets the machine run away",
+        }
     began = time.process_time()  # of one thread: other work on the machine does not count
-    found = diagnose(subject.model, [train], [test], fixed=subject.fixed(hidden))
+    try:
+        found = diagnose(subject.model, [train], [test], fixed=subject.fixed(hidden))
+    except Exception as error:  # a fault of the diagnosis counts as a case that it did not get right
+        what = f"{case.key}: {type(error).__name__}: {error}"
+        return row | {"outcome": "failed", "seconds": time.process_time() - began, "summary": what}
     seconds = time.process_time() - began
     return row | judged(case, hidden, found) | {"seconds": round(seconds, 3)}
+
+
+def _finite(model: Model, recording: Recording) -> bool:
+    """Whether a record holds a number wherever one was measured (an event is none where nothing looked)."""
+    signals = (*model.inputs, *(output for output in model.outputs if not output.event))
+    return all(np.isfinite(recording[s.name]).all() for s in signals if s.name in recording)
 
 
 def read_rows(log: Path) -> list[Row]:

@@ -97,6 +97,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "effects": _effects(rows),
         "confusions": _confusions(rows),
         "out_of_reach": sorted({r["summary"] for r in rows if r["outcome"] == "out of reach"}),
+        "failed": sorted(r["summary"] for r in rows if r["outcome"] == "failed"),
         "parameters": _parameters(rows),
         "seconds": {name: _seconds(part) for name, part in parts.items()},
     }
@@ -255,6 +256,7 @@ def _notes(found: dict[str, Any]) -> list[str]:
             f"{three:.0f} % are within 1, 2 and 3 standard errors of the truth."
         )
     notes += [f"Could not be asked: {text}." for text in found["out_of_reach"]]
+    notes += [f"Ended in an error: {text}." for text in found["failed"]]
     return notes
 
 
