@@ -220,7 +220,8 @@ def test_shipped_record_configs_load(path):
 def test_shipped_benchmarks_load(path):
     from fieldagents.config import EvaluateConfig, load_config
 
-    assert load_config(path, EvaluateConfig).episodes >= 40
+    slow = path.stem == "benchmark_printed"  # half a minute an episode
+    assert load_config(path, EvaluateConfig).episodes >= (6 if slow else 40)
 
 
 EVALUATE = ("evaluate", CONFIGS / "heel_strike" / "benchmark.yaml")
