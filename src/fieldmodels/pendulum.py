@@ -38,8 +38,8 @@ class Pendulum(OneAxis):
     disturbance_unit = "N m"
     axis = ROTARY
     nominal_scales = Scales(
-        base=(0.0626, 1.0), force=0.5, high_forces=(1.5, 1.2, 0.8, 0.4), rate=150.0, position=0.8, velocity=2.0,
-        duration=30.0, step=0.01, position_noise=2e-3, velocity_noise=5e-2, frequencies=(1.0,),
+        base=(0.0626, 1.0), force=0.5, high_forces=(1.5, 1.2, 0.8, 0.4), rate=150.0, position=0.8,
+        velocity=2.0, duration=30.0, step=0.01, position_noise=2e-3, velocity_noise=5e-2, frequencies=(1.0,),
     )  # fmt: skip
     slots = MappingProxyType(
         {

@@ -32,8 +32,8 @@ class Rig(OneAxis):
     disturbance_unit = "N"
     axis = LINEAR
     nominal_scales = Scales(
-        base=(2.0, 4.0, 80.0), force=3.0, high_forces=(8.0, 6.0, 4.0, 2.0), rate=800.0, position=0.05, velocity=0.2,
-        duration=30.0, step=0.01, position_noise=2e-4, velocity_noise=5e-3, frequencies=(1.0,),
+        base=(2.0, 4.0, 80.0), force=3.0, high_forces=(8.0, 6.0, 4.0, 2.0), rate=800.0, position=0.05,
+        velocity=0.2, duration=30.0, step=0.01, position_noise=2e-4, velocity_noise=5e-3, frequencies=(1.0,),
     )  # fmt: skip
     slots = MappingProxyType(
         {
