@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -36,6 +37,7 @@ from fieldmodels.excitation.parameters import (
     SensorNoise,
 )
 from fieldmodels.excitation.shaker import Shaken, Shakers, average_percent, normalised_percent
+from fieldmodels.model import ModelError
 from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:
@@ -88,6 +90,10 @@ class ExcitationSettings:
     bits: Annotated[int, Field(ge=1, le=20)] = 10
 
 
+DIAGNOSED = "soft"
+"""The vehicle of the model ``excitation`` that a diagnosis extends."""
+
+
 class _Experiment(Play):
     """The task on a batch of vehicles."""
 
@@ -95,6 +101,11 @@ class _Experiment(Play):
         self.settings = read_settings(settings, ExcitationSettings)
         model = ExcitationModel(self.settings.preset)
         self.reality = read_reality(reality, model)
+        if isinstance(reality, str | Path) and self.reality.base and self.settings.preset != DIAGNOSED:
+            raise ModelError(
+                f"{reality}: holds base parameters of the vehicle {DIAGNOSED!r}, the one that is diagnosed, but "
+                f"the environment's is {self.settings.preset!r}; set preset: {DIAGNOSED}"
+            )
         self.shakers = Shakers(
             batch,
             self.reality.vector(model),
@@ -384,8 +395,8 @@ class ExcitationEnv(PlayEnv):
 
     - `settings`: an `ExcitationSettings` or a mapping of some of its fields; unknown keys are refused.
     - `reality`: what the simulation truly is: effects of the model `excitation`, the path of an
-      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation. The filters go on
-      believing in eq (4).
+      `extended.yaml` that a diagnosis wrote (of the `soft` vehicle, which is the model's), or None for the
+      nominal simulation. The filters go on believing in eq (4).
     - `render_mode`: `rgb_array` (960 x 540, one frame a decision; `step_frames` gives slices of it) or
       `human`.
 

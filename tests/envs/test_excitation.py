@@ -208,6 +208,18 @@ def test_reality_reaches_the_vehicle():
     assert np.abs(infos[-1]["estimate"]["mean"][:, 0] - 5.0).max() < 0.5
 
 
+def test_an_extended_model_does_not_silently_change_the_vehicle(tmp_path):
+    """A diagnosis holds the soft vehicle against the data: its file is of no other one."""
+    path = tmp_path / "extended.yaml"
+    path.write_text(
+        "schema: 1\nmodel: excitation\nparameters: {damping_x: {value: 9.0}}\n"
+        "effects: {payload: {mass: {value: 0.2}}}\n"
+    )
+    with pytest.raises(ModelError, match="set preset: soft"):
+        gym.make("fieldgym/Excitation-v0", reality=path)
+    gym.make("fieldgym/Excitation-v0", reality=path, settings={"preset": "soft"}).reset(seed=0)
+
+
 def test_unknown_effect_is_named():
     with pytest.raises(ModelError, match="did you mean"):
         gym.make(ID, reality={"payloda": {"mass": 0.1}})
