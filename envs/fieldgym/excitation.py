@@ -103,7 +103,7 @@ class _Experiment(Play):
         self.reality = read_reality(reality, model)
         if isinstance(reality, str | Path) and self.reality.base and self.settings.preset != DIAGNOSED:
             raise ModelError(
-                f"{reality}: holds base parameters of the vehicle {DIAGNOSED!r}, the one that is diagnosed, but "
+                f"{reality}: its base parameters are of the vehicle {DIAGNOSED!r}, the one diagnosed, but "
                 f"the environment's is {self.settings.preset!r}; set preset: {DIAGNOSED}"
             )
         self.shakers = Shakers(
