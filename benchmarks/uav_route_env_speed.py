@@ -11,48 +11,16 @@ with as many environments.
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
+from steppers import ACTIONS, Stepper, native, scalar, steps_a_second
 
-import fieldgym  # noqa: F401 - registers the environments
 from fieldmodels.uav_route.flights import Flights, Rules
 
 OURS, THEIRS = "fieldgym/UavRoute-v0", "CartPole-v1"
-ROUNDS = 12
-SECONDS = 0.1
-ACTIONS = 64
 
 
-def native(name: str, count: int, **settings: Any) -> Callable[[int], object]:
-    """A step of a native vector environment, with the k-th of its actions."""
-    options = {"settings": settings} if settings else {}
-    env = gym.make_vec(name, num_envs=count, vectorization_mode="vector_entry_point", **options)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(ACTIONS)]
-    return lambda k: env.step(actions[k % ACTIONS])
-
-
-def scalar(name: str) -> Callable[[int], object]:
-    """A step of a single environment, which restarts at an episode's end."""
-    env = gym.make(name)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(ACTIONS)]
-
-    def step(k: int) -> None:
-        _, _, terminated, truncated, _ = env.step(actions[k % ACTIONS])
-        if terminated or truncated:
-            env.reset()
-
-    return step
-
-
-def kernel(count: int) -> Callable[[int], object]:
+def kernel(count: int) -> Stepper:
     """A leg of the bare kernel, with the lengths that the environment's actions mean."""
     rules, rng = Rules(longest_leg=500.0), np.random.default_rng(0)
     flights = Flights(count, rules)
@@ -69,22 +37,6 @@ def kernel(count: int) -> Callable[[int], object]:
     return lambda k: flights.advance(actions[k % ACTIONS], restarting=True)
 
 
-def steps_a_second(steppers: dict[str, tuple[Callable[[int], object], int]]) -> dict[str, float]:
-    """Steps of environments a second of each stepper, its fastest round of several."""
-    for step, _ in steppers.values():
-        step(0)  # may compile
-    best = dict.fromkeys(steppers, 0.0)
-    for _ in range(ROUNDS):
-        for name, (step, count) in steppers.items():
-            calls, begin, start = 0, time.process_time(), time.perf_counter()
-            while time.perf_counter() - start < SECONDS:
-                for k in range(16):
-                    step(k + calls)
-                calls += 16
-            best[name] = max(best[name], calls * count / (time.process_time() - begin))
-    return best
-
-
 def main() -> None:
     """Print the table."""
     print(f"{'':44s}{'steps/s':>12s}{'of CartPole':>13s}")
@@ -93,9 +45,15 @@ def main() -> None:
             {
                 f"kernel alone, {count}": (kernel(count), count),
                 f"native vector, {count}": (native(OURS, count), count),
-                f"native vector, no lock is lost, {count}": (native(OURS, count, lock_loss=False), count),
-                f"native vector, drawn looks, {count}": (native(OURS, count, detection="stochastic"), count),
-                f"native vector, 4 radars, {count}": (native(OURS, count, radars=4), count),
+                f"native vector, no lock is lost, {count}": (
+                    native(OURS, count, settings={"lock_loss": False}),
+                    count,
+                ),
+                f"native vector, drawn looks, {count}": (
+                    native(OURS, count, settings={"detection": "stochastic"}),
+                    count,
+                ),
+                f"native vector, 4 radars, {count}": (native(OURS, count, settings={"radars": 4}), count),
                 f"CartPole, native vector, {count}": (native(THEIRS, count), count),
             }
         )
