@@ -12,12 +12,12 @@ import gymnasium as gym
 import numpy as np
 
 import fieldgym  # noqa: F401 - registers the environments
-from fieldmodels.excitation.dynamics import SUBSTEPS
-from fieldmodels.excitation.motion import CONSTANT
-from fieldmodels.excitation.parameters import MODES, SAMPLES
-from fieldmodels.excitation.shaker import Shakers
-from fieldmodels.heel_strike.parameters import Leg, Regimes
-from fieldmodels.heel_strike.strides import Strides
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS
+from fieldmodels.machines.excitation.motion import CONSTANT
+from fieldmodels.machines.excitation.parameters import MODES, SAMPLES
+from fieldmodels.machines.excitation.shaker import Shakers
+from fieldmodels.machines.heel_strike.parameters import Leg, Regimes
+from fieldmodels.machines.heel_strike.strides import Strides
 
 HEEL_STRIKE, EXCITATION = "fieldgym/HeelStrike-v0", "fieldgym/Excitation-v0"
 BATCH = 64

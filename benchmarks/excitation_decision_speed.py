@@ -19,11 +19,11 @@ import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import visible
 from fieldagents.reference import references
 from fieldagents.reference.excitation import situation
-from fieldmodels.excitation.dynamics import SUBSTEPS
-from fieldmodels.excitation.motion import CONSTANT, DECISION
-from fieldmodels.excitation.parameters import LOWER, UPPER
-from fieldmodels.excitation.prediction import Predictor
 from fieldmodels.information import binned, closed, fast
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS
+from fieldmodels.machines.excitation.motion import CONSTANT, DECISION
+from fieldmodels.machines.excitation.parameters import LOWER, UPPER
+from fieldmodels.machines.excitation.prediction import Predictor
 
 PAPER_MS, LIMIT_MS = 75.0, 15.0
 

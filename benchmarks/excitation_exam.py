@@ -15,10 +15,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.excitation.model import ExcitationModel
-from fieldmodels.excitation.recording import record_experiment
-from fieldmodels.model import FloatArray
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.reality import Reality
 
 HIDDEN: Mapping[str, Mapping[str, float]] = {

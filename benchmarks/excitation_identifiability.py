@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldmodels.excitation.dynamics import SUBSTEPS
-from fieldmodels.excitation.identifiability import identifiability
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import PRESETS, SAMPLES
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS
+from fieldmodels.machines.excitation.identifiability import identifiability
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import PRESETS, SAMPLES
 
 
 def main() -> None:

@@ -9,12 +9,12 @@ import time
 
 import numpy as np
 
-from fieldmodels.excitation.dynamics import ITERATIONS, SUBSTEPS, simulate
-from fieldmodels.excitation.model import ExcitationModel
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import PRESETS, SAMPLE, SAMPLES, Arm
-from fieldmodels.excitation.recording import record_experiment
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.excitation.dynamics import ITERATIONS, SUBSTEPS, simulate
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import PRESETS, SAMPLE, SAMPLES, Arm
+from fieldmodels.machines.excitation.recording import record_experiment
 
 ARM = Arm()
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldmodels.heel_strike.parameters import CollisionKind, Noise, Regimes
-from fieldmodels.heel_strike.search import Walks, record_walks, score_gains
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.heel_strike.parameters import CollisionKind, Noise, Regimes
+from fieldmodels.machines.heel_strike.search import Walks, record_walks, score_gains
 
 DECAY = 1000 / 3
 TUNING, TEST = range(0, 4), range(1000, 1008)

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.heel_strike.parameters import Noise
-from fieldmodels.heel_strike.recording import record_walk
+from fieldmodels.machines.heel_strike.parameters import Noise
+from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.reality import Reality
 from fieldmodels.registry import get_model
 

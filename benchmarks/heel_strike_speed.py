@@ -11,11 +11,11 @@ import time
 
 import numpy as np
 
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import Noise, Regimes
-from fieldmodels.heel_strike.recording import record_walk
-from fieldmodels.heel_strike.search import record_walks, score_gains
-from fieldmodels.heel_strike.strides import Strides
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import Noise, Regimes
+from fieldmodels.machines.heel_strike.recording import record_walk
+from fieldmodels.machines.heel_strike.search import record_walks, score_gains
+from fieldmodels.machines.heel_strike.strides import Strides
 
 PAPER = (1.0, 1.0, 0.1, 1000 / 3)
 

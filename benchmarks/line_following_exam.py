@@ -20,13 +20,13 @@ import numpy as np
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.result import Diagnosis
-from fieldmodels.line_following import recording as walked
-from fieldmodels.line_following.body import Hardware
-from fieldmodels.line_following.model import LineFollowing
-from fieldmodels.line_following.parameters import Noise
-from fieldmodels.line_following.recording import GENTLE, LAW, record_walk
-from fieldmodels.line_following.tracks import Track, oval, straight
-from fieldmodels.line_following.walks import Scene, Walks
+from fieldmodels.machines.line_following import recording as walked
+from fieldmodels.machines.line_following.body import Hardware
+from fieldmodels.machines.line_following.model import LineFollowing
+from fieldmodels.machines.line_following.parameters import Noise
+from fieldmodels.machines.line_following.recording import GENTLE, LAW, record_walk
+from fieldmodels.machines.line_following.tracks import Track, oval, straight
+from fieldmodels.machines.line_following.walks import Scene, Walks
 from fieldmodels.model import ModelError
 from fieldmodels.recording import Recording
 

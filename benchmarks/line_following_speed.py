@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fieldgym  # noqa: F401 - registers the environments
-from fieldmodels.line_following.body import Body
-from fieldmodels.line_following.firmware import line_position
-from fieldmodels.line_following.parameters import Camera
-from fieldmodels.line_following.renderer import Renderer, make_view
-from fieldmodels.line_following.tracks import oval
-from fieldmodels.line_following.walks import Scene, Walks
+from fieldmodels.machines.line_following.body import Body
+from fieldmodels.machines.line_following.firmware import line_position
+from fieldmodels.machines.line_following.parameters import Camera
+from fieldmodels.machines.line_following.renderer import Renderer, make_view
+from fieldmodels.machines.line_following.tracks import oval
+from fieldmodels.machines.line_following.walks import Scene, Walks
 
 BATCH = 1024
 SECONDS = 2.0

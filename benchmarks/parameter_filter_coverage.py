@@ -18,10 +18,11 @@ import numpy as np
 from fieldmodels.compiled import compiled
 from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms
 from fieldmodels.estimation.pseudo_inverse import pseudo_inverse
-from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.output_error import fit_vehicle
-from fieldmodels.excitation.parameters import (
+from fieldmodels.information import fast
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.output_error import fit_vehicle
+from fieldmodels.machines.excitation.parameters import (
     LIMITS,
     LOWER,
     MODES,
@@ -36,10 +37,15 @@ from fieldmodels.excitation.parameters import (
     Arm,
     SensorNoise,
 )
-from fieldmodels.excitation.regression import FEATURES, TERMS, add_feature_noise, fill_features, regressor
-from fieldmodels.excitation.sensors import full_scale, measure
-from fieldmodels.excitation.shaker import drawn_around
-from fieldmodels.information import fast
+from fieldmodels.machines.excitation.regression import (
+    FEATURES,
+    TERMS,
+    add_feature_noise,
+    fill_features,
+    regressor,
+)
+from fieldmodels.machines.excitation.sensors import full_scale, measure
+from fieldmodels.machines.excitation.shaker import drawn_around
 
 FIRST_SEED = 50_000
 DECISIONS = 25

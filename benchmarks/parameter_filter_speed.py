@@ -15,9 +15,10 @@ import numpy as np
 
 from fieldmodels.estimation.filterpy_reference import FilterpyFilter
 from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms, kalman_run
-from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import (
+from fieldmodels.information import binned, closed, fast
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import (
     LOWER,
     MODES,
     PRIOR_MEAN,
@@ -29,7 +30,7 @@ from fieldmodels.excitation.parameters import (
     Arm,
     SensorNoise,
 )
-from fieldmodels.excitation.regression import (
+from fieldmodels.machines.excitation.regression import (
     FEATURES,
     FORCE,
     TERMS,
@@ -37,8 +38,7 @@ from fieldmodels.excitation.regression import (
     fill_features,
     regressor,
 )
-from fieldmodels.excitation.sensors import full_scale, measure
-from fieldmodels.information import binned, closed, fast
+from fieldmodels.machines.excitation.sensors import full_scale, measure
 
 DECISIONS = 10
 SECONDS = 1.0

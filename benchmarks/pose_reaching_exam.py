@@ -18,11 +18,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.result import Diagnosis
-from fieldmodels.model import FloatArray
-from fieldmodels.pose_reaching.model import PoseReaching
-from fieldmodels.pose_reaching.recording import record_drive
+from fieldmodels.machines.pose_reaching.model import PoseReaching
+from fieldmodels.machines.pose_reaching.recording import record_drive
 from fieldmodels.recording import Recording
 
 DURATION = 120.0
@@ -118,7 +118,7 @@ def outcome(found: Diagnosis, truth: str) -> str:
 
 def real() -> None:
     """The Warthog vehicle: errors at the end of 2 s, with what is named added one by one."""
-    from fieldmodels.datasets import open_recording
+    from fieldmodels.recording.datasets import open_recording
 
     model = PoseReaching()
     train, test = (open_recording(f"drive_ugv/warthog_{half}_steps", model) for half in ("even", "odd"))

@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from fieldmodels.model import FloatArray
-from fieldmodels.uav_route.aircraft import turn_into
-from fieldmodels.uav_route.flights import Flights, Rules
-from fieldmodels.uav_route.layouts import safe_route
-from fieldmodels.uav_route.parameters import (
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.aircraft import turn_into
+from fieldmodels.machines.uav_route.flights import Flights, Rules
+from fieldmodels.machines.uav_route.layouts import safe_route
+from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
     PRINTED,
     RIGHT,
@@ -23,7 +23,7 @@ from fieldmodels.uav_route.parameters import (
     World,
     make_constants,
 )
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.machines.uav_route.refly import refly
 
 PLANS = {
     "straight line": np.array([EXAMPLE.start, EXAMPLE.goal]),

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.recording import Recording
-from fieldmodels.uav_route.model import UavRoute
-from fieldmodels.uav_route.recording import record_flight
 
 MODEL = UavRoute()
 DURATION, EPISODES = 2000.0, 4

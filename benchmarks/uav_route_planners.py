@@ -34,8 +34,8 @@ from fieldagents.reference.uav_route.lower_bound import layouts_of
 from fieldagents.reference.uav_route.plan import Plan
 from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan
 from fieldgym.uav_route import UavRouteSettings
-from fieldmodels.uav_route.parameters import EXAMPLE, SECOND_UAV, Aircraft, Detection, Layout, World
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, Aircraft, Detection, Layout, World
+from fieldmodels.machines.uav_route.refly import refly
 
 HEAD = (
     f"{'Pd':>3} {'planner':26} {'solver':8} {'ended':9} {'gap':>5} {'steps':>5} "

@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fieldmodels.uav_route.flights import Flights, Rules
-from fieldmodels.uav_route.layouts import safe_route
-from fieldmodels.uav_route.parameters import EXAMPLE, Detection, World
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.machines.uav_route.flights import Flights, Rules
+from fieldmodels.machines.uav_route.layouts import safe_route
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, Detection, World
+from fieldmodels.machines.uav_route.refly import refly
 
 BATCH = 1024
 SECONDS = 2.0

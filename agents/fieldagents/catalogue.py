@@ -14,7 +14,7 @@ def catalogue() -> dict[str, Any]:
     from fieldagents.learned.zoo import list_zoo
     from fieldagents.reproduce import ENTRIES
     from fieldgym import TASKS
-    from fieldmodels.datasets import dataset_names
+    from fieldmodels.recording.datasets import dataset_names
     from fieldmodels.registry import get_model, model_names
 
     tasks = [

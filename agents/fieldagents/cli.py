@@ -273,8 +273,8 @@ def diagnose(
         fieldgym diagnose log.csv --model my_bench.py
     """
     from fieldagents import findings
-    from fieldmodels.datasets import open_recording
     from fieldmodels.model_files import is_model_file
+    from fieldmodels.recording.datasets import open_recording
     from fieldmodels.registry import get_model
 
     chosen = get_model(model)

@@ -21,7 +21,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, SequenceNode
 
-from fieldmodels.model import ModelError, did_you_mean
+from fieldmodels.model import ModelError
+from fieldmodels.names import did_you_mean
 from fieldmodels.yaml import YamlError, load_yaml
 
 Location = tuple[str | int, ...]

@@ -13,13 +13,13 @@ from fieldagents.evaluation import evaluate, report_section
 from fieldagents.evaluation.entrants import agent_names
 from fieldagents.progress import Report
 from fieldmodels import html
-from fieldmodels.datasets import DatasetError, get_dataset, open_recording
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import report_section as diagnosis_section
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.files import write_text
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
+from fieldmodels.recording.datasets import DatasetError, get_dataset, open_recording
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fieldagents.config import ConfigError
-from fieldmodels.model import Model, ModelError, did_you_mean
+from fieldmodels.model import Model, ModelError
+from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from fieldagents.config import ExcitationConfig, RecordConfig, WalkConfig
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Model
 from fieldmodels.reality import Reality, read_reality
 from fieldmodels.recording import Recording, RecordingError
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
@@ -111,8 +112,8 @@ def commands(config: RecordConfig, model: Model, usual_step: float) -> FloatArra
 
 def _experiment(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
     """A vehicle that its arm shakes by random sinusoids, in all three modes."""
-    from fieldmodels.excitation.model import ExcitationModel
-    from fieldmodels.excitation.recording import record_experiment
+    from fieldmodels.machines.excitation.model import ExcitationModel
+    from fieldmodels.machines.excitation.recording import record_experiment
 
     assert isinstance(model, ExcitationModel)
     return record_experiment(
@@ -128,8 +129,8 @@ def _experiment(config: RecordConfig, model: Model, reality: Reality, rng: np.ra
 
 def _walk(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Generator) -> Recording:
     """A walker that nobody drives."""
-    from fieldmodels.heel_strike.parameters import Noise, Regimes
-    from fieldmodels.heel_strike.recording import record_walk
+    from fieldmodels.machines.heel_strike.parameters import Noise, Regimes
+    from fieldmodels.machines.heel_strike.recording import record_walk
 
     walk = config.walk or WalkConfig()
     kind = walk.collision_kind
@@ -141,8 +142,8 @@ def _line(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Gener
     """A walker that follows a line."""
     from fieldgym.line_following import LineFollowingSettings
     from fieldgym.settings import read_settings
-    from fieldmodels.line_following.parameters import Gait
-    from fieldmodels.line_following.recording import record_walk
+    from fieldmodels.machines.line_following.parameters import Gait
+    from fieldmodels.machines.line_following.recording import record_walk
 
     # a bias that is drawn would be an effect that nobody has switched on
     walked = read_settings(
@@ -154,8 +155,8 @@ def _line(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Gener
 
 def _drive(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
     """A robot that drives by random commands."""
-    from fieldmodels.pose_reaching.model import PoseReaching
-    from fieldmodels.pose_reaching.recording import record_commands, record_drive
+    from fieldmodels.machines.pose_reaching.model import PoseReaching
+    from fieldmodels.machines.pose_reaching.recording import record_commands, record_drive
 
     assert isinstance(model, PoseReaching)
     if config.input is not None:
@@ -182,7 +183,7 @@ def _drive(config: RecordConfig, model: Model, reality: Reality, rng: np.random.
 
 def _flight(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Generator) -> Recording:
     """An aircraft that flies from waypoint to waypoint under a radar's looks."""
-    from fieldmodels.uav_route.recording import record_flight
+    from fieldmodels.machines.uav_route.recording import record_flight
 
     return record_flight(
         reality,

@@ -21,7 +21,7 @@ from fieldagents.progress import Report
 from fieldagents.reference import references
 from fieldgym import TASKS
 from fieldmodels.files import replacing
-from fieldmodels.model import did_you_mean
+from fieldmodels.names import did_you_mean
 
 FILMS = (".gif", ".webp")
 SLICES = 10

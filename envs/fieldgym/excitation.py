@@ -19,9 +19,9 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.play import Box, Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
 from fieldgym.settings import read_settings
-from fieldmodels.excitation.model import ExcitationModel
-from fieldmodels.excitation.motion import DECISION
-from fieldmodels.excitation.parameters import (
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.motion import DECISION
+from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
     INERTIA,
@@ -36,7 +36,7 @@ from fieldmodels.excitation.parameters import (
     UNKNOWNS,
     SensorNoise,
 )
-from fieldmodels.excitation.shaker import Shaken, Shakers, average_percent, normalised_percent
+from fieldmodels.machines.excitation.shaker import Shaken, Shakers, average_percent, normalised_percent
 from fieldmodels.model import ModelError
 from fieldmodels.reality import read_reality
 

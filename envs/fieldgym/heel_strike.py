@@ -19,10 +19,10 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
 from fieldgym.settings import read_settings
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import Leg, Noise, Regimes
-from fieldmodels.heel_strike.strides import StrideResult, Strides
-from fieldmodels.heel_strike.walker import ESTIMATORS, FEATURES, TRACES
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.strides import StrideResult, Strides
+from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, TRACES
 from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:

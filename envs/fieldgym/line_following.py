@@ -18,9 +18,9 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
 from fieldgym.settings import read_settings
-from fieldmodels.line_following.body import Hardware
-from fieldmodels.line_following.model import LineFollowing
-from fieldmodels.line_following.parameters import (
+from fieldmodels.machines.line_following.body import Hardware
+from fieldmodels.machines.line_following.model import LineFollowing
+from fieldmodels.machines.line_following.parameters import (
     FLOORS,
     TAPES,
     Exposure,
@@ -28,8 +28,8 @@ from fieldmodels.line_following.parameters import (
     Lighting,
     Noise,
 )
-from fieldmodels.line_following.tracks import read_track
-from fieldmodels.line_following.walks import Scene, Walks
+from fieldmodels.machines.line_following.tracks import read_track
+from fieldmodels.machines.line_following.walks import Scene, Walks
 from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:

@@ -23,12 +23,12 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.play import check_render_mode, row_seeds
 from fieldgym.settings import read_settings
+from fieldmodels.machines.pose_reaching.dubins import dubins_path
+from fieldmodels.machines.pose_reaching.field import Robots, Rules, Score, Tick
+from fieldmodels.machines.pose_reaching.model import PoseReaching
+from fieldmodels.machines.pose_reaching.parameters import GOAL, LOOSE, STRICT, Limits
+from fieldmodels.machines.pose_reaching.play import NUMBERS
 from fieldmodels.model import ModelError
-from fieldmodels.pose_reaching.dubins import dubins_path
-from fieldmodels.pose_reaching.field import Robots, Rules, Score, Tick
-from fieldmodels.pose_reaching.model import PoseReaching
-from fieldmodels.pose_reaching.parameters import GOAL, LOOSE, STRICT, Limits
-from fieldmodels.pose_reaching.play import NUMBERS
 from fieldmodels.reality import Reality, read_reality
 
 if TYPE_CHECKING:

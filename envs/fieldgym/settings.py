@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from fieldmodels.model import did_you_mean
+from fieldmodels.names import did_you_mean
 
 S = TypeVar("S")
 

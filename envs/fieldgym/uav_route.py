@@ -19,12 +19,11 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
 from fieldgym.settings import read_settings
-from fieldmodels.reality import read_reality
-from fieldmodels.uav_route.flight import FLYING, NUMBERS
-from fieldmodels.uav_route.flights import Flights, Leg, Rules, Score, observed_names
-from fieldmodels.uav_route.layouts import distance_around, side_on_range
-from fieldmodels.uav_route.model import UavRoute
-from fieldmodels.uav_route.parameters import (
+from fieldmodels.machines.uav_route.flight import FLYING, NUMBERS
+from fieldmodels.machines.uav_route.flights import Flights, Leg, Rules, Score, observed_names
+from fieldmodels.machines.uav_route.layouts import distance_around, side_on_range
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
     INSTANT_KILL,
     PRINTED,
@@ -36,7 +35,8 @@ from fieldmodels.uav_route.parameters import (
     LockLoss,
     World,
 )
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame

@@ -16,7 +16,8 @@ from typing import TypeVar, get_args
 
 import numpy as np
 
-from fieldmodels.model import Effect, FloatArray, Model, ModelError, Parameter, Signal, Where
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal, Where
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 T = TypeVar("T")

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.model import ModelError
 
 BITS = 10
 """Precision of the source's sensors [bits] (section VII-A)."""

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from fieldmodels.recording import Recording, Windows
+from fieldmodels.arrays import FloatArray
+from fieldmodels.names import did_you_mean
+from fieldmodels.recording import Recording, Windows, uniform_windows
 
-FloatArray = NDArray[np.float64]
 Where = Literal["force", "actuator", "sensor", "environment", "change"]
 EffectValues = Mapping[str, Mapping[str, float]]
 
@@ -122,13 +121,6 @@ class Stage:
     effects: tuple[str, ...]
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return " (did you mean 'x'?)" for the closest known name, or the list of known names."""
-    choices = list(known)
-    close = difflib.get_close_matches(name, choices, n=1)
-    return f" (did you mean {close[0]!r}?)" if close else f" (known: {', '.join(choices) or 'none'})"
-
-
 class Model(ABC):
     """A simulation with named base parameters and switchable effects.
 
@@ -198,9 +190,8 @@ class Model(ABC):
         Raises:
             RecordingError: If the recording is too short for a single window.
         """
-        from fieldmodels.recording import uniform_windows
-
-        return uniform_windows(self, recording, horizon)
+        outputs = [signal.name for signal in self.outputs]
+        return uniform_windows(recording, horizon, outputs, self.initial_states)
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Model:
         """The same model with scales, starts and sensor noise that suit these data.

@@ -13,7 +13,8 @@ from pathlib import Path
 from types import ModuleType
 
 from fieldmodels.contract import check_declarations, located
-from fieldmodels.model import Model, ModelError, did_you_mean
+from fieldmodels.model import Model, ModelError
+from fieldmodels.names import did_you_mean
 
 
 def is_model_file(name: str) -> bool:

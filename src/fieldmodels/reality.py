@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fieldmodels.model import EffectValues, FloatArray, Model, ModelError
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import EffectValues, Model, ModelError
 from fieldmodels.yaml import load_yaml
 
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from fieldmodels.model import Model, ModelError, did_you_mean
+from fieldmodels.model import Model, ModelError
 from fieldmodels.model_files import is_model_file, load_model_file
+from fieldmodels.names import did_you_mean
 
 _MODELS = {
-    "rig": "fieldmodels.rig:Rig",
-    "pendulum": "fieldmodels.pendulum:Pendulum",
-    "propeller_arm": "fieldmodels.propeller_arm:PropellerArm",
-    "heel_strike": "fieldmodels.heel_strike.model:HeelStrikeModel",
-    "excitation": "fieldmodels.excitation.model:ExcitationModel",
-    "line_following": "fieldmodels.line_following.model:LineFollowing",
-    "pose_reaching": "fieldmodels.pose_reaching.model:PoseReaching",
-    "differential_drive": "fieldmodels.pose_reaching.model:DifferentialDrive",
-    "uav_route": "fieldmodels.uav_route.model:UavRoute",
+    "rig": "fieldmodels.machines.rig:Rig",
+    "pendulum": "fieldmodels.machines.pendulum:Pendulum",
+    "propeller_arm": "fieldmodels.machines.propeller_arm:PropellerArm",
+    "heel_strike": "fieldmodels.machines.heel_strike.model:HeelStrikeModel",
+    "excitation": "fieldmodels.machines.excitation.model:ExcitationModel",
+    "line_following": "fieldmodels.machines.line_following.model:LineFollowing",
+    "pose_reaching": "fieldmodels.machines.pose_reaching.model:PoseReaching",
+    "differential_drive": "fieldmodels.machines.pose_reaching.model:DifferentialDrive",
+    "uav_route": "fieldmodels.machines.uav_route.model:UavRoute",
 }
 
 

@@ -10,10 +10,12 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
-from fieldmodels.model import FloatArray, Model, ModelError, Signal, did_you_mean
-from fieldmodels.one_axis import kernel
-from fieldmodels.one_axis.free import respond_to
-from fieldmodels.one_axis.model import OneAxis
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.one_axis import kernel
+from fieldmodels.machines.one_axis.free import respond_to
+from fieldmodels.machines.one_axis.model import OneAxis
+from fieldmodels.model import Model, ModelError, Signal
+from fieldmodels.names import did_you_mean
 from fieldmodels.reality import Reality, read_reality
 from fieldmodels.recording import Recording, Windows
 

@@ -40,7 +40,7 @@ from fieldagents.reference.path_memory.teachers import (
     starts_facing,
     taught,
 )
-from fieldmodels.pose_reaching.parameters import GOAL_HEADING, STRICT
+from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING, STRICT
 
 PI = math.pi
 # Section 5.2.2: the nine states p_1,1 to p_3,3 as measured: d, theta, psi, v, omega.

@@ -37,9 +37,9 @@ from fieldagents.reproduce.excitation import (
     printed_average,
 )
 from fieldgym.excitation import ExcitationSettings
-from fieldmodels.excitation.motion import CONSTANT
-from fieldmodels.excitation.parameters import LIMITS, NAMES, PRESETS, TABLE1
-from fieldmodels.excitation.sensors import FULL
+from fieldmodels.machines.excitation.motion import CONSTANT
+from fieldmodels.machines.excitation.parameters import LIMITS, NAMES, PRESETS, TABLE1
+from fieldmodels.machines.excitation.sensors import FULL
 
 TASK = "excitation"
 NAMES_OF_AGENTS = tuple(references(TASK))

@@ -20,8 +20,8 @@ from fieldagents.reference.line_following import (
     walk_matrices,
 )
 from fieldagents.reference.line_following_tuning import one_loss
-from fieldmodels.line_following.model import LineFollowing
-from fieldmodels.line_following.plant import CAMERA_YAW
+from fieldmodels.machines.line_following.model import LineFollowing
+from fieldmodels.machines.line_following.plant import CAMERA_YAW
 from fieldmodels.reality import read_reality
 
 TASK = "line_following"

@@ -13,7 +13,7 @@ from fieldagents.reference import references
 from fieldagents.reference.path_memory.practice import own_data, to_action
 from fieldagents.reference.pose_reaching import SEED, away_from_walls, poses_of, table_driver
 from fieldgym.pose_reaching import PoseReachingSettings
-from fieldmodels.pose_reaching.parameters import Field
+from fieldmodels.machines.pose_reaching.parameters import Field
 
 TASK = "pose_reaching"
 NAMES = tuple(references(TASK))

@@ -15,7 +15,7 @@ from fieldagents.reference.uav_route.agents import Planner
 from fieldagents.reference.uav_route.legs import leg_plan
 from fieldagents.reference.uav_route.lower_bound import bound_to_capture, layouts_of
 from fieldgym.uav_route import UavRouteSettings
-from fieldmodels.uav_route.parameters import EXAMPLE, World
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, World
 
 NO_LOCK_LOSS = {"lock_loss": False}
 SAFE = ("two_legs", "legs", "lattice")

@@ -16,8 +16,7 @@ from fieldagents.reference.uav_route.lower_bound import lower_bound
 from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan, safe_distances
 from fieldagents.reference.uav_route.receding import receding_plan
 from fieldagents.reference.uav_route.straight import straight_plan
-from fieldmodels.model import ModelError
-from fieldmodels.uav_route.parameters import (
+from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
     INSTANT_KILL,
     SECOND_UAV,
@@ -26,7 +25,8 @@ from fieldmodels.uav_route.parameters import (
     Layout,
     World,
 )
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.model import ModelError
 
 SOLVERS = ("highs", "cbc")
 THRESHOLDS = (0.5, 0.6, 0.7)

@@ -10,13 +10,13 @@ from fieldagents.config import EnvironmentConfig, EvaluateConfig
 from fieldagents.evaluation import evaluate
 from fieldagents.evaluation.metrics import METRICS
 from fieldagents.reproduce import reproduce
-from fieldmodels.datasets import DatasetError
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import Leg, Noise
-from fieldmodels.heel_strike.recording import record_walk
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import Leg, Noise
+from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.reality import Reality
+from fieldmodels.recording.datasets import DatasetError
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from fieldagents.cli import app
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.one_axis.model import between
+from fieldmodels.machines.one_axis.model import between
 from fieldmodels.recording import Recording
-from fieldmodels.recording_files import save_recording
+from fieldmodels.recording.files import save_recording
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import excitation, synthesise
 

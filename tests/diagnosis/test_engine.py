@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmodels import datasets
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.fit import fit, heavy_tailed, held_out_loss, refit
@@ -20,7 +19,7 @@ from fieldmodels.diagnosis.report import write_results
 from fieldmodels.diagnosis.selection import MAX_P, accepted, block_p_value, dispersion
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
 from fieldmodels.reality import read_reality
-from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.recording import Recording, RecordingError, datasets
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

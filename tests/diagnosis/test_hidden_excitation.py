@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import Diagnosis, diagnose
-from fieldmodels.excitation.model import ExcitationModel
-from fieldmodels.excitation.recording import record_experiment
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.reality import Reality
 
 HIDDEN = {

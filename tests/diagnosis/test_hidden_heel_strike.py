@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import Diagnosis, diagnose
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import Leg, Noise
-from fieldmodels.heel_strike.recording import record_walk
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import Leg, Noise
+from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.reality import Reality
 
 LEG = Leg(step=0.01)

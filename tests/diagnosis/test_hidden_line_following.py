@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.line_following.body import Hardware
-from fieldmodels.line_following.model import LineFollowing
-from fieldmodels.line_following.parameters import Noise
-from fieldmodels.line_following.recording import GENTLE, LAW, record_walk
-from fieldmodels.line_following.tracks import oval, straight
-from fieldmodels.line_following.walks import Scene
+from fieldmodels.machines.line_following.body import Hardware
+from fieldmodels.machines.line_following.model import LineFollowing
+from fieldmodels.machines.line_following.parameters import Noise
+from fieldmodels.machines.line_following.recording import GENTLE, LAW, record_walk
+from fieldmodels.machines.line_following.tracks import oval, straight
+from fieldmodels.machines.line_following.walks import Scene
 
 MODEL = LineFollowing()
 QUIET = Noise(bias=0.0)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.diagnosis.next_measurement import LONGEST
-from fieldmodels.model import FloatArray
-from fieldmodels.pose_reaching.model import PoseReaching
-from fieldmodels.pose_reaching.recording import record_commands, record_drive
+from fieldmodels.machines.pose_reaching.model import PoseReaching
+from fieldmodels.machines.pose_reaching.recording import record_commands, record_drive
 
 HIDDEN = {
     "actuator_gain": {"gain": 0.995},

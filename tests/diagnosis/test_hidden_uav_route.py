@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.uav_route.model import UavRoute
-from fieldmodels.uav_route.recording import record_flight
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.recording import record_flight
 
 MODEL = UavRoute()
 FLOWN = {

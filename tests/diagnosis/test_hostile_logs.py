@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.model import FloatArray
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
 
 RIG = get_model("rig")

@@ -11,7 +11,7 @@ from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.diagnosis.planned_inputs import limits_of, planned, shapes
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.recording import Recording, RecordingError
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -16,10 +16,10 @@ from scipy.optimize import least_squares
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldmodels.datasets import open_recording
-from fieldmodels.model import FloatArray
-from fieldmodels.propeller_arm import PropellerArm
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.propeller_arm import PropellerArm
 from fieldmodels.recording import Recording, Windows
+from fieldmodels.recording.datasets import open_recording
 
 
 def diagnosed(folder: Path, collection: str, out: Path, model: str, train: list[str], test: str = "") -> dict:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldmodels.recording_files import save_recording
+from fieldmodels.recording.files import save_recording
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -14,10 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldmodels.datasets import open_recording
-from fieldmodels.model import FloatArray
-from fieldmodels.pose_reaching.model import PoseReaching
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.recording import Windows
+from fieldmodels.recording.datasets import open_recording
 from fieldmodels.registry import get_model
 
 TRAIN, TEST = "drive_ugv/warthog_even_steps", "drive_ugv/warthog_odd_steps"

@@ -6,8 +6,8 @@ import pytest
 
 import fieldgym
 from fieldgym.excitation import ExcitationSettings
-from fieldmodels.excitation.motion import CONSTANT, STEADY_SHARE
-from fieldmodels.excitation.parameters import LIMITS, PRESETS, TABLE1
+from fieldmodels.machines.excitation.motion import CONSTANT, STEADY_SHARE
+from fieldmodels.machines.excitation.parameters import LIMITS, PRESETS, TABLE1
 from fieldmodels.model import ModelError
 
 ID = "fieldgym/Excitation-v0"

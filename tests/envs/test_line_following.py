@@ -4,8 +4,8 @@ import pytest
 
 import fieldgym  # noqa: F401 - registers the environments
 from fieldgym.settings import SettingsError
-from fieldmodels.line_following.firmware import line_position
-from fieldmodels.line_following.parameters import Camera
+from fieldmodels.machines.line_following.firmware import line_position
+from fieldmodels.machines.line_following.parameters import Camera
 from fieldmodels.model import ModelError
 
 CENTROID, PIXELS = "fieldgym/LineFollowing-v0", "fieldgym/LineFollowingPixels-v0"

@@ -8,9 +8,9 @@ import pytest
 
 import fieldgym
 from fieldgym.pose_reaching import PoseReachingSettings
+from fieldmodels.machines.pose_reaching.dubins import dubins_path
+from fieldmodels.machines.pose_reaching.parameters import GOAL
 from fieldmodels.model import ModelError
-from fieldmodels.pose_reaching.dubins import dubins_path
-from fieldmodels.pose_reaching.parameters import GOAL
 
 ID = "fieldgym/PoseReaching-v0"
 FAULTS = {"actuator_lag": {"time_constant": 0.1}, "sensor_delay": {"delay": 0.1}, "slope": {"x": 0.02}}

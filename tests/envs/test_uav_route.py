@@ -7,11 +7,11 @@ import pytest
 import fieldgym  # noqa: F401 - registers the environments
 from fieldgym.settings import SettingsError
 from fieldgym.uav_route import UavRouteSettings, actions_towards
+from fieldmodels.machines.uav_route.flights import NUMBERS, observed_names
+from fieldmodels.machines.uav_route.layouts import distance_around, safe_route
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, INSTANT_KILL
+from fieldmodels.machines.uav_route.refly import refly
 from fieldmodels.model import ModelError
-from fieldmodels.uav_route.flights import NUMBERS, observed_names
-from fieldmodels.uav_route.layouts import distance_around, safe_route
-from fieldmodels.uav_route.parameters import EXAMPLE, INSTANT_KILL
-from fieldmodels.uav_route.refly import refly
 
 ENV = "fieldgym/UavRoute-v0"
 SAFE = safe_route(EXAMPLE)

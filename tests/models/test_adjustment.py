@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fieldmodels.excitation.adjustment import (
+from fieldmodels.machines.excitation.adjustment import (
     adjust,
     cost,
     frozen_residuals,

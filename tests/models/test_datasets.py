@@ -7,9 +7,15 @@ import shutil
 import numpy as np
 import pytest
 
-from fieldmodels import datasets
-from fieldmodels.datasets import DatasetError, dataset_names, fetch, get_dataset, open_recording, recognise
-from fieldmodels.recording import RecordingError, RecordingWarning
+from fieldmodels.recording import RecordingError, RecordingWarning, datasets
+from fieldmodels.recording.datasets import (
+    DatasetError,
+    dataset_names,
+    fetch,
+    get_dataset,
+    open_recording,
+    recognise,
+)
 from fieldmodels.registry import get_model
 
 DDP = "dfki_simple_pendulum/ddp"

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from fieldmodels.datasets import dataset_names
 from fieldmodels.recording import RecordingError
-from fieldmodels.recording_files import load_recording
+from fieldmodels.recording.datasets import dataset_names
+from fieldmodels.recording.files import load_recording
+from fieldmodels.recording.units import known_units
 from fieldmodels.registry import get_model, model_names
-from fieldmodels.units import known_units
 
 DOCS = Path(__file__).parents[2] / "docs"
 

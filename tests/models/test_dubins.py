@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fieldmodels.machines.pose_reaching.dubins import WORDS, dubins_lengths, dubins_path, dubins_words
 from fieldmodels.model import ModelError
-from fieldmodels.pose_reaching.dubins import WORDS, dubins_lengths, dubins_path, dubins_words
 
 RADIUS = 0.3
 

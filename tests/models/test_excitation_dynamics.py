@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from fieldmodels.excitation import dynamics
-from fieldmodels.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode, simulate
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import PRESETS, SAMPLE, SOFT, TABLE1, UNKNOWNS, Arm
-from fieldmodels.excitation.regression import (
+from fieldmodels.machines.excitation import dynamics
+from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode, simulate
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import PRESETS, SAMPLE, SOFT, TABLE1, UNKNOWNS, Arm
+from fieldmodels.machines.excitation.regression import (
     ACCELERATION,
     ANGLE,
     FORCE,

@@ -3,18 +3,26 @@
 import numpy as np
 import pytest
 
-from fieldmodels.excitation.dynamics import simulate
-from fieldmodels.excitation.identifiability import (
+from fieldmodels.machines.excitation.dynamics import simulate
+from fieldmodels.machines.excitation.identifiability import (
     bound,
     equation_noise,
     identifiability,
     rank_test,
     regression_information,
 )
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import NAMES, PRIOR_VARIANCE, SAMPLE, SOFT, TABLE1, Arm, SensorNoise
-from fieldmodels.excitation.regression import regressor
-from fieldmodels.excitation.sensors import full_scale, measure, variances
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import (
+    NAMES,
+    PRIOR_VARIANCE,
+    SAMPLE,
+    SOFT,
+    TABLE1,
+    Arm,
+    SensorNoise,
+)
+from fieldmodels.machines.excitation.regression import regressor
+from fieldmodels.machines.excitation.sensors import full_scale, measure, variances
 
 ARM = Arm()
 STEADY, _ = arm_motion(np.tile(CONSTANT, (25, 1)), 5.0, per_decision=320)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
-from fieldmodels.excitation.model import ExcitationModel, with_derivatives
-from fieldmodels.excitation.motion import arm_motion
-from fieldmodels.excitation.parameters import NAMES, SAMPLE, SOFT, TABLE1
-from fieldmodels.excitation.recording import record_experiment, shaking
-from fieldmodels.excitation.simulation import PARAMETERS
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
+from fieldmodels.machines.excitation.model import ExcitationModel, with_derivatives
+from fieldmodels.machines.excitation.motion import arm_motion
+from fieldmodels.machines.excitation.parameters import NAMES, SAMPLE, SOFT, TABLE1
+from fieldmodels.machines.excitation.recording import record_experiment, shaking
+from fieldmodels.machines.excitation.simulation import PARAMETERS
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.registry import get_model
 

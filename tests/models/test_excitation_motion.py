@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldmodels.excitation.motion import CONSTANT, DECISION, STEADY_SHARE, arm_motion
+from fieldmodels.machines.excitation.motion import CONSTANT, DECISION, STEADY_SHARE, arm_motion
 from fieldmodels.model import ModelError
 
 LIMITS = {"paper": (3.0, 5.0), "wide": (12.0, 25.0)}

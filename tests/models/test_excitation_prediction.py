@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldmodels.excitation.dynamics import VEHICLE, simulate
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import (
+from fieldmodels.information import fast
+from fieldmodels.machines.excitation.dynamics import VEHICLE, simulate
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import (
     CG,
     INERTIA,
     LOWER,
@@ -17,9 +18,8 @@ from fieldmodels.excitation.parameters import (
     Arm,
     SensorNoise,
 )
-from fieldmodels.excitation.prediction import Predictor, Situation, make_physical
-from fieldmodels.excitation.shaker import VARIANTS, Shaken, Shakers
-from fieldmodels.information import fast
+from fieldmodels.machines.excitation.prediction import Predictor, Situation, make_physical
+from fieldmodels.machines.excitation.shaker import VARIANTS, Shaken, Shakers
 from fieldmodels.model import ModelError
 
 BATCH = 4

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fieldmodels.excitation.dynamics import simulate
-from fieldmodels.excitation.motion import arm_motion
-from fieldmodels.excitation.parameters import PRESETS, PRIOR_VARIANCE, SAMPLE, SOFT, TABLE1, Arm, SensorNoise
-from fieldmodels.excitation.regression import (
+from fieldmodels.machines.excitation.dynamics import simulate
+from fieldmodels.machines.excitation.motion import arm_motion
+from fieldmodels.machines.excitation.parameters import (
+    PRESETS,
+    PRIOR_VARIANCE,
+    SAMPLE,
+    SOFT,
+    TABLE1,
+    Arm,
+    SensorNoise,
+)
+from fieldmodels.machines.excitation.regression import (
     ANGLE,
     FEATURES,
     FORCE,
@@ -26,7 +34,7 @@ from fieldmodels.excitation.regression import (
     fill_features,
     regressor,
 )
-from fieldmodels.excitation.sensors import FULL, TABLE2, full_scale, measure, variances
+from fieldmodels.machines.excitation.sensors import FULL, TABLE2, full_scale, measure, variances
 
 ARM = Arm()
 COMMANDS = np.random.default_rng(5).uniform([0.4, 2.0, -1.0], [1.4, 12.0, 1.0], (25, 3))

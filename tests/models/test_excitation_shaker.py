@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
-from fieldmodels.excitation.faults import HISTORY, TURNS, lag_on, spoil
-from fieldmodels.excitation.model import ExcitationModel
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.parameters import (
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
+from fieldmodels.machines.excitation.faults import HISTORY, TURNS, lag_on, spoil
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.parameters import (
     CG,
     INERTIA,
     LIMITS,
@@ -22,10 +22,10 @@ from fieldmodels.excitation.parameters import (
     Arm,
     SensorNoise,
 )
-from fieldmodels.excitation.regression import ANGLE, POSITION, SIGNALS
-from fieldmodels.excitation.sensors import corrupt, first_draw, full_scale, mean_draws
-from fieldmodels.excitation.shaker import Shakers, average_percent, drawn_around, normalised_percent
-from fieldmodels.excitation.simulation import lag_motion
+from fieldmodels.machines.excitation.regression import ANGLE, POSITION, SIGNALS
+from fieldmodels.machines.excitation.sensors import corrupt, first_draw, full_scale, mean_draws
+from fieldmodels.machines.excitation.shaker import Shakers, average_percent, drawn_around, normalised_percent
+from fieldmodels.machines.excitation.simulation import lag_motion
 from fieldmodels.model import ModelError
 
 EVERY = np.ones(22, dtype=bool)

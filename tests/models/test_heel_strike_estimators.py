@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
 
-from fieldmodels.heel_strike.parameters import SILENT, Leg, Noise, Regimes
-from fieldmodels.heel_strike.search import record_walks, score_gains
-from fieldmodels.heel_strike.strides import Strides
-from fieldmodels.heel_strike.walker import BANK, bank_levels, bank_transition, make_constants
+from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.search import record_walks, score_gains
+from fieldmodels.machines.heel_strike.strides import Strides
+from fieldmodels.machines.heel_strike.walker import BANK, bank_levels, bank_transition, make_constants
 
 BEST_DECAY = 1000 / 3
 

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import SILENT, Leg, Noise
-from fieldmodels.heel_strike.recording import record_walk
-from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise
+from fieldmodels.machines.heel_strike.recording import record_walk
+from fieldmodels.model import ModelError
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, RecordingError, Windows
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
 
 MODEL = HeelStrikeModel()
 OUTPUTS = tuple(output.name for output in MODEL.outputs)

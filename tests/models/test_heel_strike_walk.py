@@ -5,11 +5,11 @@ import pytest
 from scipy import integrate, special, stats
 
 from fieldmodels.compiled import compiled
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import SILENT, Gains, Leg, Noise, Regimes
-from fieldmodels.heel_strike.search import record_walks, score_gains, stride_errors
-from fieldmodels.heel_strike.strides import Strides
-from fieldmodels.heel_strike.truth import truth_step
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import SILENT, Gains, Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.search import record_walks, score_gains, stride_errors
+from fieldmodels.machines.heel_strike.strides import Strides
+from fieldmodels.machines.heel_strike.truth import truth_step
 from fieldmodels.model import ModelError
 from fieldmodels.streams import gaussian, normal_quantile, symmetric
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldmodels.line_following.firmware import calibrate, centroid, line_position
-from fieldmodels.line_following.parameters import TAPES, Camera, Exposure, Lighting
-from fieldmodels.line_following.renderer import Renderer, make_view
-from fieldmodels.line_following.sensor import make_optics, see_line
-from fieldmodels.line_following.tracks import TRACKS, straight
+from fieldmodels.machines.line_following.firmware import calibrate, centroid, line_position
+from fieldmodels.machines.line_following.parameters import TAPES, Camera, Exposure, Lighting
+from fieldmodels.machines.line_following.renderer import Renderer, make_view
+from fieldmodels.machines.line_following.sensor import make_optics, see_line
+from fieldmodels.machines.line_following.tracks import TRACKS, straight
 from fieldmodels.model import ModelError
 
 CAMERA = Camera()

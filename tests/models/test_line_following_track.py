@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldmodels.line_following.tracks import (
+from fieldmodels.machines.line_following.tracks import (
     TRACKS,
     from_points,
     nearest,

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from fieldmodels.line_following.body import Body, Hardware
-from fieldmodels.line_following.firmware import line_position
-from fieldmodels.line_following.parameters import Camera, Noise
-from fieldmodels.line_following.plant import (
+from fieldmodels.machines.line_following.body import Body, Hardware
+from fieldmodels.machines.line_following.firmware import line_position
+from fieldmodels.machines.line_following.parameters import Camera, Noise
+from fieldmodels.machines.line_following.plant import (
     CAMERA_YAW,
     LATENCY,
     MOTOR_LIMIT,
@@ -19,9 +19,9 @@ from fieldmodels.line_following.plant import (
     TURN_GAIN,
     turn_of,
 )
-from fieldmodels.line_following.sensor import make_optics, see_line
-from fieldmodels.line_following.tracks import TRACKS, nearest, straight
-from fieldmodels.line_following.walks import Scene, Walks
+from fieldmodels.machines.line_following.sensor import make_optics, see_line
+from fieldmodels.machines.line_following.tracks import TRACKS, nearest, straight
+from fieldmodels.machines.line_following.walks import Scene, Walks
 from fieldmodels.model import ModelError
 
 QUIET = Noise(0, 0, 0, 0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError
-from fieldmodels.one_axis.model import OneAxis
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model, model_names
 from fieldmodels.synthesis import synthesise

@@ -12,10 +12,11 @@ from fieldmodels.estimation.filterpy_reference import FilterpyFilter
 from fieldmodels.estimation.inertia_projection import ORDER, is_physical, project, tensor
 from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms, kalman_run
 from fieldmodels.estimation.pseudo_inverse import pseudo_inverse
-from fieldmodels.excitation.dynamics import SUBSTEPS, simulate
-from fieldmodels.excitation.motion import CONSTANT, arm_motion
-from fieldmodels.excitation.output_error import fit_vehicle, nearest_vehicle
-from fieldmodels.excitation.parameters import (
+from fieldmodels.information import fast
+from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.output_error import fit_vehicle, nearest_vehicle
+from fieldmodels.machines.excitation.parameters import (
     LIMITS,
     LOWER,
     PRIOR_MEAN,
@@ -28,7 +29,7 @@ from fieldmodels.excitation.parameters import (
     Arm,
     SensorNoise,
 )
-from fieldmodels.excitation.regression import (
+from fieldmodels.machines.excitation.regression import (
     FEATURES,
     FORCE,
     TERMS,
@@ -40,8 +41,7 @@ from fieldmodels.excitation.regression import (
     fill_features,
     regressor,
 )
-from fieldmodels.excitation.sensors import TABLE2, full_scale, measure
-from fieldmodels.information import fast
+from fieldmodels.machines.excitation.sensors import TABLE2, full_scale, measure
 from fieldmodels.model import ModelError
 
 ARM = Arm()

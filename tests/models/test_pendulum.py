@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from fieldmodels.pendulum import STANDARD_GRAVITY, Pendulum
+from fieldmodels.machines.pendulum import STANDARD_GRAVITY, Pendulum
 from fieldmodels.recording import Recording, Windows
 
 STEP = 0.005

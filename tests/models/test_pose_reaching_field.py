@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from fieldmodels.machines.pose_reaching.dubins import dubins_lengths
+from fieldmodels.machines.pose_reaching.field import Robots, Rules, Score
+from fieldmodels.machines.pose_reaching.model import PoseReaching
+from fieldmodels.machines.pose_reaching.parameters import GOAL, LOOSE, Limits
+from fieldmodels.machines.pose_reaching.play import NUMBERS, ROBOT
 from fieldmodels.model import ModelError
-from fieldmodels.pose_reaching.dubins import dubins_lengths
-from fieldmodels.pose_reaching.field import Robots, Rules, Score
-from fieldmodels.pose_reaching.model import PoseReaching
-from fieldmodels.pose_reaching.parameters import GOAL, LOOSE, Limits
-from fieldmodels.pose_reaching.play import NUMBERS, ROBOT
 from fieldmodels.recording import Recording
 
 MODEL = PoseReaching()

@@ -8,15 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis.problem import build
+from fieldmodels.machines.pose_reaching import unicycle
+from fieldmodels.machines.pose_reaching.field import Robots, Rules
+from fieldmodels.machines.pose_reaching.model import POSE, WHEELS, DifferentialDrive, PoseReaching
+from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, WARTHOG, Arrival, Field, Limits
+from fieldmodels.machines.pose_reaching.recording import random_commands, record_drive
 from fieldmodels.model import ModelError
-from fieldmodels.pose_reaching import unicycle
-from fieldmodels.pose_reaching.field import Robots, Rules
-from fieldmodels.pose_reaching.model import POSE, WHEELS, DifferentialDrive, PoseReaching
-from fieldmodels.pose_reaching.parameters import ROBOCUP, WARTHOG, Arrival, Field, Limits
-from fieldmodels.pose_reaching.recording import random_commands, record_drive
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, RecordingError, Windows
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
 
 STEP = 0.05

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fieldmodels.compiled import compiled
-from fieldmodels.pose_reaching import unicycle
-from fieldmodels.pose_reaching.parameters import STRICT, WARTHOG, Field
+from fieldmodels.machines.pose_reaching import unicycle
+from fieldmodels.machines.pose_reaching.parameters import STRICT, WARTHOG, Field
 
 
 @compiled

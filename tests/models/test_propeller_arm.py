@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.pendulum import Pendulum
-from fieldmodels.propeller_arm import PropellerArm
+from fieldmodels.machines.pendulum import Pendulum
+from fieldmodels.machines.propeller_arm import PropellerArm
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.synthesis import synthesise
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from fieldmodels.model import Signal
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
 
 PENDULUM = get_model("pendulum")
@@ -475,7 +475,7 @@ def test_memory_is_bounded_by_the_columns_that_are_kept(tmp_path):
         import sys, re
         import numpy as np, pyarrow as pa, pyarrow.csv
         from pathlib import Path
-        from fieldmodels.recording_files import load_recording
+        from fieldmodels.recording.files import load_recording
         from fieldmodels.registry import get_model
 
         peak = lambda: int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])

@@ -7,9 +7,9 @@ import pytest
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording_files import load_recording, save_recording
+from fieldmodels.recording.files import load_recording, save_recording
+from fieldmodels.recording.resampling import evened
 from fieldmodels.registry import get_model
-from fieldmodels.resampling import evened
 from fieldmodels.synthesis import excitation, synthesise
 
 RIG = get_model("rig")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fieldmodels.machines.rig import Rig
 from fieldmodels.recording import Recording, Windows
-from fieldmodels.rig import Rig
 
 
 def respond(command, state=(0.0, 0.0), step=0.01, **values):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fieldmodels.machines.pendulum import Pendulum
+from fieldmodels.machines.rig import Rig
 from fieldmodels.model import ModelError
-from fieldmodels.pendulum import Pendulum
-from fieldmodels.rig import Rig
 from fieldmodels.synthesis import EXCITATIONS, excitation, synthesise
 
 

@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldmodels.model import ModelError
-from fieldmodels.uav_route.detection import probability_of_detection
-from fieldmodels.uav_route.flight import NUMBERS
-from fieldmodels.uav_route.flights import Flights, Rules, observed_names
-from fieldmodels.uav_route.layouts import random_layout, safe_route
-from fieldmodels.uav_route.model import UavRoute
-from fieldmodels.uav_route.parameters import (
+from fieldmodels.machines.uav_route.detection import probability_of_detection
+from fieldmodels.machines.uav_route.flight import NUMBERS
+from fieldmodels.machines.uav_route.flights import Flights, Rules, observed_names
+from fieldmodels.machines.uav_route.layouts import random_layout, safe_route
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
     INSTANT_KILL,
     PRINTED,
@@ -23,7 +22,8 @@ from fieldmodels.uav_route.parameters import (
     Reading,
     World,
 )
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.model import ModelError
 
 ORIGIN = [(0.0, 0.0)]
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.plant import nominal_plant
+from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
-from fieldmodels.uav_route.model import UavRoute
-from fieldmodels.uav_route.plant import nominal_plant
-from fieldmodels.uav_route.recording import record_flight
 
 MODEL = UavRoute()
 OUTPUTS = tuple(output.name for output in MODEL.outputs)

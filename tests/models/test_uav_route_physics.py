@@ -8,11 +8,16 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation
 
-from fieldmodels.model import ModelError
-from fieldmodels.uav_route.aircraft import banked_time, ground_speed, heading_of, turn_into, turn_time
-from fieldmodels.uav_route.detection import detection_range, probability_of_detection
-from fieldmodels.uav_route.lock_loss import timers_after
-from fieldmodels.uav_route.parameters import (
+from fieldmodels.machines.uav_route.aircraft import (
+    banked_time,
+    ground_speed,
+    heading_of,
+    turn_into,
+    turn_time,
+)
+from fieldmodels.machines.uav_route.detection import detection_range, probability_of_detection
+from fieldmodels.machines.uav_route.lock_loss import timers_after
+from fieldmodels.machines.uav_route.parameters import (
     INSTANT_KILL,
     PRINTED,
     Aircraft,
@@ -22,7 +27,8 @@ from fieldmodels.uav_route.parameters import (
     World,
     make_constants,
 )
-from fieldmodels.uav_route.signature import aspect, signature_of
+from fieldmodels.machines.uav_route.signature import aspect, signature_of
+from fieldmodels.model import ModelError
 
 AS_IT_IS = make_constants(World())
 AZIMUTHS = (0, 30, 31, 159, 160, 180)

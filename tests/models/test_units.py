@@ -4,7 +4,7 @@ from math import pi
 
 import pytest
 
-from fieldmodels.units import UnitError, canonical, factor, known_units, si_unit
+from fieldmodels.recording.units import UnitError, canonical, factor, known_units, si_unit
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 
 from fieldagents.learned.policy import OnnxAgent
 from fieldgym import TASKS
-from fieldmodels.model import did_you_mean
+from fieldmodels.names import did_you_mean
 
 ZOO = Path(__file__).parent.parent / "zoo"
 

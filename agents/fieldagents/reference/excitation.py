@@ -27,11 +27,11 @@ from fieldagents.reference.excitation_criteria import (
 )
 from fieldgym.excitation import ExcitationSettings
 from fieldgym.settings import read_settings
-from fieldmodels.excitation.adjustment import adjust
-from fieldmodels.excitation.motion import CONSTANT
-from fieldmodels.excitation.parameters import LIMITS, Limits, SensorNoise
-from fieldmodels.excitation.prediction import Predictor, Situation
-from fieldmodels.excitation.shaker import VARIANTS
+from fieldmodels.machines.excitation.adjustment import adjust
+from fieldmodels.machines.excitation.motion import CONSTANT
+from fieldmodels.machines.excitation.parameters import LIMITS, Limits, SensorNoise
+from fieldmodels.machines.excitation.prediction import Predictor, Situation
+from fieldmodels.machines.excitation.shaker import VARIANTS
 
 ActionArray = NDArray[np.float32]
 

@@ -13,10 +13,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.excitation.adjustment import cost, frozen_residuals, printed_residuals
-from fieldmodels.excitation.parameters import LOWER, PRIOR_VARIANCE, UPPER
-from fieldmodels.excitation.prediction import Outlook, Situation
 from fieldmodels.information import fast
+from fieldmodels.machines.excitation.adjustment import cost, frozen_residuals, printed_residuals
+from fieldmodels.machines.excitation.parameters import LOWER, PRIOR_VARIANCE, UPPER
+from fieldmodels.machines.excitation.prediction import Outlook, Situation
 
 Floats = NDArray[np.float64]
 

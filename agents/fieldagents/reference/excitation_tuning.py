@@ -22,9 +22,10 @@ from fieldagents.reference.excitation import to_command
 from fieldagents.reference.excitation_criteria import forecast, relative_error
 from fieldagents.reference.tuning import TuningError
 from fieldgym.excitation import ExcitationSettings
-from fieldmodels.excitation.model import ExcitationModel
-from fieldmodels.excitation.motion import CONSTANT
-from fieldmodels.excitation.parameters import (
+from fieldmodels.files import write_text
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.motion import CONSTANT
+from fieldmodels.machines.excitation.parameters import (
     CG,
     INERTIA,
     LIMITS,
@@ -35,11 +36,10 @@ from fieldmodels.excitation.parameters import (
     UPPER,
     SensorNoise,
 )
-from fieldmodels.excitation.prediction import Predictor, Situation
-from fieldmodels.excitation.regression import FEATURES
-from fieldmodels.excitation.sensors import FULL, full_scale, variances
-from fieldmodels.excitation.shaker import Shakers, average_percent
-from fieldmodels.files import write_text
+from fieldmodels.machines.excitation.prediction import Predictor, Situation
+from fieldmodels.machines.excitation.regression import FEATURES
+from fieldmodels.machines.excitation.sensors import FULL, full_scale, variances
+from fieldmodels.machines.excitation.shaker import Shakers, average_percent
 from fieldmodels.reality import read_reality
 
 Floats = NDArray[np.float64]

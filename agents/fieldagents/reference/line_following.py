@@ -27,9 +27,9 @@ from fieldagents.agent import Agent, Sees
 from fieldagents.reference import Reference
 from fieldgym.line_following import WIDTH_SCALE, LineFollowingSettings
 from fieldgym.settings import read_settings
-from fieldmodels.line_following.firmware import line_position
-from fieldmodels.line_following.parameters import Camera, Gait
-from fieldmodels.line_following.plant import (
+from fieldmodels.machines.line_following.firmware import line_position
+from fieldmodels.machines.line_following.parameters import Camera, Gait
+from fieldmodels.machines.line_following.plant import (
     CAMERA_YAW,
     MEMORY,
     MOTOR_LIMIT,

@@ -33,7 +33,7 @@ from fieldagents.reference.path_memory.teachers import (
 )
 from fieldgym.pose_reaching import PoseReachingSettings
 from fieldgym.settings import read_settings
-from fieldmodels.pose_reaching.parameters import GOAL_HEADING, Field
+from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING, Field
 
 PATHS, POINTS = 9, 14
 """Training paths and states of each: the 126 states of section 5.3.2, which does not say how many paths."""

@@ -22,8 +22,8 @@ from fieldagents.evaluation.seeds import TUNING_SEEDS
 from fieldagents.reference.heel_strike import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
 from fieldmodels.files import write_text
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.search import Walks, record_walks, score_gains
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.search import Walks, record_walks, score_gains
 from fieldmodels.reality import read_reality
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from fieldagents.progress import Report
-from fieldmodels.model import did_you_mean
+from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd

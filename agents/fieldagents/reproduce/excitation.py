@@ -24,9 +24,9 @@ from fieldagents.reference import references
 from fieldagents.reference.excitation import to_command
 from fieldagents.reproduce.entries import Reproduction
 from fieldgym.excitation import ExcitationSettings
-from fieldmodels.excitation.motion import DECISION
-from fieldmodels.excitation.parameters import LIMITS, NAMES, SOFT, TABLE1, VEHICLE, SensorNoise
-from fieldmodels.excitation.shaker import Shaken, Shakers
+from fieldmodels.machines.excitation.motion import DECISION
+from fieldmodels.machines.excitation.parameters import LIMITS, NAMES, SOFT, TABLE1, VEHICLE, SensorNoise
+from fieldmodels.machines.excitation.shaker import Shaken, Shakers
 
 Floats = NDArray[np.float64]
 SOURCE = "V. A. Sujan and S. Dubowsky, An optimal information method, IEEE/ASME TMech 8(2), 2003, "

@@ -16,11 +16,11 @@ from pydantic import Field
 
 from fieldagents.progress import Report
 from fieldagents.reproduce.entries import Reproduction
-from fieldmodels.heel_strike.parameters import SILENT, Leg, Noise
-from fieldmodels.heel_strike.search import record_walks, score_gains
-from fieldmodels.heel_strike.strides import Strides
-from fieldmodels.heel_strike.walker import TRACES
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise
+from fieldmodels.machines.heel_strike.search import record_walks, score_gains
+from fieldmodels.machines.heel_strike.strides import Strides
+from fieldmodels.machines.heel_strike.walker import TRACES
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, "
 DECAY = 1000 / 3

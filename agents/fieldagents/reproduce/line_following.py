@@ -22,10 +22,10 @@ from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.progress import Report
 from fieldagents.reference import references
 from fieldagents.reproduce.entries import Reproduction
-from fieldmodels.line_following.firmware import calibrate, line_position
-from fieldmodels.line_following.parameters import Camera, Exposure, Lighting
-from fieldmodels.line_following.renderer import Renderer, make_view
-from fieldmodels.line_following.tracks import straight
+from fieldmodels.machines.line_following.firmware import calibrate, line_position
+from fieldmodels.machines.line_following.parameters import Camera, Exposure, Lighting
+from fieldmodels.machines.line_following.renderer import Renderer, make_view
+from fieldmodels.machines.line_following.tracks import straight
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, "
 TAPE, FLOOR, INK = "#263240", "#e2b54d", "#0b6e99"

@@ -34,7 +34,7 @@ from fieldagents.reference.path_memory.teachers import Teacher, starts_anywhere,
 from fieldagents.reference.pose_reaching import POINTS, SEED, Driver, nine_paths, table_driver
 from fieldagents.reproduce.entries import Reproduction
 from fieldgym.pose_reaching import PoseReachingEnv, PoseReachingSettings
-from fieldmodels.pose_reaching.parameters import STRICT, Field
+from fieldmodels.machines.pose_reaching.parameters import STRICT, Field
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, chapter 5, "
 SETTINGS = PoseReachingSettings()

@@ -21,7 +21,7 @@ from fieldagents.reference.uav_route.limits import limits_of
 from fieldagents.reference.uav_route.plan import Plan
 from fieldagents.reference.uav_route.printed import Form, printed_plan
 from fieldagents.reproduce.entries import Reproduction
-from fieldmodels.uav_route.parameters import EXAMPLE, Detection, World
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, Detection, World
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, chapter 4, Figs 4.4 to 4.6"
 COLOURS = {0.5: "#0b6e99", 0.6: "#b3402a", 0.7: "#5b7f2b"}

@@ -14,7 +14,7 @@ from fieldagents.reference.heel_strike import ADAPTIVE, FIXED_TUNED, GATED_TUNED
 from fieldagents.retune.designers import Designer
 from fieldgym.heel_strike import HeelStrikeSettings
 from fieldgym.settings import read_settings
-from fieldmodels.heel_strike import search
+from fieldmodels.machines.heel_strike import search
 
 
 class Walks(Config):

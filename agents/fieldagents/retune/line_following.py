@@ -14,8 +14,8 @@ from fieldagents.reference.line_following import TITLES, Linear, Lqg, tuned
 from fieldagents.retune.designers import Designer
 from fieldgym.line_following import LineFollowingSettings
 from fieldgym.settings import read_settings
-from fieldmodels.line_following.model import LineFollowing
-from fieldmodels.line_following.plant import PARAMETERS
+from fieldmodels.machines.line_following.model import LineFollowing
+from fieldmodels.machines.line_following.plant import PARAMETERS
 from fieldmodels.reality import read_reality
 
 

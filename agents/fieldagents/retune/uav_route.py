@@ -27,10 +27,9 @@ from fieldagents.reference.uav_route.plan import Plan
 from fieldagents.retune.designers import Designer
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
-from fieldmodels.reality import Reality, read_reality
-from fieldmodels.uav_route.model import UavRoute
-from fieldmodels.uav_route.parameters import Layout, World
-from fieldmodels.uav_route.plant import (
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.plant import (
     BANK,
     BIAS_EAST,
     BIAS_NORTH,
@@ -38,6 +37,7 @@ from fieldmodels.uav_route.plant import (
     SITE_NORTH,
     SPEED,
 )
+from fieldmodels.reality import Reality, read_reality
 
 Threshold = Annotated[float, Field(ge=0.01, lt=0.99)]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldgym.rendering.canvas import Canvas, Color, Frame, Point
-from fieldmodels.pose_reaching.parameters import GOAL_HEADING, Arrival, Field, Limits
+from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING, Arrival, Field, Limits
 
 BACKGROUND: Color = (250, 250, 247)
 PANEL: Color = (255, 255, 255)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.fit import (
     Coordinates,
     Fit,
@@ -22,7 +23,7 @@ from fieldmodels.diagnosis.fit import (
 )
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import responses, sample_times
-from fieldmodels.model import Effect, FloatArray
+from fieldmodels.model import Effect
 
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]

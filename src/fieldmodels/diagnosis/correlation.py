@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.fit import PRIOR, STATE_STEP
 from fieldmodels.diagnosis.gain import Prediction, whitener_by_output
 from fieldmodels.diagnosis.problem import Part, Problem
 from fieldmodels.diagnosis.result import Correlation
-from fieldmodels.model import FloatArray
 
 IntArray = NDArray[np.int64]
 LAGS = 20

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
 
 CERTAIN = 1e-6
 """How close to 0 or 1 a probability counts: a simulation that is certain and wrong pays 14 nats a look."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.correlation import correlations
 from fieldmodels.diagnosis.events import calibration
@@ -12,7 +13,6 @@ from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Evidence
 from fieldmodels.diagnosis.selection import Selection
-from fieldmodels.model import FloatArray
 
 DRAWN = 1500  # samples of a trace
 BINS = 24

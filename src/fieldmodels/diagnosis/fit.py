@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.events import Looks
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.model import FloatArray, Parameter
+from fieldmodels.model import Parameter
 
 IntArray = NDArray[np.int64]
 PRIOR = 2.0  # initial states stay within about this many times their spread over windows

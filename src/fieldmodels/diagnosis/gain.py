@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import HorizonGain, Share
-from fieldmodels.model import FloatArray
 from fieldmodels.recording import RecordingError
 
 RESAMPLES = 1000

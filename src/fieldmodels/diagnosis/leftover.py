@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import STRETCHES, averaged, odds_responses, responses, stretches
 from fieldmodels.diagnosis.result import Leftover
 from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, block_p_value
-from fieldmodels.model import FloatArray
 
 KNOTS = 8  # of a table
 MULTIPLIED = 7  # signals of which products are tried

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.model import FloatArray
 
 UNEQUAL = 1.5  # ratio of two recordings' noise from which on they are weighed apart
 LIMIT = 20.0  # largest weight against the others: a sensor that stands still shows no noise at all

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import fit, project
 from fieldmodels.diagnosis.planned_inputs import Limits, Shape, limits_of, planned, shapes
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import NextMeasurement, Verdict
 from fieldmodels.diagnosis.selection import MIN_GAIN, Selection
-from fieldmodels.model import FloatArray
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 SECONDS, LONGEST = 20.0, 240.0  # of a planned measurement: compared over the first, at most the second

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
 SLACK = 0.02  # of an output's range, beyond which it leaves the range

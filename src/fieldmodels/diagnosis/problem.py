@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.events import Looks
-from fieldmodels.model import FloatArray, Model
+from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]

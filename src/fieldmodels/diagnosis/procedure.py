@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.evidence import collect
@@ -32,7 +33,7 @@ from fieldmodels.diagnosis.result import (
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value, select
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
-from fieldmodels.model import Effect, FloatArray, Model
+from fieldmodels.model import Effect, Model
 from fieldmodels.recording import Recording, RecordingError
 
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import is_quantisation
-from fieldmodels.model import Effect, FloatArray, Model
+from fieldmodels.model import Effect, Model
 from fieldmodels.recording import Recording
 
 SHARE = 0.05  # of the error's variance that the lattice must explain to be worth a name

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fieldmodels import html
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.result import Diagnosis, Estimate
 from fieldmodels.files import write_text
-from fieldmodels.model import FloatArray
-from fieldmodels.recording_files import save_recording
+from fieldmodels.recording.files import save_recording
 from fieldmodels.yaml import save_yaml
 
 COLUMNS = 3  # axes beside each other

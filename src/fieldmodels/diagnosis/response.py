@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.fit import Fit
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.model import FloatArray
 
 STRETCHES = 16  # pieces of a window on which a force is constant
 

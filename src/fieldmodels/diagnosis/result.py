@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
 from fieldmodels.recording import Recording
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import Fit, covariance_whitener, project, stacked
-from fieldmodels.model import FloatArray
 
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, float], None]

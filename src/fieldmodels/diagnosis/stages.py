@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.result import Diagnosis, Evidence, Verdict
-from fieldmodels.model import FloatArray, Model, Stage
+from fieldmodels.model import Model, Stage
 
 Progress = Callable[[str, float], None]
 

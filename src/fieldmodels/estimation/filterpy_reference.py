@@ -6,7 +6,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike
 
-from fieldmodels.model import FloatArray
+from fieldmodels.arrays import FloatArray
 
 
 class FilterpyFilter:

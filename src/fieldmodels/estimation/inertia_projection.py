@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, nnls
 
-from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import ModelError
 
 ORDER = ((0, 0), (1, 1), (2, 2), (0, 2), (1, 2), (0, 1))
 """Elements of the tensor in the order of Table I: x, y, z, xz, yz, xy."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import ModelError
 
 _DIFFERENCE = 1e-4
 """Step of the differences, in prior standard deviations."""

@@ -33,8 +33,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.model import ModelError
 
 
 class Terms(NamedTuple):

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from fieldmodels.model import FloatArray, ModelError
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import ModelError
 
 
 @dataclass(frozen=True)

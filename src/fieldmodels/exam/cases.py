@@ -12,7 +12,8 @@ from zlib import crc32
 import numpy as np
 
 from fieldmodels.exam.subjects import Subject, get_subject
-from fieldmodels.model import ModelError, did_you_mean
+from fieldmodels.model import ModelError
+from fieldmodels.names import did_you_mean
 
 Kind = Literal["single", "pair", "nothing", "outside"]
 KINDS: tuple[Kind, ...] = ("single", "pair", "nothing", "outside")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.fit import diagonal_whitener, fit
 from fieldmodels.diagnosis.gain import NONE, predict
@@ -17,7 +18,7 @@ from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.diagnosis.stages import held
 from fieldmodels.exam.subjects import Outside, Subject, get_subject
-from fieldmodels.model import EffectValues, FloatArray, ModelError, Stage
+from fieldmodels.model import EffectValues, ModelError, Stage
 
 PROBES = (7, 507)
 """Seeds of the two records on which sizes are found: fitted on the first, measured on the second."""

@@ -16,10 +16,10 @@ from functools import cache
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.model import FloatArray
-from fieldmodels.pose_reaching.parameters import Arrival, Field, Limits
-from fieldmodels.pose_reaching.unicycle import arc, arrival_share, stopped_by_walls
+from fieldmodels.machines.pose_reaching.parameters import Arrival, Field, Limits
+from fieldmodels.machines.pose_reaching.unicycle import arc, arrival_share, stopped_by_walls
 
 LIMITS, FIELD = Limits(), Field()
 NEAREST = 0.02

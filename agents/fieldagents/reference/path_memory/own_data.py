@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from fieldagents.reference.path_memory.matrices import FULL_TURN, Floats
 from fieldmodels.compiled import compiled
-from fieldmodels.pose_reaching.parameters import Field
+from fieldmodels.machines.pose_reaching.parameters import Field
 
 Step = Callable[[NDArray[np.float32]], tuple[Floats, NDArray[np.bool_]]]
 

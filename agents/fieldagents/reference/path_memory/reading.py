@@ -18,7 +18,7 @@ from fieldagents.reference.path_memory.matrices import (
     Floats,
     Grid,
 )
-from fieldmodels.pose_reaching.parameters import GOAL_HEADING
+from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ import numpy as np
 
 from fieldagents.reference.path_memory.matrices import Floats
 from fieldagents.reference.path_memory.memory import States
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
-from fieldmodels.model import FloatArray
-from fieldmodels.pose_reaching.dubins import dubins_path
-from fieldmodels.pose_reaching.parameters import GOAL, GOAL_HEADING, Field, Limits
-from fieldmodels.pose_reaching.unicycle import arc, wrapped
+from fieldmodels.machines.pose_reaching.dubins import dubins_path
+from fieldmodels.machines.pose_reaching.parameters import GOAL, GOAL_HEADING, Field, Limits
+from fieldmodels.machines.pose_reaching.unicycle import arc, wrapped
 
 Teacher = Literal["graceful", "dubins"]
 

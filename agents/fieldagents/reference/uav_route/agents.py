@@ -25,10 +25,11 @@ from fieldagents.reference.uav_route.printed import Form, printed_plan
 from fieldagents.reference.uav_route.straight import straight_plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
-from fieldmodels.model import FloatArray, ModelError
-from fieldmodels.uav_route.layouts import safe_route
-from fieldmodels.uav_route.parameters import Layout, World
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.layouts import safe_route
+from fieldmodels.machines.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.model import ModelError
 
 MARGIN = 1e-4
 """How far plans keep below the threshold: actions are single precision, a centimetre at the end of a leg."""

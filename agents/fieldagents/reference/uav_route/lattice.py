@@ -17,13 +17,14 @@ from dataclasses import replace
 import numpy as np
 
 from fieldagents.reference.uav_route.plan import Plan, Search, make_plan
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
-from fieldmodels.model import FloatArray, ModelError
-from fieldmodels.uav_route.aircraft import banked_time, turn_into
-from fieldmodels.uav_route.detection import probability
-from fieldmodels.uav_route.lock_loss import launched, timers_after
-from fieldmodels.uav_route.parameters import INSTANT_KILL, Constants, Layout, World, make_constants
-from fieldmodels.uav_route.signature import aspect, signature
+from fieldmodels.machines.uav_route.aircraft import banked_time, turn_into
+from fieldmodels.machines.uav_route.detection import probability
+from fieldmodels.machines.uav_route.lock_loss import launched, timers_after
+from fieldmodels.machines.uav_route.parameters import INSTANT_KILL, Constants, Layout, World, make_constants
+from fieldmodels.machines.uav_route.signature import aspect, signature
+from fieldmodels.model import ModelError
 
 STEP = 2.0
 """Longest time between two looks at a leg [s]; it counts as detected between them if it is at either."""

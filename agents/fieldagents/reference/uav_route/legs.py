@@ -38,9 +38,10 @@ from fieldagents.reference.uav_route.polish import (
     split,
 )
 from fieldagents.reference.uav_route.programs import Solver, choose_solver, modelling, solve
-from fieldmodels.model import FloatArray, ModelError
-from fieldmodels.uav_route.parameters import Layout, World
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.model import ModelError
 
 Rows = list[tuple[FloatArray, FloatArray, float]]
 """Constraints a . p + b . q >= c on a leg from p to q."""

@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.model import FloatArray
-from fieldmodels.uav_route.detection import probability_of_detection
-from fieldmodels.uav_route.parameters import World
-from fieldmodels.uav_route.signature import signature_of
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.detection import probability_of_detection
+from fieldmodels.machines.uav_route.parameters import World
+from fieldmodels.machines.uav_route.signature import signature_of
 
 NOSE = math.radians(30.0)
 """Half-angle of the cone about the nose in which Table 4.1's signature is low [rad]."""

@@ -19,8 +19,8 @@ from scipy.optimize import brentq, minimize_scalar
 from fieldagents.reference.uav_route.limits import NOSE, TAIL, limits_of, probability_seen
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings
-from fieldmodels.model import FloatArray
-from fieldmodels.uav_route.parameters import Layout, World
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.parameters import Layout, World
 
 _STEEP = math.radians(1.0)  # Table 4.1 goes from low to high within this angle
 

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from fieldagents.reference.uav_route.lower_bound import lower_bound
-from fieldmodels.model import FloatArray
-from fieldmodels.uav_route.parameters import Layout, World
-from fieldmodels.uav_route.refly import Certificate, refly
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.refly import Certificate, refly
 
 Status = Literal["optimal", "feasible", "infeasible", "no answer"]
 

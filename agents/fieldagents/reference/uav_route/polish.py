@@ -11,9 +11,9 @@ import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
 from fieldagents.reference.uav_route.limits import NOSE, TAIL, banked_limits, limits_of
-from fieldmodels.model import FloatArray
-from fieldmodels.uav_route.aircraft import turn_time
-from fieldmodels.uav_route.parameters import World
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.aircraft import turn_time
+from fieldmodels.machines.uav_route.parameters import World
 
 Kind = Literal["outside", "nose", "tail", "free"]
 

@@ -21,10 +21,11 @@ import numpy as np
 
 from fieldagents.reference.uav_route.plan import Plan, Search, make_plan
 from fieldagents.reference.uav_route.programs import Solver, choose_solver, modelling, solve
-from fieldmodels.model import FloatArray, ModelError
-from fieldmodels.uav_route.detection import detection_range
-from fieldmodels.uav_route.parameters import Layout, World
-from fieldmodels.uav_route.signature import signature_of
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.detection import detection_range
+from fieldmodels.machines.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.signature import signature_of
+from fieldmodels.model import ModelError
 
 Lookup = Literal["pairs", "sets"]
 ELEVATIONS = np.radians(np.arange(0.0, 90.0, 10.0))

@@ -10,9 +10,10 @@ import numpy as np
 from fieldagents.reference.uav_route.legs import leg_plan
 from fieldagents.reference.uav_route.plan import Counts, Plan, Search, make_plan
 from fieldagents.reference.uav_route.programs import Solver
-from fieldmodels.model import FloatArray, ModelError
-from fieldmodels.uav_route.parameters import Layout, World
-from fieldmodels.uav_route.refly import refly
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.model import ModelError
 
 LOOK = 1.0
 """Length between two looks for new radars [km]."""

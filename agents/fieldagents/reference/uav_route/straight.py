@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fieldagents.reference.uav_route.plan import Plan, Search, make_plan
-from fieldmodels.uav_route.parameters import Layout, World
+from fieldmodels.machines.uav_route.parameters import Layout, World
 
 
 def straight_plan(layout: Layout, world: World | None = None) -> Plan:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 
 from fieldmodels.exam.subjects.base import Outside, Subject
-from fieldmodels.model import ModelError, did_you_mean
+from fieldmodels.model import ModelError
+from fieldmodels.names import did_you_mean
 
 _SUBJECTS = {
     "rig": "Rig",

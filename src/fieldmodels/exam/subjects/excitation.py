@@ -8,9 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.subjects.base import Outside, Subject
-from fieldmodels.excitation.recording import record_experiment
-from fieldmodels.model import EffectValues, FloatArray
+from fieldmodels.machines.excitation.recording import record_experiment
+from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
 
 DURATION = 4.0

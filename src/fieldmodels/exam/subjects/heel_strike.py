@@ -8,12 +8,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.subjects.base import Outside, Subject
 from fieldmodels.exam.subjects.noise import wandering
-from fieldmodels.heel_strike.model import HeelStrikeModel
-from fieldmodels.heel_strike.parameters import Leg, Noise
-from fieldmodels.heel_strike.recording import record_walk
-from fieldmodels.model import EffectValues, FloatArray, Model
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import Leg, Noise
+from fieldmodels.machines.heel_strike.recording import record_walk
+from fieldmodels.model import EffectValues, Model
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording
 

@@ -9,13 +9,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.subjects.base import Outside, Subject
 from fieldmodels.exam.subjects.noise import wandering
-from fieldmodels.line_following.parameters import Noise
-from fieldmodels.line_following.recording import LAW, record_walk
-from fieldmodels.line_following.tracks import Track, straight
-from fieldmodels.line_following.walks import Scene, Walks
-from fieldmodels.model import EffectValues, FloatArray
+from fieldmodels.machines.line_following.parameters import Noise
+from fieldmodels.machines.line_following.recording import LAW, record_walk
+from fieldmodels.machines.line_following.tracks import Track, straight
+from fieldmodels.machines.line_following.walks import Scene, Walks
+from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
 
 STRIDES = 1000

@@ -8,9 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.subjects.base import Outside, Subject
-from fieldmodels.model import EffectValues, FloatArray
-from fieldmodels.pose_reaching.recording import record_drive
+from fieldmodels.machines.pose_reaching.recording import record_drive
+from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
 
 DURATION = 120.0

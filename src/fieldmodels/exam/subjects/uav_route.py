@@ -9,11 +9,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.subjects.base import Outside, Subject
 from fieldmodels.exam.subjects.noise import wandering
-from fieldmodels.model import EffectValues, FloatArray
+from fieldmodels.machines.uav_route.recording import record_flight
+from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
-from fieldmodels.uav_route.recording import record_flight
 
 DURATION, EPISODES = 2000.0, 4
 CORRELATION = 20.0

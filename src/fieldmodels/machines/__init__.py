@@ -1,0 +1,1 @@
+"""The physics of every machine, one folder or file each: the tasks' and the benches'."""

@@ -1,0 +1,146 @@
+"""The excitation model: an arm's command in, what the vehicle's sensors show out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.excitation.effects import EFFECTS
+from fieldmodels.machines.excitation.parameters import DAMPING, VEHICLE, Arm, preset
+from fieldmodels.machines.excitation.simulation import OUTPUTS, simulate_runs
+from fieldmodels.model import Model, Signal
+from fieldmodels.recording import Recording, RecordingError, Windows, uniform_windows
+
+STEP = 0.0025
+"""Longest integration step [s]: 5 ms err by an eighth of the accelerometer's noise, which passed for soil."""
+RATE, ACCELERATION = "arm_rate", "arm_acceleration"
+"""Derived columns: derivatives of the commanded angle [rad/s], [rad/s2]."""
+
+
+class ExcitationModel(Model):
+    """A vehicle on its suspension, shaken by its arm, as a model for diagnosis.
+
+    Each episode of a recording is one run: the vehicle stands level at rest with its arm at the first
+    ``arm_angle`` [rad], then the arm turns about one axis, ``arm_axis`` (1, 2, 3: x forward to the right,
+    y forward, z up; for 2 it stands upright, else it points forward). All sensors are zeroed at rest. Since
+    the start is known, a run is predicted from there, and a window has no initial state of its own.
+
+    Refitted are damping and stiffness, or all 22 unknowns. Mass, inertia and centre of gravity usually come
+    from scales and drawings: with constants as in Table I the motion hardly shows the inertia.
+    """
+
+    name = "excitation"
+    inputs_are_free = False
+    inputs = (Signal("arm_angle", "rad", angle=True), Signal("arm_axis", "1"))
+    outputs = (
+        *(Signal(f"acceleration_{axis}", "m/s2", noise=0.02) for axis in ("x", "y", "z")),
+        *(Signal(turn, "rad", noise=0.002, angle=True) for turn in ("pitch", "roll")),
+        *(Signal(f"force_{axis}", "N", noise=0.05, optional=True) for axis in ("x", "y", "z")),
+        *(Signal(f"torque_{axis}", "N m", noise=0.1, optional=True) for axis in ("x", "y", "z")),
+    )
+    states = ()
+    effects = EFFECTS
+    horizons = (0.2, 0.4, 0.8)
+
+    def __init__(self, vehicle: str = "soft", arm: Arm | None = None, refit_body: bool = False) -> None:
+        """Take a preset's vehicle as the nominal one; ``refit_body`` also refits what a scale would tell."""
+        self.arm = arm or Arm()
+        self.parameters = tuple(
+            replace(
+                p,
+                nominal=float(value),
+                lower=-5.0 if p.lower < 0 else 0.0,
+                upper=1e5 if i >= DAMPING else 100.0,
+                scale=max(0.1 * abs(float(value)), 0.01),
+                source="Table I" if vehicle == "table1" or i < DAMPING else "assumed",
+                refitted=refit_body or i >= DAMPING,
+            )
+            for i, (p, value) in enumerate(zip(VEHICLE, preset(vehicle), strict=True))
+        )
+
+    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """Simulate every run from rest, and cut the windows out of it; see ``Model.simulate``."""
+        recording = windows.recording if RATE in windows.recording else with_derivatives(windows.recording)
+        parameters = np.atleast_2d(np.asarray(parameters, dtype=np.float64))
+        bounds = recording.bounds
+        ends = windows.starts + windows.lengths
+        # No run is simulated beyond its last window.
+        last = [ends[(windows.starts >= a) & (windows.starts < b)].max(initial=a) for a, b in bounds]
+        runs = np.column_stack([bounds[:, 0], np.array(last, dtype=np.int64)])
+        values = np.empty((len(parameters), len(recording), OUTPUTS))
+        simulate_runs(
+            parameters,
+            runs,
+            np.rint(recording["arm_axis"][runs[:, 0]]).astype(np.int64) - 1,
+            recording.time[runs[:, 0]],
+            np.column_stack([recording[name] for name in ("arm_angle", RATE, ACCELERATION)]),
+            self.arm.row(),
+            recording.step,
+            max(1, round(recording.step / STEP)),
+            values,
+        )
+        rows = windows.starts[:, None] + np.arange(windows.samples)
+        result = values[:, np.minimum(rows, len(recording) - 1)]
+        result[:, np.arange(windows.samples) >= windows.lengths[:, None]] = np.nan
+        return np.asarray(result)
+
+    def initial_states(self, recording: Recording, starts: NDArray[np.int64]) -> FloatArray:
+        """No states: every run starts at rest, shape (len(starts), 0)."""
+        del recording
+        return np.zeros((len(starts), 0))
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """Cut every run into windows; see ``Model.windows``.
+
+        Raises:
+            RecordingError: If the axis is not 1, 2 or 3, or changes within an episode.
+        """
+        for a, b in recording.bounds:
+            axis = recording["arm_axis"][a:b]
+            if axis[0] not in (1, 2, 3) or np.ptp(axis) > 0:
+                raise RecordingError(
+                    f"{recording.source}: column 'arm_axis' must be 1, 2 or 3 (the arm turns about x, y, z) "
+                    "throughout an episode; give each run an 'episode' number of its own"
+                )
+        return uniform_windows(
+            with_derivatives(recording), horizon, [s.name for s in self.outputs], self.initial_states
+        )
+
+    def between(self, commands: FloatArray, refine: int) -> FloatArray:
+        """The arm moves smoothly between samples; see ``Model.between``."""
+        count = len(commands)
+        spline = make_interp_spline(np.arange(count), commands[:, 0], k=min(5, count - 1))
+        fine = np.arange(count * refine) / refine
+        return np.column_stack([spline(fine), np.repeat(commands[:, 1], refine)])
+
+
+def with_derivatives(recording: Recording) -> Recording:
+    """Add the commanded angle's derivatives, by a spline of fifth order through each run."""
+    rate, acceleration = np.zeros(len(recording)), np.zeros(len(recording))
+    for a, b in recording.bounds:
+        if b - a < 2:
+            continue
+        grid = np.arange(b - a) * recording.step
+        spline = make_interp_spline(grid, recording["arm_angle"][a:b], k=min(5, b - a - 1))
+        rate[a:b], acceleration[a:b] = spline(grid, 1), spline(grid, 2)
+    return replace(
+        recording,
+        signals={**recording.signals, RATE: rate, ACCELERATION: acceleration},
+        units={**recording.units, RATE: "rad/s", ACCELERATION: "rad/s2"},
+    )
+
+
+def joined_runs(runs: Sequence[Recording], source: str) -> Recording:
+    """Runs as the episodes of one recording."""
+    return Recording(
+        time=np.concatenate([run.time for run in runs]),
+        signals={name: np.concatenate([run[name] for run in runs]) for name in runs[0].signals},
+        units=runs[0].units,
+        episode=np.repeat(np.arange(len(runs)), [len(run) for run in runs]),
+        source=source,
+    )

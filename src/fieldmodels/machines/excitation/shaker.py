@@ -1,0 +1,481 @@
+"""Vehicles that are shaken decision by decision: dynamics, sensors, filters and bits in one place.
+
+The working surface of environments and evaluations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled
+from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
+from fieldmodels.information import BITS, fast
+from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode
+from fieldmodels.machines.excitation.faults import HISTORY, TURNS, lag_on, spoil
+from fieldmodels.machines.excitation.motion import CONSTANT, OFFSET, attainable, fill_motion, phase_after
+from fieldmodels.machines.excitation.parameters import (
+    CG,
+    DAMPING,
+    INERTIA,
+    LIMITS,
+    LOWER,
+    MASS,
+    MODES,
+    PRIOR_MEAN,
+    PRIOR_VARIANCE,
+    SAMPLE,
+    SAMPLES,
+    TABLE1,
+    UNKNOWNS,
+    UPPER,
+    Arm,
+    Limits,
+    SensorNoise,
+)
+from fieldmodels.machines.excitation.regression import (
+    ANGLE,
+    FEATURES,
+    POSITION,
+    RATE,
+    SIGNALS,
+    TERMS,
+    VELOCITY,
+    add_feature_noise,
+    fill_features,
+)
+from fieldmodels.machines.excitation.sensors import (
+    FULL,
+    TABLE2,
+    Variant,
+    corrupt,
+    first_draw,
+    full_scale,
+    mean_draws,
+    variances,
+)
+from fieldmodels.machines.excitation.simulation import ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN, LAG, PARAMETERS
+from fieldmodels.model import ModelError
+
+SOUND: FloatArray = np.zeros(PARAMETERS)
+"""A vector of ``ExcitationModel`` without faults, but for the vehicle itself."""
+SOUND[[ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN]] = 1.0
+VARIANTS: Mapping[str, Variant] = {"full": FULL, "table2": TABLE2}
+BASE = 12
+"""Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
+
+
+def normalised_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> FloatArray:
+    """Mean |error| in percent of the prior's range, over the parameters that count.
+
+    Args:
+        mean: Estimates, shape (..., 22).
+        truth: True values, of that shape.
+        counted: Which parameters count, shape (22,).
+    """
+    use = np.asarray(counted, dtype=np.bool_)
+    error = 100.0 * np.abs(np.asarray(mean) - np.asarray(truth)) / (UPPER - LOWER)
+    return np.asarray(np.where(use, error, 0.0).sum(axis=-1) / use.sum())
+
+
+def average_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> FloatArray:
+    """Average |error| in percent of the true value, as Table I, over the counted that are not zero.
+
+    Arguments as of ``normalised_percent``.
+    """
+    true = np.asarray(truth, dtype=np.float64)
+    use = np.asarray(counted, dtype=np.bool_) & (true != 0.0)
+    error = np.abs(np.asarray(mean) - true) / np.where(use, np.abs(true), 1.0)
+    return np.asarray(100.0 * np.where(use, error, 0.0).sum(axis=-1) / np.maximum(use.sum(axis=-1), 1))
+
+
+def drawn_around(vehicle: FloatArray, spread: float, rng: np.random.Generator) -> FloatArray:
+    """A vehicle near another one: a physical body, whatever is drawn.
+
+    Mass, lever arms, damping and stiffness are multiplied by factors from [1 - spread, 1 + spread], and so
+    are the second moments of the mass along x, y and z, which keeps the inertia that of a body.
+
+    Args:
+        vehicle: The 22 unknowns, and effects, which stay as they are.
+        spread: At most 1.
+        rng: Source of all randomness; 19 numbers are drawn.
+    """
+    factors = 1.0 + spread * rng.uniform(-1.0, 1.0, 19)
+    new = np.array(vehicle, dtype=np.float64)
+    new[MASS] *= factors[0]
+    new[CG:DAMPING] *= factors[4:7]
+    new[DAMPING:UNKNOWNS] *= factors[7:]
+    xx, yy, zz, xz, yz, xy = new[INERTIA:CG]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    stretch = np.sqrt(factors[1:4])
+    moments = stretch[:, None] * moments * stretch
+    inertia = np.trace(moments) * np.eye(3) - moments
+    new[INERTIA:CG] = inertia[[0, 1, 2, 0, 1, 0], [0, 1, 2, 2, 2, 1]]
+    return new
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """Where the experiments stand after a decision; arrays are copies.
+
+    Attributes:
+        mean: Estimates of the chosen filter, shape (batch, 22).
+        covariance: Their covariances, shape (batch, 22, 22).
+        bits: Information about each parameter [bits], by ``information.fast``, shape (batch, 22); 0 where it
+            is not estimated.
+        mean_naive: Estimates of the naive filter, shape (batch, 22).
+        covariance_naive: What it takes for their covariances, shape (batch, 22, 22).
+        bits_naive: What it takes for its information [bits], shape (batch, 22).
+        moments: The chosen filter's sums of y y', shape (batch, 3, 30, 30), upper triangles.
+        noise: Its sums of the covariance of the noise in y, of that shape.
+        samples: Samples in these sums, shape (batch,).
+        command: Amplitude [rad], frequency [rad/s] and offset [rad] in force, shape (batch, 3).
+        phase: Phase of the arm [rad], shape (batch,).
+        base: Measured dr, dr', dtheta, w at the latest sample, shape (batch, 3, 12).
+        variances: Of the noise of each signal at the latest sample, shape (batch, 3, 24).
+        motion: f, f', f'' at the samples of the decision and at its beginning, shape (batch, 81, 3); None
+            unless asked for.
+        bodies: True dr and dtheta at the samples, shape (batch, 3, 80, 6); None unless asked for.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    bits: FloatArray
+    mean_naive: FloatArray
+    covariance_naive: FloatArray
+    bits_naive: FloatArray
+    moments: FloatArray
+    noise: FloatArray
+    samples: FloatArray
+    command: FloatArray
+    phase: FloatArray
+    base: FloatArray
+    variances: FloatArray
+    motion: FloatArray | None = None
+    bodies: FloatArray | None = None
+
+
+class Shakers:
+    """A batch of experiments, each three runs side by side, advanced decision by decision.
+
+    Truth and the draws of the noise depend on an experiment's seed alone, never on the commands or on its
+    neighbours in the batch: equal seeds give every agent the same vehicle and the same draws.
+
+    Attributes:
+        truth: The 22 true values of every experiment, shape (batch, 22).
+        estimated: Which of them are estimated, shape (22,).
+        ranges: Smallest and largest command, each of shape (3,).
+        arm: The arm.
+    """
+
+    def __init__(
+        self,
+        batch: int,
+        vehicle: ArrayLike = TABLE1,
+        *,
+        preset: ArrayLike | None = None,
+        arm: Arm | None = None,
+        limits: Limits = LIMITS["wide"],
+        noise: SensorNoise | None = None,
+        estimator: str = "compensated",
+        variant: Literal["full", "table2"] = "full",
+        spread: float = 0.0,
+        bits: int = BITS,
+    ) -> None:
+        """Make experiments; restart each before the first decision.
+
+        Args:
+            batch: Number of experiments.
+            vehicle: What the vehicles truly are: the 22 unknowns, or the whole vector of ``ExcitationModel``
+                with the effects of vehicle, arm and sensors, 38 numbers.
+            preset: The nominal vehicle: fixes the sensors' full scale, and the unknowns that a variant takes
+                for known, shape (22,); None takes ``vehicle``.
+            arm: The arm (default: the source's).
+            limits: What the arm may do.
+            noise: The sensors' noise (default: 10 % of full scale).
+            estimator: Out of ``METHODS``: the filter that is scored.
+            variant: ``full`` or ``table2``.
+            spread: Each episode's vehicle is drawn around ``vehicle`` (see ``drawn_around``).
+            bits: Precision of the channel in which information is counted.
+
+        Raises:
+            ModelError: If a name is unknown, a shape wrong, or a number out of range.
+        """
+        if batch < 1:
+            raise ModelError(f"a batch needs at least one experiment, not {batch}")
+        if variant not in VARIANTS:
+            raise ModelError(f"variant must be one of {', '.join(VARIANTS)}, not {variant!r}")
+        if not 0.0 <= spread < 1.0:
+            raise ModelError(f"spread must be in [0, 1), not {spread}")
+        vector = np.asarray(vehicle, dtype=np.float64)
+        if vector.shape not in ((UNKNOWNS,), (PARAMETERS,)) or not np.isfinite(vector).all():
+            raise ModelError(
+                f"a vehicle has {UNKNOWNS} or {PARAMETERS} finite numbers, not shape {vector.shape}"
+            )
+        self._center = SOUND.copy()
+        self._center[: len(vector)] = vector
+        self._faulty = not np.array_equal(self._center[VEHICLE:], SOUND[VEHICLE:])
+        nominal = np.array(self._center[:UNKNOWNS] if preset is None else preset, dtype=np.float64)
+        self.arm = arm or Arm()
+        self.estimated = VARIANTS[variant].unknowns.copy()
+        self.ranges = tuple(
+            np.array(ends)
+            for ends in zip((0.0, limits.amplitude), limits.frequency, limits.offset, strict=True)
+        )
+        self._limits, self._spread, self._bits = limits, spread, bits
+        self._noise = noise or SensorNoise()
+        self._full_scale = full_scale(nominal, self.arm, per_mode=self._noise.per_mode)
+        self._nominal = nominal
+        self._estimator = estimator
+        row, column, feature, coefficient = TERMS
+        self._filters = ParameterFilters(
+            batch,
+            Terms(row, column, feature, coefficient),
+            np.where(self.estimated, PRIOR_MEAN, nominal),
+            np.where(self.estimated, np.sqrt(PRIOR_VARIANCE), 0.0),
+            modes=MODES,
+            methods=tuple(dict.fromkeys((estimator, "naive"))),
+            active=VARIANTS[variant].rows,
+        )
+        self._vehicles = np.zeros((batch, PARAMETERS))
+        self._keys = np.zeros(batch, dtype=np.uint64)
+        self._counts = np.full(batch, -1, dtype=np.int64)
+        self._command = np.zeros((batch, 3))
+        self._phase = np.zeros(batch)
+        self._states = np.zeros((batch, MODES, STATE))
+        self._maxima = np.zeros((batch, MODES, SIGNALS))
+        self._base = np.zeros((batch, MODES, BASE))
+        self._arm_motion = np.zeros((batch, 3))
+        self._history = np.zeros((batch, MODES, HISTORY if self._faulty else 0, TURNS))
+
+    def __len__(self) -> int:
+        """Number of experiments."""
+        return len(self._counts)
+
+    @property
+    def truth(self) -> FloatArray:
+        """The 22 true values of every experiment (privileged), shape (batch, 22); a copy."""
+        return self._vehicles[:, :UNKNOWNS].copy()
+
+    @property
+    def bits(self) -> FloatArray:
+        """Information about each parameter by the chosen filter [bits], shape (batch, 22)."""
+        return self._information(self._filters.covariance[self._estimator])
+
+    @property
+    def draws(self) -> FloatArray:
+        """Mean of the draws behind the latest sample's noise, whatever was commanded, shape (batch,)."""
+        return np.asarray(mean_draws(self._keys, self._counts))
+
+    def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
+        """Begin several experiments anew, each from its own generator: at rest, the arm in eq (24)."""
+        rows = list(which)
+        for i, rng in zip(rows, rngs, strict=True):
+            self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
+            drawn = drawn_around(self._center, self._spread, rng)
+            # Without a spread the preset stays as it is, to the bit; what counts as known is known.
+            free = self.estimated if self._spread > 0.0 else np.zeros(UNKNOWNS, dtype=np.bool_)
+            self._vehicles[i] = self._center
+            self._vehicles[i, :UNKNOWNS][free] = drawn[:UNKNOWNS][free]
+        self._counts[rows] = 0
+        self._command[rows] = CONSTANT
+        self._phase[rows] = 0.0
+        self._states[rows] = 0.0
+        self._maxima[rows] = 0.0 if self._noise.kind == "running_max" else self._full_scale
+        self._base[rows] = 0.0
+        self._arm_motion[rows] = CONSTANT[OFFSET], 0.0, 0.0
+        self._history[rows] = 0.0
+        self._filters.restart(rows)
+
+    def advance(self, commands: ArrayLike, traces: bool = False) -> Shaken:
+        """Shake every vehicle for one decision of 0.4 s in each of its three runs, and estimate.
+
+        Args:
+            commands: Wanted amplitude [rad], frequency [rad/s] and offset [rad], shape (batch, 3): clipped to
+                the limits, then followed as far as the arm's acceleration allows.
+            traces: True also returns the motion of arm and bodies.
+
+        Raises:
+            ModelError: If the commands have the wrong shape or are not finite, or an experiment was never
+                started.
+        """
+        batch = len(self)
+        wanted = np.asarray(commands, dtype=np.float64)
+        if wanted.shape != (batch, 3) or not np.isfinite(wanted).all():
+            raise ModelError(f"commands must be finite and have shape ({batch}, 3), not {wanted.shape}")
+        if not (self._counts >= 0).all():
+            raise ModelError("restart every experiment before the first decision")
+        features = np.zeros((batch, MODES, SAMPLES, FEATURES))
+        noise = np.zeros((batch, MODES, FEATURES, FEATURES))
+        shown = batch if traces else 0
+        motion, bodies = np.empty((shown, SAMPLES + 1, 3)), np.empty((shown, MODES, SAMPLES, 6))
+        _shake(
+            np.clip(wanted, *self.ranges),
+            self._limits.acceleration,
+            self.arm.row(),
+            self._vehicles,
+            self._faulty,
+            self._keys,
+            self._noise.kind == "running_max",
+            self._noise.per_mode,
+            self._noise.fraction,
+            self._counts,
+            self._command,
+            self._phase,
+            self._states,
+            self._maxima,
+            self._base,
+            self._arm_motion,
+            self._history,
+            features,
+            noise,
+            motion,
+            bodies,
+        )
+        self._filters.update(features, noise)
+        return self._shaken(motion if traces else None, bodies if traces else None)
+
+    def look(self) -> Shaken:
+        """Where the experiments stand."""
+        return self._shaken(None, None)
+
+    def _shaken(self, motion: FloatArray | None, bodies: FloatArray | None) -> Shaken:
+        own, naive, filters = self._estimator, "naive", self._filters
+        moments, noise, samples = filters.statistic(own)
+        return Shaken(
+            mean=filters.mean[own].copy(),
+            covariance=filters.covariance[own].copy(),
+            bits=self.bits,
+            mean_naive=filters.mean[naive].copy(),
+            covariance_naive=filters.covariance[naive].copy(),
+            bits_naive=self._information(filters.covariance[naive]),
+            moments=moments,
+            noise=noise,
+            samples=samples,
+            command=self._command.copy(),
+            phase=self._phase.copy(),
+            base=self._base.copy(),
+            variances=variances(self._maxima, self._noise),
+            motion=motion,
+            bodies=bodies,
+        )
+
+    def _information(self, covariance: FloatArray) -> FloatArray:
+        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        return np.where(self.estimated, fast(sigma, LOWER, UPPER, self._bits), 0.0)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """An exact snapshot: plain arrays by name."""
+        own = {name: getattr(self, f"_{name}").copy() for name in _STATE}
+        return own | {f"filters_{name}": part for name, part in self._filters.state().items()}
+
+    def set_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Return to a snapshot.
+
+        Raises:
+            ModelError: If the snapshot is of other experiments.
+        """
+        own = self.state()
+        if own.keys() != state.keys() or any(own[k].shape != np.shape(state[k]) for k in own):
+            raise ModelError("the snapshot is of experiments of another kind or batch size")
+        for name in _STATE:
+            getattr(self, f"_{name}")[...] = state[name]
+        prefix = "filters_"
+        self._filters.set_state({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
+
+
+_STATE = (
+    "vehicles",
+    "keys",
+    "counts",
+    "command",
+    "phase",
+    "states",
+    "maxima",
+    "base",
+    "arm_motion",
+    "history",
+)
+
+
+@compiled
+def _shake(
+    wanted: FloatArray,
+    acceleration: float,
+    arm: FloatArray,
+    vehicles: FloatArray,
+    faulty: bool,
+    keys: NDArray[np.uint64],
+    running: bool,
+    per_mode: bool,
+    fraction: float,
+    counts: NDArray[np.int64],
+    command: FloatArray,
+    phase: FloatArray,
+    states: FloatArray,
+    maxima: FloatArray,
+    base: FloatArray,
+    arm_motion: FloatArray,
+    history: FloatArray,
+    features: FloatArray,
+    noise: FloatArray,
+    motion: FloatArray,
+    bodies: FloatArray,
+) -> None:
+    """Advance every experiment by one decision, in place."""
+    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
+    signals = np.empty((MODES, SAMPLES, SIGNALS))
+    measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
+    following = np.empty(3)
+    rest = CONSTANT[OFFSET]
+    for b in range(len(wanted)):
+        attainable(command[b], phase[b], wanted[b], acceleration, following)
+        fill_motion(command[b], phase[b], following, path)
+        phase[b] = phase_after(phase[b], command[b], following)
+        command[b] = following
+        moved = path
+        if vehicles[b, LAG] > 1e-9:
+            lag_on(path, SAMPLE / SUBSTEPS, vehicles[b, LAG], arm_motion[b], late)
+            moved = late
+        time = counts[b] * SAMPLE
+        for mode in range(MODES):
+            advance_mode(
+                vehicles[b, :VEHICLE], arm, mode, moved, rest, SAMPLE, SUBSTEPS, time, states[b, mode],
+                signals[mode],
+            )  # fmt: skip
+        if len(motion) > 0:
+            motion[b] = moved[::SUBSTEPS]
+            for mode in range(MODES):
+                bodies[b, mode, :, 0:3] = signals[mode, :, POSITION : POSITION + 3]
+                bodies[b, mode, :, 3:6] = signals[mode, :, ANGLE : ANGLE + 3]
+        if faulty:
+            for mode in range(MODES):
+                spoil(vehicles[b], arm[4], history[b, mode], signals[mode])
+        for k in range(SAMPLES):
+            if running:
+                for mode in range(MODES):
+                    for i in range(SIGNALS):
+                        size = abs(signals[mode, k, i])
+                        for other in range(MODES):
+                            if (mode == other or not per_mode) and size > maxima[b, other, i]:
+                                maxima[b, other, i] = size
+            for mode in range(MODES):
+                counter = first_draw(counts[b] + k, mode)
+                corrupt(signals[mode, k], maxima[b, mode], False, fraction, keys[b], counter, measured)
+                for i in range(SIGNALS):
+                    size = fraction * maxima[b, mode, i]
+                    variance[i] = size * size / 3.0
+                fill_features(measured, variance, arm[4], features[b, mode, k])
+                add_feature_noise(measured, variance, arm[4], noise[b, mode])
+                if k == SAMPLES - 1:
+                    base[b, mode, 0:3] = measured[POSITION : POSITION + 3]
+                    base[b, mode, 3:6] = measured[VELOCITY : VELOCITY + 3]
+                    base[b, mode, 6:9] = measured[ANGLE : ANGLE + 3]
+                    base[b, mode, 9:12] = measured[RATE : RATE + 3]
+        counts[b] += SAMPLES

@@ -1,0 +1,199 @@
+"""The heel-strike model: the leg between heel strikes, watched by its gyro and by the geometry.
+
+Process torque makes the gyro's path hard to predict, but whatever the torque did, the gyro's integral over
+a stride must be the change of the angle that the geometry gives at its two strikes. That closure, and the
+change of speed by the push-off, are derived from the measured columns and compared like measured signals:
+they show a faulty gyro through noise that hides it in the path itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.heel_strike.effects import leg_effects
+from fieldmodels.machines.heel_strike.parameters import Leg
+from fieldmodels.machines.heel_strike.simulation import simulate
+from fieldmodels.machines.heel_strike.spectrum import torque_peaks
+from fieldmodels.model import Model, Parameter, Signal
+from fieldmodels.recording import Recording, RecordingError, Windows
+
+IntArray = NDArray[np.int64]
+
+AROUND = 0.03
+"""Time before and after a strike over which the gyro is averaged for the push-off [s]."""
+
+
+def samples_around(recording: Recording) -> int:
+    """Samples of a recording in the time ``AROUND``."""
+    return max(3, round(AROUND / recording.step))
+
+
+class HeelStrikeModel(Model):
+    """The leg of the dissertation's chapter 2 as a model for diagnosis.
+
+    Recordings hold ``gyro`` [rad/s], ``strike`` (1 at the first sample after a heel strike, else 0) and
+    ``strike_angle`` [rad] (the angle that the geometry gave at the latest strike, held). The gyro at a
+    strike's sample is read before the push-off. ``closure`` [rad] (change of the strike angle less the
+    gyro's integral) and ``push_off`` [rad/s] (speed after a strike less the one that the push-off aims at)
+    are derived; a recording need not have them. The base parameter is the pendulum's length. A window's state
+    is the angle and the gyro's reading, from which the speed follows: the reading is known, the speed is not.
+
+    The rounding of a coarse gyro is part of the truth, not of a prediction: noise dithers it, and the
+    expected reading is the unrounded one.
+    """
+
+    name = "heel_strike"
+    inputs_are_free = False
+    inputs = (Signal("strike", "1"),)
+    outputs = (
+        Signal("gyro", "rad/s", noise=0.0041),
+        Signal("strike_angle", "rad", noise=0.0066, angle=True),
+        Signal("closure", "rad", noise=0.0093, optional=True, angle=True),
+        Signal("push_off", "rad/s", noise=0.005, optional=True),
+    )
+    states = (Signal("theta", "rad", noise=0.0066, angle=True), Signal("reading", "rad/s", noise=0.003))
+    horizons = (0.5, 1.0, 2.0)
+    disturbance_unit = "rad/s2"
+    random_force = True
+
+    def __init__(self, leg: Leg | None = None) -> None:
+        """Take the nominal leg."""
+        self.leg = leg or Leg()
+        self.parameters = (Parameter("length", "m", self.leg.length, 0.2, 5.0, 0.02, source="section 2.4.1"),)
+        self.effects = leg_effects()
+
+    def scaled_to(self, recordings: Sequence[Recording]) -> Self:
+        """The same model with times, and frequencies of a periodic force, sought where the data have them."""
+        duration = max(float(r.time[-1] - r.time[0]) for r in recordings)
+        result = type(self)(self.leg)
+        stiffness = self.leg.gravity / self.leg.length
+        result.effects = leg_effects(duration, torque_peaks(recordings, stiffness))
+        return result
+
+    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """See ``Model.simulate``."""
+        recording = windows.recording
+        force = windows.disturbance
+        return simulate(
+            np.atleast_2d(np.asarray(parameters, dtype=np.float64)),
+            windows.starts,
+            windows.lengths,
+            np.ascontiguousarray(windows.states),
+            recording.time,
+            recording["strike"],
+            np.zeros(0) if force is None else np.asarray(force, dtype=np.float64),
+            windows.samples,
+            recording.step,
+            self.leg.gravity,
+            self.leg.speed,
+            self.leg.push_off,
+            samples_around(recording),
+        )
+
+    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
+        """Angle from the geometry and the gyro's integral since; the gyro's reading up to the start."""
+        gyro, step, around = recording["gyro"], recording.step, samples_around(recording)
+        turned = np.cumsum(gyro) * step
+        first = recording.bounds[np.searchsorted(recording.bounds[:, 0], starts, side="right") - 1, 0]
+        struck = recording["strike"] > 0.5
+        latest = np.maximum.accumulate(np.where(struck, np.arange(len(recording)), -1))[starts]
+        latest = np.maximum(latest, first)
+        angle = recording["strike_angle"][starts] + turned[starts] - turned[latest]
+        speed = np.empty(len(starts))
+        for i, (start, begin) in enumerate(zip(starts, np.maximum(first, latest), strict=True)):
+            # A strike's own sample is read before the push-off, so the samples up to it belong together.
+            begin = first[i] if start == latest[i] else begin + 1
+            low = max(start - around + 1, begin)
+            lag = np.arange(low - start, 1) * step
+            level = gyro[low : start + 1].mean()
+            slope = -self.leg.gravity / self.leg.length * np.sin(angle[i])
+            speed[i] = level - slope * lag.mean()
+        return np.column_stack([angle, speed])
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """Cut a recording from strike to strike.
+
+        A horizon of half a stride gives the second half of every stride; longer ones as many whole strides
+        as fit best.
+
+        Raises:
+            RecordingError: If the recording has too few strikes.
+        """
+        recording, around = with_derived(recording, self.leg), samples_around(recording)
+        strikes = [
+            np.flatnonzero(recording["strike"][a:b] > 0.5).astype(np.int64) + a for a, b in recording.bounds
+        ]
+        lengths = np.concatenate([np.diff(s) for s in strikes]) if strikes else np.zeros(0)
+        if len(lengths) == 0:
+            raise RecordingError(
+                f"{recording.source}: column 'strike' marks fewer than two heel strikes; it must be 1 at "
+                "the first sample after each strike and 0 elsewhere"
+            )
+        usual = float(np.median(lengths))
+        half = horizon < 0.75 * usual * recording.step
+        count = max(1, round(horizon / (usual * recording.step)))
+        starts: list[int] = []
+        ends: list[int] = []
+        for (begin, _), own in zip(recording.bounds, strikes, strict=True):
+            own = own[own - around >= begin]
+            for i in range(0, len(own) - count, count):
+                inside = np.diff(own[i : i + count + 1])
+                # A stride of unusual length is a missed or a doubled strike.
+                if inside.max() < 1.5 * usual and inside.min() > max(0.5 * usual, 4 * around):
+                    starts.append(int(own[i] + inside[0] // 2 if half else own[i]))
+                    ends.append(int(own[i + count]))
+        if not starts:
+            raise RecordingError(
+                f"{recording.source}: too short for windows of {count} strides; record longer"
+            )
+        first = np.array(starts, dtype=np.int64)
+        length = np.array(ends, dtype=np.int64) - first + 1
+        rows = first[:, None] + np.arange(length.max())[None, :]
+        inside = np.arange(length.max())[None, :] < length[:, None]
+        struck = inside & (recording["strike"][np.minimum(rows, len(recording) - 1)] > 0.5)
+        observed = np.zeros((*inside.shape, len(self.outputs)), dtype=np.bool_)
+        observed[:, :, 0] = inside
+        observed[:, :, 1] = struck
+        if not half:
+            observed[:, 1:, 2] = struck[:, 1:]
+            observed[:, around, 3] = True
+        return Windows(
+            recording=recording,
+            starts=first,
+            lengths=length,
+            states=self.initial_states(recording, first),
+            observed=observed,
+        )
+
+
+def with_derived(recording: Recording, leg: Leg) -> Recording:
+    """Add the derived signals ``closure`` (at strikes) and ``push_off`` (some samples after them)."""
+    gyro, angle, step = recording["gyro"], recording["strike_angle"], recording.step
+    around = samples_around(recording)
+    turned = np.concatenate([[0.0], np.cumsum(gyro)]) * step
+    closure, push = np.zeros(len(recording)), np.zeros(len(recording))
+    for begin, end in recording.bounds:
+        strikes = np.flatnonzero(recording["strike"][begin:end] > 0.5) + begin
+        if len(strikes) > 1:
+            now, then = strikes[1:], strikes[:-1]
+            closure[now] = angle[now] - angle[then] - (turned[now + 1] - turned[then + 1])
+        inside = strikes[(strikes - around + 1 >= begin) & (strikes + around < end)]
+        before = (turned[inside + 1] - turned[inside + 1 - around]) / (around * step)
+        after = (turned[inside + 1 + around] - turned[inside + 1]) / (around * step)
+        push[inside + around] = after - pushed(before, leg)
+    return replace(
+        recording,
+        signals={**recording.signals, "closure": closure, "push_off": push},
+        units={**recording.units, "closure": "rad", "push_off": "rad/s"},
+    )
+
+
+def pushed(before: FloatArray, leg: Leg) -> FloatArray:
+    """Speed that the push-off makes of the speed before a strike."""
+    return np.asarray(before - leg.push_off * (before - np.copysign(leg.speed, before)))

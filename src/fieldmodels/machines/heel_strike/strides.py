@@ -1,0 +1,226 @@
+"""Walkers that advance stride by stride: the working surface of environments and evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.truth import FREQUENCY, HIDDEN, PARAMETERS, STEP_TIME, TEETH
+from fieldmodels.machines.heel_strike.walker import (
+    ESTIMATORS,
+    TRACES,
+    WALKER,
+    advance,
+    bank_levels,
+    bank_transition,
+    make_constants,
+    start,
+)
+from fieldmodels.model import ModelError
+
+
+@dataclass(frozen=True)
+class StrideResult:
+    """What one stride of every walker gave.
+
+    Attributes:
+        signed_mm: Estimated minus true foot height at the closing strike, before the reset [mm], shape
+            (batch, 5), columns as in ``ESTIMATORS``: agent, ranger (eq (2.3), a tenth of the geometry),
+            ranger_tuned, ekf (reference filter, told the typical noise), imm (NaN without the bank).
+        floor_mm: Height error of the floor at the closing strike [mm], shape (batch,).
+        duration: Time of the stride [s], shape (batch,).
+        samples: Samples of the stride, shape (batch,), int64.
+        fallen: True where the leg did not come to a strike within the limit, shape (batch,).
+        features: Of the reference filter, shape (batch, 6), columns as in ``FEATURES``.
+        levels: Regime of the stride just made (privileged), 0 low or 1 high, shape (batch, 3), columns
+            process, floor, collision.
+        next_levels: Regime of the stride to come (privileged), shape (batch, 3).
+        traces: Samples of the stride, shape (batch, longest, 8), columns as in ``TRACES``, NaN beyond a
+            walker's last sample; None unless asked for.
+    """
+
+    signed_mm: FloatArray
+    floor_mm: FloatArray
+    duration: FloatArray
+    samples: NDArray[np.int64]
+    fallen: NDArray[np.bool_]
+    features: FloatArray
+    levels: NDArray[np.int64]
+    next_levels: NDArray[np.int64]
+    traces: FloatArray | None = None
+
+    def error_mm(self, estimator: str = "agent", floor_added: bool = False) -> FloatArray:
+        """Absolute error of one estimator [mm], shape (batch,).
+
+        Args:
+            estimator: One of ``ESTIMATORS``.
+            floor_added: True adds the floor's height error, as section 2.4.5 words it.
+        """
+        signed = self.signed_mm[:, ESTIMATORS.index(estimator)]
+        return np.abs(signed + self.floor_mm if floor_added else signed)
+
+
+class Strides:
+    """A batch of walkers in one reality (or one reality each), advanced stride by stride.
+
+    Truth and noise depend on a walker's seed alone, never on gains or on its neighbours in the batch:
+    equal seeds give every agent the same walk, to the bit.
+
+    Attributes:
+        walkers: All state, shape (batch,), dtype ``WALKER``.
+    """
+
+    def __init__(
+        self,
+        batch: int,
+        leg: Leg | None = None,
+        noise: Noise | Regimes | None = None,
+        reality: ArrayLike | None = None,
+        *,
+        bank: bool = False,
+        cromer: bool = True,
+        ranger_reset: float = 0.1,
+        tuned_reset: float = 1.0,
+    ) -> None:
+        """Make walkers; seed each before the first stride.
+
+        Args:
+            batch: Number of walkers.
+            leg: The nominal leg, which the estimators believe in.
+            noise: Stationary noise, or hidden regimes (default: the ``low_pass`` regimes).
+            reality: Parameter vector of ``HeelStrikeModel``, shape (15,) or (batch, 15); None is nominal.
+            bank: True also runs the interacting-multiple-model bank of eight filters (five times slower).
+            cromer: True integrates the agent's estimator by (2.14), False by (2.9).
+            ranger_reset: Share of the geometry in Ranger's reset (2.3).
+            tuned_reset: The same of the tuned Ranger.
+
+        Raises:
+            ModelError: If the reality has the wrong shape or the batch is empty.
+        """
+        from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+
+        if batch < 1:
+            raise ModelError(f"a batch needs at least one walker, not {batch}")
+        self.leg = leg or Leg()
+        self.regimes = (
+            Regimes.fixed(noise) if isinstance(noise, Noise) else noise or Regimes.preset("low_pass")
+        )
+        nominal = HeelStrikeModel(self.leg).nominal
+        vector = np.asarray(nominal if reality is None else reality, dtype=np.float64)
+        if vector.shape[-1:] not in ((PARAMETERS,), (HIDDEN,)) or vector.shape[:-1] not in ((), (batch,)):
+            raise ModelError(
+                f"reality must have shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+            )
+        self.realities = np.zeros((batch, HIDDEN))
+        self.realities[:, : vector.shape[-1]] = vector
+        neutral = np.zeros(HIDDEN)
+        neutral[:PARAMETERS] = nominal
+        off = self.realities == neutral
+        # A frequency or a time without amplitude is no effect.
+        off[:, [FREQUENCY, STEP_TIME, TEETH]] = True
+        self.extended = not bool(off[:, 1:].all())
+        self.bank = bank
+        self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
+        self._constants = make_constants(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
+        self._levels = bank_levels(self.leg, self.regimes)
+        self._transition = bank_transition(self.regimes)
+        self._seeded = np.zeros(batch, dtype=np.bool_)
+
+    def __len__(self) -> int:
+        """Number of walkers."""
+        return len(self.walkers)
+
+    def seed(self, i: int, rng: np.random.Generator) -> None:
+        """Start walker ``i`` anew with streams keyed by one draw from ``rng``."""
+        key = rng.integers(0, 2**64, dtype=np.uint64)
+        start(self.walkers, i, key, self._constants, self._levels)
+        self._seeded[i] = True
+
+    def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
+        """Start several walkers anew, each from its own generator."""
+        for i, rng in zip(which, rngs, strict=True):
+            self.seed(int(i), rng)
+
+    @property
+    def features(self) -> FloatArray:
+        """Features of the reference filter as they stand, shape (batch, 6); a copy."""
+        return np.array(self.walkers["features"])
+
+    @property
+    def levels(self) -> NDArray[np.int64]:
+        """Regime of the stride to come (privileged), shape (batch, 3): process, floor, collision."""
+        return np.stack([self.walkers[f"{name}_level"] for name in ("process", "floor", "collision")], axis=1)
+
+    def advance(self, gains: ArrayLike, traces: bool = False) -> StrideResult:
+        """Take every walker through one stride.
+
+        A stride begins just after a strike: the agent's S_HR of this call resets its angle there, then
+        S_MS and S_FD hold until the next strike, where the error is taken before the next reset.
+
+        Args:
+            gains: S_MS early, S_MS late, S_HR, S_FD [1/s], shape (batch, 4) or (4,).
+            traces: True also returns the samples.
+
+        Raises:
+            ModelError: If the gains have the wrong shape or a walker was never seeded.
+        """
+        batch = len(self)
+        values = np.asarray(gains, dtype=np.float64)
+        if values.shape not in ((4,), (batch, 4)):
+            raise ModelError(f"gains must have shape (4,) or ({batch}, 4), not {values.shape}")
+        if not self._seeded.all():
+            raise ModelError("seed every walker before the first stride")
+        values = np.ascontiguousarray(np.broadcast_to(values, (batch, 4)))
+        levels = self.levels
+        signed = np.empty((batch, len(ESTIMATORS)))
+        floors = np.empty(batch)
+        samples = np.empty(batch, dtype=np.int64)
+        fallen = np.empty(batch, dtype=np.bool_)
+        trace = np.full((batch, self._constants.limit if traces else 0, len(TRACES)), np.nan)
+        advance(
+            self.walkers,
+            values,
+            self.realities,
+            self.extended,
+            self._constants,
+            self._levels,
+            self._transition,
+            self.bank,
+            signed,
+            floors,
+            samples,
+            fallen,
+            trace,
+        )
+        return StrideResult(
+            signed_mm=signed,
+            floor_mm=floors,
+            duration=samples.astype(np.float64) * self.leg.step,
+            samples=samples,
+            fallen=fallen,
+            features=self.features,
+            levels=levels,
+            next_levels=self.levels,
+            traces=trace[:, : samples.max()].copy() if traces else None,
+        )
+
+    def state(self) -> NDArray[Any]:
+        """An exact snapshot of all walkers: a plain structured array, shape (batch,)."""
+        return self.walkers.copy()
+
+    def set_state(self, state: NDArray[Any]) -> None:
+        """Return to a snapshot.
+
+        Raises:
+            ModelError: If the snapshot is of another batch size or kind.
+        """
+        if state.dtype != WALKER or state.shape != self.walkers.shape:
+            raise ModelError(f"a snapshot of {len(self)} walkers is needed, not {state.shape} {state.dtype}")
+        self.walkers[...] = state
+        self._seeded[:] = True

@@ -1,0 +1,79 @@
+"""What may be missing from the nominal walk: the effects, in the order of a plant's parameter vector."""
+
+from __future__ import annotations
+
+from fieldmodels.machines.line_following.plant import NO_LIMIT
+from fieldmodels.model import Effect, Parameter
+
+EFFECTS = (
+    Effect(
+        "steering_bias",
+        "The robot turns a little in every stride, also when told to go straight.",
+        "actuator",
+        (Parameter("turn", "rad", 0.0, -0.5, 0.5, 0.005),),
+        "turn + bias in every stride",
+    ),
+    Effect(
+        "turn_gain",
+        "Every turn is larger or smaller than commanded, in proportion.",
+        "actuator",
+        (Parameter("factor", "1", 1.0, 0.0, 5.0, 0.05),),
+        "turn = factor * commanded turn",
+    ),
+    Effect(
+        "actuator_delay",
+        "A command waits one or more strides longer before it turns the robot.",
+        "actuator",
+        (Parameter("strides", "1", 0.0, 0.0, 2.0, 0.1, starts=(0.3, 1.0)),),
+        "turn(k) = command(k - strides); parts of a stride mix its neighbours",
+    ),
+    # bounded so that slip is not a whole stride of delay (turn 1, twist 1), and gains nothing
+    Effect(
+        "foot_slip",
+        "The feet slip: a part of each turn and step is lost, and as the inner legs straighten in the air, "
+        "the body turns on over the slipping outer feet.",
+        "environment",
+        (
+            Parameter("turn", "1", 0.0, 0.0, 0.7, 0.05, starts=(0.2,)),
+            Parameter("twist", "1", 0.0, 0.0, 0.6, 0.05, starts=(0.1,)),
+            Parameter("step", "1", 0.0, 0.0, 0.9, 0.02, starts=(0.05,)),
+        ),
+        "turn = (1 - turn) * command(k) + twist * command(k - 1); stride * (1 - step)",
+    ),
+    Effect(
+        "camera_yaw",
+        "The camera is mounted askew and looks to one side.",
+        "sensor",
+        (Parameter("angle", "rad", 0.0, -0.4, 0.4, 0.01),),
+        "viewing direction = heading + angle",
+    ),
+    Effect(
+        "camera_pitch",
+        "The camera is tilted more or less than calibrated, so that it looks nearer or farther ahead.",
+        "sensor",
+        (Parameter("angle", "rad", 0.0, -0.3, 0.4, 0.01),),
+        "pitch = calibrated pitch + angle",
+    ),
+    Effect(
+        "sensor_gain",
+        "The line's place is reported too large or too small, in proportion.",
+        "sensor",
+        (Parameter("factor", "1", 1.0, 0.1, 5.0, 0.03),),
+        "line = factor * true line",
+    ),
+    Effect(
+        "sensor_quantisation",
+        "The line's place is reported in coarse steps (the servo signal's resolution).",
+        "sensor",
+        (Parameter("step", "m", 0.0, 0.0, 0.5, 0.01, starts=(0.02, 0.05, 0.1), smooth=False),),
+        "line = step * round(line / step)",
+    ),
+    Effect(
+        "actuator_saturation",
+        "The steering motor gives way: turns above a limit are not carried out.",
+        "actuator",
+        (Parameter("turn", "rad", NO_LIMIT, 1e-4, NO_LIMIT, 0.01, starts=(0.03, 0.06, 0.1, 0.13)),),
+        "|turn| <= limit",
+    ),
+)
+"""All effects; their parameters in turn are the plant's."""

@@ -1,0 +1,271 @@
+"""Walks that advance stride by stride on a track: the working surface of environments and evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.machines.line_following.body import Body, Hardware
+from fieldmodels.machines.line_following.firmware import centroid
+from fieldmodels.machines.line_following.parameters import Camera, Exposure, Gait, Lighting, Noise, Tape
+from fieldmodels.machines.line_following.plant import (
+    BANDS,
+    CAMERA_YAW,
+    NEUTRAL,
+    PARAMETERS,
+    PITCH_ERROR,
+    WALK,
+    draw,
+    land,
+    look,
+    move,
+    order,
+    start,
+    take_in,
+)
+from fieldmodels.machines.line_following.renderer import Renderer, make_view
+from fieldmodels.machines.line_following.sensor import make_optics
+from fieldmodels.machines.line_following.tracks import Track
+from fieldmodels.model import ModelError
+
+Image = NDArray[np.uint8]
+YAW, LATERAL, SENSOR, PIXELS = 0, 1, 2, 5
+"""Which of a stride's draws is what; each band of the sensor has its own."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the walks walk on and see with.
+
+    Attributes:
+        track: The line.
+        camera: The camera; a second band is the third of the view above the first.
+        gait: Step length, step time, largest turn.
+        noise: Noise of sensor and walk.
+        tape: The tape.
+        floor: Reflectance of the floor.
+        exposure: Exposure and threshold.
+        lighting: Light on the floor.
+        hardware: Masses, friction and motor of the rigid bodies.
+        plant: ``kinematic`` walks by plane kinematics, ``pymunk`` by rigid bodies with slipping feet.
+        sight: ``geometry`` computes the centroid, ``image`` renders an image and runs the firmware on it.
+        bands: Bands of rows that are looked at, 1 or 2.
+        latency: Strides that a command waits beside the gait's own delay, 0 or 1.
+        camera_yaws_with_inner: Whether the camera turns with the inner legs.
+        offset: Largest distance from the line at the start [m].
+        misalignment: Largest heading error at the start [rad].
+        sided: Whether each walk starts at the largest offset, to either side.
+    """
+
+    track: Track
+    camera: Camera = field(default_factory=Camera)
+    gait: Gait = field(default_factory=Gait)
+    noise: Noise = field(default_factory=Noise)
+    tape: Tape = field(default_factory=Tape)
+    floor: float = 0.3
+    exposure: Exposure = field(default_factory=Exposure)
+    lighting: Lighting = field(default_factory=Lighting)
+    hardware: Hardware = field(default_factory=Hardware)
+    plant: Literal["kinematic", "pymunk"] = "kinematic"
+    sight: Literal["geometry", "image"] = "geometry"
+    bands: int = 1
+    latency: int = 0
+    camera_yaws_with_inner: bool = False
+    offset: float = 0.2
+    misalignment: float = 0.1
+    sided: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ModelError: If there is no such number of bands or latency.
+        """
+        if self.bands not in range(1, BANDS + 1):
+            raise ModelError(f"the camera has 1 or 2 bands, not {self.bands}")
+        if self.latency not in (0, 1):
+            raise ModelError(f"a command can wait 0 or 1 strides, not {self.latency}")
+
+
+class Walks:
+    """A batch of walks on one track.
+
+    Noise depends on a walk's seed and on the number of its strides alone, never on what is commanded or on
+    its neighbours in the batch: equal seeds give every agent the same noise, to the bit.
+
+    Attributes:
+        scene: What they walk on and see with.
+        walks: All state, shape (batch,), dtype ``WALK``.
+        plants: Parameter vectors of the plants, shape (batch, PARAMETERS).
+        images: What each camera saw last, shape (batch, rows, columns), uint8; only if the sight is
+            ``image``.
+    """
+
+    def __init__(
+        self,
+        batch: int,
+        scene: Scene,
+        plant: ArrayLike | None = None,
+        *,
+        stride: float | None = None,
+        height: float | None = None,
+    ) -> None:
+        """Make walks; restart each before the first stride.
+
+        Args:
+            batch: Number of walks.
+            scene: What they walk on and see with.
+            plant: Parameter vector of the plant, shape (11,) or (batch, 11); None is nominal.
+            stride: True length of a stride [m]; None is the gait's.
+            height: True height of the camera [m]; None is as calibrated.
+
+        Raises:
+            ModelError: If the batch is empty or the parameters have the wrong shape.
+        """
+        if batch < 1:
+            raise ModelError(f"a batch needs at least one walk, not {batch}")
+        vector = np.asarray(NEUTRAL if plant is None else plant, dtype=np.float64)
+        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+            raise ModelError(
+                f"a plant has shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+            )
+        self.scene = scene
+        self.plants = np.array(np.broadcast_to(vector, (batch, PARAMETERS)))
+        self.walks: NDArray[Any] = np.zeros(batch, dtype=WALK)
+        one, track = scene.camera, scene.track
+        above = (2 * one.first_row - one.last_row, one.first_row)
+        self._rows = ((one.first_row, one.last_row), above)[: scene.bands]
+        true = one if height is None else replace(one, height=height)
+        self._bands = tuple(make_optics(one, *rows)._replace(height=true.height) for rows in self._rows)
+        self._gait = scene.gait if stride is None else replace(scene.gait, step=stride / 2.0)
+        self._track = (track.table, track.spacing, track.closed)
+        self._begun = np.zeros(batch, dtype=np.bool_)
+        self._body = Body(self._gait, scene.hardware) if scene.plant == "pymunk" else None
+        self._camera = true
+        self.images: Image | None = None
+        if scene.sight == "image":
+            self.images = np.zeros((batch, one.rows, one.width), dtype=np.uint8)
+
+    def __len__(self) -> int:
+        """Number of walks."""
+        return len(self.walks)
+
+    def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
+        """Start several walks anew, each with noise keyed by one draw from its own generator."""
+        scene, begun = self.scene, []
+        for i, rng in zip(which, rngs, strict=True):
+            key = rng.integers(0, 2**64, dtype=np.uint64)
+            start(
+                self.walks, int(i), key, *self._track,
+                scene.noise.bias, scene.offset, scene.misalignment, scene.sided,
+            )  # fmt: skip
+            if self._body is not None:
+                self._body.place(*(float(self.walks[name][i]) for name in ("x", "y", "heading")))
+                self.walks["bodies"][i] = self._body.state
+            begun.append(int(i))
+        self._begun[begun] = True
+        self._look(np.array(begun, dtype=np.int64))
+
+    def advance(self, commands: ArrayLike) -> None:
+        """Take every walk through one stride and look again.
+
+        Args:
+            commands: Turns [rad], left positive, shape (batch,); limited to the gait's limit.
+
+        Raises:
+            ModelError: If the commands have the wrong shape or a walk was never started.
+        """
+        values = np.ascontiguousarray(commands, dtype=np.float64)
+        if values.shape != (len(self),):
+            raise ModelError(f"commands must have shape ({len(self)},), not {values.shape}")
+        if not self._begun.all():
+            raise ModelError("restart every walk before the first stride")
+        scene = self.scene
+        if self._body is not None:
+            for i, value in enumerate(values):
+                self._walk_bodies(self._body, i, float(value))
+        else:
+            move(
+                self.walks, values, *self._track, scene.latency, self.plants,
+                scene.noise.yaw, scene.noise.lateral, self._gait.stride, self._gait.limit,
+            )  # fmt: skip
+        self._look(np.arange(len(self)))
+
+    def _walk_bodies(self, body: Body, i: int, command: float) -> None:
+        """Take one walk through a stride of rigid bodies."""
+        noise, gait = self.scene.noise, self._gait
+        turn = order(self.walks, i, command, self.plants[i], self.scene.latency, gait.limit)
+        body.state = self.walks["bodies"][i].copy()
+        body.stride(turn + noise.yaw * draw(self.walks, i, YAW))
+        sideways, heading = noise.lateral * draw(self.walks, i, LATERAL), float(self.walks["heading"][i])
+        body.state[[0, 6, 12]] -= sideways * np.sin(heading)
+        body.state[[1, 7, 13]] += sideways * np.cos(heading)
+        self.walks["bodies"][i] = body.state
+        land(self.walks, i, *body.pose, *self._track, gait.stride)
+
+    def _look(self, which: NDArray[np.int64]) -> None:
+        """Let some walks read their cameras."""
+        scene = self.scene
+        if self.images is None:
+            look(
+                self.walks, which, *self._track, scene.tape.width, self._bands,
+                scene.camera_yaws_with_inner, self.plants, scene.noise.sensor,
+            )  # fmt: skip
+            return
+        for i in which:
+            image = self._photograph(i, self.images[i])
+            for band, (first, last) in enumerate(self._rows):
+                column, count = centroid(image, first, last, scene.exposure.threshold)
+                place = (scene.camera.width / 2.0 - column) * scene.camera.metres_per_pixel
+                take_in(self.walks, i, band, place, count >= self._bands[band].least, self.plants[i])
+
+    def image(self, i: int) -> Image:
+        """What one walk's camera sees, shape (rows, columns), uint8; drawn anew unless images are the sight.
+
+        Both sights put the sensor's noise into where the line is, and so does this picture.
+        """
+        if self.images is not None:
+            image: Image = self.images[i]
+            return image
+        camera = self.scene.camera
+        return self._photograph(i, np.zeros((camera.rows, camera.width), dtype=np.uint8))
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        scene = self.scene
+        view = make_view(self._camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
+        return Renderer(scene.track, self._camera, view)
+
+    def _photograph(self, i: int, image: Image) -> Image:
+        """Render what one walk's camera sees; a swaying body makes the line's noise."""
+        one, plant, scene = self.walks[i], self.plants[i], self.scene
+        sway = scene.noise.sensor / scene.camera.look_ahead * draw(self.walks, i, SENSOR)
+        heading = float(one["heading"]) + plant[CAMERA_YAW] - sway
+        if scene.camera_yaws_with_inner:
+            heading -= float(one["turned"])
+        key = (int(one["key"]) + PIXELS + 8 * int(one["count"])) % 2**64
+        pose = (float(one["x"]), float(one["y"]), heading)
+        return self._renderer.image(pose, float(one["arc"]), key, image, float(plant[PITCH_ERROR]))
+
+    def state(self) -> NDArray[Any]:
+        """An exact snapshot of all walks: a plain structured array, shape (batch,)."""
+        return self.walks.copy()
+
+    def set_state(self, state: NDArray[Any]) -> None:
+        """Return to a snapshot.
+
+        Raises:
+            ModelError: If the snapshot is of another batch size or kind.
+        """
+        if state.dtype != WALK or state.shape != self.walks.shape:
+            raise ModelError(f"a snapshot of {len(self)} walks is needed, not {state.shape} {state.dtype}")
+        self.walks[...] = state
+        self._begun[:] = True
+        if self.images is not None:
+            for i in range(len(self)):
+                self._photograph(i, self.images[i])

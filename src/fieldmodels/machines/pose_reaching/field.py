@@ -1,0 +1,310 @@
+"""Robots in play on the field, a batch at a time: the working surface of environments and evaluations.
+
+A robot's starts depend on its seed and the number of its episode alone; its motion is deterministic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.pose_reaching.drive import PARAMETERS
+from fieldmodels.machines.pose_reaching.faulty import faulty, memory_size, ring_size
+from fieldmodels.machines.pose_reaching.parameters import STRICT, Arrival, Field, Limits
+from fieldmodels.machines.pose_reaching.play import (
+    NUMBERS,
+    OBSERVED,
+    ROBOT,
+    Constants,
+    Faults,
+    begin,
+    begin_at,
+    look,
+    play,
+)
+from fieldmodels.model import ModelError
+
+StartSet = Literal["T1", "T2", "T3"]
+
+INSTANT = 0.01
+"""Longest time between instants at which arrival is tested [s]: 1 cm and 2.3 deg at full speed and rate."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a tick is worth.
+
+    Attributes:
+        time: Cost of a second.
+        success: Reward of arriving.
+        progress: Reward of a metre by which the distance to the ball has become shorter.
+        wall: Cost of driving into a wall.
+    """
+
+    time: float = 1.0
+    success: float = 10.0
+    progress: float = 1.0
+    wall: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What is played.
+
+    Attributes:
+        starts: Where episodes begin: ``T1`` on the right half, 0.6 to 1.6 m away, facing the ball; ``T2``
+            on both sides, up to 45 deg off; ``T3`` anywhere in the field, any heading.
+        arrival: When the robot has arrived.
+        tick: Time for which a command holds [s].
+        timeout: Longest episode [s].
+        walls: ``stop`` holds the robot where it meets a wall, ``slide`` lets it slip along.
+        limits: What can be commanded.
+        field: The field.
+        score: What a tick is worth.
+    """
+
+    starts: StartSet = "T3"
+    arrival: Arrival = STRICT
+    tick: float = 0.1
+    timeout: float = 15.0
+    walls: Literal["stop", "slide"] = "stop"
+    limits: Limits = Limits()  # noqa: RUF009 - frozen
+    field: Field = Field()  # noqa: RUF009 - frozen
+    score: Score = Score()
+
+
+def make_constants(rules: Rules) -> Constants:
+    """Put the rules into the form of the kernels."""
+    return Constants(
+        starts=get_args(StartSet).index(rules.starts),
+        tick=rules.tick,
+        substeps=max(1, math.ceil(rules.tick / INSTANT - 1e-9)),
+        last_tick=max(1, math.ceil(rules.timeout / rules.tick - 1e-9)),
+        half_length=rules.field.length / 2,
+        half_width=rules.field.width / 2,
+        near=rules.arrival.distance,
+        cosine_of_angle=math.cos(rules.arrival.angle),
+        max_speed=rules.limits.max_speed,
+        max_rate=rules.limits.max_rate,
+        radius=rules.limits.radius,
+        slide=rules.walls == "slide",
+        time_cost=rules.score.time,
+        success=rules.score.success,
+        progress=rules.score.progress,
+        wall_cost=rules.score.wall,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What one tick of every robot gave, in arrays of its own.
+
+    Attributes:
+        observed: What is seen of each robot, shape (batch, 7), float32, columns as in ``OBSERVED``.
+        numbers: Shape (6, batch), rows as in ``NUMBERS``: 1 where the robot has just arrived; time since
+            the start [s]; length of the path [m]; length of the shortest Dubins path from the start [m];
+            the time that it takes at full speed [s]; times that the robot drove into a wall.
+        poses: x [m], y [m], heading [rad] of each robot as measured, shape (batch, 3).
+        true_poses: The same as it is (privileged); without faults the same array.
+        reward: Score of the tick, shape (batch,).
+        success: True where the robot has arrived in this tick, shape (batch,).
+        late: True where time has run out, shape (batch,).
+    """
+
+    observed: NDArray[np.float32]
+    numbers: FloatArray
+    poses: FloatArray
+    true_poses: FloatArray
+    reward: FloatArray
+    success: NDArray[np.bool_]
+    late: NDArray[np.bool_]
+
+
+class Robots:
+    """A batch of robots in one reality (or one reality each), each with an episode of its own.
+
+    Attributes:
+        rules: What is played.
+        robots: State of every robot, shape (batch,), dtype ``ROBOT``.
+        faults: What is wrong with them; None in the nominal reality.
+    """
+
+    def __init__(self, batch: int, rules: Rules | None = None, reality: ArrayLike | None = None) -> None:
+        """Make robots; seed and restart each before the first tick.
+
+        Args:
+            batch: Number of robots.
+            rules: What is played.
+            reality: Parameter vector of ``PoseReaching``, shape (17,) or (batch, 17); None is nominal.
+
+        Raises:
+            ModelError: If the reality has the wrong shape or the batch is empty.
+        """
+        from fieldmodels.machines.pose_reaching.model import PoseReaching
+
+        if batch < 1:
+            raise ModelError(f"a batch needs at least one robot, not {batch}")
+        nominal = PoseReaching().nominal
+        vector = np.asarray(nominal if reality is None else reality, dtype=np.float64)
+        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+            raise ModelError(
+                f"reality must have shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+            )
+        self.rules = rules or Rules()
+        self.robots: NDArray[Any] = np.zeros(batch, dtype=ROBOT)
+        self.faults: Faults | None = None
+        self._constants = c = make_constants(self.rules)
+        realities = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
+        if faulty(realities, nominal):
+            slots = ring_size(realities, c.tick / c.substeps)
+            self.faults = Faults(np.zeros((batch, memory_size(slots))), realities, slots)
+        self._seeded = np.zeros(batch, dtype=np.bool_)
+        self._ready = False
+
+    def __len__(self) -> int:
+        """Number of robots."""
+        return len(self.robots)
+
+    @property
+    def seeded(self) -> NDArray[np.bool_]:
+        """Which robots have a stream, shape (batch,)."""
+        return self._seeded
+
+    def seed(self, i: int, rng: np.random.Generator) -> None:
+        """Give robot ``i`` a stream keyed by one draw from ``rng``; its next episode is its first."""
+        self.robots[i]["key"] = rng.integers(0, 2**64, dtype=np.uint64)
+        self.robots[i]["episode"] = 0
+        self._seeded[i] = True
+        self._ready = False
+
+    def restart(self, which: Iterable[int], poses: ArrayLike | None = None) -> None:
+        """Begin the next episode of some robots.
+
+        Args:
+            which: Their numbers.
+            poses: Where they start: x [m], y [m], heading [rad], shape (3,) or (len(which), 3); drawn from
+                the robots' own streams if None.
+
+        Raises:
+            ModelError: If a robot was never seeded, or a pose is not one in the field.
+        """
+        rows = np.fromiter(which, dtype=np.int64)
+        if not self._seeded[rows].all():
+            raise ModelError("seed every robot before its first episode")
+        if poses is None:
+            begin(self.robots, rows, self.faults, self._constants)
+        else:
+            begin_at(self.robots, rows, self._inside(poses, len(rows)), self.faults, self._constants)
+        self._ready = bool(self._seeded.all())
+
+    def look(self) -> Tick:
+        """What is seen of every robot as it stands; the rewards are zero."""
+        tick = self._empty()
+        look(
+            self.robots,
+            self.faults,
+            self._constants,
+            tick.observed,
+            tick.numbers,
+            tick.poses,
+            tick.true_poses,
+        )
+        for array in (tick.reward, tick.success, tick.late):
+            array[...] = 0
+        return tick
+
+    def advance(self, actions: NDArray[np.float32], restarting: bool = False) -> Tick:
+        """Take every robot through one tick.
+
+        Args:
+            actions: Speed from 0 (-1) to the largest (1), turn rate from the largest to the right (-1) to
+                the largest to the left (1), clipped; shape (batch, 2), float32, C-contiguous.
+            restarting: True lets a robot whose episode is over begin its next one instead; its action is
+                ignored, its reward 0, and what is seen of it is the new episode's start.
+
+        Raises:
+            ModelError: If the actions are not finite, or a robot never began an episode.
+        """
+        if not self._ready:
+            raise ModelError("seed and restart every robot before the first tick")
+        tick = self._empty()
+        finite = play(
+            self.robots,
+            actions,
+            restarting,
+            self.faults,
+            self._constants,
+            tick.observed,
+            tick.numbers,
+            tick.poses,
+            tick.true_poses,
+            tick.reward,
+            tick.success,
+            tick.late,
+        )
+        if not finite:
+            raise ModelError(f"actions must be finite numbers, not {actions}")
+        return tick
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """An exact snapshot of all robots: plain arrays, the first structured."""
+        state = {"robots": self.robots.copy()}
+        if self.faults is not None:
+            state["memories"] = self.faults.memories.copy()
+        return state
+
+    def set_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Return to a snapshot.
+
+        Raises:
+            ModelError: If the snapshot is of another batch size or kind.
+        """
+        robots, memories = np.asarray(state["robots"]), state.get("memories")
+        own = None if self.faults is None else self.faults.memories
+        if robots.dtype != ROBOT or robots.shape != self.robots.shape:
+            raise ModelError(f"a snapshot of {len(self)} robots is needed, not {robots.shape} {robots.dtype}")
+        if getattr(memories, "shape", None) != getattr(own, "shape", None):
+            raise ModelError("the snapshot is one of a reality with other faults")
+        self.robots[...] = robots
+        if own is not None:
+            own[...] = memories
+        self._seeded[:] = True
+        self._ready = True
+
+    def _inside(self, poses: ArrayLike, count: int) -> FloatArray:
+        """Given starts, checked, shape (count, 3)."""
+        try:
+            values = np.asarray(poses, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ModelError(f"a start is x [m], y [m] and heading [rad], not {poses!r:.80}") from None
+        if not np.isfinite(values).all():
+            raise ModelError(f"a start is x [m], y [m] and heading [rad], finite numbers, not {poses!r:.80}")
+        if values.shape not in ((3,), (count, 3)):
+            raise ModelError(
+                f"starts are x [m], y [m] and heading [rad], shape (3,) or ({count}, 3), not {poses!r:.80}"
+            )
+        values = np.ascontiguousarray(np.broadcast_to(values, (count, 3)))
+        edge = np.array([self._constants.half_length, self._constants.half_width])
+        if (np.abs(values[:, :2]) > edge).any():
+            raise ModelError(f"a start must lie within +-{edge[0]} m and +-{edge[1]} m, not {poses!r:.80}")
+        return values
+
+    def _empty(self) -> Tick:
+        """Arrays for a tick."""
+        batch = len(self.robots)
+        poses = np.empty((batch, 3))
+        return Tick(
+            np.empty((batch, len(OBSERVED)), dtype=np.float32),
+            np.empty((len(NUMBERS), batch)),
+            poses,
+            poses if self.faults is None else np.empty((batch, 3)),
+            np.empty(batch),
+            np.empty(batch, dtype=np.bool_),
+            np.empty(batch, dtype=np.bool_),
+        )

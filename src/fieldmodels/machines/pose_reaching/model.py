@@ -1,0 +1,217 @@
+"""The pose-reaching model: a differential drive, told its motion or its wheels' speeds, watched by its pose.
+
+If a recording has measured wheel speeds, each stage is predicted from what was measured before it: the
+wheels from the command, the pose from the measured wheels. So a fault of the drive shows in the wheels, slip
+shows in the pose, and neither hides the other. Without them the pose is predicted from the command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.pose_reaching.drive import PARAMETERS
+from fieldmodels.machines.pose_reaching.effects import Scales, drive_effects
+from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, Wheels
+from fieldmodels.machines.pose_reaching.simulation import simulate
+from fieldmodels.model import Model, Parameter, Signal, Stage
+from fieldmodels.recording import Recording, RecordingError, Windows
+
+IntArray = NDArray[np.int64]
+
+POSE, WHEELS = ("x", "y", "heading"), ("left_wheel", "right_wheel")
+AFTER_THE_WHEELS = ("unequal_wheels", "yaw_slip", "sideways_slip", "slope", "sensor_delay", "heading_bias")
+"""Effects that act between the wheels' turning and the pose that is shown; all others act before."""
+DRIVEN_BY_WHEELS = "driven by measured wheels"
+"""Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
+
+
+class PoseReaching(Model):
+    """The unicycle of section 5.1.4 as a differential drive, commanded by speed and turn rate.
+
+    Recordings hold ``speed`` [m/s] and ``turn_rate`` [rad/s] as commanded, held from sample to sample;
+    the pose ``x`` [m], ``y`` [m], ``heading`` [rad] (wrapped or not); and perhaps both wheels' speeds
+    ``left_wheel``, ``right_wheel`` [rad/s], each the mean since the sample before, as encoders count. A
+    recording needs the pose, the wheels, or both. The wheels' radius and track are known, not refitted.
+
+    Before a recording's (or episode's) first sample the wheels ran as first measured, or as first
+    commanded. A window's state is the pose as shown.
+    """
+
+    name = "pose_reaching"
+    inputs = (Signal("speed", "m/s"), Signal("turn_rate", "rad/s"))
+    outputs = (
+        Signal("x", "m", noise=0.003, optional=True),
+        Signal("y", "m", noise=0.003, optional=True),
+        Signal("heading", "rad", noise=0.01, optional=True, angle=True),
+        Signal("left_wheel", "rad/s", noise=0.1, optional=True, averaged=True),
+        Signal("right_wheel", "rad/s", noise=0.1, optional=True, averaged=True),
+    )
+    states = (
+        Signal("x", "m", noise=0.01),
+        Signal("y", "m", noise=0.01),
+        Signal("heading", "rad", noise=0.01, angle=True),
+    )
+    horizons = (0.5, 2.0, 4.0)
+    disturbance_unit = "rad/s"
+    unbounded_outputs = POSE
+    wheel_front: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        wheels: Wheels = ROBOCUP,
+        scales: Scales | None = None,
+        compared: tuple[str, ...] = POSE + WHEELS,
+    ) -> None:
+        """Declare parameters and effects for a robot with these wheels, at these scales.
+
+        Args:
+            wheels: The robot's nominal wheels.
+            scales: Typical sizes of its record.
+            compared: Outputs that windows compare with measured ones.
+        """
+        self.parameters = (
+            Parameter("wheel_radius", "m", wheels.radius, 1e-3, 10.0, 0.01, refitted=False),
+            Parameter("track", "m", wheels.track, 1e-3, 100.0, 0.05, refitted=False),
+        )
+        self.effects = drive_effects(scales or Scales())
+        self.wheels = wheels
+        self.compared = compared
+        assert len(self.names) == PARAMETERS
+
+    def scaled_to(self, recordings: Sequence[Recording]) -> Self:
+        """The same model with speeds and times that suit the data; see ``Model.scaled_to``."""
+        track = next((r.known["track"] for r in recordings if "track" in r.known), self.wheels.track)
+        radius = next(
+            (r.known["wheel_radius"] for r in recordings if "wheel_radius" in r.known), self.wheels.radius
+        )
+        commands = np.concatenate([self._commands(r) for r in recordings])
+        if self.wheel_front:
+            sides = radius * commands
+        else:
+            half = 0.5 * track * commands[:, 1]
+            sides = np.column_stack([commands[:, 0] - half, commands[:, 0] + half])
+        speeds = np.quantile(np.abs(sides), [0.995, 0.97, 0.9, 0.7])
+        rate = float(np.max(np.abs(np.diff(sides, axis=0)), initial=0.0)) / recordings[0].step
+        nominal = Scales()
+        return type(self)(
+            self.wheels,
+            Scales(
+                speeds=tuple(speeds.tolist()) if (speeds > 0).all() else nominal.speeds,
+                rate=rate or nominal.rate,
+                duration=max(float(np.ptp(r.time)) for r in recordings),
+                step=recordings[0].step,
+            ),
+            self.compared,
+        )
+
+    def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
+        """Wheels to pose, and command to wheels, where both are measured; else the whole."""
+        names = tuple(effect.name for effect in self.effects)
+        before = tuple(name for name in names if name not in AFTER_THE_WHEELS)
+        pose, wheels = (all(n in r for r in recordings for n in group) for group in (POSE, WHEELS))
+        if wheels and not pose:
+            return (Stage(self, before),)
+        if not wheels or self.compared != POSE + WHEELS:
+            return (Stage(self, names),)
+        motion, drive = (type(self)(self.wheels, compared=group) for group in (POSE, WHEELS))
+        return Stage(motion, AFTER_THE_WHEELS), Stage(drive, before)
+
+    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """See ``Model.simulate``; headings are continuous within a window."""
+        recording = windows.recording
+        parameters = np.ascontiguousarray(np.atleast_2d(parameters), dtype=np.float64)
+        counts = np.diff(recording.bounds, axis=1)[:, 0]
+        force = windows.disturbance
+        has_wheels = all(name in recording for name in WHEELS)
+        out = np.full((len(parameters), len(windows), windows.samples, len(self.outputs)), np.nan)
+        simulate(
+            parameters,
+            self._commands(recording),
+            self.wheel_front,
+            np.column_stack([recording[name] for name in WHEELS]) if has_wheels else np.zeros((0, 2)),
+            np.repeat(recording.bounds[:, 0], counts),
+            np.repeat(recording.bounds[:, 1] - 1, counts),
+            np.ascontiguousarray(recording.time),
+            recording.step,
+            np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+            windows.starts,
+            windows.lengths,
+            np.ascontiguousarray(windows.states),
+            DRIVEN_BY_WHEELS in recording,
+            POSE[0] in self.compared,
+            WHEELS[0] in self.compared,
+            out,
+        )
+        return out
+
+    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
+        """The pose as shown; zero where none is measured."""
+        if POSE[0] not in recording:
+            return np.zeros((len(starts), 3))
+        return np.column_stack([recording[name][starts] for name in POSE])
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """Cut every episode into windows of one length: a horizon of 2 s is 40 samples at 20 Hz.
+
+        Headings are made continuous within each window.
+
+        Raises:
+            RecordingError: If neither pose nor wheels are complete, or no episode is long enough.
+        """
+        for names in (POSE, WHEELS):
+            have = [name for name in names if name in recording]
+            if 0 < len(have) < len(names):
+                missing = ", ".join(name for name in names if name not in have)
+                raise RecordingError(
+                    f"{recording.source}: has {', '.join(have)} but not {missing}; declare or drop the others"
+                )
+        if POSE[0] not in recording and WHEELS[0] not in recording:
+            raise RecordingError(
+                f"{recording.source}: no output to compare with; the pose ({', '.join(POSE)}) or the wheels' "
+                f"speeds ({', '.join(WHEELS)}) are needed"
+            )
+        length = round(horizon / recording.step)
+        starts = np.concatenate([np.arange(a, b - length + 1, length) for a, b in recording.bounds])
+        if length < 4 or len(starts) == 0:
+            raise RecordingError(
+                f"{recording.source}: too short or too coarse for windows of {horizon:g} s "
+                f"({len(recording)} samples, {recording.step:g} s apart); record longer or sample faster"
+            )
+        starts = starts.astype(np.int64)
+        signals = dict(recording.signals)
+        if POSE[2] in recording:
+            rows = starts[:, None] + np.arange(length)
+            heading = signals[POSE[2]].copy()
+            heading[rows] = np.unwrap(heading[rows], axis=1)
+            signals[POSE[2]] = heading
+            if WHEELS[0] in recording:
+                signals[DRIVEN_BY_WHEELS] = np.ones(len(recording))
+        ready = replace(recording, signals=signals)
+        observed = np.zeros((len(starts), length, len(self.outputs)), dtype=np.bool_)
+        for j, output in enumerate(self.outputs):
+            observed[:, :, j] = output.name in recording and output.name in self.compared
+        return Windows(
+            recording=ready,
+            starts=starts,
+            lengths=np.full(len(starts), length, dtype=np.int64),
+            states=self.initial_states(ready, starts),
+            observed=observed,
+        )
+
+    def _commands(self, recording: Recording) -> FloatArray:
+        """Both commands, shape (n, 2)."""
+        return np.column_stack([recording[signal.name] for signal in self.inputs]).astype(np.float64)
+
+
+class DifferentialDrive(PoseReaching):
+    """The same robot, commanded by its wheels' speeds ``left_command`` and ``right_command`` [rad/s]."""
+
+    name = "differential_drive"
+    inputs = (Signal("left_command", "rad/s"), Signal("right_command", "rad/s"))
+    wheel_front = True

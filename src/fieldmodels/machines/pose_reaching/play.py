@@ -1,0 +1,354 @@
+"""The kernels of robots in play: drawn starts, ticks of control, arrival and score, a batch in one call."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.machines.pose_reaching.drive import HEADING_BIAS, SENSOR_DELAY
+from fieldmodels.machines.pose_reaching.dubins import shortest
+from fieldmodels.machines.pose_reaching.faulty import at_rest, crept, moved, remember, shown
+from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING
+from fieldmodels.machines.pose_reaching.unicycle import (
+    arc,
+    arrival_share,
+    arrived,
+    slid_along_walls,
+    slipping_arc,
+    stopped_by_walls,
+    wrapped,
+)
+from fieldmodels.streams import GAMMA, mixed, symmetric, uniform
+
+NEAREST = 1e-3
+"""Smallest distance whose logarithm is observed [m]."""
+FACING_NEAR, FACING_FAR = 0.6, 1.6
+"""Distances from the ball of the starts T1 and T2 [m]."""
+SPREAD = math.pi / 4
+"""Largest angle between heading and ball of the starts T2 [rad]."""
+
+OBSERVED = ("x", "y", "cos heading", "sin heading", "log distance", "cos ball", "sin ball")
+NUMBERS = ("success", "time", "path_length", "dubins_length", "dubins_time", "wall_hits")
+SUCCESS, TIME, PATH, DUBINS, DUBINS_TIME, WALL_HITS = range(6)
+
+ROBOT = np.dtype(
+    [
+        ("key", np.uint64),  # the robot's random stream
+        ("episode", np.int64),  # episodes begun under this key
+        ("ticks", np.int64),  # of this episode
+        ("over", np.int64),  # arrived or out of time
+        ("touching", np.int64),  # held by a wall
+        ("x", np.float64),
+        ("y", np.float64),
+        ("heading", np.float64),  # [rad], in [-pi, pi]
+        ("cosine", np.float64),  # of the heading
+        ("sine", np.float64),
+        ("distance", np.float64),  # from the ball [m]
+        ("time", np.float64),  # of this episode [s]
+        ("path_length", np.float64),  # [m]
+        ("dubins_length", np.float64),  # from the episode's start to the goal [m]
+        ("wall_hits", np.float64),
+    ]
+)
+"""What a robot remembers between ticks, but for its faults (``faulty``)."""
+
+
+class Constants(NamedTuple):
+    """The rules as the kernels take them."""
+
+    starts: int
+    tick: float
+    substeps: int
+    last_tick: int
+    half_length: float
+    half_width: float
+    near: float
+    cosine_of_angle: float
+    max_speed: float
+    max_rate: float
+    radius: float
+    slide: bool
+    time_cost: float
+    success: float
+    progress: float
+    wall_cost: float
+
+
+class Faults(NamedTuple):
+    """What is wrong with the robots, as the kernels take it; None leaves all of it out of the kernels.
+
+    Attributes:
+        memories: What the faults remember, shape (batch, memory_size(slots)).
+        realities: Parameters, shape (batch, PARAMETERS).
+        slots: Size of the rings in a memory.
+    """
+
+    memories: FloatArray
+    realities: FloatArray
+    slots: int
+
+
+@inlined
+def put(robot: Any, x: float, y: float, heading: float, faults: Faults | None, b: int, c: Constants) -> None:
+    """Begin robot ``b``'s episode at a pose."""
+    robot.ticks = 0
+    robot.over = 0
+    robot.touching = 0
+    robot.x = x
+    robot.y = y
+    robot.heading = heading
+    robot.cosine = math.cos(heading)
+    robot.sine = math.sin(heading)
+    robot.distance = math.sqrt(x * x + y * y)
+    robot.time = 0.0
+    robot.path_length = 0.0
+    robot.dubins_length = shortest(x, y, heading, 0.0, 0.0, GOAL_HEADING, c.radius)[0]
+    robot.wall_hits = 0.0
+    if faults is not None:
+        at_rest(faults.memories[b], faults.slots, x, y, heading)
+
+
+@inlined
+def start(robot: Any, faults: Faults | None, b: int, c: Constants) -> None:
+    """Begin robot ``b``'s next episode at a start drawn from its stream; one in the goal is drawn anew."""
+    robot.episode += 1
+    key = mixed(robot.key + np.uint64(robot.episode) * GAMMA)
+    draw = 0
+    while True:
+        first, second, third = uniform(key, draw), symmetric(key, draw + 1), symmetric(key, draw + 2)
+        draw += 3
+        if c.starts == 2:
+            x, y = c.half_length * (2.0 * first - 1.0), c.half_width * second
+            heading = math.pi * third
+        else:
+            distance = FACING_NEAR + (FACING_FAR - FACING_NEAR) * first
+            bearing = 0.5 * math.pi * second if c.starts == 0 else math.pi * second
+            x, y = distance * math.cos(bearing), distance * math.sin(bearing)
+            heading = wrapped(bearing + math.pi + (SPREAD * third if c.starts == 1 else 0.0))
+        inside = abs(x) <= c.half_length and abs(y) <= c.half_width
+        if inside and not arrived(x, y, math.sin(heading), c.near, c.cosine_of_angle):
+            break
+    put(robot, x, y, heading, faults, b, c)
+
+
+@inlined
+def within_walls(x: float, y: float, new_x: float, new_y: float, c: Constants) -> tuple[float, float, bool]:
+    """Where a step ends that would end at the new position, and whether a wall was hit."""
+    if c.slide:
+        return slid_along_walls(new_x, new_y, c.half_length, c.half_width)
+    return stopped_by_walls(x, y, new_x, new_y, c.half_length, c.half_width)
+
+
+@inlined
+def turned(heading: float, turn: float) -> float:
+    """A heading after a turn, in [-pi, pi] [rad]."""
+    heading += turn
+    return heading if abs(heading) <= math.pi else wrapped(heading)
+
+
+@inlined
+def drive(robot: Any, speed: float, rate: float, c: Constants) -> tuple[bool, bool]:
+    """Drive a robot without faults for a tick, or until it has arrived.
+
+    Returns:
+        Whether it has arrived, and whether a wall has held it.
+    """
+    x, y, cosine, sine = robot.x, robot.y, robot.cosine, robot.sine
+    distance, turn, time = speed * c.tick, rate * c.tick, (robot.ticks + 1) * c.tick
+    there = False
+    if robot.distance < c.near + distance:
+        share = arrival_share(x, y, cosine, sine, distance, turn, c.near, c.cosine_of_angle, c.substeps)
+        if share <= 1.0:
+            there = True
+            distance, turn, time = share * distance, share * turn, (robot.ticks + share) * c.tick
+    new_x, new_y, robot.cosine, robot.sine = arc(x, y, cosine, sine, distance, turn)
+    held = abs(new_x) > c.half_length or abs(new_y) > c.half_width
+    if held:
+        new_x, new_y, _ = within_walls(x, y, new_x, new_y, c)
+        distance = math.hypot(new_x - x, new_y - y)
+    robot.x = new_x
+    robot.y = new_y
+    robot.heading = turned(robot.heading, turn)
+    robot.time = time
+    robot.path_length += distance
+    return there, held
+
+
+@compiled
+def drive_faulty(
+    robot: Any, speed: float, rate: float, faults: Faults, b: int, c: Constants
+) -> tuple[bool, bool]:
+    """As ``drive``, with faults: from instant to instant.
+
+    Args:
+        robot: The robot, dtype ``ROBOT``.
+        speed: Commanded speed [m/s].
+        rate: Commanded turn rate [rad/s].
+        faults: Of all robots.
+        b: Number of the robot.
+        c: The rules.
+    """
+    memory, q, slots = faults.memories[b], faults.realities[b], faults.slots
+    step = c.tick / c.substeps
+    held = False
+    for k in range(1, c.substeps + 1):
+        instant = robot.ticks * c.substeps + k
+        forwards, lateral, turn = moved(memory, slots, instant - 1, step, speed, rate, q)
+        x, y, robot.cosine, robot.sine = slipping_arc(
+            robot.x, robot.y, robot.cosine, robot.sine, forwards, lateral, turn
+        )
+        downhill_x, downhill_y = crept(forwards, q)
+        x, y, hit = within_walls(robot.x, robot.y, x + downhill_x, y + downhill_y, c)
+        robot.path_length += math.hypot(x - robot.x, y - robot.y)
+        robot.x = x
+        robot.y = y
+        robot.heading = turned(robot.heading, turn)
+        robot.time = (robot.ticks + k / c.substeps) * c.tick
+        held = held or hit
+        remember(memory, slots, instant, x, y, robot.heading)
+        if arrived(x, y, robot.sine, c.near, c.cosine_of_angle):
+            return True, held
+    return False, held
+
+
+@compiled
+def shown_pose(robot: Any, faults: Faults, b: int, c: Constants) -> tuple[float, float, float]:
+    """The pose that the sensor of robot ``b`` shows: x [m], y [m], heading [rad]."""
+    instant = round(robot.time / c.tick * c.substeps)
+    return shown(faults.memories[b], faults.slots, instant, c.tick / c.substeps, faults.realities[b])
+
+
+@inlined
+def look_at(
+    robot: Any,
+    faults: Faults | None,
+    b: int,
+    c: Constants,
+    there: bool,
+    observed: Any,
+    numbers: Any,
+    poses: Any,
+    true_poses: Any,
+) -> None:
+    """Write down what is seen of one robot."""
+    x, y, heading = robot.x, robot.y, robot.heading
+    cosine, sine, distance = robot.cosine, robot.sine, robot.distance
+    if faults is not None:
+        true_poses[b, 0] = x
+        true_poses[b, 1] = y
+        true_poses[b, 2] = heading
+        if faults.realities[b, SENSOR_DELAY] != 0.0 or faults.realities[b, HEADING_BIAS] != 0.0:
+            x, y, heading = shown_pose(robot, faults, b, c)
+            cosine, sine, distance = math.cos(heading), math.sin(heading), math.sqrt(x * x + y * y)
+    distance = max(distance, NEAREST)
+    row = observed[b]
+    row[0] = x
+    row[1] = y
+    row[2] = cosine
+    row[3] = sine
+    row[4] = math.log(distance)
+    row[5] = -(x * cosine + y * sine) / distance
+    row[6] = (x * sine - y * cosine) / distance
+    numbers[SUCCESS, b] = 1.0 if there else 0.0
+    numbers[TIME, b] = robot.time
+    numbers[PATH, b] = robot.path_length
+    numbers[DUBINS, b] = robot.dubins_length
+    numbers[DUBINS_TIME, b] = robot.dubins_length / c.max_speed
+    numbers[WALL_HITS, b] = robot.wall_hits
+    poses[b, 0] = x
+    poses[b, 1] = y
+    poses[b, 2] = heading
+
+
+@compiled
+def play(
+    robots: NDArray[Any],
+    actions: NDArray[np.float32],
+    restarting: bool,
+    faults: Faults | None,
+    c: Constants,
+    observed: NDArray[np.float32],
+    numbers: FloatArray,
+    poses: FloatArray,
+    true_poses: FloatArray,
+    reward: FloatArray,
+    success: NDArray[np.bool_],
+    late: NDArray[np.bool_],
+) -> bool:
+    """Take every robot through one tick; with ``restarting``, one whose episode is over begins its next.
+
+    See ``Robots.advance`` and ``Tick`` for the arrays.
+
+    Returns:
+        False if an action is not a finite number; then nothing has happened.
+    """
+    for b in range(len(robots)):
+        if not (math.isfinite(actions[b, 0]) and math.isfinite(actions[b, 1])):
+            return False
+    for b in range(len(robots)):
+        robot = robots[b]
+        there, out_of_time, gain = False, False, 0.0
+        if restarting and robot.over == 1:
+            start(robot, faults, b, c)
+        else:
+            speed = 0.5 * c.max_speed * (1.0 + min(max(float(actions[b, 0]), -1.0), 1.0))
+            rate = c.max_rate * min(max(float(actions[b, 1]), -1.0), 1.0)
+            time, distance = robot.time, robot.distance
+            if faults is not None:
+                there, held = drive_faulty(robot, speed, rate, faults, b, c)
+            else:
+                there, held = drive(robot, speed, rate, c)
+            robot.distance = math.sqrt(robot.x * robot.x + robot.y * robot.y)
+            robot.ticks += 1
+            out_of_time = robot.ticks >= c.last_tick and not there
+            robot.over = 1 if there or out_of_time else 0
+            gain = c.progress * (distance - robot.distance) - c.time_cost * (robot.time - time)
+            if there:
+                gain += c.success
+            if held and robot.touching == 0:
+                robot.wall_hits += 1.0
+                gain -= c.wall_cost
+            robot.touching = 1 if held else 0
+        reward[b] = gain
+        success[b] = there
+        late[b] = out_of_time
+        look_at(robot, faults, b, c, there, observed, numbers, poses, true_poses)
+    return True
+
+
+@compiled
+def look(
+    robots: NDArray[Any],
+    faults: Faults | None,
+    c: Constants,
+    observed: NDArray[np.float32],
+    numbers: FloatArray,
+    poses: FloatArray,
+    true_poses: FloatArray,
+) -> None:
+    """Write down what is seen of every robot, as it stands."""
+    for b in range(len(robots)):
+        look_at(robots[b], faults, b, c, False, observed, numbers, poses, true_poses)
+
+
+@compiled
+def begin(robots: NDArray[Any], which: NDArray[np.int64], faults: Faults | None, c: Constants) -> None:
+    """Begin the next episode of some robots."""
+    for b in which:
+        start(robots[b], faults, b, c)
+
+
+@compiled
+def begin_at(
+    robots: NDArray[Any], which: NDArray[np.int64], poses: FloatArray, faults: Faults | None, c: Constants
+) -> None:
+    """Begin the next episode of some robots at given poses."""
+    for i in range(len(which)):
+        robot = robots[which[i]]
+        robot.episode += 1
+        put(robot, poses[i, 0], poses[i, 1], wrapped(poses[i, 2]), faults, which[i], c)

@@ -1,0 +1,321 @@
+"""Flights leg by leg, a batch at a time: the working surface of environments and evaluations.
+
+A flight's layouts depend on its seed and the number of its episode alone, and the numbers that decide its
+radars' looks on these and the look's time: equal seeds give every agent the same luck.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.flight import EACH, FLIGHT, NUMBERS, OWN, Play
+from fieldmodels.machines.uav_route.flying import play, start_all
+from fieldmodels.machines.uav_route.layouts import banked_range, side_on_range
+from fieldmodels.machines.uav_route.parameters import RADARS, Layout, World, make_constants
+from fieldmodels.machines.uav_route.plant import (
+    CONE,
+    INTERVAL,
+    PARAMETERS,
+    RANGE,
+    SIGNATURE,
+    SPEED,
+    TURN_LOSS,
+    WIND_EAST,
+    WIND_NORTH,
+    nominal_plant,
+)
+from fieldmodels.model import ModelError
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a leg is worth.
+
+    Attributes:
+        length: Cost of a kilometre flown.
+        progress: Reward of a kilometre by which the goal has come nearer.
+        arrival: Reward of arriving.
+        damage: Cost of being hit.
+        late: Cost of running out of legs.
+    """
+
+    length: float = 0.01
+    progress: float = 0.01
+    arrival: float = 1.0
+    damage: float = 1.5
+    late: float = 1.0
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What is flown.
+
+    Attributes:
+        world: Aircraft, detection, lock loss, and how the source's equations are read.
+        layout: Start, goal and radars of every episode; None draws them anew for each.
+        radars: Number of radars of drawn layouts, 1 to 4.
+        capture: Distance from the goal at which a flight has arrived [km].
+        horizon: Legs after which an episode ends.
+        least_leg: Shortest leg [km].
+        longest_leg: Longest leg [km].
+        step: Longest time between looks if detection is certain above the threshold [s].
+        score: What a leg is worth.
+    """
+
+    world: World = field(default_factory=World)
+    layout: Layout | None = None
+    radars: int = 1
+    capture: float = 5.0
+    horizon: int = 60
+    least_leg: float = 2.5
+    longest_leg: float = 50.0
+    step: float = 5.0
+    score: Score = field(default_factory=Score)
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ModelError: If one is not possible.
+        """
+        count = self.radars if self.layout is None else len(self.layout.radars)
+        if count not in range(1, RADARS + 1):
+            raise ModelError(f"flights have 1 to {RADARS} radars, not {count}")
+        if not 0 < self.least_leg <= self.longest_leg < math.inf:
+            raise ModelError(
+                f"legs must be positive and finite [km], not {self.least_leg} to {self.longest_leg}"
+            )
+        if not (self.capture > 0 and self.horizon >= 1 and self.step > 0):
+            raise ModelError("capture radius [km], horizon and step [s] must be positive")
+        if self.layout is not None and math.dist(self.layout.start, self.layout.goal) <= self.capture:
+            raise ModelError("the layout's start lies within the capture radius of its goal")
+        if self.world.reading.heading == "next_leg":
+            raise ModelError(
+                "the printed heading is that of the next leg, which is not known while a leg is flown: "
+                "choose heading='own_leg', or re-fly a whole plan"
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of radars."""
+        return self.radars if self.layout is None else len(self.layout.radars)
+
+
+def make_play(rules: Rules) -> Play:
+    """Put the rules into the form of the kernels."""
+    layout = rules.layout or Layout((0.0, 0.0), (0.0, 0.0), ())
+    sites = np.zeros((RADARS, 2))
+    for r, site in enumerate(layout.radars):
+        sites[r] = site
+    return Play(
+        radars=rules.count,
+        drawn=rules.layout is None,
+        start_north=float(layout.start[0]),
+        start_east=float(layout.start[1]),
+        goal_north=float(layout.goal[0]),
+        goal_east=float(layout.goal[1]),
+        sites=sites,
+        side_on=side_on_range(rules.world.detection),
+        banked=banked_range(rules.world.detection),
+        capture=float(rules.capture),
+        horizon=int(rules.horizon),
+        least_leg=float(rules.least_leg),
+        longest_leg=float(rules.longest_leg),
+        step=float(rules.step),
+        cost=float(rules.score.length),
+        progress=float(rules.score.progress),
+        arrival=float(rules.score.arrival),
+        damage=float(rules.score.damage),
+        late=float(rules.score.late),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """What one leg of every flight gave, in arrays of its own.
+
+    Attributes:
+        observed: What is seen of each flight, shape (batch, 8 + 9 radars), float32, columns as in
+            ``observed_names``: all in the frame of the nearest radar's bearing.
+        numbers: Shape (10, batch), rows as in ``NUMBERS``: 1 where the goal is reached; 1 where the
+            aircraft is hit; time [s]; length of the path [km]; distance left to the goal [km]; time over
+            the threshold or detected [s]; longest such time without a break [s]; largest probability of
+            detection looked at; lock losses; legs.
+        places: North and east of each aircraft as measured [km], shape (batch, 2).
+        reward: Score of the leg, shape (batch,).
+        over: 0 while a flight goes on, 1 arrived, 2 hit, 3 out of legs; shape (batch,).
+    """
+
+    observed: NDArray[np.float32]
+    numbers: FloatArray
+    places: FloatArray
+    reward: FloatArray
+    over: NDArray[np.int64]
+
+
+def observed_names(radars: int) -> tuple[str, ...]:
+    """Names of the columns of ``Leg.observed``; radars are numbered by their distance."""
+    return OWN + tuple(f"radar_{r}_{name}" for r in range(radars) for name in EACH)
+
+
+class Flights:
+    """A batch of flights, each with an episode of its own.
+
+    Attributes:
+        rules: What is flown.
+        flights: All state, shape (batch,), dtype ``FLIGHT``.
+        plants: What each aircraft truly is, shape (batch, 13), as ``UavRoute.plant`` gives it.
+    """
+
+    def __init__(self, batch: int, rules: Rules | None = None, plant: ArrayLike | None = None) -> None:
+        """Make flights; seed and restart each before the first leg.
+
+        Args:
+            batch: Number of flights.
+            rules: What is flown.
+            plant: What the aircraft truly is, shape (13,) or (batch, 13), see ``UavRoute.plant``; None is
+                nominal.
+
+        Raises:
+            ModelError: If the batch is empty, the plant has the wrong shape, its wind is stronger than the
+                aircraft, or a factor is not positive.
+        """
+        if batch < 1:
+            raise ModelError(f"a batch needs at least one flight, not {batch}")
+        self.rules = rules or Rules()
+        nominal = nominal_plant(self.rules.world.aircraft.speed)
+        vector = np.asarray(nominal if plant is None else plant, dtype=np.float64)
+        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+            raise ModelError(
+                f"a plant has shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+            )
+        slowest = vector[..., SPEED] * (1.0 - vector[..., TURN_LOSS])
+        if not (np.hypot(vector[..., WIND_NORTH], vector[..., WIND_EAST]) < slowest).all():
+            raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
+        if not (vector[..., [SIGNATURE, CONE, RANGE, INTERVAL]] > 0).all():
+            raise ModelError("factors of signature, nose cone, range and look interval must be positive")
+        self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
+        self.plants = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
+        self._constants = make_constants(self.rules.world)
+        self._play = make_play(self.rules)
+        self._columns = len(OWN) + self.rules.count * len(EACH)
+        self._still = np.zeros((batch, 2))
+        self._seeded = np.zeros(batch, dtype=np.bool_)
+        self._begun = np.zeros(batch, dtype=np.bool_)
+        self._ready = False
+
+    def __len__(self) -> int:
+        """Number of flights."""
+        return len(self.flights)
+
+    def seed(self, i: int, rng: np.random.Generator) -> None:
+        """Give flight ``i`` a stream keyed by one draw from ``rng``; its next episode is its first."""
+        self.flights[i]["key"] = rng.integers(0, 2**64, dtype=np.uint64)
+        self.flights[i]["episode"] = 0
+        self._seeded[i] = True
+        self._begun[i] = False
+        self._ready = False
+
+    def restart(self, which: Iterable[int]) -> None:
+        """Begin the next episode of some flights.
+
+        Raises:
+            ModelError: If a flight was never seeded.
+        """
+        rows = np.fromiter(which, dtype=np.int64)
+        if not self._seeded[rows].all():
+            raise ModelError("seed every flight before its first episode")
+        start_all(self.flights, rows, self._play)
+        self._begun[rows] = True
+        self._ready = bool(self._begun.all())
+
+    def look(self) -> Leg:
+        """What is seen of every flight as it stands; the rewards are zero."""
+        return self._play_on(self._still, flying=False)
+
+    def advance(self, actions: ArrayLike, restarting: bool = False) -> Leg:
+        """Take every flight through one leg; one that is over stays as it is.
+
+        Args:
+            actions: Heading relative to the bearing of the nearest radar [rad], positive to its right, and
+                length of the leg [km], limited to the rules' shortest and longest; shape (batch, 2).
+            restarting: True lets a flight that is over begin its next episode instead: its action is
+                ignored, its reward 0, and what is seen of it is the new episode's start.
+
+        Raises:
+            ModelError: If the actions have the wrong shape or are not finite, or a flight never began.
+        """
+        return self._play_on(self._checked(actions), relative=True, restarting=restarting)
+
+    def fly_to(self, waypoints: ArrayLike) -> Leg:
+        """Take every flight towards a waypoint, given as north and east [km], shape (batch, 2).
+
+        The leg's length is limited like any other.
+
+        Raises:
+            ModelError: As for ``advance``.
+        """
+        ahead = self._checked(waypoints) - self.flights["place"]
+        bearing = np.arctan2(ahead[:, 1], ahead[:, 0])
+        return self._play_on(np.column_stack([bearing, np.hypot(ahead[:, 0], ahead[:, 1])]))
+
+    def layout(self, i: int) -> Layout:
+        """Start, goal and radars of flight ``i``."""
+        one = self.flights[i]
+        return Layout(
+            (float(one["start"][0]), float(one["start"][1])),
+            (float(one["goal"][0]), float(one["goal"][1])),
+            tuple((float(x), float(y)) for x, y in one["radars"][: self.rules.count]),
+        )
+
+    def state(self) -> NDArray[Any]:
+        """An exact snapshot of all flights: a plain structured array, shape (batch,)."""
+        return self.flights.copy()
+
+    def set_state(self, state: NDArray[Any]) -> None:
+        """Return to a snapshot.
+
+        Raises:
+            ModelError: If the snapshot is of another batch size or kind.
+        """
+        if state.dtype != FLIGHT or state.shape != self.flights.shape:
+            raise ModelError(f"a snapshot of {len(self)} flights is needed, not {state.shape} {state.dtype}")
+        self.flights[...] = state
+        self._seeded[:] = True
+        self._begun[:] = True
+        self._ready = True
+
+    def _checked(self, values: ArrayLike) -> FloatArray:
+        """Actions or waypoints, checked, shape (batch, 2)."""
+        array = np.ascontiguousarray(values, dtype=np.float64)
+        if array.shape != (len(self), 2):
+            raise ModelError(f"every flight needs two numbers, shape ({len(self)}, 2), not {array.shape}")
+        return array
+
+    def _play_on(
+        self, actions: FloatArray, *, flying: bool = True, relative: bool = False, restarting: bool = False
+    ) -> Leg:
+        if not self._ready:
+            raise ModelError("seed and restart every flight before the first leg")
+        batch = len(self)
+        leg = Leg(
+            np.empty((batch, self._columns), dtype=np.float32),
+            np.empty((len(NUMBERS), batch)),
+            np.empty((batch, 2)),
+            np.empty(batch),
+            np.empty(batch, dtype=np.int64),
+        )
+        finite = play(
+            self.flights, actions, flying, relative, restarting, self.plants, self._constants, self._play,
+            leg.observed, leg.numbers, leg.places, leg.reward, leg.over,
+        )  # fmt: skip
+        if not finite:
+            raise ModelError(f"actions must be finite numbers, not {actions}")
+        return leg

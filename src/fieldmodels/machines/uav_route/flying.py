@@ -1,0 +1,245 @@
+"""The kernels of flights: a leg flown under the radars' eyes, arrival and score, a batch in one call."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.machines.uav_route.aircraft import banked_time, ground_speed, heading_of, turn_into
+from fieldmodels.machines.uav_route.detection import EXACT
+from fieldmodels.machines.uav_route.flight import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE, Play
+from fieldmodels.machines.uav_route.layouts import draw_layout
+from fieldmodels.machines.uav_route.lock_loss import timers_after
+from fieldmodels.machines.uav_route.parameters import RADARS, Constants
+from fieldmodels.machines.uav_route.plant import (
+    BANK,
+    INTERVAL,
+    SPEED,
+    TURN_LOSS,
+    WIND_EAST,
+    WIND_NORTH,
+    chance,
+)
+from fieldmodels.machines.uav_route.showing import distance_to_goal, radial, write
+from fieldmodels.streams import GAMMA, mixed, uniform
+
+
+@inlined
+def begin(flight: Any, p: Play) -> None:
+    """Begin a flight's next episode."""
+    flight.episode += 1
+    if p.drawn:
+        key = mixed(flight.key + np.uint64(flight.episode) * GAMMA)
+        draw_layout(key, p.radars, p.side_on, p.banked, flight.start, flight.goal, flight.radars)
+    else:
+        flight.start[0], flight.start[1] = p.start_north, p.start_east
+        flight.goal[0], flight.goal[1] = p.goal_north, p.goal_east
+        for r in range(p.radars):
+            flight.radars[r, 0], flight.radars[r, 1] = p.sites[r, 0], p.sites[r, 1]
+    flight.over, flight.legs, flight.looks, flight.losses = FLYING, 0, 0, 0
+    flight.place[0], flight.place[1] = flight.start[0], flight.start[1]
+    north, east = flight.goal[0] - flight.start[0], flight.goal[1] - flight.start[1]
+    distance = max(math.sqrt(north * north + east * east), 1e-9)
+    flight.course[0], flight.course[1] = north / distance, east / distance
+    for r in range(RADARS):
+        flight.probability[r], flight.detected[r], flight.unbroken[r] = 0.0, 0, 0.0
+        for timer in range(3):
+            flight.timers[r, timer] = 0.0
+    flight.time, flight.path, flight.time_over, flight.longest, flight.largest = 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@inlined
+def look(
+    flight: Any, north: float, east: float, cosine: float, sine: float, bank: float, plant: FloatArray,
+    c: Constants, p: Play,
+) -> None:  # fmt: skip
+    """Let every radar compute its probability of detection, and detect above the threshold."""
+    tilt = -bank if c.left_handed else bank
+    tilt_cosine, tilt_sine = (math.cos(tilt), math.sin(tilt)) if tilt != 0.0 else (1.0, 0.0)
+    for r in range(p.radars):
+        to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
+        likely = chance(to_north, to_east, cosine, sine, tilt_cosine, tilt_sine, plant, c)
+        flight.probability[r] = likely
+        flight.largest = max(flight.largest, likely)
+        flight.detected[r] = 1 if likely > c.threshold + EXACT else 0
+
+
+@inlined
+def draw_looks(flight: Any, c: Constants, p: Play) -> None:
+    """Draw the result of each radar's look; the numbers depend on the look's time alone."""
+    key = mixed(mixed(flight.key + np.uint64(flight.episode) * GAMMA) + GAMMA)
+    for r in range(p.radars):
+        number = uniform(key, RADARS * flight.looks + r)
+        likely = flight.probability[r]
+        seen = number >= likely if c.draw_above else number < likely
+        flight.detected[r] = 1 if seen and likely > 0.0 else 0
+    flight.looks += 1
+
+
+@inlined
+def run_timers(flight: Any, time: float, c: Constants, p: Play) -> bool:
+    """Let all timers run for a time [s] in which nothing changes; returns whether a missile hits."""
+    hit, over = False, False
+    for r in range(p.radars):
+        detected = flight.detected[r] == 1
+        lose, engage, launch, lost, damaged = timers_after(
+            flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH], detected, time, c
+        )
+        flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH] = lose, engage, launch
+        flight.losses += 1 if lost else 0
+        flight.unbroken[r] = flight.unbroken[r] + time if detected else 0.0
+        flight.longest = max(flight.longest, flight.unbroken[r])
+        hit = hit or damaged
+        over = over or detected
+    flight.time_over += time if over else 0.0
+    flight.time += time
+    return hit
+
+
+@inlined
+def watch(
+    flight: Any, duration: float, north: float, east: float, cosine: float, sine: float, bank: float,
+    plant: FloatArray, c: Constants, p: Play,
+) -> bool:  # fmt: skip
+    """Fly for a time [s] at a ground velocity [km/s] with one attitude; returns whether it ends in a hit.
+
+    Detection above the threshold is looked at in the middle of steps; drawn looks come at their own times,
+    and what a look has found holds until the next one.
+    """
+    x, y = flight.place[0], flight.place[1]
+    flown, hit = 0.0, False
+    pieces = max(1, math.ceil(duration / p.step - 1e-9))
+    interval = c.look_interval * plant[INTERVAL]
+    while flown < duration and not hit:
+        time = duration / pieces
+        if c.stochastic:
+            due = flight.looks * interval - flight.time
+            if due <= 1e-9:
+                look(flight, x + flown * north, y + flown * east, cosine, sine, bank, plant, c, p)
+                draw_looks(flight, c, p)
+                due = flight.looks * interval - flight.time
+            time = min(max(due, 1e-9), duration - flown)
+        else:
+            middle = flown + 0.5 * time
+            look(flight, x + middle * north, y + middle * east, cosine, sine, bank, plant, c, p)
+        hit = run_timers(flight, time, c, p)
+        flown = flown + time if flown + time < duration - 1e-9 else duration
+    flight.place[0], flight.place[1] = x + flown * north, y + flown * east
+    flight.path += flown * math.sqrt(north * north + east * east)
+    return hit
+
+
+@inlined
+def length_to_capture(flight: Any, north: float, east: float, length: float, capture: float) -> float:
+    """How far along a leg [km] the goal's capture circle is entered; more than its length if it is not."""
+    to_north, to_east = flight.goal[0] - flight.place[0], flight.goal[1] - flight.place[1]
+    along = to_north * north + to_east * east
+    across = to_east * north - to_north * east
+    inside = capture * capture - across * across
+    if inside < 0.0:
+        return 2.0 * length + 1.0
+    enter: float = along - math.sqrt(inside)
+    if enter < 0.0:
+        return 0.0 if to_north * to_north + to_east * to_east <= capture * capture else 2.0 * length + 1.0
+    return enter
+
+
+@inlined
+def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constants, p: Play) -> None:
+    """Fly one leg of a course [rad] and a length [km]; the first one begins without a turn."""
+    north, east = math.cos(course), math.sin(course)
+    to_north, to_east = flight.place[0] + length * north, flight.place[1] + length * east
+    turn = 0.0
+    if flight.legs > 0:
+        turn = turn_into(flight.course[0], flight.course[1], north, east, to_north, to_east, c)
+    flight.course[0], flight.course[1] = north, east
+    if c.two_quadrant:
+        course = heading_of(north, east, True)
+        north, east = math.cos(course), math.sin(course)
+    entered = length_to_capture(flight, north, east, length, p.capture)
+    way = min(length, entered)
+    # a weaker bank and less speed change the turn's time
+    bank = c.bank * plant[BANK]
+    slow = plant[SPEED] * (1.0 - plant[TURN_LOSS])
+    wind_north, wind_east = plant[WIND_NORTH], plant[WIND_EAST]
+    hit = False
+    if turn != 0.0:
+        speed, cosine, sine = ground_speed(north, east, slow, wind_north, wind_east)
+        time = banked_time(turn, slow, bank, way / speed, c)
+        if time > 0.0:
+            tilt = math.copysign(bank, turn)
+            hit = watch(flight, time, speed * north, speed * east, cosine, sine, tilt, plant, c, p)
+            way = max(way - speed * time, 0.0)
+    if not hit and way > 1e-9:
+        speed, cosine, sine = ground_speed(north, east, plant[SPEED], wind_north, wind_east)
+        hit = watch(flight, way / speed, speed * north, speed * east, cosine, sine, 0.0, plant, c, p)
+    flight.legs += 1
+    if hit:
+        flight.over = DAMAGED
+    elif entered <= length:
+        flight.over = ARRIVED
+    elif flight.legs >= p.horizon:
+        flight.over = LATE
+
+
+@compiled
+def start_all(flights: NDArray[Any], which: NDArray[np.int64], p: Play) -> None:
+    """Begin the next episode of some flights."""
+    for b in which:
+        begin(flights[b], p)
+
+
+@compiled
+def play(
+    flights: NDArray[Any],
+    actions: FloatArray,
+    flying: bool,
+    relative: bool,
+    restarting: bool,
+    plants: FloatArray,
+    c: Constants,
+    p: Play,
+    observed: NDArray[np.float32],
+    numbers: FloatArray,
+    places: FloatArray,
+    reward: FloatArray,
+    over: NDArray[np.int64],
+) -> bool:
+    """Take every flight through one leg, or with ``flying`` off only look; see ``Flights.advance``.
+
+    Returns:
+        False if an action is not a finite number; then nothing has happened.
+    """
+    order = np.zeros((2, RADARS))
+    if flying:
+        for b in range(len(flights)):
+            if not (math.isfinite(actions[b, 0]) and math.isfinite(actions[b, 1])):
+                return False
+    for b in range(len(flights)):
+        flight, plant = flights[b], plants[b]
+        gain = 0.0
+        if flying and restarting and flight.over != FLYING:
+            begin(flight, p)
+        elif flying and flight.over == FLYING:
+            course = actions[b, 0]
+            if relative:
+                cosine, sine = radial(flight, plant, p.radars)
+                course += math.atan2(sine, cosine)
+            distance, path = distance_to_goal(flight), flight.path
+            fly(flight, course, min(max(actions[b, 1], p.least_leg), p.longest_leg), plant, c, p)
+            gain = p.progress * (distance - distance_to_goal(flight)) - p.cost * (flight.path - path)
+            if flight.over == ARRIVED:
+                gain += p.arrival
+            elif flight.over == DAMAGED:
+                gain -= p.damage
+            elif flight.over == LATE:
+                gain -= p.late
+        reward[b] = gain
+        over[b] = flight.over
+        write(flight, plant, b, c, p, order, observed, numbers, places)
+    return True

@@ -1,0 +1,124 @@
+"""The UAV's model: commanded waypoints in; position, bank and a radar's looks out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.effects import EFFECTS
+from fieldmodels.machines.uav_route.parameters import World, make_constants
+from fieldmodels.machines.uav_route.plant import PARAMETERS
+from fieldmodels.machines.uav_route.simulation import KM, simulate
+from fieldmodels.model import Model, Parameter, Signal
+from fieldmodels.recording import Recording, Windows, uniform_windows
+
+IntArray = NDArray[np.int64]
+RADAR = [1, 2]
+"""Where the radar's site stands in a parameter vector."""
+DETECTED, GAP = "detected", "look_gap"
+
+
+class UavRoute(Model):
+    """Flights of section 4.2.1 from waypoint to waypoint, as an aircraft would log them.
+
+    Recordings hold, in SI units on a uniform time grid, the waypoint that is being flown to, ``to_north`` and
+    ``to_east`` [m]; the position ``north`` and ``east`` [m] as a tracker measures it; and, where they are
+    logged, the mean ``bank`` [rad] since the sample before, positive with the right wing down; and the looks
+    of a radar at ``radar_north``, ``radar_east``: whether one since the sample before ``detected`` the
+    aircraft, and ``look_gap``, the time between it and the look before [s], 0 without a look. Without
+    ``look_gap`` every sample of ``detected`` that is a number is a look.
+    """
+
+    name = "uav_route"
+    inputs_are_free = False
+    inputs = (Signal("to_north", "m"), Signal("to_east", "m"))
+    outputs = (
+        Signal("north", "m", noise=20.0),
+        Signal("east", "m", noise=20.0),
+        Signal("bank", "rad", noise=0.02, optional=True, angle=True, averaged=True),
+        Signal("detected", "1", optional=True, event=True),
+        Signal("look_gap", "s", noise=0.1, optional=True),
+    )
+    states = (
+        Signal("north", "m", noise=20.0),
+        Signal("east", "m", noise=20.0),
+        Signal("course_before", "rad", noise=0.005, angle=True),
+    )
+    effects = EFFECTS
+    horizons = (40.0, 120.0, 300.0)
+    disturbance_unit = "m/s"
+
+    def __init__(self, world: World | None = None) -> None:
+        """Declare the parameters for a world's aircraft."""
+        self.world = world or World()
+        self.parameters = (
+            Parameter("speed", "m/s", KM * self.world.aircraft.speed, 50.0, 1000.0, 2.0),
+            Parameter("radar_north", "m", 0.0, -1e7, 1e7, 2000.0, refitted=False),
+            Parameter("radar_east", "m", 0.0, -1e7, 1e7, 2000.0, refitted=False),
+        )
+        self._constants = make_constants(self.world)
+        own = [p for i, p in enumerate(self.all_parameters) if i not in RADAR]
+        self._units = np.array([KM if p.unit in ("m", "m/s") else 1.0 for p in own])
+        assert len(own) == PARAMETERS
+
+    def plant(self, vector: FloatArray) -> FloatArray:
+        """A reality as ``Flights`` take it: rows of ``plant.py``, shape (..., 13), in [km] and [km/s]."""
+        plant: FloatArray = np.delete(np.asarray(vector, dtype=np.float64), RADAR, axis=-1) / self._units
+        return plant
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """See ``Model.windows``; what was not looked at is not observed."""
+        if GAP in recording:
+            looked = recording[GAP] > 0
+            kept = {n: np.where(looked, recording[n], np.nan) for n in (DETECTED, GAP) if n in recording}
+            recording = replace(recording, signals={**recording.signals, **kept})
+        windows = uniform_windows(recording, horizon, [s.name for s in self.outputs], self.initial_states)
+        names = tuple(output.name for output in self.outputs)
+        return replace(windows, observed=windows.observed & np.isfinite(windows.measured(names)))
+
+    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """See ``Model.simulate``."""
+        recording, force = windows.recording, windows.disturbance
+        parameters = np.ascontiguousarray(np.atleast_2d(parameters), dtype=np.float64)
+        counts = np.diff(recording.bounds, axis=1)[:, 0]
+        waypoints = np.column_stack([recording["to_north"], recording["to_east"]]).astype(np.float64)
+        out = np.full((len(parameters), len(windows), windows.samples, len(self.outputs)), np.nan)
+        simulate(
+            np.ascontiguousarray(self.plant(parameters)),
+            np.ascontiguousarray(parameters[:, RADAR] / KM),
+            waypoints,
+            _leg_starts(recording),
+            np.repeat(recording.bounds[:, 0], counts),
+            np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+            recording.step,
+            windows.starts,
+            windows.lengths,
+            np.ascontiguousarray(windows.states),
+            DETECTED in recording or GAP in recording,
+            self._constants,
+            out,
+        )
+        return out
+
+    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
+        """Position as measured, and the course of the leg before: from its first to its last position."""
+        begun = _leg_starts(recording)
+        this = begun[starts]
+        last = np.maximum(this - 1, 0)
+        before = begun[last]
+        north, east = recording["north"], recording["east"]
+        course = np.arctan2(east[this] - east[before], north[this] - north[before])
+        return np.column_stack([north[starts], east[starts], course])
+
+
+def _leg_starts(recording: Recording) -> IntArray:
+    """The sample at which each sample's waypoint was commanded, shape (n,)."""
+    change = np.zeros(len(recording), dtype=np.bool_)
+    for name in ("to_north", "to_east"):
+        change[1:] |= np.diff(recording[name]) != 0
+    change[recording.bounds[:, 0]] = True
+    rows: IntArray = np.maximum.accumulate(np.where(change, np.arange(len(recording)), 0))
+    return rows

@@ -1,0 +1,114 @@
+"""What is seen of a flight: in the frame of the nearest radar's bearing, from where it believes to be."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import inlined
+from fieldmodels.machines.uav_route.flight import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN, Play
+from fieldmodels.machines.uav_route.parameters import Constants
+from fieldmodels.machines.uav_route.plant import BIAS_EAST, BIAS_NORTH
+
+
+@inlined
+def distance_to_goal(flight: Any) -> float:
+    """Distance to the goal [km]."""
+    distance: float = math.hypot(flight.goal[0] - flight.place[0], flight.goal[1] - flight.place[1])
+    return distance
+
+
+@inlined
+def ratio(time: float, threshold: float) -> float:
+    """A timer relative to its threshold, at most 1."""
+    if threshold > 0.0:
+        return min(time / threshold, 1.0)
+    return 1.0 if time > 0.0 else 0.0
+
+
+@inlined
+def nearest_radar(flight: Any, north: float, east: float, count: int) -> int:
+    """The radar next to a place."""
+    best, least = 0, math.inf
+    for r in range(count):
+        square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
+        if square < least:
+            best, least = r, square
+    return best
+
+
+@inlined
+def radial(flight: Any, plant: FloatArray, count: int) -> tuple[float, float]:
+    """Cosine and sine of the bearing of the nearest radar, from where the aircraft believes to be."""
+    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
+    r = nearest_radar(flight, north, east, count)
+    to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
+    distance = math.sqrt(to_north * to_north + to_east * to_east)
+    return (to_north / distance, to_east / distance) if distance > 0.0 else (1.0, 0.0)
+
+
+@inlined
+def show(
+    flight: Any, plant: FloatArray, c: Constants, p: Play, observed: NDArray[np.float32], order: Any
+) -> None:
+    """Write down what is seen of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
+    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
+    for r in range(p.radars):
+        square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
+        place = r
+        while place > 0 and order[1, place - 1] > square:
+            order[0, place], order[1, place] = order[0, place - 1], order[1, place - 1]
+            place -= 1
+        order[0, place], order[1, place] = r, square
+    cosine, sine = radial(flight, plant, p.radars)
+    to_north, to_east = flight.goal[0] - north, flight.goal[1] - east
+    ahead, right = to_north * cosine + to_east * sine, to_east * cosine - to_north * sine
+    distance = max(math.sqrt(ahead * ahead + right * right), 1.0)
+    observed[0] = ahead / 100.0
+    observed[1] = right / 100.0
+    observed[2] = math.log(distance / 100.0)
+    observed[3] = ahead / distance
+    observed[4] = right / distance
+    observed[5] = flight.course[0] * cosine + flight.course[1] * sine
+    observed[6] = flight.course[1] * cosine - flight.course[0] * sine
+    observed[7] = 1.0 - flight.legs / p.horizon
+    for k in range(p.radars):
+        r = int(order[0, k])
+        row = observed[len(OWN) + k * len(EACH) :]
+        to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
+        slant = math.sqrt(order[1, k] + c.altitude * c.altitude)
+        reach = max(math.sqrt(order[1, k]), 1e-9)
+        row[0] = math.tanh((slant - p.side_on) / 5.0)
+        row[1] = math.tanh((slant - p.side_on) / 50.0)
+        row[2] = (slant - p.side_on) / 500.0
+        row[3] = (to_north * cosine + to_east * sine) / reach
+        row[4] = (to_east * cosine - to_north * sine) / reach
+        row[5] = ratio(flight.timers[r, LOSE], c.lose)
+        row[6] = ratio(flight.timers[r, ENGAGE], c.engage)
+        row[7] = ratio(flight.timers[r, LAUNCH], c.target)
+        row[8] = flight.detected[r]
+
+
+@inlined
+def write(
+    flight: Any, plant: FloatArray, b: int, c: Constants, p: Play, order: Any, observed: NDArray[np.float32],
+    numbers: FloatArray, places: FloatArray,
+) -> None:  # fmt: skip
+    """Write down what is seen of flight ``b``, and its ``NUMBERS``."""
+    show(flight, plant, c, p, observed[b], order)
+    numbers[0, b] = 1.0 if flight.over == ARRIVED else 0.0
+    numbers[1, b] = 1.0 if flight.over == DAMAGED else 0.0
+    numbers[2, b] = flight.time
+    numbers[3, b] = flight.path
+    numbers[4, b] = distance_to_goal(flight)
+    numbers[5, b] = flight.time_over
+    numbers[6, b] = flight.longest
+    numbers[7, b] = flight.largest
+    numbers[8, b] = flight.losses
+    numbers[9, b] = flight.legs
+    places[b, 0] = flight.place[0] + plant[BIAS_NORTH]
+    places[b, 1] = flight.place[1] + plant[BIAS_EAST]

@@ -1,0 +1,198 @@
+"""What must hold of measured data before anything is computed from them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Model, Signal
+from fieldmodels.recording import Recording
+from fieldmodels.recording.tables import SHOWN, Problem
+from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
+
+MAX_JITTER = 0.01
+"""Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
+GAP = 1.5
+"""A time step of more than this many medians is a gap."""
+MAX_ANGLE_SPAN = 20.0
+"""An angle that spans more radians than this (three turns) is suspected to be in degrees."""
+REST = 0.1
+"""How near to 1 an accelerometer's usual value is that counts gravity in g."""
+LEAST_COUNTED = 0.5
+"""Least time step [s] that is suspected to be counted in fractions of a second."""
+STUCK = 5
+"""Rows at one extreme value, in a signal that is not coarse, that count as saturation."""
+MIN_SAMPLES = 4
+"""Fewest samples in which a window can be predicted."""
+
+_BLOCK = 1_000_000  # rows looked at together
+
+
+def check_episodes(episode: FloatArray) -> list[Problem]:
+    """Check that episode numbers are integers and that no episode is taken up again."""
+    broken = np.flatnonzero(episode != np.round(episode))
+    if len(broken):
+        return [Problem(f"{episode[broken[0]]:g} is not an integer", "episode", int(broken[0]))]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(episode)) + 1])
+    seen: set[float] = set()
+    for start in starts:
+        if episode[start] in seen:
+            message = f"episode {episode[start]:g} is taken up again; give each stretch a number of its own"
+            return [Problem(message, "episode", int(start))]
+        seen.add(episode[start])
+    return []
+
+
+def check_time(recording: Recording) -> list[Problem]:
+    """Check that time does not stand still, nor fall by more than a step within an episode."""
+    time, episode, median = recording.time, recording.episode, recording.step
+    backward: list[int] = []
+    for start in range(0, len(time) - 1, _BLOCK):  # in blocks, so that a long record needs no second array
+        block = slice(start, start + _BLOCK + 1)
+        inside = np.diff(episode[block]) == 0
+        backward += (start + 1 + np.flatnonzero((np.diff(time[block]) < -max(median, 0.0)) & inside)).tolist()
+    if len(backward) > len(time) // 2:
+        return [Problem("time falls from row to row; sort the rows by time", row=backward[0])]
+    if backward:
+        return [_backward(time, row) for row in backward[:SHOWN]] + _more(backward, "such rows")
+    if len(time) > 1 and np.ptp(time) == 0 and len(recording.bounds) < len(time):
+        return [Problem(f"time stands still at {time[0]:.9g} s; is this the clock's column?")]
+    return []
+
+
+def is_even(recording: Recording) -> bool:
+    """Whether time increases in steps that are even to one per cent, without a gap."""
+    time, episode, median = recording.time, recording.episode, recording.step
+    count, total, squares = 0, 0.0, 0.0
+    for start in range(0, len(time) - 1, _BLOCK):
+        block = slice(start, start + _BLOCK + 1)
+        inside = np.diff(episode[block]) == 0
+        steps = np.diff(time[block])[inside]
+        if np.any((steps <= 0) | (steps > GAP * median)):
+            return False
+        count += len(steps)
+        total += float((steps - median).sum())
+        squares += float((steps - median) @ (steps - median))
+    return count == 0 or squares / count - (total / count) ** 2 <= (MAX_JITTER * median) ** 2
+
+
+def check_length(recording: Recording, horizon: float) -> list[Problem]:
+    """Check that at least one window of the horizon fits, with enough samples in it."""
+    step = recording.step
+    longest = max(float(recording.time[b - 1] - recording.time[a]) for a, b in recording.bounds)
+    fits = (u for u in ("ms", "us", "ns") if (MIN_SAMPLES - 1) * step * other_units("s")[u] <= horizon)
+    unit = next(fits, "") if step >= LEAST_COUNTED else ""
+    name = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}.get(unit)
+    slow = "if the bench is so slow, state its clock as 't=t:s'"
+    hint = (
+        f"; the time column looks like {name}: declare it as 't=t:{unit}'; or {slow}"
+        if name
+        else f", or {slow}"
+    )
+    if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
+        message = (
+            f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster{hint}"
+        )
+        return [Problem(message)]
+    if longest < horizon * (1 - MAX_JITTER):
+        unit = "episode" if len(recording.bounds) > 1 else "record"
+        return [Problem(f"the longest {unit} lasts {longest:.6g} s, shorter than the {horizon:g} s "
+                        "over which the model must predict; record for longer")]  # fmt: skip
+    return []
+
+
+def suspicions(recording: Recording, model: Model | None) -> list[str]:
+    """Return reasons to think that a column is in another unit than stated, or is dead."""
+    found = []
+    if model is None:
+        step = recording.step
+        if step >= 1 and step == round(step):
+            found.append(
+                f"column 't' advances by {step:g} a row; if it is in milliseconds, declare it as 't=t:ms'"
+            )
+        return found
+    signals = [s for s in (*model.inputs, *model.outputs) if s.name in recording]
+    for signal in signals:
+        values = recording[signal.name]
+        span = float(np.ptp(values))
+        if signal.angle and span > MAX_ANGLE_SPAN:
+            found.append(
+                f"column {signal.name!r} spans {span:.4g}, as radians {span / (2 * np.pi):.1f} turns; "
+                f"if it is in degrees, declare it as '{signal.name}={signal.name}:deg'"
+            )
+        if span == 0 and len(values) > MIN_SAMPLES and signal in model.outputs:
+            found.append(f"column {signal.name!r} never changes; is the sensor connected?")
+        if signal in model.outputs and not signal.event and (rows := _stuck(values)):
+            found.append(
+                f"column {signal.name!r} stays at its extreme values for up to {rows} rows at a time; if the "
+                "sensor saturates there, leave these stretches out and start new episodes"
+            )
+        usual = float(np.median(np.abs(values)))
+        if signal.unit == "m/s^2" and abs(usual - 1.0) < REST and np.abs(values).max() < STANDARD_GRAVITY:
+            found.append(
+                f"column {signal.name!r} is usually {usual:.2f}, a tenth of gravity; if it is in g, "
+                f"declare it as '{signal.name}={signal.name}:g'"
+            )
+        for rate in signals:
+            if rate.unit == f"{signal.unit}/s":
+                found += _wrong_scale(recording, signal, rate)
+    return found
+
+
+def _stuck(values: FloatArray) -> int:
+    """Longest run at the largest or smallest value of a signal that moves elsewhere; 0 for a normal one."""
+    first = values[:_BLOCK]
+    coarse = len(np.unique(first)) < 0.25 * len(first)
+    longest = 0
+    for extreme in (values.max(), values.min()):
+        at = np.concatenate([[False], values == extreme, [False]])
+        edges = np.flatnonzero(np.diff(at.astype(np.int8)))
+        longest = max(longest, int(np.max(edges[1::2] - edges[::2], initial=0)))
+    return 0 if coarse or longest < STUCK else longest
+
+
+def _more(rows: list[int], what: str) -> list[Problem]:
+    return [Problem(f"and {len(rows) - SHOWN} more {what}")] if len(rows) > SHOWN else []
+
+
+def _backward(time: FloatArray, row: int) -> Problem:
+    restart = time[row] <= time[0] + 0.01 * (time[row - 1] - time[0])
+    remedy = (
+        "a new run? number the runs in a column 'episode'"
+        if restart
+        else "sort the rows by time, and drop repeated ones"
+    )
+    return Problem(f"t = {time[row]:.9g} s does not come after {time[row - 1]:.9g} s; {remedy}", row=row)
+
+
+def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[str]:
+    """Compare a signal's changes with its measured rate: their ratio tells a wrong unit."""
+    count = min(len(recording), _BLOCK)
+    span = max(1, min(50, count // 100))  # so that noise does not hide the change
+    inside = recording.episode[span:count] == recording.episode[: count - span]
+    change = (recording[position.name][span:count] - recording[position.name][: count - span])[inside]
+    steps = (
+        np.diff(recording.time[:count])
+        * 0.5
+        * (recording[rate.name][1:count] + recording[rate.name][: count - 1])
+    )
+    whole = np.concatenate([[0.0], np.cumsum(np.where(np.diff(recording.episode[:count]) == 0, steps, 0.0))])
+    told = (whole[span:] - whole[:-span])[inside]
+    product, power = float(change @ told), float(told @ told)
+    if not product > 0 or not product > 0.8 * np.sqrt(power * float(change @ change)):
+        return []
+    ratio = product / power
+    for wrong, value, other in ((position, ratio, rate), (rate, 1 / ratio, position)):
+        for unit, scale in other_units(wrong.unit).items():
+            if abs(value * scale - 1) < 0.1:
+                how = (
+                    f"it changes {value:.3g} times as fast as {other.name!r} says"
+                    if wrong is position
+                    else f"it is {value:.3g} times the rate of {other.name!r}"
+                )
+                clock = "; or is t in ms?" if scale == 1e-3 and wrong is rate else ""
+                return [
+                    f"column {wrong.name!r} looks as if it were in {unit}: {how}; declare it as "
+                    f"'{wrong.name}={wrong.name}:{unit}'{clock}"
+                ]
+    return []

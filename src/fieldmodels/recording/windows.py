@@ -1,0 +1,109 @@
+"""The windows that a recording is cut into, each predicted from a state of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldmodels.arrays import BoolArray, FloatArray, IntArray
+from fieldmodels.recording.data import Recording, RecordingError
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Stretches of one recording, each predicted from its own initial state.
+
+    Attributes:
+        recording: The measured data; commands before a window act through it too (delay, lag).
+        starts: First sample of each window, shape (windows,).
+        lengths: Number of samples of each window, shape (windows,).
+        states: Initial states, shape (windows, states).
+        observed: Which measured samples count, shape (windows, samples, outputs); False beyond a
+            window's length and for outputs that the recording lacks.
+        disturbance: Additive generalised force on every sample of the recording, shape (n,), in the
+            model's ``disturbance_unit``; None for none.
+    """
+
+    recording: Recording
+    starts: IntArray
+    lengths: IntArray
+    states: FloatArray
+    observed: BoolArray
+    disturbance: FloatArray | None = None
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.starts)
+
+    @property
+    def samples(self) -> int:
+        """Samples that arrays over windows have room for: no window is longer."""
+        return int(self.observed.shape[1])
+
+    def select(self, which: BoolArray | IntArray) -> Windows:
+        """Keep some of the windows."""
+        return replace(
+            self,
+            starts=self.starts[which],
+            lengths=self.lengths[which],
+            states=self.states[which],
+            observed=self.observed[which],
+        )
+
+    def with_states(self, states: FloatArray) -> Windows:
+        """Start the same windows from other states."""
+        return replace(self, states=states)
+
+    def with_disturbance(self, disturbance: FloatArray | None) -> Windows:
+        """Add a generalised force along the whole recording."""
+        return replace(self, disturbance=disturbance)
+
+    def measured(self, outputs: tuple[str, ...]) -> FloatArray:
+        """Measured outputs of every window; NaN where not observed, shape (windows, samples, outputs)."""
+        rows = self.starts[:, None] + np.arange(self.samples)[None, :]
+        rows = np.minimum(rows, len(self.recording) - 1)
+        result = np.full((len(self), self.samples, len(outputs)), np.nan)
+        for j, name in enumerate(outputs):
+            if name in self.recording:
+                result[:, :, j] = self.recording[name][rows]
+        result[~self.observed] = np.nan
+        return result
+
+
+def uniform_windows(
+    recording: Recording,
+    horizon: float,
+    outputs: Sequence[str],
+    initial_states: Callable[[Recording, IntArray], FloatArray],
+) -> Windows:
+    """Cut every episode into non-overlapping windows of one length.
+
+    Args:
+        recording: The measured data.
+        horizon: Length of a window [s].
+        outputs: Names of the outputs that a window compares.
+        initial_states: Estimates the states at given samples, as ``Model.initial_states``.
+
+    Raises:
+        RecordingError: If no episode is as long as the horizon.
+    """
+    length = round(horizon / recording.step) + 1
+    starts = np.concatenate([np.arange(a, b - length + 1, length) for a, b in recording.bounds])
+    if length < 4 or len(starts) == 0:
+        raise RecordingError(
+            f"{recording.source}: too short or too coarse for windows of {horizon:g} s "
+            f"({len(recording)} samples, {recording.step:g} s apart); record longer or sample faster"
+        )
+    starts = starts.astype(np.int64)
+    observed = np.zeros((len(starts), length, len(outputs)), dtype=np.bool_)
+    for j, output in enumerate(outputs):
+        observed[:, :, j] = output in recording
+    return Windows(
+        recording=recording,
+        starts=starts,
+        lengths=np.full(len(starts), length, dtype=np.int64),
+        states=initial_states(recording, starts),
+        observed=observed,
+    )
