@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.play import Box, Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
+from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
 from fieldgym.settings import read_settings
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
@@ -94,7 +94,7 @@ DIAGNOSED = "soft"
 """The vehicle of the model ``excitation`` that a diagnosis extends."""
 
 
-class _Experiment(Play):
+class _ExcitationTask(BatchTask):
     """The task on a batch of vehicles."""
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
@@ -171,7 +171,7 @@ class _Experiment(Play):
             reward=shaken.bits.sum(axis=1) - before,
             terminated=np.zeros(len(self.elapsed), dtype=np.bool_),
             truncated=self.elapsed >= self.settings.decisions,
-            info=self.start_info(),
+            info=self.reset_info(),
         )
 
     def observation(self) -> NDArray[np.float32]:
@@ -192,8 +192,8 @@ class _Experiment(Play):
             ]
         ).astype(np.float32)
 
-    def start_info(self) -> dict[str, Any]:
-        """Everything that is told beside the observation, after ``reset`` as after a step."""
+    def reset_info(self) -> dict[str, Any]:
+        """The info, the same after ``reset`` as after a step."""
         shaken = self.shaken
         truth, counted = self.shakers.truth, self.shakers.estimated
         time = self.elapsed * DECISION
@@ -287,7 +287,7 @@ class _Experiment(Play):
         )
 
 
-class ExcitationEnv(PlayEnv):
+class ExcitationEnv(TaskEnv):
     r"""Shake a vehicle with its own arm so that its unknown mass, inertia and suspension show.
 
     ## Description
@@ -428,7 +428,7 @@ class ExcitationEnv(PlayEnv):
     - v0: first version
     """
 
-    play = _Experiment
+    batch_task = _ExcitationTask
     title = "excitation"
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
 
@@ -438,14 +438,14 @@ class ExcitationEnv(PlayEnv):
         Args:
             frames_per_second: Pictures for each second of the experiment.
         """
-        assert isinstance(self._play, _Experiment)
+        assert isinstance(self._task, _ExcitationTask)
         count = max(1, round(DECISION * frames_per_second))
         for k in range(1, count):
-            yield self._play.frame(0, round(SAMPLES * k / count) - 1)
-        yield self._play.frame(0)
+            yield self._task.frame(0, round(SAMPLES * k / count) - 1)
+        yield self._task.frame(0)
 
 
-class ExcitationVectorEnv(PlayVectorEnv):
+class ExcitationVectorEnv(TaskVectorEnv):
     """Many vehicles in one kernel; each row is ``ExcitationEnv`` to the bit.
 
     Args:
@@ -455,4 +455,4 @@ class ExcitationVectorEnv(PlayVectorEnv):
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each vehicle.
     """
 
-    play = _Experiment
+    batch_task = _ExcitationTask

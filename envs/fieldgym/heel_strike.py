@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
+from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
 from fieldgym.settings import read_settings
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
@@ -125,7 +125,7 @@ class HeelStrikeSettings:
 SettingsLike = HeelStrikeSettings | Mapping[str, Any] | None
 
 
-class _Walk(Play):
+class _HeelStrikeTask(BatchTask):
     """The task on a batch of walkers: what the scalar and the vector environment share."""
 
     def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, drawing: bool) -> None:
@@ -160,8 +160,8 @@ class _Walk(Play):
         """The reference filter's features within the bounds of the space, shape (batch, 6)."""
         return np.clip(self.strides.features, FEATURE_LOW, FEATURE_HIGH).astype(np.float32)
 
-    def start_info(self) -> dict[str, Any]:
-        """What ``reset`` tells beside the observation."""
+    def reset_info(self) -> dict[str, Any]:
+        """The info that ``reset`` returns."""
         levels = self.strides.levels
         return {"privileged": {"levels": levels, "previous_levels": levels.copy()}}
 
@@ -254,7 +254,7 @@ class _Walk(Play):
         )
 
 
-class HeelStrikeEnv(PlayEnv):
+class HeelStrikeEnv(TaskEnv):
     r"""Choose the gains of a walking robot's state estimator, stride by stride, under hidden noise.
 
     ## Description
@@ -390,7 +390,7 @@ class HeelStrikeEnv(PlayEnv):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
-    play = _Walk
+    batch_task = _HeelStrikeTask
     title = "heel strike"
     window_fps = FRAMES_PER_SECOND
 
@@ -400,23 +400,23 @@ class HeelStrikeEnv(PlayEnv):
         Args:
             frames_per_second: Pictures for each second of the walk.
         """
-        assert isinstance(self._play, _Walk)
-        if not self._play.drawn[0]:
+        assert isinstance(self._task, _HeelStrikeTask)
+        if not self._task.drawn[0]:
             return
-        time = self._play.drawn[0][-1].time
+        time = self._task.drawn[0][-1].time
         for moment in np.arange(1 / frames_per_second, time[-1], 1 / frames_per_second):
-            yield self._play.frame(0, int(np.searchsorted(time, moment)))
-        yield self._play.frame(0)
+            yield self._task.frame(0, int(np.searchsorted(time, moment)))
+        yield self._task.frame(0)
 
-    def _shown(self) -> Iterator[Frame]:
+    def _window_frames(self) -> Iterator[Frame]:
         """The latest stride at the speed at which it was made."""
-        assert isinstance(self._play, _Walk)
-        if not self._play.drawn[0]:
-            yield self._play.frame(0)
+        assert isinstance(self._task, _HeelStrikeTask)
+        if not self._task.drawn[0]:
+            yield self._task.frame(0)
         yield from self.step_frames(FRAMES_PER_SECOND)
 
 
-class HeelStrikeVectorEnv(PlayVectorEnv):
+class HeelStrikeVectorEnv(TaskVectorEnv):
     """Many walkers in one kernel; each row is ``HeelStrikeEnv`` to the bit.
 
     Args:
@@ -426,4 +426,4 @@ class HeelStrikeVectorEnv(PlayVectorEnv):
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walker.
     """
 
-    play = _Walk
+    batch_task = _HeelStrikeTask

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
+from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
 from fieldgym.settings import read_settings
 from fieldmodels.machines.line_following.body import Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
@@ -144,7 +144,7 @@ class LineFollowingSettings:
         )
 
 
-class _Walk(Play):
+class _LineFollowingTask(BatchTask):
     """The task on a batch of walks."""
 
     pixels = False
@@ -201,7 +201,7 @@ class _Walk(Play):
             parts += [walks["lines"][:, 1] / WIDTH_SCALE, walks["lost"][:, 1:]]
         return np.clip(np.concatenate(parts, axis=1), -OBSERVED, OBSERVED).astype(np.float32)
 
-    def start_info(self) -> dict[str, Any]:
+    def reset_info(self) -> dict[str, Any]:
         """The hidden truth at the start."""
         return {"privileged": self._privileged()}
 
@@ -240,7 +240,7 @@ class _Walk(Play):
         )
 
     def _scores(self, distance: Floats, left: NDArray[np.int64]) -> dict[str, Floats]:
-        """What is told of a whole episode so far; strides that a failed one lacks count as lost."""
+        """Scores of the episode so far; strides that a failed one lacks count as lost."""
         counting = self.elapsed > min(SETTLED, self.settings.strides - 1)
         self._distance += np.where(counting, distance, 0.0)
         self._near += counting & (distance <= NEAR)
@@ -333,13 +333,13 @@ class _Walk(Play):
         )
 
 
-class _PixelWalk(_Walk):
+class _PixelTask(_LineFollowingTask):
     """The task on a batch of walks, observed as images."""
 
     pixels = True
 
 
-class LineFollowingEnv(PlayEnv):
+class LineFollowingEnv(TaskEnv):
     r"""Steer a walking robot along a taped line, stride by stride, from one number that its camera sends.
 
     ## Description
@@ -451,7 +451,7 @@ class LineFollowingEnv(PlayEnv):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
-    play = _Walk
+    batch_task = _LineFollowingTask
     title = "line following"
 
     def show(self, **operator: Any) -> None:
@@ -460,11 +460,11 @@ class LineFollowingEnv(PlayEnv):
         Args:
             operator: ``steering`` (True where the operator steers) and ``joystick`` (-1 to 1, left positive).
         """
-        assert isinstance(self._play, _Walk)
-        self._play.show(**operator)
+        assert isinstance(self._task, _LineFollowingTask)
+        self._task.show(**operator)
 
 
-class LineFollowingVectorEnv(PlayVectorEnv):
+class LineFollowingVectorEnv(TaskVectorEnv):
     """Many walks in one kernel; each row is ``LineFollowingEnv`` to the bit.
 
     Args:
@@ -474,7 +474,7 @@ class LineFollowingVectorEnv(PlayVectorEnv):
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walk.
     """
 
-    play = _Walk
+    batch_task = _LineFollowingTask
 
 
 class LineFollowingPixelsEnv(LineFollowingEnv):
@@ -525,10 +525,10 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
     - v0: first version
     """
 
-    play = _PixelWalk
+    batch_task = _PixelTask
 
 
-class LineFollowingPixelsVectorEnv(PlayVectorEnv):
+class LineFollowingPixelsVectorEnv(TaskVectorEnv):
     """Many walks observed as images; each row is ``LineFollowingPixelsEnv`` to the bit.
 
     Args:
@@ -538,4 +538,4 @@ class LineFollowingPixelsVectorEnv(PlayVectorEnv):
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walk.
     """
 
-    play = _PixelWalk
+    batch_task = _PixelTask

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.play import check_render_mode, row_seeds
+from fieldgym.base import check_render_mode, row_seeds
 from fieldgym.settings import read_settings
 from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.field import Robots, Rules, Score, Tick

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.play import Floats, Outcome, Play, PlayEnv, PlayVectorEnv, RealityLike, check_state
+from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
 from fieldgym.settings import read_settings
 from fieldmodels.machines.uav_route.flight import FLYING, NUMBERS
 from fieldmodels.machines.uav_route.flights import Flights, Leg, Rules, Score, observed_names
@@ -214,7 +214,7 @@ def nearest_bearing(places: Floats, radars: Floats) -> Floats:
     return bearing
 
 
-class _Flight(Play):
+class _UavRouteTask(BatchTask):
     """The task on a batch of flights."""
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
@@ -256,8 +256,8 @@ class _Flight(Play):
         """Goal, radars and timers."""
         return np.clip(self.seen.observed, -OBSERVED, OBSERVED)
 
-    def start_info(self) -> dict[str, Any]:
-        """What is told at the start: the same as after each step."""
+    def reset_info(self) -> dict[str, Any]:
+        """The info that ``reset`` returns: the same as after each step."""
         return self._info(self.seen)
 
     def step(self, actions: NDArray[Any]) -> Outcome:
@@ -296,7 +296,7 @@ class _Flight(Play):
         return distance_around(flights["place"], flights["goal"], radars, circle)
 
     def _info(self, leg: Leg) -> dict[str, Any]:
-        """Everything that is told beside the observation."""
+        """The info."""
         flights, count = self.flights.flights, self.flights.rules.count
         radars = flights["radars"][:, :count].copy()
         return {
@@ -379,7 +379,7 @@ class _Flight(Play):
         )
 
 
-class UavRouteEnv(PlayEnv):
+class UavRouteEnv(TaskEnv):
     r"""Fly to a goal past radars that see an aircraft's sides, leg by leg.
 
     ## Description
@@ -511,7 +511,7 @@ class UavRouteEnv(PlayEnv):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012
-    play = _Flight
+    batch_task = _UavRouteTask
     title = "UAV route"
 
     def show(self, plan: ArrayLike | None = None) -> None:
@@ -523,11 +523,11 @@ class UavRouteEnv(PlayEnv):
         Raises:
             ValueError: If the shape is wrong.
         """
-        assert isinstance(self._play, _Flight)
-        self._play.show(plan)
+        assert isinstance(self._task, _UavRouteTask)
+        self._task.show(plan)
 
 
-class UavRouteVectorEnv(PlayVectorEnv):
+class UavRouteVectorEnv(TaskVectorEnv):
     """Many flights in one kernel; each row is ``UavRouteEnv`` to the bit.
 
     Args:
@@ -537,9 +537,9 @@ class UavRouteVectorEnv(PlayVectorEnv):
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each flight.
     """
 
-    play = _Flight
+    batch_task = _UavRouteTask
 
     def show(self, plan: ArrayLike | None = None) -> None:
         """As ``UavRouteEnv.show``; ``plan`` of shape (points, 2) or (num_envs, points, 2)."""
-        assert isinstance(self._play, _Flight)
-        self._play.show(plan)
+        assert isinstance(self._task, _UavRouteTask)
+        self._task.show(plan)

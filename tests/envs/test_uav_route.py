@@ -71,7 +71,7 @@ def test_the_straight_line_of_the_example_is_hit_after_200_s_of_detection():
 def test_every_random_layout_has_a_route_that_arrives_unseen(radars):
     envs = vector(40, radars=radars, lock_loss=False)
     _, info = envs.reset(seed=0)
-    flights = envs.unwrapped._play.flights
+    flights = envs.unwrapped._task.flights
     routes = np.array([safe_route(flights.layout(i)) for i in range(40)])
     np.testing.assert_array_equal(info["layout"]["start"], routes[:, 0])
     infos, _ = fly(envs, routes)

@@ -1,7 +1,7 @@
-"""What every environment over a batch kernel has in common: a scalar and a native vector form of one play.
+"""What every environment over a batch kernel has in common: a scalar and a native vector form of one task.
 
-A task writes its `Play`, the batch of what is in play, and derives its two environments from `PlayEnv` and
-`PlayVectorEnv`; the scalar one is the batch of one.
+A task writes its `BatchTask`, the task on a batch of robots, and derives its two environments from `TaskEnv`
+and `TaskVectorEnv`; the scalar one is the batch of one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Outcome:
     info: dict[str, Any]
 
 
-class Play(ABC):
+class BatchTask(ABC):
     """A task on a batch.
 
     Attributes:
@@ -73,8 +73,8 @@ class Play(ABC):
         """Observations of the batch, shape (batch, ...)."""
 
     @abstractmethod
-    def start_info(self) -> dict[str, Any]:
-        """What ``reset`` tells beside the observation."""
+    def reset_info(self) -> dict[str, Any]:
+        """The info that ``reset`` returns."""
 
     @abstractmethod
     def step(self, actions: NDArray[Any]) -> Outcome:
@@ -143,16 +143,16 @@ def check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
         raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
 
 
-class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
-    """A task's scalar environment: its play with a batch of one.
+class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
+    """A task's scalar environment: a batch of one.
 
     Attributes:
-        play: The task's play.
+        batch_task: The task on a batch.
         title: Title of the window.
         window_fps: Most frames a second in a window; 0 for as many as ``metadata`` says.
     """
 
-    play: ClassVar[type[Play]]
+    batch_task: ClassVar[type[BatchTask]]
     title: ClassVar[str]
     window_fps: ClassVar[float] = 0.0
 
@@ -161,9 +161,9 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     ) -> None:
         check_render_mode(render_mode, self.metadata)
         self.render_mode = render_mode
-        self._play = type(self).play(1, settings, reality, render_mode is not None)
-        self.settings, self.reality = self._play.settings, self._play.reality
-        self._action, self.observation_space = self._play.spaces()
+        self._task = type(self).batch_task(1, settings, reality, render_mode is not None)
+        self.settings, self.reality = self._task.settings, self._task.reality
+        self._action, self.observation_space = self._task.spaces()
         self.action_space = self._action
         self._ready = False
         self._window: Window | None = None
@@ -173,10 +173,10 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Begin an episode; see ``gymnasium.Env.reset``. There are no options."""
         super().reset(seed=seed, options=options)
-        self._play.restart([0], [self.np_random])
+        self._task.restart([0], [self.np_random])
         self._ready = True
-        self._show()
-        return self._play.observation()[0], row(self._play.start_info())
+        self._render_window()
+        return self._task.observation()[0], row(self._task.reset_info())
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one step; see ``gymnasium.Env.step``.
@@ -187,8 +187,8 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """
         if not self._ready:
             raise ResetNeeded("call reset before step")
-        outcome = self._play.step(checked_actions(np.asarray(action)[None], 1, self._action))
-        self._show()
+        outcome = self._task.step(checked_actions(np.asarray(action)[None], 1, self._action))
+        self._render_window()
         return (
             outcome.observation[0],
             float(outcome.reward[0]),
@@ -203,11 +203,11 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
             gym.logger.warn("render needs a render_mode: gymnasium.make(..., render_mode='rgb_array')")
         if self.render_mode != "rgb_array":
             return None
-        return self._play.frame(0)
+        return self._task.frame(0)
 
     def get_state(self) -> dict[str, Any]:
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
-        return {**self._play.state(), "generators": [self.np_random.bit_generator.state]}
+        return {**self._task.state(), "generators": [self.np_random.bit_generator.state]}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot; what follows is equal to the bit.
@@ -215,7 +215,7 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         Raises:
             ValueError: If it is no snapshot, or one of another number of environments.
         """
-        self._play.set_state(state)
+        self._task.set_state(state)
         self.np_random.bit_generator.state = state["generators"][0]
         self._ready = True
 
@@ -225,33 +225,33 @@ class PlayEnv(gym.Env[NDArray[Any], NDArray[Any]]):
             self._window.close()
             self._window = None
 
-    def _show(self) -> None:
+    def _render_window(self) -> None:
         if self.render_mode != "human":
             return
         from fieldgym.rendering.canvas import Window
 
         if self._window is None:
             self._window = Window(f"fieldgym: {self.title}")
-        for frame in self._shown():
+        for frame in self._window_frames():
             self._window.show(frame, self.window_fps or self.metadata["render_fps"])
 
-    def _shown(self) -> Iterator[Frame]:
+    def _window_frames(self) -> Iterator[Frame]:
         """What the window shows after a step."""
-        yield self._play.frame(0)
+        yield self._task.frame(0)
 
 
-class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
+class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
     """A task's native vector environment; each row is the scalar environment to the bit.
 
     A finished episode restarts in the next step (``AutoresetMode.NEXT_STEP``, as in Gymnasium's own vector
     environments): that step ignores the row's action and returns its first observation and a reward of 0.
-    An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` tells in which rows it is meant.
+    An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` says in which rows it is valid.
 
     Attributes:
-        play: The task's play.
+        batch_task: The task on a batch.
     """
 
-    play: ClassVar[type[Play]]
+    batch_task: ClassVar[type[BatchTask]]
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
         "render_fps": 4,
@@ -268,9 +268,9 @@ class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self._play = type(self).play(num_envs, settings, reality, render_mode is not None)
-        self.settings, self.reality = self._play.settings, self._play.reality
-        self._action, self.single_observation_space = self._play.spaces()
+        self._task = type(self).batch_task(num_envs, settings, reality, render_mode is not None)
+        self.settings, self.reality = self._task.settings, self._task.reality
+        self._action, self.single_observation_space = self._task.spaces()
         self.single_action_space = self._action
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -298,11 +298,11 @@ class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         for i, own in enumerate(seeds):
             if own is not None:
                 self._generators[i] = seeding.np_random(own)[0]
-        self._play.restart(range(self.num_envs), self._generators)
+        self._task.restart(range(self.num_envs), self._generators)
         self._ready = True
         self._finished[:] = False
-        return self._play.observation(), masked(
-            self._play.start_info(), np.ones(self.num_envs, dtype=np.bool_)
+        return self._task.observation(), masked(
+            self._task.reset_info(), np.ones(self.num_envs, dtype=np.bool_)
         )
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[Any], Floats, Flags, Flags, dict[str, Any]]:
@@ -314,31 +314,31 @@ class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         """
         if not self._ready:
             raise ResetNeeded("call reset before step")
-        outcome = self._play.step(checked_actions(np.asarray(actions), self.num_envs, self._action))
+        outcome = self._task.step(checked_actions(np.asarray(actions), self.num_envs, self._action))
         begun = self._finished
         if not begun.any():
             self._finished = outcome.terminated | outcome.truncated
             info = masked(outcome.info, ~begun)
             return outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, info
         rows = np.flatnonzero(begun)
-        self._play.restart(rows.tolist(), [self._generators[i] for i in rows])
-        info = merged(masked(outcome.info, ~begun), masked(self._play.start_info(), begun))
+        self._task.restart(rows.tolist(), [self._generators[i] for i in rows])
+        info = merged(masked(outcome.info, ~begun), masked(self._task.reset_info(), begun))
         reward = np.where(begun, 0.0, outcome.reward)
         terminated, truncated = outcome.terminated & ~begun, outcome.truncated & ~begun
         self._finished = terminated | truncated
-        return self._play.observation(), reward, terminated, truncated, info
+        return self._task.observation(), reward, terminated, truncated, info
 
     def render(self) -> tuple[Frame, ...] | None:
         """One picture for each row, shape (540, 960, 3), uint8; None without ``rgb_array``."""
         if self.render_mode is None:
             gym.logger.warn("render needs a render_mode: gymnasium.make_vec(..., render_mode='rgb_array')")
             return None
-        return tuple(self._play.frame(i) for i in range(self.num_envs))
+        return tuple(self._task.frame(i) for i in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
         return {
-            **self._play.state(),
+            **self._task.state(),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "finished": self._finished.copy(),
         }
@@ -349,7 +349,7 @@ class PlayVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         Raises:
             ValueError: If it is no snapshot, or one of another number of environments.
         """
-        self._play.set_state(state)
+        self._task.set_state(state)
         for generator, own in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = own
         self._finished = np.array(state["finished"], dtype=np.bool_)
