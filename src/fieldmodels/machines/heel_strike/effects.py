@@ -31,7 +31,7 @@ def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)
             "The hinge has dry friction.",
             "force",
             (Parameter("acceleration", ACCELERATION, 0.0, 0.0, 2.0, 0.05),),
-            "-acceleration * sign(omega)",
+            "-acceleration * omega / sqrt(omega^2 + (0.01 rad/s)^2)",
         ),
         Effect(
             "quadratic_drag",
@@ -77,21 +77,21 @@ def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)
             "The gyro's scale is wrong.",
             "sensor",
             (Parameter("gain", "1", 1.0, 0.5, 2.0, 0.01),),
-            "gain * omega on the gyro",
+            "gain * omega + bias on the gyro, before noise and rounding",
         ),
         Effect(
             "gyro_delay",
             "The gyro's readings come late.",
             "sensor",
             (Parameter("delay", "s", 0.0, 0.0, 0.02, 0.002),),
-            "omega(t - delay) on the gyro",
+            "omega(t - delay) on the gyro, linear between its samples",
         ),
         Effect(
             "gyro_quantisation",
             "The gyro shows multiples of a coarse step.",
             "sensor",
             (Parameter("step", "rad/s", 0.0, 0.0, 0.5, 0.01, smooth=False),),
-            "step * round(gyro / step)",
+            "step * round(gyro / step), after noise and the other faults",
         ),
         Effect(
             "parameter_step",
