@@ -23,7 +23,7 @@ EFFECTS = (
         "The aircraft loses speed while it is banked in a turn.",
         "force",
         (Parameter("share", "1", 0.0, 0.0, 0.5, 0.02, starts=(0.1,)),),
-        "speed * (1 - share) during T_turn",
+        "speed * (1 - share) during T_turn, and in T_turn",
     ),
     Effect(
         "weaker_bank",
@@ -47,7 +47,7 @@ EFFECTS = (
         "The aircraft shows more or less of itself than the table of signatures says.",
         "environment",
         (Parameter("factor", "1", 1.0, 0.05, 20.0, 0.05),),
-        "signature = factor * Table 4.1",
+        "signature = factor * Table 4.1, before it enters Table 4.2",
     ),
     Effect(
         "nose_cone_width",
