@@ -38,9 +38,9 @@ docs: $(READY)  ## the docs site, in site/
 build: $(READY)  ## wheel and source distribution, in dist/
 	$(BIN)/python -m build
 
-clean:  ## remove the virtual environment, what was built, and compiled kernels
+clean:  ## remove compiled kernels, what was built, and the virtual environment
+	-$(BIN)/python -c 'import shutil; from fieldmodels.compiled import cache_folder as f; shutil.rmtree(f() or "", True)'
 	rm -rf .venv dist build site
-	find src envs agents -name '*.nb[ci]' -delete
 
 # torch comes first and by its exact pin: a later release would pull gigabytes of CUDA libraries.
 $(READY): pyproject.toml constraints.txt

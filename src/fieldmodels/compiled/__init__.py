@@ -1,0 +1,37 @@
+"""The one way in which this project compiles a kernel, and where compiled kernels are kept."""
+
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+
+from fieldmodels.compiled.cache import KernelCache
+from fieldmodels.compiled.fingerprint import fingerprint
+from fieldmodels.compiled.folder import cache_folder
+
+__all__ = ["cache_folder", "compiled", "fingerprint", "inlined"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a kernel with Numba, cached on disk, releasing the interpreter lock.
+
+    Strict IEEE arithmetic (no ``fastmath``): equal inputs give equal bits in any batch size.
+    The cache lies in `cache_folder` and notices a change of anything that the kernel is made of.
+    """
+    return _compile(function)
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a small helper that is always inlined by LLVM into the kernels that call it."""
+    return _compile(function, forceinline=True)
+
+
+def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
+    settings: Any = {"nogil": True, "error_model": "numpy", **options}
+    kernel: Any = numba.njit(**settings)(function)
+    if hasattr(kernel, "py_func"):  # with NUMBA_DISABLE_JIT the plain function comes back
+        kernel._cache = KernelCache(kernel)
+    return cast(Callable[P, R], kernel)

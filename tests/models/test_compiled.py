@@ -1,0 +1,315 @@
+"""Compiled kernels on disk: never stale, never in the way, shared by processes, bounded."""
+
+import hashlib
+import importlib
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core import config
+
+import fieldagents
+import fieldmodels
+from fieldmodels.compiled import cache, cache_folder, compiled, fingerprint, folder
+
+LAB = {
+    "__init__.py": "",
+    "numbers.py": "BASE = 2.0\nGAIN = BASE * 5.0\nTABLE = (1.0, 2.0)\n",
+    "deep.py": "from fieldmodels.compiled import inlined\n\n@inlined\ndef deep(x):\n    return x + 1.0\n",
+    "middle.py": (
+        "from fieldmodels.compiled import inlined\nfrom lab import numbers\nfrom lab.deep import deep\n\n"
+        "@inlined\ndef middle(x):\n    return numbers.GAIN * deep(x)\n"
+    ),
+    "kernels.py": (
+        "from collections import namedtuple\nfrom fieldmodels.compiled import compiled\n"
+        "from lab.middle import middle\nfrom lab.numbers import TABLE\n\n"
+        "Pair = namedtuple('Pair', ['first', 'second'])\n\n"
+        "@compiled\ndef reaches(x):\n    return middle(x) + TABLE[0]\n\n"
+        "@compiled\ndef alone(x):\n    return 3.0 * x\n\n"
+        "@compiled\ndef first(pair):\n    return pair.first\n"
+    ),
+}
+REPORT = """
+import sys, warnings
+with warnings.catch_warnings(record=True) as heard:
+    warnings.simplefilter("always")
+    from lab import kernels
+    for name in sys.argv[1:]:
+        kernel = getattr(kernels, name)
+        argument = kernels.Pair(second=7.0, first=5.0) if name == "first" else 1.0
+        print(name, kernel(argument), "hit" if sum(kernel.stats.cache_hits.values()) else "miss")
+for warning in heard:
+    print("warning", warning.message)
+"""
+LIST = "import sys; from fieldagents.cli import main; sys.argv = ['fieldgym', 'list']; main()"
+
+
+class Lab:
+    """A small package of kernels, and a cache of its own, each used by new processes."""
+
+    def __init__(self, root: Path):
+        self.root, self.package, self.home = root, root / "lab", root / "cache"
+        self.prelude = ""
+        self.package.mkdir()
+        for name, text in LAB.items():
+            (self.package / name).write_text(text)
+        floor = Path(fieldmodels.__file__).parents[1]
+        self.environment = {
+            **{k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
+            "PYTHONPATH": os.pathsep.join([str(root), str(floor), os.environ.get("PYTHONPATH", "")]),
+            "XDG_CACHE_HOME": str(self.home),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+
+    @property
+    def files(self) -> list[Path]:
+        return sorted((self.home / "fieldgym" / "kernels").glob("lab.*"))
+
+    def edit(self, name: str, old: str, new: str) -> None:
+        path = self.package / name
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+
+    def start(self, *names: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-c", self.prelude + REPORT, *names]
+        return subprocess.Popen(command, env=self.environment, text=True, stdout=-1, stderr=-1)
+
+    def finish(self, process: subprocess.Popen[str]) -> list[str]:
+        out, err = process.communicate(timeout=120)
+        assert process.returncode == 0, err
+        return out.splitlines()
+
+    def run(self, *names: str) -> list[str]:
+        return self.finish(self.start(*names))
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    return Lab(tmp_path)
+
+
+def test_an_edit_recompiles_exactly_what_it_reaches(lab):
+    assert lab.run("reaches", "alone") == ["reaches 21.0 miss", "alone 3.0 miss"]
+    assert lab.run("reaches", "alone") == ["reaches 21.0 hit", "alone 3.0 hit"]
+    lab.edit("deep.py", "x + 1.0", "x + 2.0")  # a helper of a helper, two files away
+    assert lab.run("reaches", "alone") == ["reaches 31.0 miss", "alone 3.0 hit"]
+    lab.edit("numbers.py", "BASE = 2.0", "BASE = 4.0")  # a constant from which another is computed
+    assert lab.run("reaches", "alone") == ["reaches 61.0 miss", "alone 3.0 hit"]
+    lab.edit("numbers.py", "TABLE = (1.0", "TABLE = (9.0")
+    assert lab.run("reaches") == ["reaches 69.0 miss"]
+
+
+def test_what_changes_no_result_recompiles_nothing(lab):
+    lab.run("reaches")
+    os.utime(lab.package / "deep.py", (1.0, 1.0))
+    lab.edit("deep.py", "    return", '    """What it does."""\n    # Why.\n\n    return')
+    assert lab.run("reaches") == ["reaches 21.0 hit"]
+
+
+def test_exchanged_fields_of_an_argument_are_noticed(lab):
+    assert lab.run("first") == ["first 5.0 miss"]
+    lab.edit("kernels.py", "['first', 'second']", "['second', 'first']")
+    assert lab.run("first") == ["first 5.0 miss"]
+
+
+def test_a_helper_may_move_to_another_file(lab):
+    lab.run("reaches")
+    (lab.package / "deep.py").rename(lab.package / "deeper.py")
+    lab.edit("middle.py", "lab.deep", "lab.deeper")
+    assert lab.run("reaches") == ["reaches 21.0 miss"]
+
+
+@pytest.mark.parametrize("spoil", ["empty", "cut", "bit", "foreign"])
+def test_a_spoilt_file_is_compiled_anew(lab, spoil):
+    lab.run("reaches")
+    path = next(path for path in lab.files if ".reaches-" in path.name)
+    content = path.read_bytes()
+    foreign = b"cno_such_package\nThing\n."  # a pickle that is whole but wants a module that is gone
+    path.write_bytes(
+        {
+            "empty": b"",
+            "cut": content[: len(content) // 2],
+            "bit": content[:-100] + bytes([content[-100] ^ 1]) + content[-99:],
+            "foreign": hashlib.sha256(foreign).digest() + foreign,
+        }[spoil]
+    )
+    assert lab.run("reaches") == ["reaches 21.0 miss"]
+    assert lab.run("reaches") == ["reaches 21.0 hit"]
+
+
+def test_nothing_is_written_beside_the_source(lab):
+    before = sorted(lab.package.rglob("*"))
+    lab.run("reaches", "alone")
+    assert sorted(lab.package.rglob("*")) == before
+    assert lab.files
+
+
+def test_processes_that_compile_at_once_agree(lab):
+    names = ("reaches", "alone", "first")
+    values = ["reaches 21.0", "alone 3.0", "first 5.0"]
+    for process in [lab.start(*names) for _ in range(4)]:
+        assert [line.rpartition(" ")[0] for line in lab.finish(process)] == values
+    assert lab.run(*names) == [f"{value} hit" for value in values]
+    assert not list((lab.home / "fieldgym" / "kernels").glob("*.tmp"))
+
+
+def blocked(lab: Lab) -> None:
+    """Files stand where the folders should be: that binds even root, whom no permission stops."""
+    lab.home.write_text("no folder")
+    temporary = lab.root / "temporary"
+    temporary.mkdir()
+    (temporary / f"fieldgym-{os.getuid()}").write_text("no folder")
+    lab.environment["TMPDIR"] = str(temporary)
+
+
+def test_without_any_folder_it_compiles_with_one_warning(lab):
+    blocked(lab)
+    *results, warning = lab.run("reaches", "alone")
+    assert results == ["reaches 21.0 miss", "alone 3.0 miss"]
+    assert warning.startswith("warning no folder can be written to keep compiled kernels")
+    assert "NUMBA_CACHE_DIR" in warning
+
+
+def test_the_command_line_lists_where_nothing_can_be_written(lab):
+    blocked(lab)
+    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", LIST]
+    done = subprocess.run(command, env=lab.environment, text=True, capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "excitation" in done.stdout
+
+
+def test_an_unwritable_user_cache_gives_way_to_a_private_temporary_folder(lab):
+    blocked(lab)
+    private = lab.root / "temporary" / f"fieldgym-{os.getuid()}"
+    private.unlink()
+    assert lab.run("alone") == ["alone 3.0 miss"]
+    assert lab.run("alone") == ["alone 3.0 hit"]
+    assert private.stat().st_mode & 0o777 == 0o700
+    shutil.rmtree(private)
+    private.mkdir()
+    private.chmod(0o777)  # anybody could plant a kernel here, and loading one executes it
+    assert lab.run("alone")[-1].startswith("warning no folder")
+    assert not list(private.iterdir())
+
+
+def test_a_warm_folder_that_cannot_be_written_still_serves(lab):
+    lab.run("alone")
+    lab.prelude = "import fieldmodels.compiled.folder as folder; folder._writable = lambda _: False\n"
+    assert lab.run("alone") == ["alone 3.0 hit"]
+    assert lab.run("reaches")[-1].startswith("warning no folder")
+
+
+def test_old_versions_do_not_pile_up(lab):
+    lab.run("reaches", "alone")
+    (alone,) = (path for path in lab.files if ".alone-" in path.name)
+    forgotten = alone.with_name(f"lab.renamed-0-0{cache.SUFFIX}")
+    forgotten.write_bytes(b"")
+    os.utime(forgotten, (1e9, 1e9))
+    for number in range(cache.VERSIONS + 2):
+        lab.edit("deep.py", f"x + {number + 1}.0", f"x + {number + 2}.0")
+        assert lab.run("reaches") == [f"reaches {10.0 * (number + 3) + 1.0} miss"]
+    assert sum(".reaches-" in path.name for path in lab.files) == cache.VERSIONS
+    assert alone in lab.files
+    assert not forgotten.exists()
+    lab.edit("deep.py", f"x + {number + 2}.0", f"x + {number + 1}.0")  # back to the version before
+    assert lab.run("reaches") == [f"reaches {10.0 * (number + 2) + 1.0} hit"]
+
+
+@pytest.fixture
+def fresh_folder():
+    cache_folder.cache_clear()
+    yield
+    cache_folder.cache_clear()
+
+
+def test_the_folder_is_named_by_the_user(tmp_path, monkeypatch, fresh_folder):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    assert cache_folder() == tmp_path / "user" / "fieldgym" / "kernels"
+    cache_folder.cache_clear()
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "numba"))
+    assert cache_folder() == tmp_path / "numba" / "fieldgym"
+
+
+def test_no_home_no_temporary_folder_no_cache(tmp_path, monkeypatch, fresh_folder):
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", homeless)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    assert cache_folder() is None
+
+
+def kernels_of(package):
+    for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if not found.name.endswith("__main__"):
+            module = importlib.import_module(found.name)
+            for name, value in vars(module).items():
+                if hasattr(value, "py_func") and value.py_func.__module__ == module.__name__:
+                    yield f"{module.__name__}.{name}", value
+
+
+def test_every_kernel_of_the_project_has_a_fingerprint_of_its_own():
+    found = dict(kernels_of(fieldmodels))
+    found.update(kernels_of(fieldagents))
+    assert len(found) > 150
+    assert all(type(kernel._cache) is cache.KernelCache for kernel in found.values())
+    assert len({fingerprint(kernel) for kernel in found.values()}) == len(found)
+
+
+def test_closures_defaults_options_and_libraries_are_told_apart():
+    def make(value, power=2.0, **options):
+        def own(x, y=value):
+            return x * y**power
+
+        return numba.njit(**options)(own)
+
+    def calls(function):
+        return compiled(lambda x: function(x))
+
+    assert fingerprint(make(1.0)) == fingerprint(make(1.0))
+    kinds = [make(1.0), make(2.0), make(1.0, power=3.0), make(1.0, fastmath=True), make(True)]
+    assert len({fingerprint(kind) for kind in kinds}) == len(kinds)
+    assert len({fingerprint(calls(kind)) for kind in kinds}) == len(kinds)
+
+
+def test_recursion_has_a_fingerprint():
+    @compiled
+    def countdown(n):
+        if n <= 0:
+            return 0
+        return countdown(n - 1)
+
+    assert len(fingerprint(countdown)) == 64
+    assert countdown(3) == 0
+
+
+def test_an_unknown_constant_is_named_and_not_cached(tmp_path, monkeypatch, fresh_folder):
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+
+    class Odd:
+        """Numba could not read it anyway; a later Numba may."""
+
+    odd = Odd()
+
+    def reads():
+        return odd
+
+    with pytest.raises(TypeError, match=r"Odd.*no fingerprint"):
+        fingerprint(reads)
+
+
+def test_a_folder_refused_for_its_owner(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "getuid", lambda: 12345)  # the folder will be of another owner
+    assert folder._private_temporary() is None
