@@ -10,19 +10,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-Array = NDArray[np.float64]
-Effects = Mapping[str, Mapping[str, float]]
+from fieldmodels.arrays import FloatArray
+from fieldmodels.exam.oracles import Values, filled
 
+NEUTRAL: Values = {
+    "viscous_friction": {"rate": 0.0},
+    "coulomb_friction": {"acceleration": 0.0},
+    "quadratic_drag": {"coefficient": 0.0},
+    "constant_force": {"acceleration": 0.0},
+    "periodic_force": {"sine": 0.0, "cosine": 0.0, "frequency": 1.0},
+    "gyro_bias": {"rate": 0.0},
+    "gyro_drift": {"rate": 0.0},
+    "gyro_gain": {"gain": 1.0},
+    "gyro_delay": {"delay": 0.0},
+    "gyro_quantisation": {"step": 0.0},
+    "parameter_step": {"rate": 0.0, "time": 0.0},
+}
 GRAVITY = 9.81
 SPEED = 1.0
 PUSH_OFF = 0.5
 FADE = 0.01
 """Speed at which dry friction fades [rad/s]."""
+AROUND = 0.03
+"""Time before and after a strike over which the gyro is averaged [s]."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +53,10 @@ class Walk:
         strike: True at the first sample after a strike.
     """
 
-    time: Array
-    angle: Array
-    speed: Array
-    gyro: Array
+    time: FloatArray
+    angle: FloatArray
+    speed: FloatArray
+    gyro: FloatArray
     strike: NDArray[np.bool_]
 
 
@@ -51,20 +67,22 @@ class Leg:
     Attributes:
         effects: Values of the effects that are on.
         length: Length of the pendulum [m].
-        push_off: Share of the speed error that a push-off removes.
     """
 
-    effects: Effects
+    effects: Values
     length: float = 1.0
-    push_off: float = PUSH_OFF
 
-    def value(self, effect: str, name: str, neutral: float = 0.0) -> float:
-        """Value of one parameter of an effect, neutral if the effect is off."""
-        return float(self.effects.get(effect, {}).get(name, neutral))
+    def value(self, effect: str, name: str) -> float:
+        """Value of one parameter of an effect."""
+        return self._given[effect][name]
+
+    @cached_property
+    def _given(self) -> Values:
+        return filled(self.effects, NEUTRAL)
 
     def acceleration(self, time: float, angle: float, speed: float, torque: float) -> float:
         """Angular acceleration [rad/s2]."""
-        turns = 2.0 * np.pi * self.value("periodic_force", "frequency", 1.0) * time
+        turns = 2.0 * np.pi * self.value("periodic_force", "frequency") * time
         return float(
             torque
             - GRAVITY / self.length * np.sin(angle)
@@ -76,7 +94,9 @@ class Leg:
             + self.value("periodic_force", "cosine") * np.cos(turns)
         )
 
-    def swing(self, angle: float, speed: float, time: Array, torque: float = 0.0) -> tuple[Array, Array]:
+    def swing(
+        self, angle: float, speed: float, time: FloatArray, torque: float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
         """Angle and speed at given times, forward or backward, from the state at the first of them."""
         if len(time) < 2:
             return np.full(len(time), angle), np.full(len(time), speed)
@@ -93,19 +113,19 @@ class Leg:
 
     def pushed(self, speed: float) -> float:
         """Speed after the push-off [rad/s]."""
-        return speed + self.push_off * (float(np.sign(speed)) * SPEED - speed)
+        return speed + PUSH_OFF * (float(np.sign(speed)) * SPEED - speed)
 
-    def offset(self, time: Array) -> Array:
+    def offset(self, time: FloatArray) -> FloatArray:
         """What the gyro shows when nothing turns [rad/s]."""
         jump = self.value("parameter_step", "rate") * (time >= self.value("parameter_step", "time"))
         return np.asarray(self.value("gyro_bias", "rate") + self.value("gyro_drift", "rate") * time + jump)
 
-    def read(self, time: Array, speed: Array, first: int = 0) -> Array:
+    def read(self, time: FloatArray, speed: FloatArray, first: int = 0) -> FloatArray:
         """The gyro's noise-free reading at the samples from ``first`` on, before it is rounded [rad/s]."""
         late = np.interp(time - self.value("gyro_delay", "delay"), time, speed)[first:]
-        return np.asarray(self.value("gyro_gain", "gain", 1.0) * late + self.offset(time[first:]))
+        return np.asarray(self.value("gyro_gain", "gain") * late + self.offset(time[first:]))
 
-    def rounded(self, reading: Array) -> Array:
+    def rounded(self, reading: FloatArray) -> FloatArray:
         """What a coarse gyro shows of a reading [rad/s]."""
         step = self.value("gyro_quantisation", "step")
         return step * np.round(reading / step) if step > 0 else reading
@@ -145,51 +165,54 @@ def walk(leg: Leg, count: int, step: float = 0.002, torque: Callable[[int], floa
     return Walk(time[1:], angle[1:], speed[1:], gyro, strike[1:])
 
 
-def predict(
-    leg: Leg, state: tuple[float, float], time: Array, strike: Array, torque: Array, around: int
-) -> Array:
-    """Outputs of a window as ``HeelStrikeModel`` describes them, shape (samples, 4).
+def simulate(
+    base: Mapping[str, float],
+    effects: Values,
+    commands: FloatArray,
+    step: float,
+    start: Mapping[str, float] | None = None,
+) -> FloatArray:
+    """Work out what ``HeelStrikeModel`` describes; see ``Simulate``.
+
+    The gyro's reading is the expected one: noise dithers its rounding. ``closure`` is the change of the angle
+    less the gyro's sum since the latest strike; ``push_off``, 30 ms after the start or a strike, the mean
+    reading since then less the speed that the push-off makes of the mean reading before.
 
     Args:
-        leg: The leg.
-        state: Angle [rad] and the gyro's reading [rad/s] at the first sample.
-        time: Times of the window's samples [s].
-        strike: 1 at a sample after which the push-off acts.
-        torque: Torque per inertia at the samples, its mean acting from one to the next [rad/s2].
-        around: Samples over which the gyro is averaged before and after the first.
-
-    Returns:
-        The gyro's expected reading (its rounding is dithered by noise); angle; change of angle less the
-        gyro's sum since the latest strike; mean reading of the next ``around`` samples less the speed that
-        the push-off makes of the mean reading of the latest ``around`` (only at sample ``around``).
+        base: ``length`` [m].
+        effects: Values of the effects that are on.
+        commands: ``strike``, 1 at a sample after which the push-off acts; and a second column, if there is
+            one, torque per inertia [rad/s2], its mean acting from a sample to the next.
+        step: Sampling interval [s].
+        start: ``theta`` [rad], ``omega`` [rad/s] and the ``time`` [s] of the first sample (default: 0). The
+            leg swung freely to there.
     """
-    step = time[1] - time[0]
+    leg, begun = Leg(effects, base["length"]), {"theta": 0.0, "omega": SPEED, "time": 0.0, **(start or {})}
+    count, around = len(commands), max(3, round(AROUND / step))
+    time = begun["time"] + step * np.arange(float(count))
+    strike = commands[:, 0] > 0.5
+    torque = commands[:, 1] if commands.shape[1] > 1 else np.zeros(count)
     past = around + int(np.ceil(leg.value("gyro_delay", "delay") / step)) + 1
-    gain = leg.value("gyro_gain", "gain", 1.0)
-    start = (state[1] - leg.offset(time[:1])[0]) / gain
     before = time[0] - step * np.arange(past + 1.0)
-    _, earlier = leg.swing(state[0], start, before)
-    count = len(time)
+    _, earlier = leg.swing(begun["theta"], begun["omega"], before)
     held = 0.5 * (torque[:-1] + torque[1:])
     angle, speed = np.empty(count), np.empty(count)
-    angle[0], speed[0] = state[0], start
+    angle[0], speed[0] = begun["theta"], begun["omega"]
     edges = [n for n in range(1, count - 1) if strike[n] or held[n] != held[n - 1]]
     for first, last in zip([0, *edges], [*edges, count - 1], strict=True):
-        begun = leg.pushed(speed[first]) if strike[first] else speed[first]
-        angles, speeds = leg.swing(angle[first], begun, time[first : last + 1], held[first])
+        after = leg.pushed(speed[first]) if strike[first] else speed[first]
+        angles, speeds = leg.swing(angle[first], after, time[first : last + 1], held[first])
         angle[first + 1 : last + 1], speed[first + 1 : last + 1] = angles[1:], speeds[1:]
     whole = np.concatenate([before[::-1], time[1:]])
     reading = leg.read(whole, np.concatenate([earlier[::-1], speed[1:]]))
-    gyro = reading[past:]
-    closure = np.empty(count)
+    closure, push = np.empty(count), np.zeros(count)
     opened, turned = angle[0], 0.0
     for n in range(count):
-        turned += gyro[n] * step if n else 0.0
+        turned += reading[past + n] * step if n else 0.0
         closure[n] = angle[n] - opened - turned
         if strike[n]:
             opened, turned = angle[n], 0.0
-    aimed = leg.pushed(reading[past - around + 1 : past + 1].mean())
-    push = np.full(count, np.nan)
-    if count > around:
-        push[around] = gyro[1 : around + 1].mean() - aimed
-    return np.column_stack([gyro, angle, closure, push])
+        if (strike[n] or n == 0) and n + around < count:
+            means = [reading[past + n + k - around : past + n + k].mean() for k in (1, 1 + around)]
+            push[n + around] = means[1] - leg.pushed(means[0])
+    return np.column_stack([reading[past:], angle, closure, push])

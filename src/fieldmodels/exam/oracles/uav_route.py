@@ -11,12 +11,24 @@ import cmath
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Effects = Mapping[str, Mapping[str, float]]
+from fieldmodels.arrays import FloatArray
+from fieldmodels.exam.oracles import Values, filled
+
+NEUTRAL: Values = {
+    "wind": {"north": 0.0, "east": 0.0},
+    "turn_speed_loss": {"share": 0.0},
+    "weaker_bank": {"factor": 1.0},
+    "sensor_bias": {"north": 0.0, "east": 0.0},
+    "signature_scale": {"factor": 1.0},
+    "nose_cone_width": {"factor": 1.0},
+    "radar_range_scale": {"factor": 1.0},
+    "radar_position": {"north": 0.0, "east": 0.0},
+    "look_interval": {"factor": 1.0},
+}
 
 GRAVITY = 9.80665
 ALTITUDE = 10e3
@@ -53,12 +65,16 @@ class Aircraft:
         speed: Airspeed [m/s].
     """
 
-    effects: Effects
+    effects: Values
     speed: float = 250.0
 
-    def value(self, effect: str, name: str, neutral: float = 0.0) -> float:
-        """Value of one parameter of an effect, neutral if the effect is off."""
-        return float(self.effects.get(effect, {}).get(name, neutral))
+    def value(self, effect: str, name: str) -> float:
+        """Value of one parameter of an effect."""
+        return self._given[effect][name]
+
+    @cached_property
+    def _given(self) -> Values:
+        return filled(self.effects, NEUTRAL)
 
     def place(self, effect: str) -> complex:
         """An effect's north and east as one number."""
@@ -72,12 +88,12 @@ class Aircraft:
     @property
     def bank(self) -> float:
         """Bank in a turn [rad]."""
-        return BANK * self.value("weaker_bank", "factor", 1.0)
+        return BANK * self.value("weaker_bank", "factor")
 
     @property
     def look_interval(self) -> float:
         """Time between looks [s]."""
-        return LOOK_INTERVAL * self.value("look_interval", "factor", 1.0)
+        return LOOK_INTERVAL * self.value("look_interval", "factor")
 
     def velocity(self, course: complex, airspeed: float) -> complex:
         """Velocity over ground along a course of length 1: wind and airspeed add up to it."""
@@ -95,12 +111,12 @@ class Aircraft:
 
     def signature(self, azimuth: float, elevation: float) -> float:
         """Table 4.1 with the nose cone stretched, times the factor of all signatures; angles in [rad]."""
-        width = self.value("nose_cone_width", "factor", 1.0)
+        width = self.value("nose_cone_width", "factor")
         edges = np.radians(AZIMUTH) * (1.0, width, width, 1.0, 1.0, 1.0)
         side = np.interp(abs(azimuth), edges, (0.0, 0.0, 1.0, 1.0, 0.0, 0.0))
         rows = [cone + side * (between - cone) for cone, between in SIGNATURE]
         shown = np.interp(abs(elevation), np.radians(ELEVATION), rows)
-        return self.value("signature_scale", "factor", 1.0) * float(shown)
+        return self.value("signature_scale", "factor") * float(shown)
 
     def chance(self, place: complex, nose: complex, bank: float, radar: complex) -> float:
         """Probability that a look of a radar that is believed to stand somewhere detects the aircraft."""
@@ -115,7 +131,7 @@ class Aircraft:
             return 0.0
         azimuth = math.atan2(to @ right, to @ forward)
         shown = self.signature(azimuth, math.asin(to @ up / slant))
-        scale = 1e3 * self.value("radar_range_scale", "factor", 1.0)
+        scale = 1e3 * self.value("radar_range_scale", "factor")
         return float(np.interp(slant, [scale * np.interp(shown, SIZE, column) for column in RANGE], CHANCE))
 
 
@@ -153,61 +169,57 @@ class Leg:
         return max(min(last, self.banked) - max(first, 0.0), 0.0) / (last - first)
 
 
-def predict(
-    aircraft: Aircraft,
-    state: tuple[float, float, float],
-    waypoint: Array,
-    begun: NDArray[np.int64],
-    first: int,
+def simulate(
+    base: Mapping[str, float],
+    effects: Values,
+    commands: FloatArray,
     step: float,
-    radar: complex = 0j,
-) -> Array:
-    """Outputs of a window as ``UavRoute`` describes them, shape (samples, 5).
+    start: Mapping[str, float] | None = None,
+) -> FloatArray:
+    """Work out what ``UavRoute`` describes; see ``Simulate``.
+
+    The bank is the mean since the sample before; ``detected`` the probability of a detection in the middle of
+    the way since then, banked for its share of the time (at the first sample: there).
 
     Args:
-        aircraft: The aircraft.
-        state: Measured north and east [m] and the course of the leg before [rad] at the first sample.
-        waypoint: North and east of the waypoint at the window's samples [m], shape (samples, 2).
-        begun: Sample at which each sample's waypoint was commanded, counted from the window's first.
-        first: The episode's first sample, counted alike.
-        step: Time between samples [s].
-        radar: Where the radar is believed to stand.
-
-    Returns:
-        North and east [m]; mean bank since the sample before [rad]; probability of a detection in the middle
-        of the way since then, banked for its share of the time (at the first sample: there); time between
-        looks [s].
+        base: ``speed`` [m/s], ``radar_north`` and ``radar_east`` [m].
+        effects: Values of the effects that are on.
+        commands: Waypoint that is flown to, north and east [m]; a new one begins a leg.
+        step: Sampling interval [s].
+        start: ``north`` and ``east`` [m] as they truly are at the first sample; ``course_before`` [rad], of
+            the leg before the one that is being flown, none if that is the first; ``since`` [s], for how long
+            it has been flown already.
     """
+    begun = {"north": 0.0, "east": 0.0, "since": 0.0, **(start or {})}
+    aircraft, radar = Aircraft(effects, base["speed"]), complex(base["radar_north"], base["radar_east"])
     bias = aircraft.place("sensor_bias")
-    place = complex(state[0], state[1]) - bias
-    course = cmath.rect(1.0, state[2])
-    out = np.empty((len(waypoint), 5))
-    leg, since = aircraft.leg(place, None, course), 0.0
-    for k, target in enumerate(waypoint):
-        if k == 0:
-            seen, tilt = (place, leg.noses, 0.0, 0.0), 0.0
-        else:
+    place, since = complex(begun["north"], begun["east"]), begun["since"]
+    targets = commands @ (1, 1j)
+    before = cmath.rect(1.0, begun["course_before"]) if "course_before" in begun else None
+    course = (targets[0] - place) / abs(targets[0] - place)
+    leg = aircraft.leg(place, before, course)
+    leg = replace(leg, start=2 * place - leg.place(since))
+    share, seen = leg.share(since - step, since), place
+    # At a leg's first sample the look was made on the leg before.
+    looked = aircraft.leg(place, None, before) if since == 0 and before is not None else leg
+    out = np.empty((len(commands), 5))
+    for k, target in enumerate(targets):
+        if k > 0:
             was, place = place, leg.place(since + step)
-            share = leg.share(since, since + step)
-            seen, tilt = (0.5 * (was + place), leg.noses, leg.bank, share), leg.bank * share
+            share, seen, looked = leg.share(since, since + step), 0.5 * (was + place), leg
             since += step
-        if k == 0 or begun[k] == k:
-            aim = complex(target[0], target[1]) - place
-            old, course = course, aim / abs(aim)
-            now = step * float(k - begun[k])
-            leg = aircraft.leg(place, old if begun[k] > first else None, course)
-            leg, since = replace(leg, start=2 * place - leg.place(now)), now
-            if k == 0 and (begun[0] < 0 or first == 0):
-                share = leg.share(since - step, since)
-                seen, tilt = (place, leg.noses, leg.bank, share), leg.bank * share
-        middle, noses, bank, share = seen
         chance = sum(
-            part * aircraft.chance(middle, nose, angle, radar)
-            for part, nose, angle in ((share, noses[0], bank), (1.0 - share, noses[1], 0.0))
+            part * aircraft.chance(seen, nose, bank, radar)
+            for part, nose, bank in (
+                (share, looked.noses[0], looked.bank),
+                (1.0 - share, looked.noses[1], 0.0),
+            )
             if part > 0.0
         )
-        shown = place + bias
-        out[k] = shown.real, shown.imag, tilt, chance, aircraft.look_interval
+        out[k] = (place + bias).real, (place + bias).imag, looked.bank * share, chance, aircraft.look_interval
+        if k > 0 and target != targets[k - 1]:
+            before, course = course, (target - place) / abs(target - place)
+            leg, since = aircraft.leg(place, before, course), 0.0
     return out
 
 
@@ -249,7 +261,7 @@ class Flight:
     largest: float = 0.0
     time_over: float = 0.0
     detected: tuple[bool, ...] = ()
-    timers: Array = field(init=False)
+    timers: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with every radar's timers at zero."""
