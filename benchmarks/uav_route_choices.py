@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.aircraft import turn_into
-from fieldmodels.machines.uav_route.flights import Flights, Rules
+from fieldmodels.machines.uav_route.batch import Flights, Rules
 from fieldmodels.machines.uav_route.layouts import safe_route
 from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
@@ -23,7 +23,7 @@ from fieldmodels.machines.uav_route.parameters import (
     World,
     make_constants,
 )
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 
 PLANS = {
     "straight line": np.array([EXAMPLE.start, EXAMPLE.goal]),
@@ -46,11 +46,11 @@ FLIGHTS = 2000
 
 
 def readings() -> None:
-    """Certificates of some plans in each reading, the example's threshold, samples of 1 s."""
+    """Verifications of some plans in each reading, the example's threshold, samples of 1 s."""
     print(f"{'plan':28s}{'reading':28s}{'length':>8s}{'over':>8s}{'largest':>9s}{'hit at':>8s}")
     for name, plan in PLANS.items():
         for reading, value in READINGS.items():
-            one = refly(plan, EXAMPLE.radars, World(reading=value), step=1.0).certificate
+            one = simulate_plan(plan, EXAMPLE.radars, World(reading=value), step=1.0).verification
             print(
                 f"{name:28s}{reading:28s}{one.path_length:8.2f}{one.time_over:8.1f}"
                 f"{one.largest_probability:9.3f}{one.damaged_at:8.1f}"

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from steppers import ACTIONS, Stepper, native, scalar, steps_a_second
 
-from fieldmodels.machines.uav_route.flights import Flights, Rules
+from fieldmodels.machines.uav_route.batch import Flights, Rules
 
 OURS, THEIRS = "fieldgym/UavRoute-v0", "CartPole-v1"
 

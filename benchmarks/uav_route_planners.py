@@ -35,7 +35,7 @@ from fieldagents.reference.uav_route.plan import Plan
 from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan
 from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, Aircraft, Detection, Layout, World
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 
 HEAD = (
     f"{'Pd':>3} {'planner':26} {'solver':8} {'ended':9} {'gap':>5} {'steps':>5} "
@@ -46,7 +46,7 @@ HEAD = (
 
 def line(plan: Plan, threshold: float, printed: Plan) -> str:
     """One plan as a line of the table."""
-    s, c = plan.search, plan.certificate
+    s, c = plan.search, plan.verification
     steps = 0 if plan.durations is None else len(plan.durations)
     text = (
         f"{threshold:3.1f} {plan.planner:26} {s.solver:8} {s.status:9} {s.gap:5.1%} {steps or '':5} "
@@ -71,7 +71,9 @@ def readings(more: dict[str, Any]) -> None:
         print(f"M {form.sides}, slack {form.slack}, lock loss {form.lock_loss}, {form.detections}")
         print(line(plan, 0.5, plan), flush=True)
         if plan.found:
-            flown = refly(plan.waypoints, EXAMPLE.radars, level, durations=plan.durations).certificate
+            flown = simulate_plan(
+                plan.waypoints, EXAMPLE.radars, level, durations=plan.durations
+            ).verification
             print(f"    level: over {flown.time_over:.1f} s, largest Pd {flown.largest_probability:.3f}")
 
 

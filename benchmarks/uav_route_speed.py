@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fieldmodels.machines.uav_route.flights import Flights, Rules
+from fieldmodels.machines.uav_route.batch import Flights, Rules
 from fieldmodels.machines.uav_route.layouts import safe_route
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, Detection, World
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 
 BATCH = 1024
 SECONDS = 2.0
@@ -51,7 +51,7 @@ def main() -> None:
         f"four radars, {BATCH} flights": rate(legs(BATCH, Rules(radars=4)), BATCH),
         f"one radar, drawn looks, {BATCH} flights": rate(legs(BATCH, Rules(drawn)), BATCH),
         "one radar, legs of 10 km at most": rate(legs(BATCH, Rules(longest_leg=10.0)), BATCH),
-        "two legs of 79 km re-flown every 0.1 s": rate(lambda: refly(route, EXAMPLE.radars), 2),
+        "two legs of 79 km simulated every 0.1 s": rate(lambda: simulate_plan(route, EXAMPLE.radars), 2),
         "one radar, one flight": rate(legs(1, Rules()), 1),
     }
     base = list(rates.values())[-1]

@@ -19,8 +19,7 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
 from fieldgym.settings import read_settings
-from fieldmodels.machines.uav_route.flight import FLYING, NUMBERS
-from fieldmodels.machines.uav_route.flights import Flights, Leg, Rules, Score, observed_names
+from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, Score, observed_names
 from fieldmodels.machines.uav_route.layouts import distance_around, side_on_range
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import (
@@ -35,7 +34,8 @@ from fieldmodels.machines.uav_route.parameters import (
     LockLoss,
     World,
 )
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
+from fieldmodels.machines.uav_route.state import FLYING, NUMBERS
 from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:
@@ -243,13 +243,13 @@ class _UavRouteTask(BatchTask):
             self._trails[i] = []
         self.flights.restart(rows)
         self.elapsed[rows] = 0
-        self._seen = self.flights.look()
+        self._seen = self.flights.observe()
 
     @property
     def seen(self) -> Leg:
         """What is seen of every flight as it stands."""
         if self._seen is None:
-            self._seen = self.flights.look()
+            self._seen = self.flights.observe()
         return self._seen
 
     def observation(self) -> NDArray[Any]:
@@ -344,7 +344,7 @@ class _UavRouteTask(BatchTask):
         if (one["place"] == start).all():
             return
         heading = None if one["legs"] == 1 else math.atan2(course[1], course[0])
-        flown = refly(
+        flown = simulate_plan(
             [start, one["place"]],
             one["radars"][: self.flights.rules.count],
             self.flights.rules.world,

@@ -25,7 +25,7 @@ from fieldmodels.machines.uav_route.parameters import (
     Layout,
     World,
 )
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
 SOLVERS = ("highs", "cbc")
@@ -83,15 +83,15 @@ def test_whole_legs_are_undetected_and_near_the_lower_bound(threshold: float, le
     plan = leg_plan(EXAMPLE, world_at(threshold), legs=legs)
     assert plan.search.status == "optimal"
     assert plan.search.gap <= 1e-6
-    assert plan.certificate is not None
-    assert plan.certificate.undetected
+    assert plan.verification is not None
+    assert plan.verification.undetected
     assert -1e-9 <= plan.excess <= 0.015
 
 
 def test_what_the_program_certifies_holds_without_the_polish() -> None:
     rough, polished = (leg_plan(EXAMPLE, legs=2, polish=p) for p in (False, True))
-    assert rough.certificate is not None
-    assert rough.certificate.undetected
+    assert rough.verification is not None
+    assert rough.verification.undetected
     assert polished.length < rough.length
     # the program's own lengths are a polygon's: shorter by at most 1 - cos(pi / 72)
     assert math.cos(math.pi / 72) * rough.length <= rough.search.objective + 1e-6 <= rough.length + 1e-5
@@ -108,11 +108,11 @@ def test_a_turn_may_show_nothing() -> None:
     # without a bank a turn is free, so that the route may follow the circle in several legs
     level = World(aircraft=Aircraft(bank=0.0))
     plan = leg_plan(EXAMPLE, level, legs=3)
-    assert plan.certificate is not None
-    assert plan.certificate.undetected
-    flown_with_bank = refly(plan.waypoints, EXAMPLE.radars).certificate
+    assert plan.verification is not None
+    assert plan.verification.undetected
+    flown_with_bank = simulate_plan(plan.waypoints, EXAMPLE.radars).verification
     assert plan.length <= leg_plan(EXAMPLE, legs=3).length + 1e-6
-    assert flown_with_bank.largest_probability >= plan.certificate.largest_probability
+    assert flown_with_bank.largest_probability >= plan.verification.largest_probability
 
 
 def test_the_second_aircraft_flies_the_mirror_image() -> None:
@@ -139,8 +139,8 @@ def test_two_aircraft_in_one_program_cost_what_each_costs_alone() -> None:
 def test_a_guide_limits_the_modes_to_those_about_it() -> None:
     free = leg_plan(EXAMPLE, legs=2)
     guided = leg_plan(EXAMPLE, guide=lattice_plan(EXAMPLE, spacing=10.0, refinements=1).waypoints)
-    assert guided.certificate is not None
-    assert guided.certificate.undetected
+    assert guided.verification is not None
+    assert guided.verification.undetected
     assert guided.search.counts.integers < free.search.counts.integers or len(guided.waypoints) > 3
     assert "about the guiding route" in guided.search.reason
     assert guided.length <= 1.005 * free.length
@@ -148,9 +148,9 @@ def test_a_guide_limits_the_modes_to_those_about_it() -> None:
 
 def test_legs_with_lock_loss_are_shorter_and_survive() -> None:
     certain, pardoned = leg_plan(EXAMPLE), leg_plan(EXAMPLE, lock_loss=True)
-    assert pardoned.certificate is not None
-    assert pardoned.certificate.survived
-    assert 0 < pardoned.certificate.longest_detection < 150.0
+    assert pardoned.verification is not None
+    assert pardoned.verification.survived
+    assert 0 < pardoned.verification.longest_detection < 150.0
     assert pardoned.length < 0.96 * certain.length
     # radars that fire at once leave nothing to use
     killed = leg_plan(EXAMPLE, World(lock_loss=INSTANT_KILL), lock_loss=True)
@@ -159,8 +159,8 @@ def test_legs_with_lock_loss_are_shorter_and_survive() -> None:
 
 def test_a_turn_far_from_the_radar_may_lead_back_to_its_circle() -> None:
     around = leg_plan(Layout((0.0, 600.0), (340.0, 0.0), EXAMPLE.radars), legs=3, directions=36)
-    assert around.certificate is not None
-    assert around.certificate.undetected
+    assert around.verification is not None
+    assert around.verification.undetected
     assert around.excess < 0.05
 
 
@@ -170,26 +170,26 @@ def test_the_heading_before_the_first_leg_counts() -> None:
     course = free.waypoints[1] - free.waypoints[0]
     on = leg_plan(EXAMPLE, legs=2, polish=2, heading=math.atan2(course[1], course[0]))
     turning = leg_plan(EXAMPLE, legs=2, heading=0.0)
-    assert on.certificate is not None
-    assert on.certificate.undetected
+    assert on.verification is not None
+    assert on.verification.undetected
     assert on.length == pytest.approx(free.length, rel=1e-3)
-    assert not turning.found or (turning.certificate is not None and turning.certificate.undetected)
+    assert not turning.found or (turning.verification is not None and turning.verification.undetected)
     assert turning.search.status == "infeasible" or turning.length > free.length
 
 
 @pytest.mark.parametrize("threshold", THRESHOLDS)
 def test_the_lattice_finds_an_undetected_route_near_the_lower_bound(threshold: float) -> None:
     plan = lattice_plan(EXAMPLE, world_at(threshold))
-    assert plan.certificate is not None
-    assert plan.certificate.undetected
+    assert plan.verification is not None
+    assert plan.verification.undetected
     assert -1e-9 <= plan.excess <= 0.015
 
 
 def test_the_lattice_uses_lock_loss() -> None:
     plan = lattice_plan(EXAMPLE, spacing=10.0, refinements=1, lock_loss=True)
-    assert plan.certificate is not None
-    assert plan.certificate.survived
-    assert not plan.certificate.undetected
+    assert plan.verification is not None
+    assert plan.verification.survived
+    assert not plan.verification.undetected
     assert plan.length < lattice_plan(EXAMPLE).lower_bound
     # radars that fire at once leave nothing to use
     killed = lattice_plan(EXAMPLE, World(lock_loss=INSTANT_KILL), lock_loss=True)
@@ -199,8 +199,8 @@ def test_the_lattice_uses_lock_loss() -> None:
 def test_three_radars() -> None:
     three = Layout(EXAMPLE.start, EXAMPLE.goal, ((0.0, 0.0), (900.0, 300.0), (300.0, -500.0)))
     for plan in (leg_plan(three, legs=2), lattice_plan(three)):
-        assert plan.certificate is not None
-        assert plan.certificate.undetected
+        assert plan.verification is not None
+        assert plan.verification.undetected
         assert plan.length >= plan.lower_bound >= lower_bound(EXAMPLE, World()) - 1e-9
 
 
@@ -209,11 +209,11 @@ def test_printed_plans_are_invalid_though_proven_optimal() -> None:
     assert plan.search.status == "optimal"
     assert plan.search.objective == 550.0  # 11 steps
     assert plan.search.counts.continuous == 72  # the source's count
-    assert plan.certificate is not None
+    assert plan.verification is not None
     assert plan.length < plan.lower_bound  # no undetected path is that short
-    assert plan.certificate.time_over > 30.0
+    assert plan.verification.time_over > 30.0
     assert plan.durations is not None
-    assert plan.certificate.duration == pytest.approx(550.0)
+    assert plan.verification.duration == pytest.approx(550.0)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -231,7 +231,7 @@ def test_pairs_and_sets_are_the_same_program(solver: programs.Solver, lock_loss:
 def test_a_printed_path_keeps_to_its_own_tables() -> None:
     form = replace(COARSE, lookup="sets")
     plan = printed_plan(SHORT, form=form)
-    assert plan.certificate is not None
+    assert plan.verification is not None
     table = safe_distances(World(), form.sides)[0]  # elevations below 10 degrees
     index = 2.0 * math.pi * np.arange(1, form.sides + 1) / form.sides
     corners = np.stack([np.sin(index), np.cos(index)])
@@ -266,22 +266,22 @@ def test_exactly_three_of_four_forces_one_phase() -> None:
 
 def test_planning_anew_keeps_what_it_has() -> None:
     once, anew = leg_plan(EXAMPLE), receding_plan(EXAMPLE, legs=2)
-    assert anew.certificate is not None
-    assert anew.certificate.undetected
+    assert anew.verification is not None
+    assert anew.verification.undetected
     assert anew.length <= once.length + 1e-6
 
 
 def test_radars_out_of_sight_are_flown_into() -> None:
     blind = receding_plan(EXAMPLE, sensing=1.0, legs=2)
     np.testing.assert_allclose(blind.length, math.dist(EXAMPLE.start, EXAMPLE.goal))
-    assert blind.certificate is not None
-    assert not blind.certificate.undetected
+    assert blind.verification is not None
+    assert not blind.verification.undetected
 
 
 def test_the_straight_line_is_shortest_and_detected() -> None:
     plan = straight_plan(EXAMPLE)
-    assert plan.certificate is not None
-    assert not plan.certificate.undetected
+    assert plan.verification is not None
+    assert not plan.verification.undetected
     assert plan.length == pytest.approx(math.dist(EXAMPLE.start, EXAMPLE.goal))
     assert straight_plan(EXAMPLE, world_at(0.7)).excess == pytest.approx(0.0, abs=1e-6)
 
@@ -304,8 +304,8 @@ def test_a_goal_at_the_radar_is_refused_in_words() -> None:
 
 def test_a_goal_inside_the_circle_is_reached_nose_on() -> None:
     plan = leg_plan(Layout((400.0, 50.0), (250.0, 0.0), EXAMPLE.radars), legs=2)
-    assert plan.certificate is not None
-    assert plan.certificate.undetected
+    assert plan.verification is not None
+    assert plan.verification.undetected
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

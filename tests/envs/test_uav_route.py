@@ -7,10 +7,10 @@ import pytest
 import fieldgym  # noqa: F401 - registers the environments
 from fieldgym.settings import SettingsError
 from fieldgym.uav_route import UavRouteSettings, actions_towards
-from fieldmodels.machines.uav_route.flights import NUMBERS, observed_names
+from fieldmodels.machines.uav_route.batch import NUMBERS, observed_names
 from fieldmodels.machines.uav_route.layouts import distance_around, safe_route
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, INSTANT_KILL
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
 ENV = "fieldgym/UavRoute-v0"
@@ -82,14 +82,14 @@ def test_every_random_layout_has_a_route_that_arrives_unseen(radars):
     assert set(NUMBERS) < set(last)
 
 
-def test_an_episode_agrees_with_the_same_plan_reflown():
+def test_an_episode_agrees_with_the_same_plan_simulated():
     settings = {"layout": "example", "threshold": 0.6, "lose": 20.0, "engage": 1e4}
     route = np.array([EXAMPLE.start, (345.0, 80.0), (335.0, 40.0), EXAMPLE.goal])
     envs = vector(1, **settings)
     infos, _ = fly(envs, route)
     assert infos[-1]["success"][0] == 1
     flown = np.vstack([route[:3], infos[-1]["place"]])  # the goal's capture circle ends the last leg
-    found = refly(flown, EXAMPLE.radars, UavRouteSettings(**settings).world, step=0.2).certificate
+    found = simulate_plan(flown, EXAMPLE.radars, UavRouteSettings(**settings).world, step=0.2).verification
     assert infos[-1]["path_length"][0] == pytest.approx(found.path_length, rel=1e-6)
     assert infos[-1]["time_over"][0] == pytest.approx(found.time_over, abs=5)
     assert found.time_over > 50

@@ -1,4 +1,4 @@
-"""Re-flown plans and flights leg by leg: geometry, certificates, equality to the bit, random layouts."""
+"""Simulated plans and flights leg by leg: geometry, verification, equality to the bit, random layouts."""
 
 import math
 from dataclasses import replace
@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fieldmodels.machines.uav_route.batch import Flights, Rules, observed_names
+from fieldmodels.machines.uav_route.declaration import nominal_plant
 from fieldmodels.machines.uav_route.detection import probability_of_detection
-from fieldmodels.machines.uav_route.flight import NUMBERS
-from fieldmodels.machines.uav_route.flights import Flights, Rules, observed_names
 from fieldmodels.machines.uav_route.layouts import random_layout, safe_route
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import (
@@ -22,7 +22,8 @@ from fieldmodels.machines.uav_route.parameters import (
     Reading,
     World,
 )
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
+from fieldmodels.machines.uav_route.state import NUMBERS
 from fieldmodels.model import ModelError
 
 ORIGIN = [(0.0, 0.0)]
@@ -40,62 +41,68 @@ def random_actions(rng, batch):
     return np.column_stack([rng.uniform(-math.pi, math.pi, batch), rng.uniform(0, 60, batch)])
 
 
+def plant_with(effect, parameter, value):
+    plant = nominal_plant(0.25)
+    plant[effect][parameter] = value
+    return plant
+
+
 def number(leg, name):
     return leg.numbers[NUMBERS.index(name)]
 
 
-# re-flown plans
+# simulated plans
 
 
 def test_passing_a_radar_side_on_is_detected_along_a_chord_of_its_circle():
-    certificate = refly([(300, -600), (300, 600)], ORIGIN).certificate
+    verification = simulate_plan([(300, -600), (300, 600)], ORIGIN).verification
     chord = 2 * math.sqrt(364.2**2 - 10**2 - 300**2)
-    assert certificate.time_over == pytest.approx(chord / 0.25, abs=0.2)
-    assert certificate.longest_detection == pytest.approx(certificate.time_over)
-    assert certificate.path_length == 1200
-    assert certificate.duration == pytest.approx(4800)
-    assert certificate.damaged_at == pytest.approx((1200 - chord) / 2 / 0.25 + 200, abs=0.2)
-    assert not certificate.undetected
-    assert not certificate.survived
+    assert verification.time_over == pytest.approx(chord / 0.25, abs=0.2)
+    assert verification.longest_detection == pytest.approx(verification.time_over)
+    assert verification.path_length == 1200
+    assert verification.duration == pytest.approx(4800)
+    assert verification.damaged_at == pytest.approx((1200 - chord) / 2 / 0.25 + 200, abs=0.2)
+    assert not verification.undetected
+    assert not verification.survived
 
 
 def test_flying_at_a_radar_nose_first_is_safe_but_for_the_last_kilometres():
-    assert refly([(600, 0), (60, 0)], ORIGIN).certificate.undetected
-    assert not refly([(600, 0), (20, 0)], ORIGIN).certificate.undetected
+    assert simulate_plan([(600, 0), (60, 0)], ORIGIN).verification.undetected
+    assert not simulate_plan([(600, 0), (20, 0)], ORIGIN).verification.undetected
 
 
 def test_safe_route_of_the_example_is_safe_and_the_straight_line_is_not():
-    safe = refly(safe_route(EXAMPLE), EXAMPLE.radars).certificate
+    safe = simulate_plan(safe_route(EXAMPLE), EXAMPLE.radars).verification
     assert safe.undetected
     assert safe.largest_probability < 0.5
-    straight = refly([EXAMPLE.start, EXAMPLE.goal], EXAMPLE.radars).certificate
+    straight = simulate_plan([EXAMPLE.start, EXAMPLE.goal], EXAMPLE.radars).verification
     assert straight.path_length == pytest.approx(math.hypot(10, 125))
     assert straight.largest_probability == pytest.approx(0.654, abs=0.001)
     assert not straight.undetected
 
 
 def test_bank_is_held_for_the_turn_time_and_only_then():
-    flown = refly([(600, 0), (620, 0), (620, 60)], ORIGIN, step=0.5)
+    flown = simulate_plan([(600, 0), (620, 0), (620, 60)], ORIGIN, step=0.5)
     turning = flown.interval[flown.bank > 0].sum()
     assert turning == pytest.approx(math.pi / 2 * 0.25 / 9.80665e-3, rel=1e-9)
     assert (flown.bank[flown.time < 80] == 0).all()
     assert flown.bank.max() == pytest.approx(math.pi / 4)  # eastwards from north: to the right
-    level = refly([(600, 0), (620, 0), (620, 60)], ORIGIN, World(aircraft=Aircraft(bank=0.0)))
+    level = simulate_plan([(600, 0), (620, 0), (620, 60)], ORIGIN, World(aircraft=Aircraft(bank=0.0)))
     assert not level.bank.any()
 
 
-def test_certificate_hardly_depends_on_its_step():
+def test_verification_hardly_depends_on_its_step():
     plan = [(350, 125), (365, 60), (340, 0)]
-    coarse, fine = (refly(plan, ORIGIN, step=step).certificate for step in (1.0, 0.02))
+    coarse, fine = (simulate_plan(plan, ORIGIN, step=step).verification for step in (1.0, 0.02))
     assert coarse.time_over == pytest.approx(fine.time_over, abs=3.0)
     assert coarse.largest_probability == pytest.approx(fine.largest_probability, abs=1e-3)
 
 
 def test_durations_set_the_speed_and_hovering_keeps_the_heading():
     plan = [(300, 0), (300, 25), (300, 25), (300, 50)]
-    flown = refly(plan, ORIGIN, durations=[50, 50, 100])
-    assert flown.certificate.duration == 200
-    assert flown.certificate.path_length == 50
+    flown = simulate_plan(plan, ORIGIN, durations=[50, 50, 100])
+    assert flown.verification.duration == 200
+    assert flown.verification.path_length == 50
     hovering = (flown.time > 50) & (flown.time < 100)
     np.testing.assert_allclose(flown.position[hovering], np.broadcast_to([300, 25], (hovering.sum(), 2)))
     np.testing.assert_allclose(flown.heading, math.pi / 2)
@@ -103,14 +110,14 @@ def test_durations_set_the_speed_and_hovering_keeps_the_heading():
 
 def test_initial_heading_makes_the_first_leg_a_turn():
     plan = [(400, 0), (400, 60)]
-    assert not refly(plan, ORIGIN).bank.any()
-    assert refly(plan, ORIGIN, heading=0.0).bank.any()
+    assert not simulate_plan(plan, ORIGIN).bank.any()
+    assert simulate_plan(plan, ORIGIN, heading=0.0).bank.any()
 
 
 def test_without_radars_nothing_is_seen():
-    certificate = refly([(0, 0), (10, 0)], []).certificate
-    assert certificate.undetected
-    assert certificate.largest_probability == 0.0
+    verification = simulate_plan([(0, 0), (10, 0)], []).verification
+    assert verification.undetected
+    assert verification.largest_probability == 0.0
 
 
 def test_bank_in_left_handed_axes_tilts_the_wrong_way():
@@ -118,7 +125,7 @@ def test_bank_in_left_handed_axes_tilts_the_wrong_way():
     turn = [(360, -30), (371.7, 0), (371.7, 30)]
     peak = {}
     for axes in ("right_handed", "left_handed"):
-        flown = refly(turn, ORIGIN, World(reading=Reading(axes=axes)))
+        flown = simulate_plan(turn, ORIGIN, World(reading=Reading(axes=axes)))
         i = np.flatnonzero(flown.bank)[0]
         peak[axes] = math.degrees(abs(flown.elevation[i, 0]))
     assert peak["right_handed"] != pytest.approx(peak["left_handed"], abs=2.0)
@@ -128,9 +135,9 @@ def test_bank_in_left_handed_axes_tilts_the_wrong_way():
 def test_printed_heading_certifies_what_is_detected():
     """A side-on leg inside the circle passes if the aircraft shows its next heading, at the radar."""
     plan = [(350, 125), (345, 0), (330, 0)]
-    assert refly(plan, ORIGIN).certificate.time_over > 400
+    assert simulate_plan(plan, ORIGIN).verification.time_over > 400
     for reading in (Reading(heading="next_leg"), PRINTED):
-        assert refly(plan, ORIGIN, World(reading=reading)).certificate.time_over < 60
+        assert simulate_plan(plan, ORIGIN, World(reading=reading)).verification.time_over < 60
 
 
 @pytest.mark.parametrize(
@@ -144,19 +151,19 @@ def test_printed_heading_certifies_what_is_detected():
 )
 def test_impossible_plans_are_refused(arguments, words):
     with pytest.raises(ModelError, match=words):
-        refly(*arguments)
+        simulate_plan(*arguments)
     with pytest.raises(ModelError, match="durations"):
-        refly([(0, 0), (1, 1)], ORIGIN, durations=[1, 2])
+        simulate_plan([(0, 0), (1, 1)], ORIGIN, durations=[1, 2])
     with pytest.raises(ModelError, match="no time"):
-        refly([(0, 0), (1, 1)], ORIGIN, durations=[0])
+        simulate_plan([(0, 0), (1, 1)], ORIGIN, durations=[0])
 
 
 # flights
 
 
 @pytest.mark.parametrize("radars", [1, 4])
-def test_flights_agree_with_the_plan_reflown(radars):
-    """The same legs, once in flight, once re-flown: time, detection, timers, hit."""
+def test_flights_agree_with_the_plan_simulated(radars):
+    """The same legs, once in a batch of flights, once as a plan: time, detection, timers, hit."""
     world = World(lock_loss=LockLoss(30.0, 60.0, 40.0))
     rules = Rules(world=world, radars=radars, step=0.2)
     for seed in range(6):
@@ -167,15 +174,15 @@ def test_flights_agree_with_the_plan_reflown(radars):
             plan.append(flights.flights["place"][0].copy())
             if leg.over[0]:
                 break
-        certificate = refly(plan, flights.layout(0).radars, world, step=0.05).certificate
-        assert number(leg, "time")[0] == pytest.approx(certificate.duration)
-        assert number(leg, "path_length")[0] == pytest.approx(certificate.path_length)
-        assert number(leg, "time_over")[0] == pytest.approx(certificate.time_over, abs=1.5)
-        assert number(leg, "longest_detection")[0] == pytest.approx(certificate.longest_detection, abs=1.0)
+        verification = simulate_plan(plan, flights.layout(0).radars, world, step=0.05).verification
+        assert number(leg, "time")[0] == pytest.approx(verification.duration)
+        assert number(leg, "path_length")[0] == pytest.approx(verification.path_length)
+        assert number(leg, "time_over")[0] == pytest.approx(verification.time_over, abs=1.5)
+        assert number(leg, "longest_detection")[0] == pytest.approx(verification.longest_detection, abs=1.0)
         if leg.over[0] == 2:
-            assert certificate.damaged_at == pytest.approx(certificate.duration, abs=1.5)
+            assert verification.damaged_at == pytest.approx(verification.duration, abs=1.5)
         else:
-            assert certificate.survived
+            assert verification.survived
 
 
 @pytest.mark.parametrize("stochastic", [False, True])
@@ -260,8 +267,8 @@ def test_instant_kill_ends_a_detected_flight():
     assert number(leg, "time_over")[0] <= 5.0
 
 
-def test_drawn_looks_detect_as_often_as_they_should():
-    """A lone look of 4000 flights: the share of detections within 5 standard errors, in both readings."""
+def test_drawn_scans_detect_as_often_as_they_should():
+    """A lone scan of 4000 flights: the share of detections within 5 standard errors, in both readings."""
     layout = replace(EXAMPLE, start=(355.0, 0.0), goal=(355.0, 300.0))
     for draw in ("below", "above"):
         world = World(detection=Detection(stochastic=True, look_interval=1e4), reading=Reading(draw=draw))
@@ -283,8 +290,8 @@ def test_luck_does_not_depend_on_how_the_way_is_cut_into_legs():
         flights = make(20, Rules(world, layout=layout))
         for east in stops:
             flights.fly_to(np.broadcast_to([350.0, east], (20, 2)))
-        seen.append(flights.flights[["time_over", "unbroken", "looks"]])
-    for name in ("time_over", "unbroken", "looks"):
+        seen.append(flights.flights[["time_over", "unbroken", "scans"]])
+    for name in ("time_over", "unbroken", "scans"):
         np.testing.assert_allclose(seen[0][name], seen[1][name], atol=1e-6)
     assert len(np.unique(np.round(seen[0]["time_over"], 3))) > 5
 
@@ -306,8 +313,8 @@ def test_each_drawn_layout_has_a_safe_route(radars):
     for seed in range(60):
         layout = random_layout(np.random.default_rng(seed), radars)
         assert len(layout.radars) == radars
-        certificate = refly(safe_route(layout), layout.radars, step=1.0).certificate
-        assert certificate.undetected
+        verification = simulate_plan(safe_route(layout), layout.radars, step=1.0).verification
+        assert verification.undetected
         start, goal = math.hypot(*layout.start), math.hypot(*layout.goal)
         assert 367 < start < 470
         assert 251 < goal < 363
@@ -317,7 +324,9 @@ def test_layouts_follow_the_threshold_and_the_interpolation():
     for detection in (Detection(threshold=0.7), Detection(interpolation="log")):
         layout = random_layout(np.random.default_rng(1), 3, detection)
         world = World(detection=detection)
-        assert refly(safe_route(layout, detection), layout.radars, world, step=1.0).certificate.undetected
+        assert simulate_plan(
+            safe_route(layout, detection), layout.radars, world, step=1.0
+        ).verification.undetected
 
 
 def test_no_safe_route_through_a_radar():
@@ -341,7 +350,7 @@ def test_wind_and_losses_change_times_not_the_way():
 
 def test_biased_position_shifts_what_is_seen():
     plant = UavRoute().plant(UavRoute().vector(effects={"sensor_bias": {"north": 3000.0, "east": 0.0}}))
-    seen = make(1, Rules(layout=EXAMPLE), plant).look()
+    seen = make(1, Rules(layout=EXAMPLE), plant).observe()
     np.testing.assert_allclose(seen.places, [[353.0, 125.0]])
 
 
@@ -374,23 +383,24 @@ def test_a_wider_nose_cone_hides_what_would_be_seen_beside_it():
     assert number(make(1, rules, plant).fly_to(towards), "largest_probability")[0] == 0.01
 
 
-def test_a_longer_look_interval_makes_fewer_looks():
+def test_a_longer_scan_interval_makes_fewer_scans():
     rules = Rules(World(detection=Detection(stochastic=True)), layout=EXAMPLE, longest_leg=50.0)
     plant = UavRoute().plant(UavRoute().vector(effects={"look_interval": {"factor": 2.0}}))
     flights = [make(1, rules), make(1, rules, plant)]
     for one in flights:
         one.fly_to([[600.0, 400.0]])
-    assert [int(one.flights[0]["looks"]) for one in flights] == [40, 20]  # 50 km at 0.25 km/s
+    assert [int(one.flights[0]["scans"]) for one in flights] == [40, 20]  # 50 km at 0.25 km/s
 
 
 @pytest.mark.parametrize(
     ("make_it", "words"),
     [
         (lambda: Flights(0), "at least one"),
-        (lambda: Flights(2, plant=[1.0]), "shape"),
-        (lambda: Flights(2, plant=[0.1, 0.1, 0, 0, 1, 0, 0, 1, 1, 1, 0, 0, 1]), "wind"),
-        (lambda: Flights(2, plant=np.eye(13)[0]), "factors"),
-        (lambda: Flights(1).look(), "seed and restart"),
+        (lambda: Flights(2, plant=np.ones(17)), "UavRoute.plant"),
+        (lambda: Flights(2, plant=nominal_plant(0.25).reshape(1)), "shape"),
+        (lambda: Flights(2, plant=plant_with("wind", "north", 0.3)), "wind"),
+        (lambda: Flights(2, plant=plant_with("look_interval", "factor", 0.0)), "factors"),
+        (lambda: Flights(1).observe(), "seed and restart"),
         (lambda: Flights(1).restart([0]), "seed"),
         (lambda: make(1).advance([0.0, 1.0]), "shape"),
         (lambda: make(1).advance([[math.nan, 1.0]]), "finite"),

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fieldmodels.machines.uav_route.declaration import nominal_plant
 from fieldmodels.machines.uav_route.model import UavRoute
-from fieldmodels.machines.uav_route.plant import nominal_plant
 from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
@@ -145,8 +145,14 @@ def test_plant_converts_to_kilometres():
         "radar_position": {"north": -3000.0, "east": 0.0},
     }
     plant = MODEL.plant(MODEL.vector({"speed": 240.0, "radar_north": 7e4}, effects))
-    np.testing.assert_allclose(plant, [0.24, 0.01, 0, 0, 1, 0, 0.5, 1, 1.1, 1, -3, 0, 1])
-    np.testing.assert_array_equal(MODEL.plant(MODEL.nominal), nominal_plant(0.25))
+    assert plant["speed"] == pytest.approx(0.24)
+    assert plant["radar_north"] == pytest.approx(70.0)
+    assert plant["wind"].tolist() == pytest.approx((0.01, 0.0))
+    assert plant["sensor_bias"].tolist() == pytest.approx((0.0, 0.5))
+    assert plant["radar_position"].tolist() == pytest.approx((-3.0, 0.0))
+    assert plant["nose_cone_width"]["factor"] == 1.1
+    assert plant["weaker_bank"]["factor"] == 1.0
+    assert MODEL.plant(MODEL.nominal) == nominal_plant(0.25)
 
 
 def test_a_record_of_no_length_is_refused():

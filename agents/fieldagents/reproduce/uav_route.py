@@ -87,7 +87,7 @@ def figures_4_4_to_4_6(
 
 def _row(shown: Shown) -> dict[str, object]:
     """A plan as a row of the table."""
-    s, c = shown.plan.search, shown.plan.certificate
+    s, c = shown.plan.search, shown.plan.verification
     row: dict[str, object] = {
         "figure": shown.figure,
         "Pd": shown.threshold,

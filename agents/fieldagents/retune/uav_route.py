@@ -29,14 +29,6 @@ from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import Layout, World
-from fieldmodels.machines.uav_route.plant import (
-    BANK,
-    BIAS_EAST,
-    BIAS_NORTH,
-    SITE_EAST,
-    SITE_NORTH,
-    SPEED,
-)
 from fieldmodels.reality import Reality, read_reality
 
 Threshold = Annotated[float, Field(ge=0.01, lt=0.99)]
@@ -96,15 +88,15 @@ class Replanner(Planner):
         options: Thresholds,
     ) -> None:
         plant = UavRoute(settings.world).plant(reality.vector(UavRoute(settings.world)))
-        bank = min(settings.bank * float(plant[BANK]), LARGEST_BANK)
-        believed = replace(settings, speed=float(plant[SPEED]), bank=bank)
+        bank = min(settings.bank * float(plant["weaker_bank"]["factor"]), LARGEST_BANK)
+        believed = replace(settings, speed=float(plant["speed"]), bank=bank)
         super().__init__(name, title, believed, self._tried)
         own = self.world.detection.threshold
         self._thresholds = sorted({own, *options.thresholds}, reverse=True)
         self._most = own - options.margin
         self._candidate, self._simulated, self._reality = plan, settings, reality
-        self._bias = plant[[BIAS_NORTH, BIAS_EAST]]
-        self._site = plant[[SITE_NORTH, SITE_EAST]]
+        self._bias = _north_east(plant["sensor_bias"])
+        self._site = _north_east(plant["radar_position"])
         self._answers: dict[Layout, Plan] = {}
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[np.float32]:
@@ -176,3 +168,8 @@ def _designer(name: str, plan: Planning) -> Designer:
 
 DESIGNERS = (_designer("legs", legs), _designer("two_legs", two_legs))
 """In the order of presentation."""
+
+
+def _north_east(pair: NDArray[Any]) -> NDArray[np.float64]:
+    """A record of north and east as an array, shape (2,)."""
+    return np.array([float(pair["north"]), float(pair["east"])])

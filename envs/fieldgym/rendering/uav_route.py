@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from fieldgym.rendering.canvas import Canvas, Color, Frame, Point
 from fieldmodels.machines.uav_route.detection import detection_range
-from fieldmodels.machines.uav_route.flight import ARRIVED, DAMAGED, FLYING, LATE
 from fieldmodels.machines.uav_route.parameters import Layout, World
 from fieldmodels.machines.uav_route.signature import AZIMUTHS, SIGNATURES
+from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, FLYING, LATE
 
 BACKGROUND: Color = (250, 250, 247)
 PANEL: Color = (255, 255, 255)

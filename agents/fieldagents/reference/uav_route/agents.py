@@ -28,7 +28,7 @@ from fieldgym.uav_route import UavRouteSettings, actions_towards
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.layouts import safe_route
 from fieldmodels.machines.uav_route.parameters import Layout, World
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
 MARGIN = 1e-4
@@ -143,7 +143,7 @@ class Planner(Agent):
             self._plans[problem] = self._plan(ahead, self.world, heading)
         plan, left = self._plans[problem], np.concatenate([place[None], self._routes[i]])
         if len(left) > 1:
-            still = refly(left, known, self.world, heading=heading).certificate
+            still = simulate_plan(left, known, self.world, heading=heading).verification
             if not plan.found or (still.undetected and still.path_length <= plan.length + WORTH):
                 return left[1:]
         return self._flyable(plan.waypoints if plan.found else np.array([place, ahead.goal]))

@@ -40,7 +40,7 @@ from fieldagents.reference.uav_route.polish import (
 from fieldagents.reference.uav_route.programs import Solver, choose_solver, modelling, solve
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
 Rows = list[tuple[FloatArray, FloatArray, float]]
@@ -132,7 +132,7 @@ def leg_plan(
         waypoints, chosen, spans = _cleared(program.waypoints(), program.chosen(), program.spans())
         if polish:
             waypoints = _better(waypoints, chosen, spans, part, world, heading, max(polish, legs))
-        flown = refly(waypoints, layout.radars, world, heading=heading).certificate
+        flown = simulate_plan(waypoints, layout.radars, world, heading=heading).verification
         seen = _seeing(waypoints, layout, world, heading)
         if flown.undetected or (lock_loss and flown.survived) or seen <= set(known):
             break
@@ -144,7 +144,7 @@ def leg_plan(
 
 def _seeing(waypoints: FloatArray, layout: Layout, world: World, heading: float | None) -> set[int]:
     """The radars that detect a route."""
-    detected = refly(waypoints, layout.radars, world, heading=heading).detected
+    detected = simulate_plan(waypoints, layout.radars, world, heading=heading).detected
     return set(np.flatnonzero(detected.any(axis=0)).tolist())
 
 
@@ -224,7 +224,7 @@ def _better(
     detected = any(mode.kind == "free" for leg in modes for mode in leg)
     for margin in MARGINS:
         better = polished(path, kinds, spans, sites, world, heading, margin)
-        flown = refly(better, layout.radars, world, heading=heading).certificate
+        flown = simulate_plan(better, layout.radars, world, heading=heading).verification
         holds = flown.survived if detected else flown.undetected
         if holds and flown.path_length < length_of(waypoints):
             return better

@@ -10,7 +10,7 @@ import numpy as np
 from fieldagents.reference.uav_route.lower_bound import lower_bound
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
-from fieldmodels.machines.uav_route.refly import Certificate, refly
+from fieldmodels.machines.uav_route.plan_simulation import PlanVerification, simulate_plan
 
 Status = Literal["optimal", "feasible", "infeasible", "no answer"]
 
@@ -58,7 +58,7 @@ class Plan:
         search: How the search ended.
         waypoints: North and east of start, waypoints and goal [km], shape (n, 2); (0, 2) without a plan.
         durations: Time of each leg [s], shape (n - 1,); None at the aircraft's speed.
-        certificate: What the continuous model says; None without a plan.
+        verification: What the continuous model says; None without a plan.
         lower_bound: No path that is nowhere detected is shorter [km], bank ignored; NaN where not known.
     """
 
@@ -67,18 +67,18 @@ class Plan:
     search: Search
     waypoints: FloatArray
     durations: FloatArray | None
-    certificate: Certificate | None
+    verification: PlanVerification | None
     lower_bound: float
 
     @property
     def found(self) -> bool:
         """Whether there is a plan."""
-        return self.certificate is not None
+        return self.verification is not None
 
     @property
     def length(self) -> float:
         """Length of the path [km]; NaN without a plan."""
-        return self.certificate.path_length if self.certificate else float("nan")
+        return self.verification.path_length if self.verification else float("nan")
 
     @property
     def excess(self) -> float:
@@ -95,9 +95,11 @@ def make_plan(
     durations: FloatArray | None = None,
     heading: float | None = None,
 ) -> Plan:
-    """Re-fly waypoints in the continuous model and put them together with how they were found."""
+    """Simulate waypoints in the continuous model and put them together with how they were found."""
     points = np.zeros((0, 2)) if waypoints is None else np.array(waypoints, dtype=np.float64)
-    certificate = None
+    verification = None
     if len(points):
-        certificate = refly(points, layout.radars, world, durations=durations, heading=heading).certificate
-    return Plan(planner, layout, search, points, durations, certificate, lower_bound(layout, world))
+        verification = simulate_plan(
+            points, layout.radars, world, durations=durations, heading=heading
+        ).verification
+    return Plan(planner, layout, search, points, durations, verification, lower_bound(layout, world))

@@ -73,7 +73,7 @@ def polished(
     Towards a radar's cone the exact condition holds at both ends of a leg, and so between them; an outside
     leg keeps beyond a line whose bearing is free now, and in its bank, at some places, from where it would be
     seen at that azimuth. The result may fail between these or by the optimiser's tolerance: whoever asks
-    re-flies it.
+    simulates it.
 
     Args:
         waypoints: Start, waypoints and goal [km], shape (n, 2).

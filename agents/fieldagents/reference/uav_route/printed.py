@@ -79,7 +79,7 @@ def printed_plan(
     solver: Solver = "auto",
     time_limit: float | None = None,
 ) -> Plan:
-    """Plan as the source does, then re-fly the answer in the continuous model.
+    """Plan as the source does, then simulate the answer in the continuous model.
 
     Args:
         layout: Start, goal and radars.

@@ -12,7 +12,7 @@ from fieldagents.reference.uav_route.plan import Counts, Plan, Search, make_plan
 from fieldagents.reference.uav_route.programs import Solver
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
-from fieldmodels.machines.uav_route.refly import refly
+from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
 LOOK = 1.0
@@ -33,7 +33,7 @@ def receding_plan(
 
     A new plan is made when a new radar comes into sight or the next ``advance`` is flown, and starts with the
     heading that the aircraft has. It replaces the old one if that is detected by the radars now known, or is
-    longer. If there is none then, the aircraft keeps the old one and the answer says so: the certificate
+    longer. If there is none then, the aircraft keeps the old one and the answer says so: the verification
     shows what that costs.
 
     Args:
@@ -66,7 +66,7 @@ def receding_plan(
         )
         plan = leg_plan(seen, world, legs=legs, heading=course, solver=solver, time_limit=time_limit)
         largest = max(largest, plan.search.counts, key=lambda c: c.constraints)
-        still = refly(ahead, seen.radars, world, heading=course).certificate
+        still = simulate_plan(ahead, seen.radars, world, heading=course).verification
         if plan.found and not (still.undetected and still.path_length <= plan.length):
             ahead = plan.waypoints
         elif not plan.found and not still.undetected:

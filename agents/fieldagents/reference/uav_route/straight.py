@@ -9,6 +9,6 @@ from fieldmodels.machines.uav_route.parameters import Layout, World
 
 
 def straight_plan(layout: Layout, world: World | None = None) -> Plan:
-    """Plan to fly straight from start to goal; its certificate says what comes of that."""
+    """Plan to fly straight from start to goal; its verification says what comes of that."""
     search = Search("feasible", "a straight line, whatever the radars see", "none")
     return make_plan("straight", layout, world or World(), search, np.array([layout.start, layout.goal]))

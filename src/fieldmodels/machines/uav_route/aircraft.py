@@ -1,12 +1,14 @@
 """The aircraft of eqs (4.1)-(4.2): straight legs between waypoints, and a bank after each turn.
 
 Heading and bank change at once; a turn shows only as a bank of 45 degrees for the time that the turn would
-take, or for the whole leg if that is shorter.
+take, or for the whole leg if that is shorter. ``leg_of`` is the one description of a leg's flight;
+predictions, batches of flights and simulated plans fly it in steps of their own.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 from fieldmodels.compiled import inlined
 from fieldmodels.machines.uav_route.parameters import GRAVITY, Constants
@@ -96,3 +98,58 @@ def ground_speed(
         cosine * crab_cosine - sine * crab_sine,
         sine * crab_cosine + cosine * crab_sine,
     )
+
+
+class Attitude(NamedTuple):
+    """Heading and bank of an aircraft, the bank as the radars' axes take it."""
+
+    cosine: float  # of the heading
+    sine: float
+    bank_cosine: float
+    bank_sine: float  # of the opposite sign in the printed axes
+
+
+class Phase(NamedTuple):
+    """A part of a leg that is flown with one velocity and one attitude."""
+
+    speed: float  # over ground [km/s]
+    north: float  # its components [km/s]
+    east: float
+    attitude: Attitude
+
+
+class Leg(NamedTuple):
+    """How a leg is flown: banked at first, then level."""
+
+    bank: float  # of its turning phase [rad], positive with the right wing down
+    banked: float  # time of that phase [s], if the leg is long enough
+    turning: Phase
+    level: Phase
+
+
+@inlined
+def phase_of(cosine: float, sine: float, airspeed: float, bank: float, plant: Any, c: Constants) -> Phase:
+    """Velocity and attitude on a course, at an airspeed [km/s] and a signed bank [rad]; see ``leg_of``."""
+    speed, ahead, aside = ground_speed(cosine, sine, airspeed, plant.wind.north, plant.wind.east)
+    tilt = -bank if c.left_handed else bank
+    attitude = Attitude(ahead, aside, math.cos(tilt), math.sin(tilt))
+    return Phase(speed, speed * cosine, speed * sine, attitude)
+
+
+@inlined
+def leg_of(cosine: float, sine: float, turn: float, plant: Any, c: Constants) -> Leg:
+    """How an aircraft flies a leg, with all that may differ from the nominal one.
+
+    Args:
+        cosine: Cosine of the leg's course.
+        sine: Sine of it.
+        turn: Turn into the leg [rad], positive to the right.
+        plant: What the aircraft truly is, dtype ``PLANT``: its speed, wind, weaker bank, speed lost in turns.
+        c: How the equations are read.
+    """
+    bank = c.bank * plant.weaker_bank.factor
+    slow = plant.speed * (1.0 - plant.turn_speed_loss.share)
+    banked = banked_time(turn, slow, bank, math.inf, c)
+    bank = math.copysign(bank, turn)
+    turning = phase_of(cosine, sine, slow, bank, plant, c)
+    return Leg(bank, banked, turning, phase_of(cosine, sine, plant.speed, 0.0, plant, c))

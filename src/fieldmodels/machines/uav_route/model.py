@@ -1,23 +1,21 @@
-"""The UAV's model: commanded waypoints in; position, bank and a radar's looks out."""
+"""The UAV's model: commanded waypoints in; position, bank and a radar's scans out."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.uav_route.effects import EFFECTS
+from fieldmodels.machines.uav_route.declaration import EFFECTS, as_plants, base_parameters
 from fieldmodels.machines.uav_route.parameters import World, make_constants
-from fieldmodels.machines.uav_route.plant import PARAMETERS
-from fieldmodels.machines.uav_route.simulation import KM, simulate
-from fieldmodels.model import Model, Parameter, Signal
+from fieldmodels.machines.uav_route.simulation import Commands, simulate
+from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, Windows, uniform_windows
 
 IntArray = NDArray[np.int64]
-RADAR = [1, 2]
-"""Where the radar's site stands in a parameter vector."""
 DETECTED, GAP = "detected", "look_gap"
 
 
@@ -54,20 +52,12 @@ class UavRoute(Model):
     def __init__(self, world: World | None = None) -> None:
         """Declare the parameters for a world's aircraft."""
         self.world = world or World()
-        self.parameters = (
-            Parameter("speed", "m/s", KM * self.world.aircraft.speed, 50.0, 1000.0, 2.0),
-            Parameter("radar_north", "m", 0.0, -1e7, 1e7, 2000.0, refitted=False),
-            Parameter("radar_east", "m", 0.0, -1e7, 1e7, 2000.0, refitted=False),
-        )
+        self.parameters = base_parameters(self.world.aircraft)
         self._constants = make_constants(self.world)
-        own = [p for i, p in enumerate(self.all_parameters) if i not in RADAR]
-        self._units = np.array([KM if p.unit in ("m", "m/s") else 1.0 for p in own])
-        assert len(own) == PARAMETERS
 
-    def plant(self, vector: FloatArray) -> FloatArray:
-        """A reality as ``Flights`` take it: rows of ``plant.py``, shape (..., 13), in [km] and [km/s]."""
-        plant: FloatArray = np.delete(np.asarray(vector, dtype=np.float64), RADAR, axis=-1) / self._units
-        return plant
+    def plant(self, vector: FloatArray) -> NDArray[Any]:
+        """Parameter vectors as ``Flights`` take them: records of dtype ``PLANT`` in [km] and [km/s]."""
+        return as_plants(vector)
 
     def windows(self, recording: Recording, horizon: float) -> Windows:
         """See ``Model.windows``; what was not looked at is not observed."""
@@ -82,18 +72,19 @@ class UavRoute(Model):
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
         recording, force = windows.recording, windows.disturbance
-        parameters = np.ascontiguousarray(np.atleast_2d(parameters), dtype=np.float64)
+        parameters = np.atleast_2d(parameters)
         counts = np.diff(recording.bounds, axis=1)[:, 0]
         waypoints = np.column_stack([recording["to_north"], recording["to_east"]]).astype(np.float64)
         out = np.full((len(parameters), len(windows), windows.samples, len(self.outputs)), np.nan)
         simulate(
-            np.ascontiguousarray(self.plant(parameters)),
-            np.ascontiguousarray(parameters[:, RADAR] / KM),
-            waypoints,
-            _leg_starts(recording),
-            np.repeat(recording.bounds[:, 0], counts),
-            np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
-            recording.step,
+            self.plant(parameters),
+            Commands(
+                waypoints=waypoints,
+                begun=_leg_starts(recording),
+                first=np.repeat(recording.bounds[:, 0], counts),
+                force=np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+                step=recording.step,
+            ),
             windows.starts,
             windows.lengths,
             np.ascontiguousarray(windows.states),

@@ -20,15 +20,15 @@ FLIGHT = np.dtype(
         ("episode", np.int64),  # episodes begun under this key
         ("over", np.int64),  # FLYING, ARRIVED, DAMAGED or LATE
         ("legs", np.int64),  # flown in this episode
-        ("looks", np.int64),  # that the radars have drawn
+        ("scans", np.int64),  # that the radars have drawn
         ("place", np.float64, (2,)),  # north, east [km]
         ("course", np.float64, (2,)),  # its cosine and sine
         ("start", np.float64, (2,)),
         ("goal", np.float64, (2,)),
         ("radars", np.float64, (RADARS, 2)),
         ("timers", np.float64, (RADARS, 3)),  # lock loss, engage, launch [s]
-        ("probability", np.float64, (RADARS,)),  # of detection, when last looked
-        ("detected", np.int64, (RADARS,)),  # the last look's result
+        ("probability", np.float64, (RADARS,)),  # of detection, in the last scan
+        ("detected", np.int64, (RADARS,)),  # the last scan's result
         ("unbroken", np.float64, (RADARS,)),  # time since the present detection began [s]
         ("time", np.float64),  # [s]
         ("path", np.float64),  # [km]

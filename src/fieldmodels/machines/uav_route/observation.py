@@ -1,4 +1,4 @@
-"""What is seen of a flight: in the frame of the nearest radar's bearing, from where it believes to be."""
+"""What is observed of a flight: in the frame of the nearest radar's bearing, from where it believes to be."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
-from fieldmodels.machines.uav_route.flight import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN, Play
 from fieldmodels.machines.uav_route.parameters import Constants
-from fieldmodels.machines.uav_route.plant import BIAS_EAST, BIAS_NORTH
+from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN, Play
 
 
 @inlined
@@ -20,6 +19,12 @@ def distance_to_goal(flight: Any) -> float:
     """Distance to the goal [km]."""
     distance: float = math.hypot(flight.goal[0] - flight.place[0], flight.goal[1] - flight.place[1])
     return distance
+
+
+@inlined
+def measured_place(flight: Any, plant: Any) -> tuple[float, float]:
+    """North and east at which the aircraft believes to be [km]."""
+    return flight.place[0] + plant.sensor_bias.north, flight.place[1] + plant.sensor_bias.east
 
 
 @inlined
@@ -42,9 +47,9 @@ def nearest_radar(flight: Any, north: float, east: float, count: int) -> int:
 
 
 @inlined
-def radial(flight: Any, plant: FloatArray, count: int) -> tuple[float, float]:
+def radial(flight: Any, plant: Any, count: int) -> tuple[float, float]:
     """Cosine and sine of the bearing of the nearest radar, from where the aircraft believes to be."""
-    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
+    north, east = measured_place(flight, plant)
     r = nearest_radar(flight, north, east, count)
     to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
     distance = math.sqrt(to_north * to_north + to_east * to_east)
@@ -52,11 +57,11 @@ def radial(flight: Any, plant: FloatArray, count: int) -> tuple[float, float]:
 
 
 @inlined
-def show(
-    flight: Any, plant: FloatArray, c: Constants, p: Play, observed: NDArray[np.float32], order: Any
+def observe(
+    flight: Any, plant: Any, c: Constants, p: Play, observed: NDArray[np.float32], order: Any
 ) -> None:
-    """Write down what is seen of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
-    north, east = flight.place[0] + plant[BIAS_NORTH], flight.place[1] + plant[BIAS_EAST]
+    """Write down what is observed of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
+    north, east = measured_place(flight, plant)
     for r in range(p.radars):
         square = (flight.radars[r, 0] - north) ** 2 + (flight.radars[r, 1] - east) ** 2
         place = r
@@ -95,11 +100,11 @@ def show(
 
 @inlined
 def write(
-    flight: Any, plant: FloatArray, b: int, c: Constants, p: Play, order: Any, observed: NDArray[np.float32],
+    flight: Any, plant: Any, b: int, c: Constants, p: Play, order: Any, observed: NDArray[np.float32],
     numbers: FloatArray, places: FloatArray,
 ) -> None:  # fmt: skip
-    """Write down what is seen of flight ``b``, and its ``NUMBERS``."""
-    show(flight, plant, c, p, observed[b], order)
+    """Write down what is observed of flight ``b``, and its ``NUMBERS``."""
+    observe(flight, plant, c, p, observed[b], order)
     numbers[0, b] = 1.0 if flight.over == ARRIVED else 0.0
     numbers[1, b] = 1.0 if flight.over == DAMAGED else 0.0
     numbers[2, b] = flight.time
@@ -110,5 +115,4 @@ def write(
     numbers[7, b] = flight.largest
     numbers[8, b] = flight.losses
     numbers[9, b] = flight.legs
-    places[b, 0] = flight.place[0] + plant[BIAS_NORTH]
-    places[b, 1] = flight.place[1] + plant[BIAS_EAST]
+    places[b, 0], places[b, 1] = measured_place(flight, plant)

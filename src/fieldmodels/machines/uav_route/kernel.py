@@ -1,4 +1,4 @@
-"""The kernels of flights: a leg flown under the radars' eyes, arrival and score, a batch in one call."""
+"""The kernels of a batch of flights: legs flown under the radars' scans, arrival and score, in one call."""
 
 from __future__ import annotations
 
@@ -10,22 +10,13 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.machines.uav_route.aircraft import banked_time, ground_speed, heading_of, turn_into
-from fieldmodels.machines.uav_route.detection import EXACT
-from fieldmodels.machines.uav_route.flight import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE, Play
+from fieldmodels.machines.uav_route.aircraft import Attitude, Phase, heading_of, leg_of, turn_into
 from fieldmodels.machines.uav_route.layouts import draw_layout
 from fieldmodels.machines.uav_route.lock_loss import timers_after
+from fieldmodels.machines.uav_route.observation import distance_to_goal, radial, write
 from fieldmodels.machines.uav_route.parameters import RADARS, Constants
-from fieldmodels.machines.uav_route.plant import (
-    BANK,
-    INTERVAL,
-    SPEED,
-    TURN_LOSS,
-    WIND_EAST,
-    WIND_NORTH,
-    chance,
-)
-from fieldmodels.machines.uav_route.showing import distance_to_goal, radial, write
+from fieldmodels.machines.uav_route.radar import certain, chance
+from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE, Play
 from fieldmodels.streams import GAMMA, mixed, uniform
 
 
@@ -41,7 +32,7 @@ def begin(flight: Any, p: Play) -> None:
         flight.goal[0], flight.goal[1] = p.goal_north, p.goal_east
         for r in range(p.radars):
             flight.radars[r, 0], flight.radars[r, 1] = p.sites[r, 0], p.sites[r, 1]
-    flight.over, flight.legs, flight.looks, flight.losses = FLYING, 0, 0, 0
+    flight.over, flight.legs, flight.scans, flight.losses = FLYING, 0, 0, 0
     flight.place[0], flight.place[1] = flight.start[0], flight.start[1]
     north, east = flight.goal[0] - flight.start[0], flight.goal[1] - flight.start[1]
     distance = max(math.sqrt(north * north + east * east), 1e-9)
@@ -54,31 +45,28 @@ def begin(flight: Any, p: Play) -> None:
 
 
 @inlined
-def look(
-    flight: Any, north: float, east: float, cosine: float, sine: float, bank: float, plant: FloatArray,
-    c: Constants, p: Play,
-) -> None:  # fmt: skip
+def scan(
+    flight: Any, north: float, east: float, attitude: Attitude, plant: Any, c: Constants, p: Play
+) -> None:
     """Let every radar compute its probability of detection, and detect above the threshold."""
-    tilt = -bank if c.left_handed else bank
-    tilt_cosine, tilt_sine = (math.cos(tilt), math.sin(tilt)) if tilt != 0.0 else (1.0, 0.0)
     for r in range(p.radars):
         to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
-        likely = chance(to_north, to_east, cosine, sine, tilt_cosine, tilt_sine, plant, c)
+        likely = chance(to_north, to_east, attitude, plant, c)
         flight.probability[r] = likely
         flight.largest = max(flight.largest, likely)
-        flight.detected[r] = 1 if likely > c.threshold + EXACT else 0
+        flight.detected[r] = 1 if certain(likely, c) else 0
 
 
 @inlined
-def draw_looks(flight: Any, c: Constants, p: Play) -> None:
-    """Draw the result of each radar's look; the numbers depend on the look's time alone."""
+def draw_scans(flight: Any, c: Constants, p: Play) -> None:
+    """Draw the result of each radar's scan; the numbers depend on the scan's time alone."""
     key = mixed(mixed(flight.key + np.uint64(flight.episode) * GAMMA) + GAMMA)
     for r in range(p.radars):
-        number = uniform(key, RADARS * flight.looks + r)
+        number = uniform(key, RADARS * flight.scans + r)
         likely = flight.probability[r]
         seen = number >= likely if c.draw_above else number < likely
         flight.detected[r] = 1 if seen and likely > 0.0 else 0
-    flight.looks += 1
+    flight.scans += 1
 
 
 @inlined
@@ -102,31 +90,29 @@ def run_timers(flight: Any, time: float, c: Constants, p: Play) -> bool:
 
 
 @inlined
-def watch(
-    flight: Any, duration: float, north: float, east: float, cosine: float, sine: float, bank: float,
-    plant: FloatArray, c: Constants, p: Play,
-) -> bool:  # fmt: skip
-    """Fly for a time [s] at a ground velocity [km/s] with one attitude; returns whether it ends in a hit.
+def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, c: Constants, p: Play) -> bool:
+    """Fly with one velocity and attitude for a time [s]; returns whether it ends in a hit.
 
-    Detection above the threshold is looked at in the middle of steps; drawn looks come at their own times,
-    and what a look has found holds until the next one.
+    Detection above the threshold is tested in the middle of steps; drawn scans come at their own times, and
+    what a scan has found holds until the next one.
     """
     x, y = flight.place[0], flight.place[1]
+    north, east = phase.north, phase.east
     flown, hit = 0.0, False
     pieces = max(1, math.ceil(duration / p.step - 1e-9))
-    interval = c.look_interval * plant[INTERVAL]
+    interval = c.look_interval * plant.look_interval.factor
     while flown < duration and not hit:
         time = duration / pieces
         if c.stochastic:
-            due = flight.looks * interval - flight.time
+            due = flight.scans * interval - flight.time
             if due <= 1e-9:
-                look(flight, x + flown * north, y + flown * east, cosine, sine, bank, plant, c, p)
-                draw_looks(flight, c, p)
-                due = flight.looks * interval - flight.time
+                scan(flight, x + flown * north, y + flown * east, phase.attitude, plant, c, p)
+                draw_scans(flight, c, p)
+                due = flight.scans * interval - flight.time
             time = min(max(due, 1e-9), duration - flown)
         else:
             middle = flown + 0.5 * time
-            look(flight, x + middle * north, y + middle * east, cosine, sine, bank, plant, c, p)
+            scan(flight, x + middle * north, y + middle * east, phase.attitude, plant, c, p)
         hit = run_timers(flight, time, c, p)
         flown = flown + time if flown + time < duration - 1e-9 else duration
     flight.place[0], flight.place[1] = x + flown * north, y + flown * east
@@ -150,7 +136,7 @@ def length_to_capture(flight: Any, north: float, east: float, length: float, cap
 
 
 @inlined
-def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constants, p: Play) -> None:
+def fly(flight: Any, course: float, length: float, plant: Any, c: Constants, p: Play) -> None:
     """Fly one leg of a course [rad] and a length [km]; the first one begins without a turn."""
     north, east = math.cos(course), math.sin(course)
     to_north, to_east = flight.place[0] + length * north, flight.place[1] + length * east
@@ -161,23 +147,16 @@ def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constan
     if c.two_quadrant:
         course = heading_of(north, east, True)
         north, east = math.cos(course), math.sin(course)
+    leg = leg_of(north, east, turn, plant, c)
     entered = length_to_capture(flight, north, east, length, p.capture)
     way = min(length, entered)
-    # a weaker bank and less speed change the turn's time
-    bank = c.bank * plant[BANK]
-    slow = plant[SPEED] * (1.0 - plant[TURN_LOSS])
-    wind_north, wind_east = plant[WIND_NORTH], plant[WIND_EAST]
     hit = False
-    if turn != 0.0:
-        speed, cosine, sine = ground_speed(north, east, slow, wind_north, wind_east)
-        time = banked_time(turn, slow, bank, way / speed, c)
-        if time > 0.0:
-            tilt = math.copysign(bank, turn)
-            hit = watch(flight, time, speed * north, speed * east, cosine, sine, tilt, plant, c, p)
-            way = max(way - speed * time, 0.0)
+    banked = min(leg.banked, way / leg.turning.speed)
+    if banked > 0.0:
+        hit = fly_phase(flight, banked, leg.turning, plant, c, p)
+        way = max(way - leg.turning.speed * banked, 0.0)
     if not hit and way > 1e-9:
-        speed, cosine, sine = ground_speed(north, east, plant[SPEED], wind_north, wind_east)
-        hit = watch(flight, way / speed, speed * north, speed * east, cosine, sine, 0.0, plant, c, p)
+        hit = fly_phase(flight, way / leg.level.speed, leg.level, plant, c, p)
     flight.legs += 1
     if hit:
         flight.over = DAMAGED
@@ -185,6 +164,19 @@ def fly(flight: Any, course: float, length: float, plant: FloatArray, c: Constan
         flight.over = ARRIVED
     elif flight.legs >= p.horizon:
         flight.over = LATE
+
+
+@inlined
+def score(flight: Any, distance: float, path: float, p: Play) -> float:
+    """What a leg was worth that began at a distance from the goal [km] with a path behind it [km]."""
+    value: float = p.progress * (distance - distance_to_goal(flight)) - p.cost * (flight.path - path)
+    if flight.over == ARRIVED:
+        value += p.arrival
+    elif flight.over == DAMAGED:
+        value -= p.damage
+    elif flight.over == LATE:
+        value -= p.late
+    return value
 
 
 @compiled
@@ -195,13 +187,13 @@ def start_all(flights: NDArray[Any], which: NDArray[np.int64], p: Play) -> None:
 
 
 @compiled
-def play(
+def advance_all(
     flights: NDArray[Any],
     actions: FloatArray,
     flying: bool,
     relative: bool,
     restarting: bool,
-    plants: FloatArray,
+    plants: NDArray[Any],
     c: Constants,
     p: Play,
     observed: NDArray[np.float32],
@@ -210,7 +202,7 @@ def play(
     reward: FloatArray,
     over: NDArray[np.int64],
 ) -> bool:
-    """Take every flight through one leg, or with ``flying`` off only look; see ``Flights.advance``.
+    """Take every flight through one leg, or with ``flying`` off only observe; see ``Flights.advance``.
 
     Returns:
         False if an action is not a finite number; then nothing has happened.
@@ -232,13 +224,7 @@ def play(
                 course += math.atan2(sine, cosine)
             distance, path = distance_to_goal(flight), flight.path
             fly(flight, course, min(max(actions[b, 1], p.least_leg), p.longest_leg), plant, c, p)
-            gain = p.progress * (distance - distance_to_goal(flight)) - p.cost * (flight.path - path)
-            if flight.over == ARRIVED:
-                gain += p.arrival
-            elif flight.over == DAMAGED:
-                gain -= p.damage
-            elif flight.over == LATE:
-                gain -= p.late
+            gain = score(flight, distance, path, p)
         reward[b] = gain
         over[b] = flight.over
         write(flight, plant, b, c, p, order, observed, numbers, places)

@@ -1,30 +1,54 @@
-"""Flying a plan in the continuous model: what it is worth, whatever model it was made in."""
+"""Simulating a plan in the continuous model: what it is worth, whatever model it was made in."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled
-from fieldmodels.machines.uav_route.aircraft import banked_time, heading_of, turn_into
-from fieldmodels.machines.uav_route.detection import EXACT, probability
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.machines.uav_route.aircraft import Attitude, heading_of, leg_of, turn_into
+from fieldmodels.machines.uav_route.declaration import nominal_plant
 from fieldmodels.machines.uav_route.lock_loss import timers_after
 from fieldmodels.machines.uav_route.parameters import Constants, World, make_constants
-from fieldmodels.machines.uav_route.signature import aspect, signature
+from fieldmodels.machines.uav_route.radar import certain, view
 from fieldmodels.model import ModelError
 
 STEP = 0.1
-"""Time between samples of a re-flown plan [s]: 25 m."""
+"""Time between samples of a simulated plan [s]: 25 m."""
 
-_COLUMNS = 10  # of a radar's trace: slant range ... damaged
+SAMPLE = np.dtype(
+    [
+        ("time", np.float64),  # its middle [s]
+        ("interval", np.float64),  # its length [s]
+        ("position", np.float64, (2,)),
+        ("heading", np.float64),
+        ("bank", np.float64),
+    ]
+)
+"""What a sample holds of the aircraft."""
+
+RADAR_SAMPLE = np.dtype(
+    [
+        ("slant_range", np.float64),
+        ("azimuth", np.float64),
+        ("elevation", np.float64),
+        ("signature", np.float64),
+        ("probability", np.float64),
+        ("detected", np.int8),
+        ("hit", np.int8),  # whether its missile hits in this sample
+        ("timers", np.float64, (3,)),
+    ]
+)
+"""What a sample holds of each radar."""
 
 
 @dataclass(frozen=True)
-class Certificate:
+class PlanVerification:
     """What the continuous model says of a plan.
 
     Attributes:
@@ -59,11 +83,11 @@ class Certificate:
 
 
 @dataclass(frozen=True)
-class Reflight:
-    """A plan as flown: its certificate, and its trace at the middle of every sample.
+class PlanSimulation:
+    """A plan as simulated: its verification, and its trace at the middle of every sample.
 
     Attributes:
-        certificate: What it is worth.
+        verification: What it is worth.
         time: Middle of each sample [s], shape (samples,).
         interval: Length of each sample [s], shape (samples,).
         position: North and east [km], shape (samples, 2).
@@ -78,7 +102,7 @@ class Reflight:
         timers: Lock-loss, engage and launch timers at each sample's end, shape (samples, radars, 3).
     """
 
-    certificate: Certificate
+    verification: PlanVerification
     time: FloatArray
     interval: FloatArray
     position: FloatArray
@@ -93,7 +117,7 @@ class Reflight:
     timers: FloatArray
 
 
-def refly(
+def simulate_plan(
     waypoints: ArrayLike,
     radars: ArrayLike,
     world: World | None = None,
@@ -101,10 +125,10 @@ def refly(
     durations: ArrayLike | None = None,
     heading: float | None = None,
     step: float = STEP,
-) -> Reflight:
-    """Fly a plan from waypoint to waypoint in the continuous model, detection above the threshold.
+) -> PlanSimulation:
+    """Simulate a plan from waypoint to waypoint in the continuous model, detection above the threshold.
 
-    Several aircraft are uncoupled in the source: fly each one by itself.
+    Several aircraft are uncoupled in the source: simulate each one by itself.
 
     Args:
         waypoints: North and east of start, waypoints and goal [km], shape (n, 2). A leg of no length is
@@ -140,15 +164,15 @@ def refly(
     starts, legs, times, lengths = points[:-1][flown], legs[flown], times[flown], lengths[flown]
     c = make_constants(world)
     room = int(np.sum(np.ceil(times / step)) + 2 * len(times))
-    own, seen = np.zeros((room, 6)), np.zeros((room, len(sites), _COLUMNS))
+    trace, seen = np.zeros(room, SAMPLE), np.zeros((room, len(sites)), RADAR_SAMPLE)
     before = math.nan if heading is None else float(heading)
-    count, largest, losses = _fly(starts, legs, times, sites, before, step, c, own, seen)
-    own, seen = own[:count], seen[:count]
-    detected = seen[:, :, 5] > 0
-    interval = own[:, 1]
+    plant = nominal_plant(world.aircraft.speed).reshape(1)
+    count, largest, losses = _fly(starts, legs, times, sites, before, step, plant, c, trace, seen)
+    trace, seen = trace[:count], seen[:count]
+    detected, interval = seen["detected"] > 0, trace["interval"]
     ends = np.cumsum(interval)
-    hits = np.flatnonzero(seen[:, :, 9].any(axis=1))
-    certificate = Certificate(
+    hits = np.flatnonzero(seen["hit"].any(axis=1))
+    verification = PlanVerification(
         path_length=float(lengths.sum()),
         duration=float(times.sum()),
         time_over=float(interval[detected.any(axis=1)].sum()),
@@ -158,21 +182,9 @@ def refly(
         damaged_at=float(ends[hits[0]]) if len(hits) else math.inf,
         step=float(step),
     )
-    return Reflight(
-        certificate=certificate,
-        time=own[:, 0],
-        interval=interval,
-        position=own[:, 2:4],
-        heading=own[:, 4],
-        bank=own[:, 5],
-        slant_range=seen[:, :, 0],
-        azimuth=seen[:, :, 1],
-        elevation=seen[:, :, 2],
-        signature=seen[:, :, 3],
-        probability=seen[:, :, 4],
-        detected=detected,
-        timers=seen[:, :, 6:9],
-    )
+    own = {name: trace[name] for name in SAMPLE.names or ()}
+    radar = {name: seen[name] for name in (RADAR_SAMPLE.names or ()) if name not in ("detected", "hit")}
+    return PlanSimulation(verification=verification, detected=detected, **own, **radar)
 
 
 def _places(values: ArrayLike, what: str) -> FloatArray:
@@ -194,27 +206,65 @@ def _longest(detected: NDArray[np.bool_], interval: FloatArray) -> float:
     return float(np.max(ends[edges[1::2]] - ends[edges[::2]], initial=0.0))
 
 
-@compiled
-def _look(
-    north: float, east: float, heading: float, bank: float, sites: FloatArray, c: Constants, out: FloatArray
+@inlined
+def scan(
+    north: float, east: float, attitude: Attitude, sites: FloatArray, plant: Any, c: Constants, out: Any
 ) -> float:
-    """Slant range, azimuth, elevation, signature and probability for each radar; the largest of these."""
+    """What each radar sees of an aircraft at a place [km]; the largest probability of detection."""
     largest = 0.0
     for r in range(len(sites)):
-        tilt = -bank if c.left_handed else bank
-        out[r, 0], out[r, 1], out[r, 2] = aspect(
-            sites[r, 0] - north,
-            sites[r, 1] - east,
-            c.altitude,
-            math.cos(heading),
-            math.sin(heading),
-            math.cos(tilt),
-            math.sin(tilt),
-        )
-        out[r, 3] = signature(out[r, 1], out[r, 2])
-        out[r, 4] = probability(out[r, 3], out[r, 0], c.log) if out[r, 0] <= c.reach else 0.0
-        largest = max(largest, out[r, 4])
+        one = view(sites[r, 0] - north, sites[r, 1] - east, attitude, plant, c)
+        out[r].slant_range, out[r].azimuth, out[r].elevation = one.slant_range, one.azimuth, one.elevation
+        out[r].signature, out[r].probability = one.signature, one.probability
+        largest = max(largest, one.probability)
     return largest
+
+
+@inlined
+def run_timers(count: int, interval: float, c: Constants, seen: Any) -> int:
+    """Let the radars' timers run through sample ``count`` [s]; returns the number of lock losses."""
+    losses = 0
+    for r in range(seen.shape[1]):
+        one = seen[count, r]
+        detected = certain(one.probability, c)
+        lose, engage, launch = 0.0, 0.0, 0.0
+        if count > 0:
+            before = seen[count - 1, r].timers
+            lose, engage, launch = before[0], before[1], before[2]
+        lose, engage, launch, lost, hit = timers_after(lose, engage, launch, detected, interval, c)
+        one.timers[0], one.timers[1], one.timers[2] = lose, engage, launch
+        one.detected = 1 if detected else 0
+        one.hit = 1 if hit else 0
+        losses += 1 if lost else 0
+    return losses
+
+
+@inlined
+def first_direction(legs: FloatArray, before: float) -> tuple[float, float]:
+    """Direction before the first leg: of a heading [rad], or (NaN) of the first leg with a length."""
+    if not math.isnan(before):
+        return math.cos(before), math.sin(before)
+    for i in range(len(legs)):
+        if legs[i, 0] != 0.0 or legs[i, 1] != 0.0:
+            return legs[i, 0], legs[i, 1]
+    return 1.0, 0.0
+
+
+@inlined
+def turn_and_heading(
+    i: int, starts: FloatArray, legs: FloatArray, old_north: float, old_east: float, c: Constants
+) -> tuple[float, float]:
+    """Turn [rad] and heading [rad] of leg ``i``, (4.1) and (4.2); as printed, those of the next leg."""
+    north, east = legs[i, 0], legs[i, 1]
+    heading = heading_of(north, east, c.two_quadrant)
+    if not c.next_leg:
+        to_north, to_east = starts[i, 0] + north, starts[i, 1] + east
+        return turn_into(old_north, old_east, north, east, to_north, to_east, c), heading
+    if i + 1 < len(legs) and (legs[i + 1, 0] != 0.0 or legs[i + 1, 1] != 0.0):
+        to_north, to_east = starts[i + 1, 0] + legs[i + 1, 0], starts[i + 1, 1] + legs[i + 1, 1]
+        turn = turn_into(north, east, legs[i + 1, 0], legs[i + 1, 1], to_north, to_east, c)
+        return turn, heading_of(legs[i + 1, 0], legs[i + 1, 1], c.two_quadrant)
+    return 0.0, heading
 
 
 @compiled
@@ -225,81 +275,52 @@ def _fly(
     sites: FloatArray,
     before: float,
     step: float,
+    plants: NDArray[Any],
     c: Constants,
-    own: FloatArray,
-    seen: FloatArray,
+    trace: NDArray[Any],
+    seen: NDArray[Any],
 ) -> tuple[int, float, int]:
-    """Fill the trace: time, interval, position, heading, bank; and what each radar sees and counts.
+    """Fill the trace of the aircraft, and what each radar sees and counts.
 
     Returns:
         Number of samples, largest probability of detection (corners included), number of lock losses.
     """
     count, losses, largest, begun = 0, 0, 0.0, 0.0
-    at_corner = np.zeros((len(sites), 5))
-    old_north, old_east = math.cos(before), math.sin(before)
-    if math.isnan(before):
-        for i in range(len(legs)):
-            if legs[i, 0] != 0.0 or legs[i, 1] != 0.0:
-                old_north, old_east = legs[i, 0], legs[i, 1]
-                break
-        else:
-            old_north, old_east = 1.0, 0.0
+    plant = plants[0]
+    at_corner = np.zeros_like(seen[0])
+    old_north, old_east = first_direction(legs, before)
     heading = heading_of(old_north, old_east, c.two_quadrant)
     for i in range(len(legs)):
-        north, east, duration = legs[i, 0], legs[i, 1], times[i]
-        length = math.sqrt(north * north + east * east)
-        speed = length / duration
+        duration = times[i]
+        length = math.sqrt(legs[i, 0] * legs[i, 0] + legs[i, 1] * legs[i, 1])
         course, turn = heading, 0.0
         if length > 0.0:
-            course = heading_of(north, east, c.two_quadrant)
-            heading = course
-            if c.next_leg:
-                if i + 1 < len(legs) and (legs[i + 1, 0] != 0.0 or legs[i + 1, 1] != 0.0):
-                    to_north, to_east = starts[i + 1, 0] + legs[i + 1, 0], starts[i + 1, 1] + legs[i + 1, 1]
-                    turn = turn_into(north, east, legs[i + 1, 0], legs[i + 1, 1], to_north, to_east, c)
-                    heading = heading_of(legs[i + 1, 0], legs[i + 1, 1], c.two_quadrant)
-            else:
-                turn = turn_into(
-                    old_north, old_east, north, east, starts[i, 0] + north, starts[i, 1] + east, c
-                )
-            old_north, old_east = north, east
-        banked = banked_time(turn, speed, c.bank, duration, c)
-        ahead_north, ahead_east = speed * math.cos(course), speed * math.sin(course)
+            course = heading_of(legs[i, 0], legs[i, 1], c.two_quadrant)
+            turn, heading = turn_and_heading(i, starts, legs, old_north, old_east, c)
+            old_north, old_east = legs[i, 0], legs[i, 1]
+        plant.speed = length / duration
+        leg = leg_of(math.cos(course), math.sin(course), turn, plant, c)
+        banked = min(leg.banked, duration)
         for level in range(2):
             first, last = (banked, duration) if level == 1 else (0.0, banked)
             if last <= first:
                 continue
-            bank = 0.0 if level == 1 else math.copysign(c.bank, turn)
+            bank, phase = (0.0, leg.level) if level == 1 else (leg.bank, leg.turning)
+            tilt = phase.attitude
+            attitude = Attitude(math.cos(heading), math.sin(heading), tilt.bank_cosine, tilt.bank_sine)
             pieces = max(1, math.ceil((last - first) / step - 1e-9))
             interval = (last - first) / pieces
-            for k in range(pieces + 1):
-                edge = last if k == pieces else first
-                if k == 0 or k == pieces:
-                    x, y = starts[i, 0] + edge * ahead_north, starts[i, 1] + edge * ahead_east
-                    largest = max(largest, _look(x, y, heading, bank, sites, c, at_corner))
-                if k == pieces:
-                    break
+            for edge in (first, last):
+                x, y = starts[i, 0] + edge * phase.north, starts[i, 1] + edge * phase.east
+                largest = max(largest, scan(x, y, attitude, sites, plant, c, at_corner))
+            for k in range(pieces):
                 middle = first + (k + 0.5) * interval
-                x, y = starts[i, 0] + middle * ahead_north, starts[i, 1] + middle * ahead_east
-                own[count, 0], own[count, 1] = begun + middle, interval
-                own[count, 2], own[count, 3], own[count, 4], own[count, 5] = x, y, heading, bank
-                largest = max(largest, _look(x, y, heading, bank, sites, c, seen[count]))
-                for r in range(len(sites)):
-                    one = seen[count, r]
-                    detected = one[4] > c.threshold + EXACT
-                    lose, engage, launch = 0.0, 0.0, 0.0
-                    if count > 0:
-                        lose, engage, launch = (
-                            seen[count - 1, r, 6],
-                            seen[count - 1, r, 7],
-                            seen[count - 1, r, 8],
-                        )
-                    one[6], one[7], one[8], lost, hit = timers_after(
-                        lose, engage, launch, detected, interval, c
-                    )
-                    one[5] = 1.0 if detected else 0.0
-                    one[9] = 1.0 if hit else 0.0
-                    losses += 1 if lost else 0
+                x, y = starts[i, 0] + middle * phase.north, starts[i, 1] + middle * phase.east
+                one = trace[count]
+                one.time, one.interval, one.heading, one.bank = begun + middle, interval, heading, bank
+                one.position[0], one.position[1] = x, y
+                largest = max(largest, scan(x, y, attitude, sites, plant, c, seen[count]))
+                losses += run_timers(count, interval, c, seen)
                 count += 1
         begun += duration
     return count, largest, losses

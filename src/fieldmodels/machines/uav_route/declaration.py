@@ -1,8 +1,28 @@
-"""What may be missing from the nominal flight: the effects, in the order of ``simulation``'s rows."""
+"""The numbers of an aircraft and the radars that watch it: each is declared here and nowhere else."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.declared import as_rows, neutral, row_type
+from fieldmodels.machines.uav_route.parameters import Aircraft
 from fieldmodels.model import Effect, Parameter
+
+KM = 1000.0
+"""Metres: parameter vectors are in SI units, kernels in [km] and [km/s], since Table 4.2 is."""
+
+
+def base_parameters(aircraft: Aircraft) -> tuple[Parameter, ...]:
+    """The numbers that a nominal flight depends on, for an aircraft."""
+    return (
+        Parameter("speed", "m/s", KM * aircraft.speed, 50.0, 1000.0, 2.0),
+        Parameter("radar_north", "m", 0.0, -1e7, 1e7, 2000.0, refitted=False),
+        Parameter("radar_east", "m", 0.0, -1e7, 1e7, 2000.0, refitted=False),
+    )
+
 
 WIDTHS = tuple(width / 100 for width in range(60, 161, 2) if width != 100)
 """Tried widths of the nose cone: half a degree apart, as fine as its edge."""
@@ -81,4 +101,23 @@ EFFECTS = (
         "time between looks = factor * look interval",
     ),
 )
-"""All effects; their parameters in turn follow the base parameters in a parameter vector."""
+"""What may be missing from the nominal flight."""
+
+BASE = base_parameters(Aircraft())
+PLANT = row_type(BASE, EFFECTS)
+"""Type of a plant: what aircraft and radars truly are, as kernels read it, in [km] and [km/s]."""
+_UNITS = np.array(
+    [KM if p.unit in ("m", "m/s") else 1.0 for p in (*BASE, *(p for e in EFFECTS for p in e.parameters))]
+)
+
+
+def as_plants(vectors: ArrayLike) -> NDArray[Any]:
+    """Parameter vectors of ``UavRoute``, shape (..., numbers), as plants, shape (...)."""
+    return as_rows(np.asarray(vectors, dtype=np.float64) / _UNITS, PLANT)
+
+
+def nominal_plant(speed: float) -> NDArray[Any]:
+    """The plant of an aircraft as it is believed to be, shape (); speed in [km/s]."""
+    plant = as_plants(neutral(BASE, EFFECTS))
+    plant["speed"] = speed
+    return plant

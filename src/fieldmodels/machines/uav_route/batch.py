@@ -1,7 +1,7 @@
-"""Flights leg by leg, a batch at a time: the working surface of environments and evaluations.
+"""Flights leg by leg, a batch at a time: what environments and evaluations work with.
 
 A flight's layouts depend on its seed and the number of its episode alone, and the numbers that decide its
-radars' looks on these and the look's time: equal seeds give every agent the same luck.
+radars' scans on these and the scan's time: equal seeds give every agent the same luck.
 """
 
 from __future__ import annotations
@@ -15,22 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.uav_route.flight import EACH, FLIGHT, NUMBERS, OWN, Play
-from fieldmodels.machines.uav_route.flying import play, start_all
+from fieldmodels.machines.uav_route.declaration import PLANT, nominal_plant
+from fieldmodels.machines.uav_route.kernel import advance_all, start_all
 from fieldmodels.machines.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.machines.uav_route.parameters import RADARS, Layout, World, make_constants
-from fieldmodels.machines.uav_route.plant import (
-    CONE,
-    INTERVAL,
-    PARAMETERS,
-    RANGE,
-    SIGNATURE,
-    SPEED,
-    TURN_LOSS,
-    WIND_EAST,
-    WIND_NORTH,
-    nominal_plant,
-)
+from fieldmodels.machines.uav_route.state import EACH, FLIGHT, NUMBERS, OWN, Play
 from fieldmodels.model import ModelError
 
 
@@ -65,7 +54,7 @@ class Rules:
         horizon: Legs after which an episode ends.
         least_leg: Shortest leg [km].
         longest_leg: Longest leg [km].
-        step: Longest time between looks if detection is certain above the threshold [s].
+        step: Longest time between tests if detection is certain above the threshold [s].
         score: What a leg is worth.
     """
 
@@ -99,7 +88,7 @@ class Rules:
         if self.world.reading.heading == "next_leg":
             raise ModelError(
                 "the printed heading is that of the next leg, which is not known while a leg is flown: "
-                "choose heading='own_leg', or re-fly a whole plan"
+                "choose heading='own_leg', or simulate a whole plan"
             )
 
     @property
@@ -142,12 +131,12 @@ class Leg:
     """What one leg of every flight gave, in arrays of its own.
 
     Attributes:
-        observed: What is seen of each flight, shape (batch, 8 + 9 radars), float32, columns as in
+        observed: What is observed of each flight, shape (batch, 8 + 9 radars), float32, columns as in
             ``observed_names``: all in the frame of the nearest radar's bearing.
         numbers: Shape (10, batch), rows as in ``NUMBERS``: 1 where the goal is reached; 1 where the
             aircraft is hit; time [s]; length of the path [km]; distance left to the goal [km]; time over
             the threshold or detected [s]; longest such time without a break [s]; largest probability of
-            detection looked at; lock losses; legs.
+            detection in any scan; lock losses; legs.
         places: North and east of each aircraft as measured [km], shape (batch, 2).
         reward: Score of the leg, shape (batch,).
         over: 0 while a flight goes on, 1 arrived, 2 hit, 3 out of legs; shape (batch,).
@@ -171,38 +160,38 @@ class Flights:
     Attributes:
         rules: What is flown.
         flights: All state, shape (batch,), dtype ``FLIGHT``.
-        plants: What each aircraft truly is, shape (batch, 13), as ``UavRoute.plant`` gives it.
+        plants: What each aircraft truly is, shape (batch,), as ``UavRoute.plant`` gives it.
     """
 
-    def __init__(self, batch: int, rules: Rules | None = None, plant: ArrayLike | None = None) -> None:
+    def __init__(self, batch: int, rules: Rules | None = None, plant: NDArray[Any] | None = None) -> None:
         """Make flights; seed and restart each before the first leg.
 
         Args:
             batch: Number of flights.
             rules: What is flown.
-            plant: What the aircraft truly is, shape (13,) or (batch, 13), see ``UavRoute.plant``; None is
-                nominal.
+            plant: What the aircraft truly is, shape () or (batch,), see ``UavRoute.plant``; None is nominal.
 
         Raises:
-            ModelError: If the batch is empty, the plant has the wrong shape, its wind is stronger than the
-                aircraft, or a factor is not positive.
+            ModelError: If the batch is empty, the plant has the wrong type or shape, its wind is stronger
+                than the aircraft, or a factor is not positive.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one flight, not {batch}")
         self.rules = rules or Rules()
-        nominal = nominal_plant(self.rules.world.aircraft.speed)
-        vector = np.asarray(nominal if plant is None else plant, dtype=np.float64)
-        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+        own = nominal_plant(self.rules.world.aircraft.speed) if plant is None else np.asarray(plant)
+        if own.dtype != PLANT or own.shape not in ((), (batch,)):
             raise ModelError(
-                f"a plant has shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+                f"a plant comes from UavRoute.plant and has shape () or ({batch},), not {own.shape} of "
+                f"{own.dtype.name}"
             )
-        slowest = vector[..., SPEED] * (1.0 - vector[..., TURN_LOSS])
-        if not (np.hypot(vector[..., WIND_NORTH], vector[..., WIND_EAST]) < slowest).all():
+        slowest = own["speed"] * (1.0 - own["turn_speed_loss"]["share"])
+        if not (np.hypot(own["wind"]["north"], own["wind"]["east"]) < slowest).all():
             raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
-        if not (vector[..., [SIGNATURE, CONE, RANGE, INTERVAL]] > 0).all():
-            raise ModelError("factors of signature, nose cone, range and look interval must be positive")
+        factors = ("signature_scale", "nose_cone_width", "radar_range_scale", "look_interval")
+        if not all((own[name]["factor"] > 0).all() for name in factors):
+            raise ModelError(f"the factors of {', '.join(factors)} must be positive")
         self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
-        self.plants = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
+        self.plants = np.ascontiguousarray(np.broadcast_to(own, (batch,)))
         self._constants = make_constants(self.rules.world)
         self._play = make_play(self.rules)
         self._columns = len(OWN) + self.rules.count * len(EACH)
@@ -236,9 +225,9 @@ class Flights:
         self._begun[rows] = True
         self._ready = bool(self._begun.all())
 
-    def look(self) -> Leg:
-        """What is seen of every flight as it stands; the rewards are zero."""
-        return self._play_on(self._still, flying=False)
+    def observe(self) -> Leg:
+        """What is observed of every flight as it stands; the rewards are zero."""
+        return self._step(self._still, flying=False)
 
     def advance(self, actions: ArrayLike, restarting: bool = False) -> Leg:
         """Take every flight through one leg; one that is over stays as it is.
@@ -247,12 +236,12 @@ class Flights:
             actions: Heading relative to the bearing of the nearest radar [rad], positive to its right, and
                 length of the leg [km], limited to the rules' shortest and longest; shape (batch, 2).
             restarting: True lets a flight that is over begin its next episode instead: its action is
-                ignored, its reward 0, and what is seen of it is the new episode's start.
+                ignored, its reward 0, and what is observed of it is the new episode's start.
 
         Raises:
             ModelError: If the actions have the wrong shape or are not finite, or a flight never began.
         """
-        return self._play_on(self._checked(actions), relative=True, restarting=restarting)
+        return self._step(self._checked(actions), relative=True, restarting=restarting)
 
     def fly_to(self, waypoints: ArrayLike) -> Leg:
         """Take every flight towards a waypoint, given as north and east [km], shape (batch, 2).
@@ -264,7 +253,7 @@ class Flights:
         """
         ahead = self._checked(waypoints) - self.flights["place"]
         bearing = np.arctan2(ahead[:, 1], ahead[:, 0])
-        return self._play_on(np.column_stack([bearing, np.hypot(ahead[:, 0], ahead[:, 1])]))
+        return self._step(np.column_stack([bearing, np.hypot(ahead[:, 0], ahead[:, 1])]))
 
     def layout(self, i: int) -> Layout:
         """Start, goal and radars of flight ``i``."""
@@ -299,7 +288,7 @@ class Flights:
             raise ModelError(f"every flight needs two numbers, shape ({len(self)}, 2), not {array.shape}")
         return array
 
-    def _play_on(
+    def _step(
         self, actions: FloatArray, *, flying: bool = True, relative: bool = False, restarting: bool = False
     ) -> Leg:
         if not self._ready:
@@ -312,7 +301,7 @@ class Flights:
             np.empty(batch),
             np.empty(batch, dtype=np.int64),
         )
-        finite = play(
+        finite = advance_all(
             self.flights, actions, flying, relative, restarting, self.plants, self._constants, self._play,
             leg.observed, leg.numbers, leg.places, leg.reward, leg.over,
         )  # fmt: skip
