@@ -90,11 +90,12 @@ def test_with_every_fault_it_is_the_ordinary_differential_equation():
     def aims(time: float) -> np.ndarray:
         k = int(np.clip(np.floor((time - delay) / STEP + 1e-9), 0, len(recording) - 1))
         jumped = np.clip((k * STEP - f["parameter_step"]["time"]) / STEP + 1, 0, 1)
-        strength = f["actuator_gain"]["gain"] * (1 + (f["parameter_step"]["factor"] - 1) * jumped)
+        strength = 1 + (f["parameter_step"]["factor"] - 1) * jumped
         half = 0.5 * ROBOCUP.track * f["turn_gain"]["gain"] * recording["turn_rate"][k]
-        rims = strength * (recording["speed"][k] + np.array([-half, half]))
+        rims = f["actuator_gain"]["gain"] * (recording["speed"][k] + np.array([-half, half]))
         rims = np.sign(rims) * np.maximum(np.abs(rims) - f["actuator_dead_zone"]["width"], 0)
-        return np.clip(rims, -f["actuator_saturation"]["limit"], f["actuator_saturation"]["limit"])
+        limit = f["actuator_saturation"]["limit"]
+        return strength * np.clip(rims, -limit, limit)
 
     def slope(time: float, s: np.ndarray) -> list[float]:
         heading, left, right = s[2:5]

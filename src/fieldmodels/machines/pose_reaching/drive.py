@@ -46,9 +46,9 @@ def rims(speed: float, rate: float, jumped: float, q: FloatArray) -> tuple[float
         jumped: Share of the step after the moment of the jump (``parameter_step``).
         q: Parameters, shape (PARAMETERS,).
     """
-    strength = q[GAIN] * (1.0 + (q[STEP_FACTOR] - 1.0) * jumped)
+    strength = 1.0 + (q[STEP_FACTOR] - 1.0) * jumped
     half = 0.5 * q[TRACK] * q[TURN_GAIN] * rate
-    return rim(strength * (speed - half), q), rim(strength * (speed + half), q)
+    return strength * rim(q[GAIN] * (speed - half), q), strength * rim(q[GAIN] * (speed + half), q)
 
 
 @inlined

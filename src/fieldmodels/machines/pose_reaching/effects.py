@@ -151,6 +151,6 @@ def drive_effects(scales: Scales) -> tuple[Effect, ...]:
                 ),
                 Parameter("factor", "1", 1.0, 0.05, 20.0, 0.05, starts=(0.9,)),
             ),
-            "rims = factor * commanded rims from time on",
+            "rims = factor * commanded rims (and their limit) from time on, in proportion within its sample",
         ),
     )  # fmt: skip
