@@ -17,8 +17,8 @@ import numpy as np
 
 import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import visible
-from fieldagents.reference import references
-from fieldagents.reference.excitation import situation
+from fieldagents.task import get_task
+from fieldagents.tasks.excitation.agents import situation
 from fieldmodels.information import binned, closed, fast
 from fieldmodels.machines.excitation.dynamics import SUBSTEPS
 from fieldmodels.machines.excitation.motion import CONSTANT, DECISION
@@ -61,7 +61,7 @@ def main() -> None:
         each = milliseconds(partial(predictor.outlook, now, commands), 4) / 25
         rows.append((f"one forecast of the filter, {substeps} integration steps a sample", each))
     decisions = {}
-    for name, reference_agent in references("excitation").items():
+    for name, reference_agent in get_task("excitation").agents.items():
         if reference_agent.sees == "model":
             agent = reference_agent.make({})
             agent.reset(0)

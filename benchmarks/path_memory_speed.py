@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 
-from fieldagents.reference.path_memory.lookup import FORMS
-from fieldagents.reference.path_memory.matrices import DISTANCE, EXAMPLE_ANGLE
+from fieldagents.tasks.pose_reaching.path_memory.lookup import FORMS
+from fieldagents.tasks.pose_reaching.path_memory.matrices import DISTANCE, EXAMPLE_ANGLE
 
 GRIDS = (DISTANCE, EXAMPLE_ANGLE, EXAMPLE_ANGLE)
 """d, theta and psi: the three matrices of section 5.2.3, 16 + 20 + 20 columns."""

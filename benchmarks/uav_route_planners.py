@@ -26,13 +26,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from fieldagents.evaluation.seeds import TUNING_SEEDS
-from fieldagents.reference.uav_route.agents import legs, legs_lock_loss, legs_low, over_lattice, printed
-from fieldagents.reference.uav_route.lattice import lattice_plan
-from fieldagents.reference.uav_route.legs import leg_plan
-from fieldagents.reference.uav_route.lower_bound import layouts_of
-from fieldagents.reference.uav_route.plan import Plan
-from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan
+from fieldagents.seeds import TUNING_SEEDS
+from fieldagents.tasks.uav_route.agents import legs, legs_lock_loss, legs_low, over_lattice, printed
+from fieldagents.tasks.uav_route.lattice import lattice_plan
+from fieldagents.tasks.uav_route.legs import leg_plan
+from fieldagents.tasks.uav_route.lower_bound import layouts_of
+from fieldagents.tasks.uav_route.plan import Plan
+from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
 from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, Aircraft, Detection, Layout, World
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan

@@ -21,15 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldagents.agent import Agent
-from fieldagents.evaluation.entrants import make_entrant
+from fieldagents.evaluation.agents import make_agent
+from fieldagents.task import get_task
 from fieldagents.watch import Episode
 from fieldgym import TASKS, Task
 from fieldmodels.files import replacing, write_text
 
 FOLDER = Path(__file__).parent / "environments"
 STEPS_BEFORE_THE_PICTURE = 60
-PICTURED = {"excitation": "frozen_weight", "pose_reaching": "path_memory", "uav_route": "two_legs"}
-"""Who is at work in a task's picture; where nobody is named, the actions stay in the middle."""
 
 
 def page(task: Task) -> str:
@@ -72,8 +71,8 @@ class Middle(Agent):
 def picture(task: Task, path: Path) -> None:
     """Save a frame of the task while an agent is at work, before the episode's end."""
     env = gym.make(task.env_id, render_mode="rgb_array", disable_env_checker=True).unwrapped
-    name = PICTURED.get(task.name)
-    agent = make_entrant(name, task.name, {}).runs[0] if name else Middle(env.action_space)
+    name = get_task(task.name).picture
+    agent = make_agent(name, task.name, {}).runs[0] if name else Middle(env.action_space)
     episode = Episode(env, agent, seed=3)
     frame = None
     for _ in islice(episode.steps(), STEPS_BEFORE_THE_PICTURE):

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
 def catalogue() -> dict[str, Any]:
     """Everything that has a name, as plain data."""
-    from fieldagents.evaluation.entrants import describe_agents
-    from fieldagents.learned.zoo import list_zoo
-    from fieldagents.reproduce import ENTRIES
+    from fieldagents.evaluation.agents import describe_agents
+    from fieldagents.policies.zoo import list_zoo
+    from fieldagents.reproduce import reproducible
     from fieldgym import TASKS
     from fieldmodels.recording.datasets import dataset_names
     from fieldmodels.registry import get_model, model_names
@@ -55,7 +55,7 @@ def catalogue() -> dict[str, Any]:
         "models": models,
         "zoo": [str(entry) for entry in list_zoo()],
         "datasets": list(dataset_names()),
-        "reproductions": list(ENTRIES),
+        "reproductions": list(reproducible()),
     }
 
 

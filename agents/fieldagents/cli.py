@@ -170,9 +170,10 @@ def evaluate(
 
         fieldgym evaluate configs/heel_strike/benchmark.yaml --set episodes=20 --set 'agents=[ranger, ppo]'
     """
-    from fieldagents.config import EvaluateConfig, load_config
+    from fieldagents.config import load_config
     from fieldagents.evaluation import evaluate as run
     from fieldagents.evaluation import show
+    from fieldagents.evaluation.config import EvaluateConfig
 
     checked = load_config(config, EvaluateConfig, overrides or [])
     folder = out or Path("results") / checked.name
@@ -203,8 +204,9 @@ def record(
 
         fieldgym record configs/heel_strike/record.yaml --set reality.gyro_bias.rate=0.004 --set seed=3
     """
-    from fieldagents.config import RecordConfig, load_config
+    from fieldagents.config import load_config
     from fieldagents.record import record as run
+    from fieldagents.record.config import RecordConfig
 
     checked = load_config(config, RecordConfig, overrides or [])
     written = run(checked, out or Path("results") / checked.name)
@@ -393,10 +395,12 @@ def reproduce(
     from fieldagents.reproduce import report as pages
 
     if what is None:
+        known = room.reproducible()
         if as_json:
-            _print_json({"entries": [entry.to_json(name) for name, entry in room.ENTRIES.items()]})
+            entries = [{"name": n, "title": one.title, "options": one.options} for n, one in known.items()]
+            _print_json({"entries": entries})
         else:
-            pages.show_entries(_console())
+            pages.show_reproducible(known, _console())
         return
     folder = out or Path("results") / "reproduce" / what
     with progress() as shown:

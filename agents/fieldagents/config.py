@@ -1,11 +1,11 @@
-"""What every YAML file may say, and a loader that reports all mistakes at once, each with its line."""
+"""What YAML files have in common, and a loader that reports all mistakes at once, each with its line."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -14,8 +14,6 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
-    ValidationInfo,
-    field_validator,
 )
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -89,7 +87,7 @@ def check_environment(task: str, environment: EnvironmentConfig) -> None:
     try:
         TypeAdapter(kind).validate_python(environment.settings)
     except ValidationError as error:
-        problems += [(("settings", *at), message) for at, message in _readable(error, kind)]
+        problems += [(("settings", *at), message) for at, message in readable(error, kind)]
     try:
         check_reality(TASKS[task].model, environment.reality)
     except ProblemsError as error:
@@ -141,278 +139,6 @@ def check_task(name: str) -> str:
     if name not in TASKS:
         raise ValueError(f"there is no task {name!r}{did_you_mean(name, TASKS)}")
     return name
-
-
-class EvaluateConfig(Config):
-    """What `fieldgym evaluate` reads: which agents, on which environments, how many episodes.
-
-    Attributes:
-        name: Name of the result folder.
-        task: Name of the task.
-        environments: The scenarios: a name of one's own to settings and reality.
-        agents: Names of reference or learned agents, or paths of ``policy.onnx`` files.
-        baseline: The agent that all others are compared with; it is in ``agents`` too.
-        episodes: Number of episodes of every agent in every scenario, the same published seeds for all.
-    """
-
-    name: Name
-    task: str
-    environments: dict[Name, EnvironmentConfig] = Field(min_length=1)
-    agents: list[str] = Field(min_length=1)
-    baseline: str
-    episodes: int = Field(default=100, ge=2, le=10_000)
-
-    @field_validator("task")
-    @classmethod
-    def _task_exists(cls, task: str) -> str:
-        return check_task(task)
-
-    @field_validator("environments")
-    @classmethod
-    def _environments_fit(
-        cls, environments: dict[str, EnvironmentConfig], info: ValidationInfo
-    ) -> dict[str, EnvironmentConfig]:
-        problems: list[tuple[Location, str]] = []
-        for name, environment in environments.items() if "task" in info.data else ():
-            try:
-                check_environment(info.data["task"], environment)
-            except ProblemsError as error:
-                problems += [((name, *at), message) for at, message in error.problems]
-        if problems:
-            raise ProblemsError(problems)
-        return environments
-
-    @field_validator("agents")
-    @classmethod
-    def _agents_exist(cls, agents: list[str], info: ValidationInfo) -> list[str]:
-        from fieldagents.evaluation.entrants import agent_names
-
-        problems: list[tuple[Location, str]] = []
-        for i, name in enumerate(agents):
-            if name in agents[:i]:
-                problems.append(((i,), f"agent {name!r} is listed twice"))
-            elif name.endswith(".onnx"):
-                if not Path(name).is_file():
-                    problems.append(((i,), f"no such file: {name}"))
-            elif "task" in info.data and name not in (known := agent_names(info.data["task"])):
-                problems.append(((i,), f"there is no agent {name!r}{did_you_mean(name, known)}"))
-        if problems:
-            raise ProblemsError(problems)
-        return agents
-
-    @field_validator("baseline")
-    @classmethod
-    def _baseline_takes_part(cls, baseline: str, info: ValidationInfo) -> str:
-        from fieldagents.evaluation.entrants import agent_names
-
-        agents = info.data.get("agents")
-        if agents is not None and baseline not in agents:
-            raise ValueError(f"{baseline!r} is not among the agents{did_you_mean(baseline, agents)}")
-        if agents is None and "task" in info.data and not baseline.endswith(".onnx"):
-            known = agent_names(info.data["task"])
-            if baseline not in known:
-                raise ValueError(f"there is no agent {baseline!r}{did_you_mean(baseline, known)}")
-        return baseline
-
-
-class RetuneConfig(Config):
-    """What `fieldgym diagnose --then-retune` reads: which agent is designed anew, and where it is flown.
-
-    Attributes:
-        name: Name of the loop.
-        task: Name of the task.
-        agent: Name of a designer of the task: the agent that is made for each simulation.
-        options: Effort of the design; the designer says which keys there are.
-        settings: Keys of the task's settings, for designing and for flying.
-        hidden: The reality that the recording came from, where it is known (a simulated robot's): effects
-            that are on, or a path. Without it the extended simulation stands for it.
-        metric: Metric that the loss is counted in; by default the task's first.
-        episodes: Number of episodes of every agent in every simulation, the same published seeds for all.
-    """
-
-    name: Name
-    task: str
-    agent: str
-    options: dict[str, Any] = Field(default_factory=dict)
-    settings: dict[str, Any] = Field(default_factory=dict)
-    hidden: RealityConfig = None
-    metric: str | None = None
-    episodes: int = Field(default=100, ge=2, le=10_000)
-
-    @property
-    def counted(self) -> str:
-        """Name of the metric that the loss is counted in."""
-        from fieldagents.evaluation.metrics import METRICS
-
-        return self.metric or METRICS[self.task][0].name
-
-    @field_validator("task")
-    @classmethod
-    def _task_exists(cls, task: str) -> str:
-        from fieldagents.retune.designers import TABLES
-
-        if check_task(task) not in TABLES:
-            raise ValueError(f"no agent of {task} can be designed anew; tasks: {', '.join(TABLES)}")
-        return task
-
-    @field_validator("agent")
-    @classmethod
-    def _agent_exists(cls, agent: str, info: ValidationInfo) -> str:
-        from fieldagents.retune.designers import designers
-
-        if "task" in info.data and agent not in (known := designers(info.data["task"])):
-            raise ValueError(
-                f"no agent {agent!r} can be designed anew{did_you_mean(agent, known)}; there are "
-                f"{', '.join(known)}"
-            )
-        return agent
-
-    @field_validator("options")
-    @classmethod
-    def _options_fit(cls, options: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        from fieldagents.retune.designers import designers
-
-        if "task" in info.data and "agent" in info.data:
-            kind = designers(info.data["task"])[info.data["agent"]].options
-            try:
-                kind.model_validate(options)
-            except ValidationError as error:
-                raise ProblemsError(list(_readable(error, kind))) from None
-        return options
-
-    @field_validator("settings")
-    @classmethod
-    def _settings_fit(cls, settings: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        if "task" in info.data:
-            try:
-                check_environment(info.data["task"], EnvironmentConfig(settings=settings))
-            except ProblemsError as error:
-                raise ProblemsError([(at[1:], message) for at, message in error.problems]) from None
-        return settings
-
-    @field_validator("hidden")
-    @classmethod
-    def _hidden_fits(cls, hidden: Any, info: ValidationInfo) -> Any:
-        from fieldgym import TASKS
-
-        if "task" in info.data:
-            check_reality(TASKS[info.data["task"]].model, hidden)
-        return hidden
-
-    @field_validator("metric")
-    @classmethod
-    def _metric_counts(cls, metric: str | None, info: ValidationInfo) -> str | None:
-        from fieldagents.evaluation.metrics import METRICS
-
-        if metric is None or "task" not in info.data:
-            return metric
-        known = {one.name: one for one in METRICS[info.data["task"]] if not one.common}
-        if metric not in known:
-            raise ValueError(f"there is no metric {metric!r}{did_you_mean(metric, known)}")
-        if known[metric].may_miss:
-            raise ValueError(f"{metric!r} has no value in some episodes; choose a metric that has one in all")
-        return metric
-
-
-class ExcitationConfig(Config):
-    """How the input of a model is driven.
-
-    Attributes:
-        kind: ``mixed``, ``multisine``, ``prbs``, ``steps``, ``chirp``; or ``swing``, a smooth path.
-        amplitude: Peak of the command, in the input's unit; of a swing, of the path.
-    """
-
-    kind: Literal["mixed", "multisine", "prbs", "steps", "chirp", "swing"] = "mixed"
-    amplitude: float = Field(default=1.0, gt=0)
-
-
-class WalkConfig(Config):
-    """How a walker's noise behaves.
-
-    Attributes:
-        collision_kind: Kind of the collision noise.
-        regimes: Whether the noise levels switch as in the environment; else they stay nominal.
-    """
-
-    collision_kind: Literal["low_pass", "ar1"] = "low_pass"
-    regimes: bool = False
-
-
-DRIVEN = ("excitation", "input", "step", "episodes", "noise")
-"""Keys of a recording of a model with a commanded input."""
-
-RECORD_KEYS = {
-    "excitation": ("step", "episodes", "noise"),
-    "heel_strike": ("walk",),
-    "line_following": ("settings",),
-    "pose_reaching": ("input", "step", "episodes", "noise"),
-    "differential_drive": ("input", "step", "episodes", "noise"),
-    "uav_route": ("step", "episodes", "noise"),
-}
-"""Keys of a recording of the other models, which move by themselves or by random commands of their own."""
-
-
-class RecordConfig(Config):
-    """What `fieldgym record` reads: a model in a (hidden) reality, measured for a while.
-
-    Attributes:
-        name: Name of the result folder.
-        model: Name of the model; a user's own is named on the command line (``--set model=my_bench.py``).
-        reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
-        excitation: How the input is driven, for a model with a commanded input; tasks' robots move at random.
-        input: CSV or Parquet file of commands that are played instead, as `fieldgym diagnose` plans them: `t`
-            and a column an input, at `step`, for `duration` at least.
-        walk: The noise of a walk, for ``heel_strike``, which nobody drives.
-        settings: Line, plant and noise of a walk, for ``line_following``: settings of its environment.
-        duration: Length of an episode [s].
-        step: Sampling interval [s], for a model with a commanded input; a walker has its own.
-        episodes: Number of episodes, for a model with a commanded input; of ``excitation``, in each mode.
-        noise: Factor on the sensors' noise; 0 for none (a walker's noise is part of its walk).
-        seed: Seed of all randomness.
-        format: File format.
-    """
-
-    name: Name
-    model: str
-    reality: RealityConfig = None
-    excitation: ExcitationConfig | None = None
-    input: Path | None = None
-    walk: WalkConfig | None = None
-    settings: dict[str, Any] | None = None
-    duration: float = Field(gt=0, le=36_000)
-    step: float | None = Field(default=None, gt=0, le=1)
-    episodes: int = Field(default=1, ge=1, le=1000)
-    noise: float = Field(default=1.0, ge=0, le=1000)
-    seed: int = Field(default=0, ge=0)
-    format: Literal["csv", "parquet"] = "csv"
-
-    @field_validator("model")
-    @classmethod
-    def _model_exists(cls, model: str, info: ValidationInfo) -> str:
-        from fieldmodels.model_files import is_model_file
-        from fieldmodels.registry import get_model
-
-        if is_model_file(model) and f"model={model}" not in (info.context or ()):
-            raise ValueError(f"a Python file is run only if the command line names it: --set model={model}")
-        get_model(model)
-        return model
-
-    @field_validator("reality")
-    @classmethod
-    def _reality_fits(cls, reality: Any, info: ValidationInfo) -> Any:
-        if "model" in info.data:
-            check_reality(info.data["model"], reality)
-        return reality
-
-    @field_validator("excitation", "input", "walk", "settings", "step", "episodes", "noise")
-    @classmethod
-    def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
-        model = info.data.get("model")
-        if model is not None and info.field_name not in RECORD_KEYS.get(model, DRIVEN):
-            raise ValueError(f"model {model!r} does not take this key; leave it out")
-        if info.field_name == "settings" and value is not None:
-            check_environment("line_following", EnvironmentConfig(settings=value))
-        return value
 
 
 C = TypeVar("C", bound=BaseModel)
@@ -474,7 +200,7 @@ def _checked(data: dict[str, Any], places: dict[Location, str], kind: type[C], o
     try:
         config = kind.model_validate(data, context=overrides)
     except ValidationError as error:
-        for at, message in _readable(error, kind):
+        for at, message in readable(error, kind):
             problems.append(f"{_place(at, places)}: {'.'.join(map(str, at))}: {message}")
     if problems:
         raise ConfigError(problems)
@@ -537,7 +263,7 @@ def _override(data: dict[str, Any], places: dict[Location, str], text: str) -> s
     return None
 
 
-def _readable(error: ValidationError, kind: Any) -> Iterator[tuple[Location, str]]:
+def readable(error: ValidationError, kind: Any) -> Iterator[tuple[Location, str]]:
     """Location and message of every mistake in a validation error."""
     for item in error.errors(include_url=False):
         at: Location = item["loc"]

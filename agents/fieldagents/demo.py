@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldagents.config import EnvironmentConfig, EvaluateConfig
+from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import evaluate, report_section
-from fieldagents.evaluation.entrants import agent_names
+from fieldagents.evaluation.agents import agent_names
+from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.progress import Report
 from fieldmodels import html
 from fieldmodels.diagnosis import diagnose

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.entrants import agent_names, make_entrant
+from fieldagents.evaluation.agents import agent_names, make_agent
 from fieldagents.operator import Operator
 from fieldagents.progress import Report
-from fieldagents.reference import references
+from fieldagents.task import get_task
 from fieldgym import TASKS
 from fieldmodels.files import replacing
 from fieldmodels.names import did_you_mean
@@ -93,7 +93,7 @@ def watch(
         raise WatchError(f"{film}: a film ends in {' or '.join(FILMS)}")
     if film is None:
         _check_screen()
-    actor = make_entrant(name, task, environment.settings).runs[0]
+    actor = make_agent(name, task, environment.settings).runs[0]
     env = gymnasium.make(
         TASKS[task].env_id,
         render_mode="human" if film is None else "rgb_array",
@@ -197,7 +197,7 @@ def _batch(info: Mapping[str, Any]) -> dict[str, Any]:
 
 def _acting(task: str) -> list[str]:
     """Names of the task's agents that act."""
-    known = references(task)
+    known = get_task(task).agents
     return [name for name in agent_names(task) if name not in known or not known[name].estimator]
 
 

@@ -4,7 +4,8 @@ from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
 from fieldgym.settings import SettingsError
-from fieldgym.tasks import TASKS, Task
+from fieldgym.task import Task
+from fieldgym.tasks import TASKS
 
 __all__ = ["TASKS", "SettingsError", "Task", "register"]
 

@@ -1,4 +1,4 @@
-"""What to say of a name that nobody knows."""
+"""Names: the class that goes by one, and what to say of one that nobody knows."""
 
 import difflib
 from collections.abc import Iterable
@@ -9,3 +9,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     choices = list(known)
     close = difflib.get_close_matches(name, choices, n=1)
     return f" (did you mean {close[0]!r}?)" if close else f" (known: {', '.join(choices) or 'none'})"
+
+
+def class_name(name: str) -> str:
+    """The class that goes by a name: ``HeelStrike`` by ``heel_strike``."""
+    return name.title().replace("_", "")

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
+from pkgutil import iter_modules, resolve_name
 
+from fieldmodels import machines
 from fieldmodels.model import Model, ModelError
 from fieldmodels.model_files import is_model_file, load_model_file
-from fieldmodels.names import did_you_mean
+from fieldmodels.names import class_name, did_you_mean
 
-_MODELS = {
-    "rig": "fieldmodels.machines.rig:Rig",
-    "pendulum": "fieldmodels.machines.pendulum:Pendulum",
-    "propeller_arm": "fieldmodels.machines.propeller_arm:PropellerArm",
-    "heel_strike": "fieldmodels.machines.heel_strike.model:HeelStrikeModel",
-    "excitation": "fieldmodels.machines.excitation.model:ExcitationModel",
-    "line_following": "fieldmodels.machines.line_following.model:LineFollowing",
-    "pose_reaching": "fieldmodels.machines.pose_reaching.model:PoseReaching",
-    "differential_drive": "fieldmodels.machines.pose_reaching.model:DifferentialDrive",
-    "uav_route": "fieldmodels.machines.uav_route.model:UavRoute",
-}
+
+@cache
+def _places() -> dict[str, str]:
+    """Name to ``module:class`` of every machine of ``fieldmodels.machines``, none of them imported."""
+    places = {}
+    for found in iter_modules(machines.__path__):
+        module = f"{machines.__name__}.{found.name}"
+        if not found.ispkg:
+            places[found.name] = f"{module}:{class_name(found.name)}"
+        elif declared := getattr(import_module(module), "MODEL", None):
+            places[found.name] = f"{module}.{declared}"
+    return dict(sorted(places.items()))
 
 
 def model_names() -> tuple[str, ...]:
     """Names of all models."""
-    return tuple(_MODELS)
+    return tuple(_places())
 
 
 def get_model(name: str) -> Model:
@@ -37,8 +41,7 @@ def get_model(name: str) -> Model:
     """
     if is_model_file(name):
         return load_model_file(name)
-    if name not in _MODELS:
-        raise ModelError(f"no model {name!r}{did_you_mean(name, _MODELS)}")
-    module, _, attribute = _MODELS[name].partition(":")
-    model: Model = getattr(import_module(module), attribute)()
+    if name not in (places := _places()):
+        raise ModelError(f"no model {name!r}{did_you_mean(name, places)}")
+    model: Model = resolve_name(places[name])()
     return model

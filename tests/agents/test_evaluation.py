@@ -10,12 +10,13 @@ import pytest
 
 import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import Agent
-from fieldagents.config import EnvironmentConfig, EvaluateConfig
+from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import EvaluationError, evaluate, report_section
+from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.evaluate import check_pairs
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.evaluation.summary import Labels, summarise_scenario
+from fieldagents.seeds import TEST_SEEDS
 
 TASK = "heel_strike"
 SHORT = EnvironmentConfig(settings={"strides": 12})

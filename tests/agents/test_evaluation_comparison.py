@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldagents.evaluation.comparison import MIN_EPISODES, compare, mean_interval
-from fieldagents.evaluation.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
+from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
 
 
 def test_seeds_of_tuning_training_and_test_are_disjoint():

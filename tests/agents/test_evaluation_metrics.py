@@ -12,9 +12,9 @@ from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import report_section, show
 from fieldagents.evaluation.episodes import MetricError, Tally, play_episodes
-from fieldagents.evaluation.metrics import METRICS, Metric
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import Metric, TaskDefinition
 
 RUNNING = np.array([[True, True], [True, False], [True, False]])
 STEPS = np.array([3, 1])
@@ -79,7 +79,9 @@ TOY = (
 @pytest.fixture
 def toy(monkeypatch):
     """Two agents on 60 episodes: the second succeeds less often, but sooner where it does."""
-    monkeypatch.setitem(METRICS, "toy", TOY)
+    task = TaskDefinition("toy", TOY)
+    for room in ("summary", "report"):
+        monkeypatch.setattr(f"fieldagents.evaluation.{room}.get_task", {"toy": task}.__getitem__)
     rng = np.random.default_rng(0)
     hard = rng.random(60)
     frames = []

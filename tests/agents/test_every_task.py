@@ -1,19 +1,22 @@
 """What holds for every task on this floor: its metrics can be measured, its agents are described."""
 
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
 
 import fieldgym
+from fieldagents import tasks
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.entrants import agent_names, describe_agents
+from fieldagents.evaluation.agents import agent_names, describe_agents
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.metrics import METRICS
-from fieldagents.evaluation.seeds import TEST_SEEDS
-from fieldagents.reference import TABLES, references
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import TaskError, get_task, task_names
 
-every_task = pytest.mark.parametrize("task", METRICS)
+every_task = pytest.mark.parametrize("task", task_names())
 
 
 class Constant(Agent):
@@ -28,8 +31,15 @@ class Constant(Agent):
         return np.repeat(self._action[None], len(observation), axis=0)
 
 
-def test_tables_and_metrics_are_those_of_tasks():
-    assert set(TABLES) <= set(METRICS) <= set(fieldgym.TASKS)
+def test_every_environment_is_a_task_with_metrics_and_every_task_an_environment():
+    assert task_names() == tuple(fieldgym.TASKS)
+    assert all(get_task(name).metrics for name in task_names())
+
+
+@every_task
+def test_the_agent_of_the_picture_is_one_of_the_tasks(task):
+    picture = get_task(task).picture
+    assert picture is None or picture in agent_names(task)
 
 
 @every_task
@@ -40,7 +50,7 @@ def test_metrics_are_measured_and_what_is_common_does_not_depend_on_the_actions(
         run_episodes(Constant(action), task, EnvironmentConfig(), TEST_SEEDS[:4])
         for action in (low + 0.9 * (high - low), (low + high) / 2)
     ]
-    for metric in METRICS[task]:
+    for metric in get_task(task).metrics:
         for table in tables:
             values = table[metric.name]
             assert metric.may_miss or values.notna().all()
@@ -60,5 +70,60 @@ def test_names_are_unique_and_titles_are_lines(task):
         assert len(one["title"].splitlines()) == 1
         assert not one["title"].endswith(".")
     assert all(
-        reference.sees in ("observation", "model", "privileged") for reference in references(task).values()
+        reference.sees in ("observation", "model", "privileged")
+        for reference in get_task(task).agents.values()
     )
+
+
+TOY = """
+from fieldagents.task import Metric, TaskDefinition
+
+TASK = TaskDefinition("{name}", (Metric("reached", "1", "reached", "reached", over="last", binary=True),))
+"""
+TOY_AGENTS = """
+from fieldagents.task import ReferenceAgent
+
+AGENTS = (ReferenceAgent("idle", "observation", "does nothing", lambda settings: None),)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder that the package of the tasks also looks into."""
+    monkeypatch.setattr(tasks, "__path__", [*tasks.__path__, str(tmp_path)])
+    yield tmp_path
+    get_task.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("fieldagents.tasks.toy")]:
+        del sys.modules[name]
+
+
+def test_a_task_is_one_folder(folder):
+    (folder / "toy").mkdir()
+    for name, text in {"__init__": "", "task": TOY.format(name="toy"), "agents": TOY_AGENTS}.items():
+        (folder / "toy" / f"{name}.py").write_text(text)
+    assert "toy" in task_names()
+    toy = get_task("toy")
+    assert list(toy.agents) == ["idle"]
+    assert (toy.tuners, toy.figures, toy.recorder) == ({}, {}, None)
+
+
+def test_a_task_that_is_not_named_as_its_folder_is_refused(folder):
+    (folder / "toys").mkdir()
+    (folder / "toys" / "__init__.py").touch()
+    (folder / "toys" / "task.py").write_text(TOY.format(name="toy"))
+    with pytest.raises(TaskError, match="TASK is named 'toy', its folder 'toys'"):
+        get_task("toys")
+
+
+def test_a_misspelt_task_is_guessed():
+    with pytest.raises(TaskError, match="did you mean 'heel_strike'"):
+        get_task("heelstrike")
+
+
+def test_names_are_listed_without_the_tasks_own_code():
+    code = (
+        "import sys; from fieldagents.task import all_tasks; list(all_tasks());"
+        "print([m for m in sys.modules if m in ('numba', 'torch', 'matplotlib', 'pandas')])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "[]"

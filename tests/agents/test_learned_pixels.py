@@ -14,10 +14,11 @@ from fieldagents.learned.checkpoint import load_checkpoint, save_checkpoint
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.pixels import SHRINK, ImageFeatures, is_image
-from fieldagents.learned.policy import OnnxAgent
-from fieldagents.learned.run import SpaceError, make_run
+from fieldagents.learned.run import SpaceError
+from fieldagents.learned.session import make_run
 from fieldagents.learned.training import train
 from fieldagents.learned.vector import NativeVecEnv
+from fieldagents.policies.policy import OnnxAgent
 
 TASK = "line_following_pixels"
 TINY = {

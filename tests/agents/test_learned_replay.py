@@ -149,9 +149,9 @@ def test_sac_learns_where_to_go_through_the_adapter():
 
     from fieldagents.learned.config import TrainConfig
     from fieldagents.learned.export import to_onnx
-    from fieldagents.learned.policy import OnnxAgent
-    from fieldagents.learned.run import make_run
+    from fieldagents.learned.session import make_run
     from fieldagents.learned.vector import NativeVecEnv
+    from fieldagents.policies.policy import OnnxAgent
 
     section = {
         "learning_starts": 200,

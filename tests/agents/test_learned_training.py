@@ -20,10 +20,10 @@ from fieldagents.config import ConfigError, load_config
 from fieldagents.learned import training
 from fieldagents.learned.checkpoint import CheckpointError, load_checkpoint, save_checkpoint, to_arrays
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.policy import OnnxAgent, PolicyError
 from fieldagents.learned.publish import publish
 from fieldagents.learned.training import MissingExtraError, TrainingError, train
-from fieldagents.learned.zoo import ZooError, list_zoo
+from fieldagents.policies.policy import OnnxAgent, PolicyError
+from fieldagents.policies.zoo import ZooError, list_zoo
 from fieldmodels.yaml import save_yaml
 
 TINY = {
@@ -199,7 +199,7 @@ def test_onnx_acts_as_the_trained_policy_does(finished_each, algorithm):
 
     import fieldgym
     from fieldagents.learned.export import to_onnx
-    from fieldagents.learned.run import make_run
+    from fieldagents.learned.session import make_run
     from fieldagents.learned.vector import NativeVecEnv
 
     env_id = fieldgym.TASKS["heel_strike"].env_id
@@ -276,7 +276,7 @@ def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
 
 def test_a_learned_agent_needs_no_torch(finished):
     script = (
-        "import sys; from fieldagents.learned.policy import OnnxAgent; import numpy as np;"
+        "import sys; from fieldagents.policies.policy import OnnxAgent; import numpy as np;"
         "agent = OnnxAgent(sys.argv[1]); n = agent.shape[0];"
         "print(agent.act(np.zeros((2, n)), {}).shape, 'torch' in sys.modules)"
     )
@@ -440,7 +440,8 @@ def test_keys_of_the_other_algorithm_are_refused_with_their_lines(tmp_path):
 def test_sac_needs_bounded_continuous_actions():
     import gymnasium
 
-    from fieldagents.learned.run import SpaceError, make_run
+    from fieldagents.learned.run import SpaceError
+    from fieldagents.learned.session import make_run
     from fieldagents.learned.vector import NativeVecEnv
 
     native = gymnasium.make_vec("CartPole-v1", num_envs=4, vectorization_mode="vector_entry_point")
@@ -455,8 +456,8 @@ def test_a_diverged_training_stops_with_the_reason(tmp_path, algorithm):
 
 
 def test_training_seeds_never_meet_tuning_or_test_seeds():
-    from fieldagents.evaluation.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
     from fieldagents.learned.config import ENVIRONMENTS_MOST, RUNS_MOST, VALIDATION_SEEDS
+    from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
 
     first, last = tiny(seed=0).environment_seed, tiny(seed=RUNS_MOST - 1).environment_seed
     assert first in TRAINING_SEEDS

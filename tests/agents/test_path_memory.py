@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldagents.reference.path_memory.least_time import LeastTime, Resolution, Task
-from fieldagents.reference.path_memory.lookup import FORMS
-from fieldagents.reference.path_memory.matrices import (
+from fieldagents.tasks.pose_reaching.path_memory.least_time import LeastTime, Resolution, Task
+from fieldagents.tasks.pose_reaching.path_memory.lookup import FORMS
+from fieldagents.tasks.pose_reaching.path_memory.matrices import (
     BEARING,
     DISTANCE,
     EXAMPLE_ANGLE,
@@ -22,9 +22,9 @@ from fieldagents.reference.path_memory.matrices import (
     membership,
     tent,
 )
-from fieldagents.reference.path_memory.memory import PathMemory, States
-from fieldagents.reference.path_memory.own_data import OwnData, babble
-from fieldagents.reference.path_memory.reading import (
+from fieldagents.tasks.pose_reaching.path_memory.memory import PathMemory, States
+from fieldagents.tasks.pose_reaching.path_memory.own_data import OwnData, babble
+from fieldagents.tasks.pose_reaching.path_memory.reading import (
     AS_IT_WORKS,
     AS_PRINTED,
     Reading,
@@ -32,8 +32,8 @@ from fieldagents.reference.path_memory.reading import (
     measure,
     rounded_speed,
 )
-from fieldagents.reference.path_memory.regression import NeighbourMemory
-from fieldagents.reference.path_memory.teachers import (
+from fieldagents.tasks.pose_reaching.path_memory.regression import NeighbourMemory
+from fieldagents.tasks.pose_reaching.path_memory.teachers import (
     graceful_path,
     shortest_path,
     starts_anywhere,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fieldagents.learned.zoo import get_entry
+from fieldagents.policies.zoo import get_entry
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])

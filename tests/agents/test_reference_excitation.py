@@ -10,10 +10,10 @@ import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TEST_SEEDS, TUNING_SEEDS
-from fieldagents.reference import excitation_criteria as criteria
-from fieldagents.reference import references
-from fieldagents.reference.excitation import (
+from fieldagents.seeds import TEST_SEEDS, TUNING_SEEDS
+from fieldagents.task import get_task
+from fieldagents.tasks.excitation import criteria
+from fieldagents.tasks.excitation.agents import (
     Search,
     one_row,
     situation,
@@ -22,19 +22,19 @@ from fieldagents.reference.excitation import (
     tuned,
     tuned_actions,
 )
-from fieldagents.reference.excitation_tuning import (
-    EPISODES,
-    SCENARIOS,
-    Schedules,
-    ending_errors,
-    prior_vehicles,
-)
-from fieldagents.reproduce.excitation import (
+from fieldagents.tasks.excitation.figures import (
     PRINTED_CONSTANT,
     PRINTED_VARIABLE,
     TABLE2_PRINTED,
     TABLE2_TRUE,
     printed_average,
+)
+from fieldagents.tasks.excitation.search import (
+    EPISODES,
+    SCENARIOS,
+    Schedules,
+    ending_errors,
+    prior_vehicles,
 )
 from fieldgym.excitation import ExcitationSettings
 from fieldmodels.machines.excitation.motion import CONSTANT
@@ -42,11 +42,11 @@ from fieldmodels.machines.excitation.parameters import LIMITS, NAMES, PRESETS, T
 from fieldmodels.machines.excitation.sensors import FULL
 
 TASK = "excitation"
-NAMES_OF_AGENTS = tuple(references(TASK))
+NAMES_OF_AGENTS = tuple(get_task(TASK).agents)
 
 
 def make(name: str, **settings: object) -> Agent:
-    return references(TASK)[name].make(settings)
+    return get_task(TASK).agents[name].make(settings)
 
 
 def envs_of(number: int, **settings: object):
@@ -103,7 +103,7 @@ def test_actions_lie_in_the_space(name, settings):
 
 def test_only_oracles_are_told_the_truth(midway):
     observation, info = midway
-    rights = {name: reference.sees for name, reference in references(TASK).items()}
+    rights = {name: reference.sees for name, reference in get_task(TASK).agents.items()}
     assert {name for name, sees in rights.items() if sees == "privileged"} == {
         "oracle_planner",
         "oracle_schedule",

@@ -8,19 +8,19 @@ import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TEST_SEEDS, TUNING_SEEDS
-from fieldagents.reference import references
-from fieldagents.reference.heel_strike import OracleGains, oracle_row, to_action, tuned
-from fieldagents.reference.tuning import WALKS, _ranger_error, recorded, tune
+from fieldagents.seeds import TEST_SEEDS, TUNING_SEEDS
+from fieldagents.task import get_task
+from fieldagents.tasks.heel_strike.agents import OracleGains, oracle_row, to_action, tuned
+from fieldagents.tasks.heel_strike.search import WALKS, _ranger_error, recorded, tune
 from fieldgym.heel_strike import HeelStrikeSettings
 
 TASK = "heel_strike"
 KINDS = ("ar1", "low_pass")
-NAMES = tuple(references(TASK))
+NAMES = tuple(get_task(TASK).agents)
 
 
 def make(name: str, kind: str) -> Agent:
-    return references(TASK)[name].make({"collision_kind": kind})
+    return get_task(TASK).agents[name].make({"collision_kind": kind})
 
 
 def environment(kind: str, **settings: object) -> EnvironmentConfig:

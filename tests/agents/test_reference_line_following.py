@@ -7,19 +7,18 @@ import pytest
 import fieldgym  # noqa: F401 - registers the environments
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TUNING_SEEDS
-from fieldagents.reference import references
-from fieldagents.reference.line_following import (
+from fieldagents.seeds import TUNING_SEEDS
+from fieldagents.task import get_task
+from fieldagents.tasks.line_following.agents import (
+    AGENTS,
     LOOK_AHEAD,
-    PIXEL_REFERENCES,
-    REFERENCES,
     STRIDE,
     Linear,
     Lqg,
     tuned,
     walk_matrices,
 )
-from fieldagents.reference.line_following_tuning import one_loss
+from fieldagents.tasks.line_following.search import one_loss
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.plant import CAMERA_YAW
 from fieldmodels.reality import read_reality
@@ -30,7 +29,7 @@ SEEDS = TUNING_SEEDS[8000:8040]
 
 
 def distances(name, task=TASK, seeds=SEEDS, **settings):
-    agent = references(task)[name].make(settings)
+    agent = get_task(task).agents[name].make(settings)
     return run_episodes(agent, task, EnvironmentConfig(settings=settings), seeds)["mean_offset"].to_numpy()
 
 
@@ -42,13 +41,13 @@ def test_the_printed_law_is_equation_3_1():
     weights = tuned()["printed"]["weights"]
     a, b, c = weights["1"], weights["0"], weights["4"]
     places, turns = [0.02, -0.01, 0.5, 0.5], [0.03, 0.1, 0.1, 0.1]
-    action = references(TASK)["printed"].make({}).act(seen(places, turns), {})
+    action = get_task(TASK).agents["printed"].make({}).act(seen(places, turns), {})
     assert np.isclose(action[0, 0] * 0.15, a * places[1] + b * places[0] + c * turns[0], atol=1e-7)
 
 
 def test_a_lost_line_is_met_by_holding_the_command():
     observation = seen([0.2, 0.1, 0.0, 0.0], [0.06, 0.0, 0.0, 0.0], lost=1.0)
-    for reference in REFERENCES:
+    for reference in AGENTS:
         if reference.sees == "privileged" or reference.name == "two_bands":
             continue
         agent = reference.make({})
@@ -78,7 +77,7 @@ def test_pointing_at_once_overshoots_and_the_law_less():
     settings = {"track": "straight", "offset": 0.3, "sided": True, "misalignment": 0.0, **QUIET}
     overshoot = {}
     for name in ("at_once", "printed", "ceiling"):
-        agent = references(TASK)[name].make(settings)
+        agent = get_task(TASK).agents[name].make(settings)
         table = run_episodes(agent, TASK, EnvironmentConfig(settings=settings), SEEDS[:6])
         overshoot[name] = table["overshoot"].mean() / 0.3
     assert 0.4 < overshoot["at_once"] < 0.75  # the robot turns a stride late
@@ -138,7 +137,7 @@ def test_the_filter_learns_the_bias_that_it_is_not_told():
 
 
 def test_pure_pursuit_goes_along_the_arc():
-    action = references(TASK)["pure_pursuit"].make({}).act(seen([0.1, 0, 0, 0], [0, 0, 0, 0]), {})
+    action = get_task(TASK).agents["pure_pursuit"].make({}).act(seen([0.1, 0, 0, 0], [0, 0, 0, 0]), {})
     radius = (LOOK_AHEAD**2 + 0.1**2) / (2 * 0.1)
     assert np.isclose(action[0, 0] * 0.15, STRIDE / radius, atol=1e-7)
 
@@ -149,12 +148,12 @@ def test_agents_find_the_line_in_images_as_the_firmware_does():
     numbers = distances("tuned", seeds=SEEDS[:6], **settings)
     images = distances("tuned", "line_following_pixels", SEEDS[:6], **settings)
     assert abs(images.mean() - numbers.mean()) < 3e-3
-    assert {one.name for one in PIXEL_REFERENCES} < {one.name for one in REFERENCES}
+    assert set(get_task("line_following_pixels").agents) < {one.name for one in AGENTS}
 
 
 def test_the_law_stands_a_stride_of_blindness_in_a_curve():
     """A dark corner of a metre or so in the curve, holding the command: nobody fails."""
     settings = {"track": "oval", "sight": "image", "dark_corner": (14.0, 9.0, 0.4, 0.05)}
-    agent = references(TASK)["memory"].make(settings)
+    agent = get_task(TASK).agents["memory"].make(settings)
     table = run_episodes(agent, TASK, EnvironmentConfig(settings=settings), SEEDS[:6])
     assert table["failed"].sum() == 0

@@ -7,21 +7,20 @@ import pytest
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.metrics import METRICS
-from fieldagents.evaluation.seeds import TEST_SEEDS, TRAINING_SEEDS
-from fieldagents.reference import references
-from fieldagents.reference.path_memory.practice import own_data, to_action
-from fieldagents.reference.pose_reaching import SEED, away_from_walls, poses_of, table_driver
+from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS
+from fieldagents.task import get_task
+from fieldagents.tasks.pose_reaching.agents import SEED, away_from_walls, poses_of, table_driver
+from fieldagents.tasks.pose_reaching.path_memory.practice import own_data, to_action
 from fieldgym.pose_reaching import PoseReachingSettings
 from fieldmodels.machines.pose_reaching.parameters import Field
 
 TASK = "pose_reaching"
-NAMES = tuple(references(TASK))
+NAMES = tuple(get_task(TASK).agents)
 FAULTY = {"yaw_slip": {"share": 0.3}, "actuator_delay": {"delay": 0.1}}
 
 
 def make(name: str, **settings: object) -> Agent:
-    return references(TASK)[name].make(settings)
+    return get_task(TASK).agents[name].make(settings)
 
 
 def played(agent: Agent, starts: str, episodes: int = 150, reality: object = None):
@@ -150,7 +149,7 @@ def test_own_data_learned_in_a_faulty_robot_suit_it():
 
 def test_metrics_hold_for_arrivals_only(results):
     table = results["path_memory_stop"]
-    names = [metric.name for metric in METRICS[TASK]]
+    names = [metric.name for metric in get_task(TASK).metrics]
     assert names[0] == "success"
     for name in ("time", "time_ratio", "length_ratio"):
         np.testing.assert_array_equal(table[name].isna(), table["success"] == 0)

@@ -9,11 +9,11 @@ import pytest
 from fieldagents.agent import visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.reference import references
-from fieldagents.reference.uav_route import programs
-from fieldagents.reference.uav_route.agents import Planner
-from fieldagents.reference.uav_route.legs import leg_plan
-from fieldagents.reference.uav_route.lower_bound import bound_to_capture, layouts_of
+from fieldagents.task import get_task
+from fieldagents.tasks.uav_route import programs
+from fieldagents.tasks.uav_route.agents import Planner
+from fieldagents.tasks.uav_route.legs import leg_plan
+from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of
 from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, World
 
@@ -22,7 +22,7 @@ SAFE = ("two_legs", "legs", "lattice")
 
 
 def played(name: str, settings: dict, episodes: int):
-    agent = references("uav_route")[name].make(settings)
+    agent = get_task("uav_route").agents[name].make(settings)
     return run_episodes(agent, "uav_route", EnvironmentConfig(settings=settings), range(episodes))
 
 
@@ -72,7 +72,7 @@ def test_receding_plans_again_and_arrives() -> None:
 
 def test_a_plan_is_flown_as_planned() -> None:
     settings = NO_LOCK_LOSS | {"layout": "example"}
-    agent = references("uav_route")["legs"].make(settings)
+    agent = get_task("uav_route").agents["legs"].make(settings)
     envs = gymnasium.make_vec(
         "fieldgym/UavRoute-v0", num_envs=2, vectorization_mode="vector_entry_point", settings=settings
     )
@@ -108,7 +108,7 @@ def test_without_a_plan_the_goal_is_flown_to() -> None:
     settings = NO_LOCK_LOSS | {
         "layout": {"start": (350.0, 125.0), "goal": (20.0, 0.0), "radars": ((0.0, 0.0),)}
     }
-    agent = references("uav_route")["legs"].make(settings)
+    agent = get_task("uav_route").agents["legs"].make(settings)
     table = run_episodes(agent, "uav_route", EnvironmentConfig(settings=settings), range(1))
     assert table["damaged"][0] == 1
 

@@ -10,18 +10,17 @@ from pydantic import TypeAdapter
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldagents.reproduce import ENTRIES, Reproduction, ReproductionError, reproduce
-from fieldgym import TASKS
+from fieldagents.reproduce import ReproductionError, reproduce, reproducible
+from fieldagents.task import Reproduction
 
 
 def run(*arguments: object):
     return CliRunner().invoke(app, ["reproduce", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("name", ENTRIES)
+@pytest.mark.parametrize("name", reproducible())
 def test_every_entry_has_a_function_with_typed_options(name):
-    entry = ENTRIES[name]
-    assert name.split("/")[0] in TASKS
+    entry = reproducible()[name]
     assert get_type_hints(entry.run)["return"] is Reproduction
     positional = [p for p in inspect.signature(entry.run).parameters.values() if p.kind is not p.KEYWORD_ONLY]
     assert len(positional) == 2
@@ -61,7 +60,7 @@ def test_more_process_noise_wants_more_of_the_sensor(tmp_path):
 
 def test_the_command_lists_and_prints_json(tmp_path):
     listed = json.loads(run("--json").stdout)["entries"]
-    assert [entry["name"] for entry in listed] == list(ENTRIES)
+    assert [entry["name"] for entry in listed] == list(reproducible())
     assert "heel_strike/figure-2.12" in run().stdout
     done = run("heel_strike/figure-2.12", "--set", "strides=50", "--out", tmp_path / "new", "--json")
     result = json.loads(done.stdout, parse_constant=pytest.fail)

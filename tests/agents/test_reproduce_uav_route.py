@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fieldagents.reproduce.uav_route import figures_4_4_to_4_6
+from fieldagents.tasks.uav_route.figures import figures_4_4_to_4_6
 
 
 @pytest.mark.slow

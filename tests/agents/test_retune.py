@@ -10,11 +10,12 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldagents.config import ConfigError, EnvironmentConfig, RetuneConfig, load_config
+from fieldagents.config import ConfigError, EnvironmentConfig, load_config
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.retune import finish, load_loop, retune, won_back
-from fieldagents.retune.designers import TABLES, designers
+from fieldagents.retune.config import RetuneConfig
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import all_tasks, get_task
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
@@ -108,17 +109,17 @@ TINY = {
 @pytest.mark.parametrize("task", TINY)
 def test_what_is_designed_in_the_right_simulation_is_the_oracle_to_the_bit(task, tmp_path):
     name, options, settings, reality = TINY[task]
-    designer = designers(task)[name]
+    tuner = get_task(task).tuners[name]
     extended = tmp_path / "extended.yaml"
     effects = {
         name: {key: {"value": value, "std": 0.1, "unit": "1"} for key, value in values.items()}
         for name, values in reality.items()
     }
     save_yaml({"schema": 1, "model": get_model(task).name, "parameters": {}, "effects": effects}, extended)
-    effort = designer.options.model_validate(options)
+    effort = tuner.options.model_validate(options)
     where = EnvironmentConfig(settings=settings, reality=reality)
     flown = [
-        run_episodes(designer.design(settings, source, effort), task, where, TEST_SEEDS[:4])
+        run_episodes(tuner.tune(settings, source, effort), task, where, TEST_SEEDS[:4])
         for source in (reality, str(extended), None)
     ]
     pd.testing.assert_frame_equal(flown[0], flown[1])
@@ -178,8 +179,8 @@ def test_shipped_loops_load(path):
     load_loop(path, get_model(load_config(path, RetuneConfig).task))
 
 
-def test_every_task_has_a_shipped_loop():
-    assert {path.parent.name for path in SHIPPED} == set(TABLES)
+def test_every_task_with_a_tuner_has_a_shipped_loop():
+    assert {path.parent.name for path in SHIPPED} == {task.name for task in all_tasks() if task.tuners}
 
 
 def test_mistakes_are_told_at_once_before_any_work(tmp_path):
@@ -236,10 +237,10 @@ def test_routes_planned_again_are_tried_in_the_simulation_first():
         "wind": {"north": 20.0, "east": 10.0},
         "sensor_bias": {"north": 800.0, "east": -500.0},
     }
-    designer = designers("uav_route")["two_legs"]
-    options = designer.options(thresholds=(0.2, 0.1))
+    tuner = get_task("uav_route").tuners["two_legs"]
+    options = tuner.options(thresholds=(0.2, 0.1))
     where = EnvironmentConfig(settings={"lock_loss": False}, reality=reality)
-    believing, knowing = (designer.design(where.settings, known, options) for known in (None, reality))
+    believing, knowing = (tuner.tune(where.settings, known, options) for known in (None, reality))
     without, flown = (run_episodes(one, "uav_route", where, TEST_SEEDS[:6]) for one in (believing, knowing))
     promised = [knowing.seen(plan, layout) for layout, plan in knowing._answers.items()]
     undetected = np.array(promised) < 0.5

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldagents.reference.uav_route import programs
-from fieldagents.reference.uav_route.lattice import lattice_plan
-from fieldagents.reference.uav_route.legs import leg_plan
-from fieldagents.reference.uav_route.limits import limits_of, probability_seen
-from fieldagents.reference.uav_route.lower_bound import lower_bound
-from fieldagents.reference.uav_route.printed import Form, joint_printed_plans, printed_plan, safe_distances
-from fieldagents.reference.uav_route.receding import receding_plan
-from fieldagents.reference.uav_route.straight import straight_plan
+from fieldagents.tasks.uav_route import programs
+from fieldagents.tasks.uav_route.lattice import lattice_plan
+from fieldagents.tasks.uav_route.legs import leg_plan
+from fieldagents.tasks.uav_route.limits import limits_of, probability_seen
+from fieldagents.tasks.uav_route.lower_bound import lower_bound
+from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan, safe_distances
+from fieldagents.tasks.uav_route.receding import receding_plan
+from fieldagents.tasks.uav_route.straight import straight_plan
 from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
     INSTANT_KILL,

@@ -14,7 +14,7 @@ from fieldagents import watch as room
 from fieldagents.agent import Agent
 from fieldagents.cli import app
 from fieldagents.config import ConfigError, EnvironmentConfig, environment_of
-from fieldagents.evaluation.entrants import Entrant, make_entrant
+from fieldagents.evaluation.agents import AgentRuns, make_agent
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.operator import Operator
 from fieldagents.watch import WatchError, watch
@@ -31,7 +31,7 @@ def run(*arguments: object):
 def test_a_film_shows_the_episode_that_is_scored(tmp_path, agent):
     seen = watch("heel_strike", agent, SHORT, seed=5, film=tmp_path / "walk.gif")
     scored = run_episodes(
-        make_entrant(agent, "heel_strike", SHORT.settings).runs[0], "heel_strike", SHORT, range(5, 6)
+        make_agent(agent, "heel_strike", SHORT.settings).runs[0], "heel_strike", SHORT, range(5, 6)
     )
     assert (seen.steps, seen.finished) == (1, True)
     assert seen.episode_return == pytest.approx(scored["return"].item(), rel=1e-12)
@@ -73,7 +73,7 @@ def test_what_an_agent_sketches_is_shown(monkeypatch, tmp_path):
 
     shown = []
     monkeypatch.setattr(HeelStrikeEnv, "show", lambda self, chosen: shown.append(chosen), raising=False)
-    monkeypatch.setattr(room, "make_entrant", lambda *_: Entrant("sketcher", (Sketcher(),)))
+    monkeypatch.setattr(room, "make_agent", lambda *_: AgentRuns("sketcher", (Sketcher(),)))
     watch("heel_strike", "ppo", SHORT, film=tmp_path / "walk.gif")
     assert shown == [7]
 
@@ -165,13 +165,13 @@ def test_agents_know_what_the_operator_did(monkeypatch, agent):
     monkeypatch.setattr(room, "Operator", lambda: Operator(steering=True))
     settings = {"strides": 5, "track": "straight"}
     kept = []
-    make = room.make_entrant
+    make = room.make_agent
 
     def keep(*arguments):
         kept.append(make(*arguments))
         return kept[-1]
 
-    monkeypatch.setattr(room, "make_entrant", keep)
+    monkeypatch.setattr(room, "make_agent", keep)
     watch("line_following_pixels", agent, EnvironmentConfig(settings=settings), seed=3)
     own = kept[0].runs[0]
     assert np.allclose(own._board._seen[0, 4:8], [1.0, 1.0, 0.75, 0.5])

@@ -8,11 +8,11 @@ import pytest
 
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.policy import OnnxAgent
-from fieldagents.learned.zoo import ZooError, get_entry, list_zoo, load
-from fieldagents.reference import references
+from fieldagents.policies.policy import OnnxAgent
+from fieldagents.policies.zoo import ZooError, get_entry, list_zoo, load
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import get_task
 
 TRAININGS = [training for entry in list_zoo() for training in entry.trainings]
 RUNS = [
@@ -59,7 +59,7 @@ def test_a_card_holds_the_whole_config_and_the_curve_of_every_run(training):
 @pytest.mark.parametrize("training", [one for one in TRAININGS if one.task == "heel_strike"], ids=str)
 def test_every_run_beats_the_best_fixed_gains_on_the_same_strides(training):
     environment = EnvironmentConfig(**training.card["config"]["environment"])
-    fixed = references(training.task)["gated_tuned"].make(environment.settings)
+    fixed = get_task(training.task).agents["gated_tuned"].make(environment.settings)
     seeds = TEST_SEEDS[: len(range(*training.card["test_seeds"]))]
     best_fixed = run_episodes(fixed, training.task, environment, seeds)["error_mm"].mean()
     for run in training.card["runs"]:

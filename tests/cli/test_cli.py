@@ -207,7 +207,8 @@ def test_keys_that_do_not_fit_a_model_are_refused(tmp_path):
     "path", sorted(CONFIGS.glob("*/record*.yaml")), ids=lambda path: str(path.parent.name)
 )
 def test_shipped_record_configs_load(path):
-    from fieldagents.config import RecordConfig, load_config
+    from fieldagents.config import load_config
+    from fieldagents.record.config import RecordConfig
 
     load_config(path, RecordConfig)
 
@@ -218,7 +219,8 @@ def test_shipped_record_configs_load(path):
     ids=lambda path: f"{path.parent.name}-{path.stem}",
 )
 def test_shipped_benchmarks_load(path):
-    from fieldagents.config import EvaluateConfig, load_config
+    from fieldagents.config import load_config
+    from fieldagents.evaluation.config import EvaluateConfig
 
     slow = path.stem == "benchmark_printed"  # half a minute an episode
     assert load_config(path, EvaluateConfig).episodes >= (6 if slow else 40)

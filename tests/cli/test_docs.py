@@ -63,7 +63,8 @@ def test_config_on_the_cli_page_records(tmp_path):
 
 
 def test_config_on_the_evaluation_page_loads(tmp_path):
-    from fieldagents.config import EvaluateConfig, load_config
+    from fieldagents.config import load_config
+    from fieldagents.evaluation.config import EvaluateConfig
 
     block = (DOCS / "evaluation.md").read_text().split("```yaml\n")[1].split("```")[0]
     (tmp_path / "evaluate.yaml").write_text(block)

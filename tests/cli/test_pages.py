@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from fieldagents import demo
-from fieldagents.config import EnvironmentConfig, EvaluateConfig
+from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import evaluate
-from fieldagents.evaluation.metrics import METRICS
+from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.reproduce import reproduce
+from fieldagents.task import get_task
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
@@ -68,7 +69,7 @@ def test_evaluation_report_of_shares_and_of_values_that_are_missing(open_page, t
         episodes=20,
     )
     summary = evaluate(config, tmp_path)
-    others = [metric for metric in METRICS["pose_reaching"][1:] if not metric.common]
+    others = [metric for metric in get_task("pose_reaching").metrics[1:] if not metric.common]
     browser = open_page(tmp_path / "report.html")
     for details in browser.find_elements("tag name", "details"):
         details.click()

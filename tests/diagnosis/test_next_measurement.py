@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fieldagents.config import ConfigError, RecordConfig, load_config
+from fieldagents.config import ConfigError, load_config
 from fieldagents.record import make_recording
+from fieldagents.record.config import RecordConfig
 from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.diagnosis.planned_inputs import limits_of, planned, shapes
 from fieldmodels.diagnosis.report import write_results

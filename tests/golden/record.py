@@ -16,8 +16,8 @@ import numpy as np
 import fieldgym
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.seeds import TEST_SEEDS
-from fieldagents.reference import references
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import get_task
 from fieldmodels.exam.subjects import get_subject
 from fieldmodels.registry import get_model
 
@@ -97,7 +97,7 @@ def episodes(task: str) -> Iterator[tuple[str, np.ndarray]]:
 
 def agents(task: str) -> Iterator[tuple[str, np.ndarray]]:
     """Scores of every reference agent on the first two test seeds."""
-    for name, reference in references(task).items():
+    for name, reference in get_task(task).agents.items():
         if name in SLOW.get(task, ()):
             continue
         config = EnvironmentConfig()

@@ -8,9 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis.problem import build
+from fieldmodels.machines.differential_drive import DifferentialDrive
 from fieldmodels.machines.pose_reaching import unicycle
 from fieldmodels.machines.pose_reaching.field import Robots, Rules
-from fieldmodels.machines.pose_reaching.model import POSE, WHEELS, DifferentialDrive, PoseReaching
+from fieldmodels.machines.pose_reaching.model import POSE, WHEELS, PoseReaching
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, WARTHOG, Arrival, Field, Limits
 from fieldmodels.machines.pose_reaching.recording import random_commands, record_drive
 from fieldmodels.model import ModelError

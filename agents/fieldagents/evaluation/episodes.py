@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.metrics import METRICS, Metric
+from fieldagents.task import Metric, get_task
 from fieldgym import TASKS
 
 
@@ -96,7 +96,7 @@ def play_episodes(
             progress(min(float(steps.max()) / longest, 1.0))
     finally:
         envs.close()
-    values = {metric.name: np.full(n, np.nan) for metric in METRICS[task]}
+    values = {metric.name: np.full(n, np.nan) for metric in get_task(task).metrics}
     values |= {tally.metric.name: tally.result(steps) for tally in tallies}
     if agent.estimator:
         returns[:] = np.nan
@@ -162,7 +162,7 @@ class MetricError(ValueError):
 
 def _measured(task: str, agent: Agent) -> list[tuple[Metric, str]]:
     """Metrics that mean something for this agent, each with its key."""
-    first, *others = METRICS[task]
+    first, *others = get_task(task).metrics
     if agent.estimator:
         return [(first, agent.estimator), *((metric, metric.key) for metric in others if metric.common)]
     return [(metric, metric.key) for metric in (first, *others)]

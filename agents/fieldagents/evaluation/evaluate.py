@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fieldagents.config import EnvironmentConfig, EvaluateConfig
-from fieldagents.evaluation.entrants import Entrant, make_entrant
+from fieldagents.config import EnvironmentConfig
+from fieldagents.evaluation.agents import AgentRuns, make_agent
+from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import play_episodes
-from fieldagents.evaluation.metrics import METRICS
 from fieldagents.evaluation.report import write_report
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import get_task
 from fieldgym import TASKS
 from fieldmodels.files import replacing, write_text
 from fieldmodels.reality import read_reality
@@ -45,27 +46,27 @@ def evaluate(
     """
     began = time.perf_counter()
     seeds = TEST_SEEDS[: config.episodes]
-    entrants = [
-        (scenario, environment, make_entrant(name, config.task, environment.settings))
+    entries = [
+        (scenario, environment, make_agent(name, config.task, environment.settings))
         for scenario, environment in config.environments.items()
         for name in config.agents
     ]
-    total = sum(len(entrant.runs) for _, _, entrant in entrants)
+    total = sum(len(entry.runs) for _, _, entry in entries)
     tables: list[pd.DataFrame] = []
     took: dict[str, dict[str, DecisionTime | None]] = {name: {} for name in config.environments}
-    for scenario, environment, entrant in entrants:
+    for scenario, environment, entry in entries:
         batch = []
-        for run, agent in enumerate(entrant.runs):
-            report = partial(_report, progress, f"{scenario}: {entrant.name}", len(tables), total)
+        for run, agent in enumerate(entry.runs):
+            report = partial(_report, progress, f"{scenario}: {entry.name}", len(tables), total)
             played = play_episodes(agent, config.task, environment, seeds, report)
             batch.append(played.decision_ms)
             table = played.table
             table.insert(0, "scenario", scenario)
-            table.insert(1, "agent", entrant.name)
+            table.insert(1, "agent", entry.name)
             table.insert(2, "run", run)
             tables.append(table)
-        took[scenario][entrant.name] = _decision_time(entrant, config.task, environment, seeds, batch)
-    labels = {one.name: Labels(one.kind, one.runs[0].title, one.learned) for _, _, one in entrants}
+        took[scenario][entry.name] = _decision_time(entry, config.task, environment, seeds, batch)
+    labels = {one.name: Labels(one.kind, one.runs[0].title, one.learned) for _, _, one in entries}
     episodes = pd.concat(tables, ignore_index=True)
     check_pairs(episodes, config.task)
     summary = Summary(
@@ -101,10 +102,10 @@ def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
 
 
 def _decision_time(
-    entrant: Entrant, task: str, environment: EnvironmentConfig, seeds: range, batch: list[float]
+    entry: AgentRuns, task: str, environment: EnvironmentConfig, seeds: range, batch: list[float]
 ) -> DecisionTime | None:
     """How long a participant takes to decide; plays one more episode, alone."""
-    agent = entrant.runs[0]
+    agent = entry.runs[0]
     if agent.estimator:
         return None
     alone = play_episodes(agent, task, environment, seeds[:1]).decision_ms
@@ -117,7 +118,7 @@ def _report(progress: Callable[[str, float], None], stage: str, done: int, total
 
 def check_pairs(episodes: pd.DataFrame, task: str) -> None:
     """Make sure that all agents met the same noise on the same seed; else no pair is a pair."""
-    for metric in METRICS[task]:
+    for metric in get_task(task).metrics:
         if metric.common:
             values = episodes.groupby(["scenario", "seed"])[metric.name].nunique()
             if (values > 1).any():

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Comparison, Interval
-from fieldagents.evaluation.metrics import METRICS, Metric
 from fieldagents.evaluation.summary import DecisionTime, Row, Summary
+from fieldagents.task import Metric, get_task
 from fieldmodels import html
 from fieldmodels.files import write_text
 
@@ -82,7 +82,7 @@ def show(summary: Summary, console: Console) -> None:
 
 def _of_agents(summary: Summary) -> list[Metric]:
     """The metrics that depend on the agent."""
-    return [metric for metric in METRICS[summary.task] if not metric.common]
+    return [metric for metric in get_task(summary.task).metrics if not metric.common]
 
 
 def _conditions(environment: Mapping[str, Any]) -> str:
@@ -236,7 +236,7 @@ def _caption(metric: Metric, single: bool) -> str:
 
 def _notes(summary: Summary) -> str:
     last = summary.first_seed + summary.episodes - 1
-    metrics = METRICS[summary.task]
+    metrics = get_task(summary.task).metrics
     seeds = (
         f"Every agent meets the same {summary.episodes} episodes, seeds {summary.first_seed} to {last}. "
         "Nothing was tuned or trained on these seeds."

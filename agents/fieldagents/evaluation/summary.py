@@ -16,7 +16,7 @@ from fieldagents.evaluation.comparison import (
     compare,
     mean_interval,
 )
-from fieldagents.evaluation.metrics import METRICS, Metric
+from fieldagents.task import Metric, get_task
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Summary:
 
     def to_json(self) -> dict[str, Any]:
         """The content of ``summary.json``."""
-        metrics = [asdict(metric) for metric in METRICS[self.task]]
+        metrics = [asdict(metric) for metric in get_task(self.task).metrics]
         rows = {name: [row.to_json() for row in rows] for name, rows in self.scenarios.items()}
         plain = {field.name: getattr(self, field.name) for field in fields(self)}
         took = {
@@ -189,11 +189,13 @@ def summarise_scenario(
                 episode_return=None if np.isnan(mean_return) else mean_return,
                 scores={
                     metric.name: _score(episodes, agent, baseline, metric, label.learned)
-                    for metric in METRICS[task]
+                    for metric in get_task(task).metrics
                 },
             )
         )
-    return tuple(sorted(rows, key=lambda row: [_rank(row.scores[m.name].mean, m) for m in METRICS[task]]))
+    return tuple(
+        sorted(rows, key=lambda row: [_rank(row.scores[m.name].mean, m) for m in get_task(task).metrics])
+    )
 
 
 def _score(episodes: pd.DataFrame, agent: str, baseline: str, metric: Metric, learned: bool) -> Score:

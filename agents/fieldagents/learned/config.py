@@ -18,7 +18,7 @@ from fieldagents.config import (
     check_environment,
     check_task,
 )
-from fieldagents.evaluation.seeds import TRAINING_SEEDS, TUNING_SEEDS
+from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 

@@ -17,11 +17,11 @@ import typer
 
 from fieldagents.config import load_config
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.metrics import METRICS
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.policy import OnnxAgent
-from fieldagents.learned.zoo import ZOO, ZooError
+from fieldagents.policies.policy import OnnxAgent
+from fieldagents.policies.zoo import ZOO, ZooError
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import get_task
 from fieldmodels.files import write_bytes, write_text
 
 EPISODES = 50
@@ -90,7 +90,7 @@ def publish(
 def score(agent: OnnxAgent, config: TrainConfig, episodes: int = EPISODES) -> dict[str, float | None]:
     """Mean return and metrics of a policy over the first published test seeds; None without any value."""
     result = run_episodes(agent, config.task, config.environment, TEST_SEEDS[:episodes])
-    names = ["return", *(metric.name for metric in METRICS[config.task])]
+    names = ["return", *(metric.name for metric in get_task(config.task).metrics)]
     means = {name: float(result[name].mean()) for name in names}
     return {name: None if math.isnan(mean) else mean for name, mean in means.items()}
 

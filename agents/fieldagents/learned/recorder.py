@@ -14,13 +14,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import safe_mean
 
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.metrics import METRICS
 from fieldagents.learned.checkpoint import save_checkpoint
 from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
-from fieldagents.learned.policy import OnnxAgent
 from fieldagents.learned.run import Run
+from fieldagents.policies.policy import OnnxAgent
 from fieldagents.progress import Report
+from fieldagents.task import get_task
 from fieldmodels.files import write_bytes, write_text
 
 CHECKPOINTS_KEPT = 3
@@ -37,7 +37,7 @@ class Recorder(BaseCallback):
         self._run, self._folder, self._report = run, folder, report
         self._begun = run.model.num_timesteps
         self._clock = time.monotonic()
-        self._metric = METRICS[run.config.task][0].name
+        self._metric = get_task(run.config.task).metrics[0].name
         self._columns = ("steps", "training_return", *run.logged, "validation_return")
         self._curve: list[dict[str, Any]] = []
         path = folder / "curve.csv"

@@ -1,37 +1,25 @@
-"""A training run: its parts, their state as a whole, and what is recorded while it is under way."""
+"""A training run: its parts, and their state as a whole."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import gymnasium
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecNormalize
 
-from fieldagents.learned.checkpoint import load_checkpoint, random_state, restore_random_state, to_arrays
+from fieldagents.learned.checkpoint import random_state, restore_random_state, to_arrays
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.pixels import is_image
 from fieldagents.learned.vector import NativeVecEnv
-from fieldagents.progress import Report
-from fieldgym import TASKS
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
-
-
-class DivergedError(ValueError):
-    """Training has lost itself in weights that are no numbers."""
-
-    def __init__(self, steps: int, algorithm: str) -> None:
-        super().__init__(f"training diverged at step {steps}: try a lower {algorithm}.learning_rate")
 
 
 class SpaceError(ValueError):
@@ -141,52 +129,6 @@ class Run(ABC):
         self.environment.set_state(to_arrays(state["environment"]))
         self.best = (state["best"][0], state["best"][1])
         restore_random_state(state["random"])  # last, since building the rest draws from these streams
-
-
-def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
-    """Train to the end, from the folder's last checkpoint if it has one.
-
-    Args:
-        config: What to train.
-        folder: The run's folder.
-        report: Shown the progress.
-    """
-    from fieldagents.learned.recorder import Recorder
-
-    torch.set_num_threads(1)  # small networks: more threads only wait, and sums keep their order
-    set_random_seed(config.seed)
-    native = gymnasium.make_vec(
-        TASKS[config.task].env_id,
-        num_envs=config.num_envs,
-        vectorization_mode="vector_entry_point",
-        settings=config.environment.settings,
-        reality=config.environment.reality,
-    )
-    run = make_run(config, NativeVecEnv(native, seed=config.environment_seed))
-    try:
-        run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-        checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
-        if checkpoints:
-            run.restore(load_checkpoint(checkpoints[-1]))
-        recorder = Recorder(run, folder, report)
-        run.learn(config.steps - run.model.num_timesteps, recorder, fresh=not checkpoints)
-    except ValueError as error:
-        if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn
-            raise
-        raise DivergedError(run.model.num_timesteps, config.algorithm) from error
-    finally:
-        run.environment.close()
-
-
-def make_run(config: TrainConfig, environment: NativeVecEnv) -> Run:
-    """The run of the config's algorithm."""
-    if config.algorithm == "sac":
-        from fieldagents.learned.sac import SacRun
-
-        return SacRun(config, environment)
-    from fieldagents.learned.ppo import PpoRun
-
-    return PpoRun(config, environment)
 
 
 def schedule(rate: float, decay: str) -> float | Callable[[float], float]:

@@ -74,7 +74,7 @@ def train(
         save_yaml(config.model_dump(mode="json"), folder / "config.yaml")
         write_text(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
 
-    from fieldagents.learned.run import run_training
+    from fieldagents.learned.session import run_training
 
     try:
         with showing_progress(quiet=not progress) as report:

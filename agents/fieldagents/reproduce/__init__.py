@@ -1,5 +1,5 @@
 """Tables and figures of the sources, with ours beside them."""
 
-from fieldagents.reproduce.entries import ENTRIES, Entry, Reproduction, ReproductionError, reproduce
+from fieldagents.reproduce.run import ReproductionError, reproduce, reproducible
 
-__all__ = ["ENTRIES", "Entry", "Reproduction", "ReproductionError", "reproduce"]
+__all__ = ["ReproductionError", "reproduce", "reproducible"]

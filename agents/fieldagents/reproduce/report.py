@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldagents.reproduce.entries import ENTRIES, Reproduction
+from fieldagents.task import Reproducible, Reproduction
 from fieldmodels import html
 from fieldmodels.files import write_bytes, write_text
 
@@ -68,12 +69,12 @@ def show(result: Reproduction, console: Console) -> None:
         console.print(f"- {remark}", markup=False)
 
 
-def show_entries(console: Console) -> None:
+def show_reproducible(known: Mapping[str, Reproducible], console: Console) -> None:
     """Print what can be reproduced."""
     from rich.table import Table
 
     table = Table("name", "what it is", "options")
-    for name, entry in ENTRIES.items():
+    for name, entry in known.items():
         options = ", ".join(f"{option}={default}" for option, default in entry.options.items())
         table.add_row(name, entry.title, options)
     console.print(table)

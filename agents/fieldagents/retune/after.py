@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldagents.config import ConfigError, RetuneConfig, load_config
+from fieldagents.config import ConfigError, load_config
 from fieldagents.progress import Report
-from fieldagents.retune.loop import FILES, Retuning, retune
+from fieldagents.retune.config import RetuneConfig
+from fieldagents.retune.loop import FILES, retune
 from fieldagents.retune.report import show
+from fieldagents.retune.result import Retuning
 from fieldgym import TASKS
 from fieldmodels.diagnosis.result import Diagnosis
 from fieldmodels.model import Model

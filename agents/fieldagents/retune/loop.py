@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,116 +12,22 @@ import numpy as np
 import pandas as pd
 
 from fieldagents.agent import Agent
-from fieldagents.config import EnvironmentConfig, RetuneConfig
+from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.evaluation.evaluate import check_pairs, written_out
-from fieldagents.evaluation.metrics import METRICS, Metric
-from fieldagents.evaluation.seeds import TEST_SEEDS
 from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
-from fieldagents.retune.designers import designers
+from fieldagents.retune.config import RetuneConfig
+from fieldagents.retune.report import write_report
+from fieldagents.retune.result import EXTENDED, HIDDEN, NOMINAL, ORACLE, RETUNED, SIMULATION, Retuning
 from fieldagents.retune.won_back import WonBack, won_back
+from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import Metric, get_task
 from fieldmodels.files import replacing, write_text
 
 Report = Callable[[str, float], None]
 
-NOMINAL, RETUNED, ORACLE = "nominal", "retuned", "oracle"
-"""The agents: designed in the nominal simulation, in the extended one, in the hidden reality itself."""
-HIDDEN, EXTENDED = "hidden reality", "extended simulation"
-SIMULATION = "nominal simulation"
-"""Where they are flown."""
 FILES = ("retune.json", "retune.html", "retune.parquet")
 RESAMPLING_SEED = 0
-
-
-@dataclass(frozen=True)
-class Retuning:
-    """What an agent wins by being designed in the simulation that has learned.
-
-    Attributes:
-        name: Name of the loop.
-        agent: Name of what is designed.
-        title: How it is designed.
-        metric: By which the loss is counted.
-        hidden: Whether the hidden reality is known, so that agents were flown in it and the oracle exists.
-            Else the extended simulation stands for it, which is a forecast and no measurement.
-        won_back: Share of the loss won back; None without a hidden reality.
-        design_seconds: Agent to the time that its design took [s].
-        evaluation: Every agent in every simulation, compared with the nominal agent; the first scenario is
-            the one that counts.
-    """
-
-    name: str
-    agent: str
-    title: str
-    metric: Metric
-    hidden: bool
-    won_back: WonBack | None
-    design_seconds: Mapping[str, float]
-    evaluation: Summary
-
-    def mean(self, agent: str, flown_in: str) -> float | None:
-        """An agent's mean score in one of the simulations."""
-        rows = {row.agent: row for row in self.evaluation.scenarios[flown_in]}
-        return rows[agent].means[self.metric.name]
-
-    @property
-    def agents(self) -> tuple[str, ...]:
-        """The agents, as they were designed."""
-        return tuple(self.design_seconds)
-
-    @property
-    def flown_in(self) -> str:
-        """Where the agents are held against each other."""
-        return next(iter(self.evaluation.scenarios))
-
-    def to_json(self) -> dict[str, Any]:
-        """The content of ``retune.json``."""
-        return {
-            "schema": 1,
-            "name": self.name,
-            "task": self.evaluation.task,
-            "agent": self.agent,
-            "title": self.title,
-            "metric": asdict(self.metric),
-            "summary": self.sentence(),
-            "hidden_known": self.hidden,
-            "won_back": self.won_back and asdict(self.won_back),
-            "means": {
-                agent: {where: self.mean(agent, where) for where in self.evaluation.scenarios}
-                for agent in self.agents
-            },
-            "design_seconds": dict(self.design_seconds),
-            "evaluation": self.evaluation.to_json(),
-        }
-
-    def sentence(self) -> str:
-        """What came out, in plain words."""
-        scale, unit = (100, " %") if self.metric.binary else (1, f" {self.metric.unit}".removesuffix(" 1"))
-        said = {
-            agent: "no value"
-            if (mean := self.mean(agent, self.flown_in)) is None
-            else f"{scale * mean:.4g}{unit}"
-            for agent in self.agents
-        }
-        begin = (
-            f"{self.agent} in the {self.flown_in}, {self.metric.title}: {said[NOMINAL]} designed in the "
-            f"nominal simulation, {said[RETUNED]} designed in the extended one"
-        )
-        if self.won_back is None:
-            return (
-                f"{begin}. No hidden reality is known, so this is the extended simulation's forecast, "
-                "not a measurement: fly both on the machine."
-            )
-        begin += f", {said[ORACLE]} designed in the hidden reality itself (the oracle)"
-        if self.won_back.outcome == "nothing to win":
-            return f"{begin}. Nothing to win: the oracle is not better than the nominal agent."
-        if self.won_back.share is None:
-            return f"{begin}. Too few episodes to say more."
-        share = f"{100 * self.won_back.share:.1f} % of the loss won back"
-        if self.won_back.ci95 is None:
-            return f"{begin}: {share}, of too few episodes for an interval."
-        low, high = self.won_back.ci95
-        return f"{begin}: {share} (95 % interval {100 * low:.1f} to {100 * high:.1f})."
 
 
 def retune(
@@ -146,11 +51,9 @@ def retune(
         ModelError: If the extended simulation does not fit the task's model.
         EvaluationError: If two agents did not meet the same noise on the same seed.
     """
-    from fieldagents.retune.report import write_report
-
     began = time.perf_counter()
-    designer = designers(config.task)[config.agent]
-    options = designer.options.model_validate(config.options)
+    tuner = get_task(config.task).tuners[config.agent]
+    options = tuner.options.model_validate(config.options)
     where = {SIMULATION: None, EXTENDED: str(extended) if isinstance(extended, Path) else extended}
     made_in = {NOMINAL: SIMULATION, RETUNED: EXTENDED}
     if config.hidden is not None:
@@ -164,7 +67,7 @@ def retune(
     for number, (name, place) in enumerate(made_in.items()):
         progress(f"Designing in the {place}", 0.6 * number / len(made_in))
         start = time.perf_counter()
-        agents[name] = designer.design(config.settings, where[place], options)
+        agents[name] = tuner.tune(config.settings, where[place], options)
         took[name] = round(time.perf_counter() - start, 1)
     episodes = _fly(config, agents, environments, progress)
     check_pairs(episodes, config.task)
@@ -186,11 +89,11 @@ def retune(
             for scenario, part in episodes.groupby("scenario", sort=False)
         },
     )
-    metric = next(one for one in METRICS[config.task] if one.name == config.counted)
+    metric = next(one for one in get_task(config.task).metrics if one.name == config.counted)
     result = Retuning(
         name=config.name,
         agent=config.agent,
-        title=designer.title,
+        title=tuner.title,
         metric=metric,
         hidden=config.hidden is not None,
         won_back=_won_back(episodes, metric) if config.hidden is not None else None,

@@ -9,6 +9,7 @@ import pandas as pd
 
 from fieldagents.evaluation.comparison import mean_interval
 from fieldagents.evaluation.report import COLOURS, report_section
+from fieldagents.retune.result import Retuning
 from fieldmodels import html
 from fieldmodels.files import write_text
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
-    from fieldagents.retune.loop import Retuning
 
 INKS = {"nominal": "#8a8f98", "retuned": COLOURS["observation"], "oracle": COLOURS["privileged"]}
 

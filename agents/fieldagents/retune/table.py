@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fieldagents.retune.loop import HIDDEN, NOMINAL, ORACLE, RETUNED, SIMULATION
+from fieldagents.retune.result import HIDDEN, NOMINAL, ORACLE, RETUNED, SIMULATION
 
 HEADER = (
     "task",

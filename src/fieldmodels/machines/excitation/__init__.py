@@ -1,1 +1,3 @@
 """Excitation: a mobile manipulator that shakes its vehicle to learn it."""
+
+MODEL = "model:ExcitationModel"

@@ -1,1 +1,3 @@
 """Line following: a biped with delayed steering, a camera and a taped line."""
+
+MODEL = "model:LineFollowing"

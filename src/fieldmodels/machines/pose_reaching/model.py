@@ -207,11 +207,3 @@ class PoseReaching(Model):
     def _commands(self, recording: Recording) -> FloatArray:
         """Both commands, shape (n, 2)."""
         return np.column_stack([recording[signal.name] for signal in self.inputs]).astype(np.float64)
-
-
-class DifferentialDrive(PoseReaching):
-    """The same robot, commanded by its wheels' speeds ``left_command`` and ``right_command`` [rad/s]."""
-
-    name = "differential_drive"
-    inputs = (Signal("left_command", "rad/s"), Signal("right_command", "rad/s"))
-    wheel_front = True

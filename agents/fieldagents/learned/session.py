@@ -1,0 +1,65 @@
+"""A training run from its begin, or from its last checkpoint, to its end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium
+import torch
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import set_random_seed
+
+from fieldagents.learned.checkpoint import load_checkpoint
+from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.ppo import PpoRun
+from fieldagents.learned.recorder import Recorder
+from fieldagents.learned.run import Run
+from fieldagents.learned.sac import SacRun
+from fieldagents.learned.vector import NativeVecEnv
+from fieldagents.progress import Report
+from fieldgym import TASKS
+
+
+class DivergedError(ValueError):
+    """Training has lost itself in weights that are no numbers."""
+
+    def __init__(self, steps: int, algorithm: str) -> None:
+        super().__init__(f"training diverged at step {steps}: try a lower {algorithm}.learning_rate")
+
+
+def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
+    """Train to the end, from the folder's last checkpoint if it has one.
+
+    Args:
+        config: What to train.
+        folder: The run's folder.
+        report: Shown the progress.
+    """
+    torch.set_num_threads(1)  # small networks: more threads only wait, and sums keep their order
+    set_random_seed(config.seed)
+    native = gymnasium.make_vec(
+        TASKS[config.task].env_id,
+        num_envs=config.num_envs,
+        vectorization_mode="vector_entry_point",
+        settings=config.environment.settings,
+        reality=config.environment.reality,
+    )
+    run = make_run(config, NativeVecEnv(native, seed=config.environment_seed))
+    try:
+        run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+        checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
+        if checkpoints:
+            run.restore(load_checkpoint(checkpoints[-1]))
+        recorder = Recorder(run, folder, report)
+        run.learn(config.steps - run.model.num_timesteps, recorder, fresh=not checkpoints)
+    except ValueError as error:
+        if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn
+            raise
+        raise DivergedError(run.model.num_timesteps, config.algorithm) from error
+    finally:
+        run.environment.close()
+
+
+def make_run(config: TrainConfig, environment: NativeVecEnv) -> Run:
+    """The run of the config's algorithm."""
+    return {"ppo": PpoRun, "sac": SacRun}[config.algorithm](config, environment)

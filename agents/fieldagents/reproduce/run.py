@@ -1,0 +1,81 @@
+"""What can be reproduced, and how one asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from fieldagents.progress import Report
+from fieldagents.reproduce.report import write
+from fieldagents.task import Reproducible, Reproduction, all_tasks
+from fieldmodels.names import did_you_mean
+
+
+class ReproductionError(ValueError):
+    """A request that names nothing that can be reproduced, or an option that it does not have."""
+
+
+def reproducible() -> dict[str, Reproducible]:
+    """All that can be reproduced, by ``<task>/<table or figure>``."""
+    return {f"{task.name}/{name}": one for task in all_tasks() for name, one in task.figures.items()}
+
+
+def reproduce(
+    what: str,
+    out: Path,
+    overrides: Sequence[str] = (),
+    progress: Report = lambda _stage, _part: None,
+) -> Reproduction:
+    """Redo a table or figure and write ``table.csv``, a PNG for each figure, and ``report.html``.
+
+    Args:
+        what: Its name, a key of `reproducible`.
+        out: Result folder; each file appears whole or not at all.
+        overrides: ``"option=value"`` each; the value is YAML.
+        progress: Called with what is being done and the part of the whole that is done.
+
+    Raises:
+        ReproductionError: If there is no such entry, or it has no such option.
+    """
+    if what not in (known := reproducible()):
+        raise ReproductionError(
+            f"there is nothing to reproduce by the name {what!r}{did_you_mean(what, known)}"
+        )
+    entry = known[what]
+    result = entry.run(out, progress, **_options(what, entry, overrides))
+    write(what, result, out)
+    return result
+
+
+def _options(what: str, entry: Reproducible, overrides: Sequence[str]) -> dict[str, Any]:
+    """Options as their function wants them.
+
+    Raises:
+        ReproductionError: With every option that is unknown or has a wrong value.
+    """
+    known, types = entry.options, get_type_hints(entry.run, include_extras=True)
+    options: dict[str, Any] = {}
+    problems = []
+    for text in overrides:
+        name, equals, value = text.partition("=")
+        if not equals:
+            problems.append(f"--set {text}: write --set option=value")
+        elif name not in known:
+            problems.append(f"--set {text}: {what} has no option {name!r}{did_you_mean(name, known)}")
+        else:
+            try:
+                options[name] = TypeAdapter(types[name]).validate_python(
+                    YAML(typ="safe", pure=True).load(value)
+                )
+            except YAMLError:
+                problems.append(f"--set {text}: {value!r} is not a YAML value")
+            except ValidationError as error:
+                problems += [f"--set {text}: {item['msg']}" for item in error.errors()]
+    if problems:
+        raise ReproductionError("\n".join(problems))
+    return options

@@ -1,0 +1,258 @@
+"""What a task declares on this floor, and where a task is found by its name.
+
+A task is a folder of ``fieldagents.tasks``. Its ``task.py`` holds ``TASK``, a `TaskDefinition`. Three files
+beside it are imported only when they are asked for, and may be missing: ``agents.py`` with ``AGENTS``
+(`ReferenceAgent`), ``tuning.py`` with ``TUNERS`` (`Tuner`), ``figures.py`` with ``FIGURES`` (`Reproducible`).
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any, Literal
+
+from fieldagents.agent import Agent, Sees
+from fieldagents.config import Config
+from fieldmodels.names import did_you_mean
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from fieldmodels.model import Model
+    from fieldmodels.reality import Reality
+    from fieldmodels.recording import Recording
+
+FOLDERS = "fieldagents.tasks"
+"""The package whose folders are the tasks."""
+
+
+class TaskError(ValueError):
+    """A task that has no folder, or whose folder is not as it must be."""
+
+
+@dataclass(frozen=True)
+class ReferenceAgent:
+    """How a reference agent is made.
+
+    Attributes:
+        name: Its name in configs and tables.
+        sees: What it may see.
+        title: One line that says what it does.
+        make: Builds it for an environment's settings.
+        estimator: Whether it is an estimator outside the action space, scored on the same strides.
+    """
+
+    name: str
+    sees: Sees
+    title: str
+    make: Callable[[Mapping[str, Any]], Agent]
+    estimator: bool = False
+
+    @property
+    def kind(self) -> str:
+        """How its results are to be read, as ``Agent.kind``."""
+        return f"estimator, {self.sees}" if self.estimator else self.sees
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number for each episode, made from what ``info`` says at its steps.
+
+    Attributes:
+        name: Column of the results.
+        unit: Its unit, "1" if it has none.
+        title: What it is, in a few words.
+        key: Where the environment's ``info`` has it; an estimator's row reads its own key instead of
+            the first metric's.
+        lower_is_better: Whether a lower value is a better one.
+        common: Whether it does not depend on the agent: proof that all met the same noise.
+        over: How an episode's number comes from its steps: their ``mean``, their ``sum``, or the ``last``
+            one's.
+        binary: Whether an episode's number is 0 or 1, as a success is; its mean is then a share, with an
+            interval of its own kind.
+        optional: Whether an episode may have no value (NaN), as the time at which something was reached
+            that was not; means and differences are then over the episodes that have one.
+        given: Entry of ``info`` without which an episode has no value: a metric of the successful episodes
+            names that of the success, which the episode's last step must hold.
+        per: Entry of ``info`` that the episode's value is divided by, as it is at the last step.
+        bound: Where a function is, ``module:function``, of the environment's settings and its first ``info``,
+            whose value for each episode that episode's is divided by.
+    """
+
+    name: str
+    unit: str
+    title: str
+    key: str
+    lower_is_better: bool = True
+    common: bool = False
+    over: Literal["mean", "sum", "last"] = "mean"
+    binary: bool = False
+    optional: bool = False
+    given: str = ""
+    per: str = ""
+    bound: str = ""
+
+    @property
+    def may_miss(self) -> bool:
+        """Whether an episode may be without a value."""
+        return self.optional or bool(self.given)
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        unit = "%" if self.binary else self.unit
+        return self.title if unit == "1" else f"{self.title} [{unit}]"
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """How data of some models are recorded that are not simply driven by a command.
+
+    Attributes:
+        models: Names of the models.
+        keys: Keys of a ``RecordConfig`` that it takes beside those that every recording has.
+        record: Records: config (a ``RecordConfig``), model, true parameters, source of all randomness.
+    """
+
+    models: tuple[str, ...]
+    keys: tuple[str, ...]
+    record: Callable[[Any, Model, Reality, np.random.Generator], Recording]
+
+
+@dataclass(frozen=True)
+class Tuner:
+    """How an agent is tuned, planned or designed for a simulation.
+
+    Attributes:
+        name: Name of the agent in configs: that of the reference agent which it makes anew.
+        title: What is tuned, and how, in a line.
+        options: What a config may say of the effort.
+        tune: Makes the agent from the environment's settings, the reality in which it is simulated, and the
+            options, with tuning seeds alone. Equal arguments give equal agents, so that what is tuned in the
+            right simulation is the oracle to the bit.
+    """
+
+    name: str
+    title: str
+    options: type[Config]
+    tune: Callable[[Mapping[str, Any], Any, Any], Agent]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """A table or figure of a source, redone.
+
+    Attributes:
+        title: What it is, in a line.
+        source: Where it is printed: work, section, table or figure number.
+        table: The numbers, with the printed ones beside ours where the source prints any.
+        figures: File name (without ending) to a figure.
+        remarks: What agrees, what does not and why; one sentence or two each.
+    """
+
+    title: str
+    source: str
+    table: pd.DataFrame
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    remarks: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Reproducible:
+    """A table or figure of a source that can be reproduced.
+
+    Attributes:
+        name: Its name within the task, such as ``table-1``.
+        title: What it is, in a line.
+        run: Redoes it from the result folder and a ``Report`` of progress. Its keyword-only parameters, all
+            with a default and a type, are what ``--set`` may change.
+    """
+
+    name: str
+    title: str
+    run: Callable[..., Reproduction]
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Name and default of each option."""
+        parameters = inspect.signature(self.run).parameters.values()
+        return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
+
+
+@dataclass(frozen=True)
+class TaskDefinition:
+    """What the floor of agents knows of a task.
+
+    Attributes:
+        name: Its name on every floor.
+        metrics: What is measured in an episode; verdicts are about the first.
+        recorder: Who records its model's data; None for a model that is driven by a command.
+        picture: The agent at work in the documentation's picture; without one the actions stay in the middle.
+    """
+
+    name: str
+    metrics: tuple[Metric, ...]
+    recorder: Recorder | None = None
+    picture: str | None = None
+
+    @property
+    def agents(self) -> dict[str, ReferenceAgent]:
+        """The reference agents by name, in the order of presentation."""
+        return {agent.name: agent for agent in self._listed("agents")}
+
+    @property
+    def tuners(self) -> dict[str, Tuner]:
+        """Who tunes agents for a given simulation, by name; the first is the most telling."""
+        return {tuner.name: tuner for tuner in self._listed("tuning", "TUNERS")}
+
+    @property
+    def figures(self) -> dict[str, Reproducible]:
+        """The tables and figures of the source that can be reproduced, by name."""
+        return {figure.name: figure for figure in self._listed("figures")}
+
+    def _listed(self, module: str, name: str = "") -> Sequence[Any]:
+        """A tuple of the module beside the task's ``task.py``; empty without such a module."""
+        place = f"{FOLDERS}.{self.name}.{module}"
+        if find_spec(place) is None:
+            return ()
+        found: Sequence[Any] = getattr(import_module(place), name or module.upper())
+        return found
+
+
+def task_names() -> tuple[str, ...]:
+    """Names of all tasks: the folders of ``fieldagents.tasks``."""
+    folders = iter_modules(import_module(FOLDERS).__path__)
+    return tuple(sorted(folder.name for folder in folders if folder.ispkg))
+
+
+@cache
+def get_task(name: str) -> TaskDefinition:
+    """A task by its name.
+
+    Raises:
+        TaskError: If it has no folder; the message says which have.
+    """
+    if name not in (known := task_names()):
+        raise TaskError(f"{FOLDERS} has no folder {name!r}{did_you_mean(name, known)}")
+    task: TaskDefinition = import_module(f"{FOLDERS}.{name}.task").TASK
+    if task.name != name:
+        raise TaskError(f"{FOLDERS}.{name}.task: TASK is named {task.name!r}, its folder {name!r}")
+    return task
+
+
+def all_tasks() -> Iterator[TaskDefinition]:
+    """Every task."""
+    return map(get_task, task_names())
+
+
+def recorder_of(model: str) -> Recorder | None:
+    """Who records a model's data; None for one that is driven by a command."""
+    recorders = (task.recorder for task in all_tasks() if task.recorder)
+    return next((recorder for recorder in recorders if model in recorder.models), None)

@@ -1,0 +1,1 @@
+"""Excitation: its agents, tuners, figures and measures."""

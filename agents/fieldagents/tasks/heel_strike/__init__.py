@@ -1,0 +1,1 @@
+"""Heel strike: its agents, tuners, figures and measures."""

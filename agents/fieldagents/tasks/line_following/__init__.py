@@ -1,0 +1,1 @@
+"""Line following: its agents, tuners, figures and measures."""

@@ -1,0 +1,1 @@
+"""Line following by pixels: its agents, tuners, figures and measures."""

@@ -1,0 +1,1 @@
+"""Pose reaching: its agents, tuners, figures and measures."""

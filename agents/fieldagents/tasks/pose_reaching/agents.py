@@ -1,0 +1,254 @@
+"""Pose reaching: the path memory as printed and as it works, its kin, and the least time possible.
+
+Source: A. I. Chaudhry, "Topics in robot locomotion: state estimation and feasible-path generation for
+wheeled and legged robots", Cornell University 2015, chapter 5. Everything that an agent remembers is made
+when it is made, from fixed training seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldagents.agent import Agent, Sees
+from fieldagents.task import ReferenceAgent
+from fieldagents.tasks.pose_reaching.path_memory.least_time import Task, least_time
+from fieldagents.tasks.pose_reaching.path_memory.matrices import Floats, Integers
+from fieldagents.tasks.pose_reaching.path_memory.memory import PathMemory, States
+from fieldagents.tasks.pose_reaching.path_memory.own_data import OwnData
+from fieldagents.tasks.pose_reaching.path_memory.practice import own_data, to_action
+from fieldagents.tasks.pose_reaching.path_memory.reading import AS_IT_WORKS, AS_PRINTED, Reading
+from fieldagents.tasks.pose_reaching.path_memory.regression import NeighbourMemory
+from fieldagents.tasks.pose_reaching.path_memory.teachers import (
+    Teacher,
+    graceful_commands,
+    starts_anywhere,
+    starts_facing,
+    taught,
+)
+from fieldgym.pose_reaching import PoseReachingSettings
+from fieldgym.settings import read_settings
+from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING, Field
+
+PATHS, POINTS = 9, 14
+"""Training paths and states of each: the 126 states of section 5.3.2, which does not say how many paths."""
+MIXED_PATHS = 200
+"""Training paths of the memories that tell headings apart, from anywhere with any heading."""
+SEED = 10_000
+"""Of what is random in training data: one of the training seeds."""
+
+
+class Decides(Protocol):
+    """Anything that chooses commands for poses."""
+
+    def __call__(self, poses: Floats) -> tuple[Floats, Integers | None]:
+        """Speed [m/s] and turn rate [rad/s], shape (batch, 2); the remembered states, if there are any."""
+
+
+class Driver(Agent):
+    """An agent that reads the pose off the observation and asks a memory, a law or a table what to do.
+
+    Args:
+        name: Its name.
+        title: What it does.
+        settings: Of the environment.
+        decide: Commands for poses.
+        states: What it remembers, for drawing.
+        sees: What it is told.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        settings: PoseReachingSettings,
+        decide: Decides,
+        states: States | None = None,
+        sees: Sees = "observation",
+    ) -> None:
+        self.name, self.title, self.sees = name, title, sees
+        self._settings, self._decide, self._states = settings, decide, states
+        self._paths: Sequence[Floats] = () if states is None else states.paths
+        self._chosen: Integers | None = None
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[np.float32]:  # noqa: ARG002
+        """See ``Agent.act``."""
+        commands, self._chosen = self._decide(poses_of(observation))
+        return to_action(commands, self._settings)
+
+    def sketch(self) -> Mapping[str, Any] | None:
+        """Remembered paths and the state that it acts on, as the environment's ``show`` takes them."""
+        if self._states is None:
+            return None
+        chosen = None
+        if self._chosen is not None:
+            chosen = np.where(self._chosen[:, None] < 0, np.nan, self._states.poses[self._chosen])
+        return {"memory": self._paths, "chosen": chosen}
+
+
+def poses_of(observation: NDArray[Any]) -> Floats:
+    """Position x, y [m] and heading [rad] of an observation, shape (batch, 3)."""
+    seen = np.asarray(observation, dtype=np.float64)
+    return np.stack([seen[:, 0], seen[:, 1], np.arctan2(seen[:, 3], seen[:, 2])], axis=1)
+
+
+def away_from_walls(poses: Floats, commands: Floats, max_rate: float, field: Field) -> Floats:
+    """Turn on the spot, to the ball, where a wall holds the robot; tables of relative poses know no walls."""
+    x, y, heading = poses.T
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    edge = np.array([field.length / 2, field.width / 2]) - 1e-3
+    outwards = (np.abs(poses[:, :2]) >= edge) & (ahead * np.sign(poses[:, :2]) > 0)
+    held = np.asarray(outwards).any(axis=1, keepdims=True)
+    left = ahead[:, 0] * -y - ahead[:, 1] * -x  # which side the ball is on
+    turn = np.stack([np.zeros(len(x)), np.where(left > 0, max_rate, -max_rate)], axis=1)
+    return np.where(held, turn, commands)
+
+
+def nine_paths(teacher: Teacher, settings: PoseReachingSettings, paths: int = PATHS) -> States:
+    """The training data of section 5.3.2: from the right half, facing the ball, 14 states a path."""
+    return taught(teacher, starts_facing(paths), POINTS, settings.tick, settings.rules.limits)
+
+
+def mixed_paths(settings: PoseReachingSettings, paths: int = MIXED_PATHS) -> States:
+    """Shortest paths from anywhere with any heading."""
+    starts = starts_anywhere(paths, np.random.default_rng(SEED))
+    return taught("dubins", starts, POINTS, settings.tick, settings.rules.limits)
+
+
+@cache
+def learned_table(settings: PoseReachingSettings, rounds: int) -> OwnData:
+    """Own training data, made once a process for each kind of environment."""
+    return own_data(settings, rounds=rounds, seed=SEED)
+
+
+def path_memory(
+    name: str, title: str, teacher: Teacher, reading: Reading, form: str = "table"
+) -> Callable[[PoseReachingSettings], Agent]:
+    """How a path memory of nine paths is made for an environment."""
+
+    def make(settings: PoseReachingSettings) -> Agent:
+        states = nine_paths(teacher, settings)
+        memory = PathMemory(states, reading, form)
+        return Driver(name, title, settings, lambda poses: memory.commands(poses, settings.tick), states)
+
+    return make
+
+
+def _neighbours(name: str, title: str, number: int) -> Callable[[PoseReachingSettings], Agent]:
+    def make(settings: PoseReachingSettings) -> Agent:
+        states = mixed_paths(settings)
+        return Driver(name, title, settings, NeighbourMemory(states, number).commands, states)
+
+    return make
+
+
+def _own_data(name: str, title: str, rounds: int) -> Callable[[PoseReachingSettings], Agent]:
+    def make(settings: PoseReachingSettings) -> Agent:
+        return table_driver(name, title, settings, learned_table(settings, rounds))
+
+    return make
+
+
+def table_driver(name: str, title: str, settings: PoseReachingSettings, table: OwnData) -> Agent:
+    """An agent that drives by a table of own training data."""
+    rules = settings.rules
+
+    def decide(poses: Floats) -> tuple[Floats, None]:
+        commands = table.commands(poses)
+        return away_from_walls(poses, commands, rules.limits.max_rate, rules.field), None
+
+    return Driver(name, title, settings, decide)
+
+
+def _graceful(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
+    def make(settings: PoseReachingSettings) -> Agent:
+        limits = settings.rules.limits
+
+        def decide(poses: Floats) -> tuple[Floats, None]:
+            told = graceful_commands(poses, GOAL_HEADING, limits.max_speed, limits.max_rate)
+            return told, None
+
+        return Driver(name, title, settings, decide)
+
+    return make
+
+
+def _least_time(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
+    def make(settings: PoseReachingSettings) -> Agent:
+        rules = settings.rules
+        solved = least_time(Task(rules.arrival, rules.limits, rules.field))
+        decide = lambda poses: (solved.commands(poses, settings.tick), None)  # noqa: E731
+        return Driver(name, title, settings, decide, sees="model")
+
+    return make
+
+
+def _reference(
+    name: str,
+    title: str,
+    make: Callable[[str, str], Callable[[PoseReachingSettings], Agent]],
+    sees: Sees = "observation",
+) -> ReferenceAgent:
+    build = make(name, title)
+    return ReferenceAgent(name, sees, title, lambda given: build(read_settings(given, PoseReachingSettings)))
+
+
+AGENTS = (
+    _reference(
+        "path_memory_printed",
+        "The path memory to the letter: heading, offset and turn rate; argmax of zeros",
+        lambda name, title: path_memory(name, title, "graceful", AS_PRINTED),
+    ),
+    _reference(
+        "path_memory",
+        "The path memory as it works: bearing and direction, nine smooth paths, 126 states",
+        lambda name, title: path_memory(name, title, "graceful", AS_IT_WORKS),
+    ),
+    _reference(
+        "path_memory_stop",
+        "The same, standing still where every lambda is zero",
+        lambda name, title: path_memory(name, title, "graceful", replace(AS_IT_WORKS, fallback="stop")),
+    ),
+    _reference(
+        "path_memory_dubins",
+        "The path memory as it works, taught by nine shortest paths",
+        lambda name, title: path_memory(name, title, "dubins", AS_IT_WORKS),
+    ),
+    _reference(
+        "nearest_neighbour",
+        "Speed and turn rate of the nearest state of 200 shortest paths with any heading",
+        lambda name, title: _neighbours(name, title, 1),
+    ),
+    _reference(
+        "locally_weighted",
+        "Locally weighted regression on the ten nearest of the same states",
+        lambda name, title: _neighbours(name, title, 10),
+    ),
+    _reference(
+        "own_data",
+        "Own training data: 300 s of random motion in hindsight, no teacher",
+        lambda name, title: _own_data(name, title, 0),
+    ),
+    _reference(
+        "own_data_practised",
+        "The same after six rounds of practice of 300 s each",
+        lambda name, title: _own_data(name, title, 6),
+    ),
+    _reference(
+        "graceful",
+        "The smooth control law of Park and Kuipers, the teacher of path_memory",
+        _graceful,
+    ),
+    _reference(
+        "least_time",
+        "Near-optimal time by value iteration on the ideal robot and field: the ceiling",
+        _least_time,
+        "model",
+    ),
+)
+"""The reference agents, in the order of presentation."""

@@ -1,0 +1,184 @@
+"""A length below which no path is undetected: tangent, arc and spiral about one radar, without a bank.
+
+Outside the circle in which the side is seen, any heading is allowed. Inside it, the radar must stay within
+about 30 degrees of the nose or 20 of the tail, so that each radius gained or lost allows only so much angle:
+along the limit the path is a logarithmic spiral, and where a straight line keeps within it, that line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from fieldagents.tasks.uav_route.limits import NOSE, TAIL, limits_of, probability_seen
+from fieldgym.settings import read_settings
+from fieldgym.uav_route import UavRouteSettings
+from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.uav_route.parameters import Layout, World
+
+_STEEP = math.radians(1.0)  # Table 4.1 goes from low to high within this angle
+
+
+def lower_bound(layout: Layout, world: World) -> float:
+    """Shortest length of a path that is nowhere detected [km], bank ignored: no valid plan is shorter.
+
+    Each radar is taken by itself, and the largest bound holds. Where the argument does not cover a radar
+    (start and goal both inside its circle, or flying in and out again could be shorter than around) only
+    the straight line bounds the path.
+    """
+    start, goal = np.array(layout.start), np.array(layout.goal)
+    straight = float(np.hypot(*(goal - start)))
+    return max(
+        (_about(start - np.array(r), goal - np.array(r), world) for r in layout.radars), default=straight
+    )
+
+
+def bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[float, float]:
+    """The same to the nearest place on the circle in which a flight has arrived, and where that is.
+
+    Returns:
+        The length [km], at least 1e-3, and the bearing of the place from the goal [rad].
+    """
+    certain = replace(world.detection, stochastic=False)
+    return _bound_to_capture(layout, World(world.aircraft, certain), capture)
+
+
+@lru_cache(maxsize=4096)
+def _bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[float, float]:
+    """The same; lock loss and luck do not matter to it."""
+
+    def bound(bearing: float) -> float:
+        return lower_bound(moved_goal(layout, capture, bearing), world)
+
+    coarse = np.linspace(-math.pi, math.pi, 16, endpoint=False)
+    best = float(min(coarse, key=lambda a: bound(float(a))))
+    around = (best - coarse[1] + coarse[0], best + coarse[1] - coarse[0])
+    least = minimize_scalar(bound, bounds=around, method="bounded", options={"xatol": 1e-3})
+    if least.fun < bound(best):
+        best = float(least.x)
+    return max(bound(best), 1e-3), best
+
+
+def moved_goal(layout: Layout, distance: float, bearing: float) -> Layout:
+    """A layout with its goal moved by a distance [km] along a bearing [rad]."""
+    north, east = layout.goal
+    goal = (north + distance * math.cos(bearing), east + distance * math.sin(bearing))
+    return Layout(layout.start, goal, layout.radars)
+
+
+def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> FloatArray:
+    """The bound of each episode of a batch [km], shape (batch,).
+
+    Args:
+        settings: Those of the environment that are not the defaults.
+        info: The first ``info`` of the episodes.
+    """
+    read: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)
+    layouts = layouts_of(info)
+    return np.array([bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts])
+
+
+def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
+    """The layout of each episode of a batch, from its ``info``."""
+    told = info["layout"]
+    return [
+        Layout(
+            (float(start[0]), float(start[1])),
+            (float(goal[0]), float(goal[1])),
+            tuple((float(x), float(y)) for x, y in radars),
+        )
+        for start, goal, radars in zip(told["start"], told["goal"], told["radars"], strict=True)
+    ]
+
+
+def _about(start: FloatArray, goal: FloatArray, world: World) -> float:
+    """The bound for one radar at the origin."""
+    straight = float(np.hypot(*(goal - start)))
+    circle = limits_of(world).side
+    r_start, r_goal = float(np.hypot(*start)), float(np.hypot(*goal))
+    cosine = float(start @ goal) / max(r_start * r_goal, 1e-12)
+    angle = math.acos(min(1.0, max(-1.0, cosine)))
+    if min(r_start, r_goal) >= circle:
+        return _around(r_start, r_goal, angle, circle)
+    if max(r_start, r_goal) < circle or not _around_is_shorter(min(r_start, r_goal), angle, circle):
+        return straight
+    outer, inner = max(r_start, r_goal), min(r_start, r_goal)
+    spiral = _Spiral(inner, circle, world, nose=r_goal < r_start)
+    least = minimize_scalar(
+        lambda share: _to_circle(outer, share, circle) + spiral.length(angle - share),
+        bounds=(max(0.0, angle - spiral.reach), angle),
+        method="bounded",
+        options={"xatol": 1e-7},
+    )
+    return max(straight, float(least.fun))
+
+
+def _around_is_shorter(inner: float, angle: float, circle: float) -> bool:
+    """Whether flying in and out along the limits gains an angle less cheaply than the circle does."""
+    nose, tail = NOSE + _STEEP, TAIL + _STEEP
+    per_logarithm = math.tan(nose) + math.tan(tail)
+    per_radius = 1.0 / math.cos(nose) + 1.0 / math.cos(tail)
+    return per_radius * inner * (1.0 - math.exp(-angle / per_logarithm)) >= circle * angle
+
+
+def _to_circle(r: float, angle: float, circle: float) -> float:
+    """Shortest way from a place outside the circle to one on it, ``angle`` further."""
+    tangent = math.acos(min(1.0, circle / r))
+    if angle <= tangent:
+        return math.sqrt(r * r + circle * circle - 2.0 * r * circle * math.cos(angle))
+    return math.sqrt(max(r * r - circle * circle, 0.0)) + circle * (angle - tangent)
+
+
+def _around(r: float, s: float, angle: float, circle: float) -> float:
+    """Shortest way between two places outside the circle."""
+    tangents = math.acos(circle / r) + math.acos(circle / s)
+    if angle <= tangents:
+        return math.sqrt(max(r * r + s * s - 2.0 * r * s * math.cos(angle), 0.0))
+    return (
+        math.sqrt(r * r - circle * circle) + math.sqrt(s * s - circle * circle) + circle * (angle - tangents)
+    )
+
+
+@lru_cache(maxsize=64)
+def _steepest(world: World, nose: bool) -> tuple[FloatArray, FloatArray]:
+    """Distances over the ground, and how far the radar may be from nose or tail there, rounded up [rad]."""
+    radius = np.arange(1.0, limits_of(world).side + 1.0)
+    cone = NOSE if nose else TAIL
+    offsets = np.linspace(0.0, _STEEP, 201)
+    azimuth = cone + offsets if nose else math.pi - cone - offsets
+    seen = probability_seen(world, radius[:, None] + 0.0 * azimuth, azimuth + 0.0 * radius[:, None])
+    last = np.maximum((seen <= world.detection.threshold).sum(axis=1), 1) - 1
+    return radius, cone + offsets[last] + offsets[1]
+
+
+class _Spiral:
+    """Ways between the circle and a place inside it, as steep to the radial as the threshold allows."""
+
+    def __init__(self, inner: float, circle: float, world: World, *, nose: bool) -> None:
+        edges = np.linspace(inner, circle, 401)
+        self.radius, self.step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
+        radius, limit = _steepest(world, nose)
+        self.limit = limit[np.minimum(np.searchsorted(radius, edges[1:]), len(limit) - 1)]
+        self.reach = self._angle(circle)
+
+    def _steepness(self, closest: float) -> FloatArray:
+        """Angle to the radial, of a straight line that would pass the radar at ``closest`` [km], clipped."""
+        line = np.arcsin(np.minimum(closest / self.radius, 1.0))
+        steepness: FloatArray = np.minimum(line, self.limit)
+        return steepness
+
+    def _angle(self, closest: float) -> float:
+        return float(np.sum(np.tan(self._steepness(closest)) / self.radius) * self.step)
+
+    def length(self, angle: float) -> float:
+        """Least length of a way that gains an angle [rad]."""
+        closest = float(self.radius[-1])
+        if angle < self._angle(closest):
+            closest = float(brentq(lambda p: self._angle(p) - angle, 0.0, closest))
+        return float(np.sum(1.0 / np.cos(self._steepness(closest))) * self.step)

@@ -1,0 +1,70 @@
+"""What a task declares on this floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any
+
+from fieldmodels.names import class_name
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task as the floor above sees it; where nothing is said, everything goes by its name.
+
+    Attributes:
+        name: Its name on every floor (physics, environment, agents, configs, tests).
+        title: Title for people.
+        description: What is to be done, in one line.
+        version: Of the environment; a change of behaviour gives the next.
+        module: Module of this package that holds its environments; by default the task's own name.
+        settings_name: Name of the class of its settings in that module.
+        model: Name of its model on the ground floor; by default the task's own name.
+        operator: Whether a human operator can take over, as in the source.
+    """
+
+    name: str
+    title: str
+    description: str
+    version: int = 0
+    module: str = ""
+    settings_name: str = ""
+    model: str = ""
+    operator: bool = False
+
+    def __post_init__(self) -> None:
+        defaults = {
+            "module": self.name,
+            "settings_name": f"{self.class_name}Settings",
+            "model": self.name,
+        }
+        for key, value in defaults.items():
+            if not getattr(self, key):
+                object.__setattr__(self, key, value)
+
+    @property
+    def class_name(self) -> str:
+        """Its name as its classes and its identifier have it, such as ``HeelStrike``."""
+        return class_name(self.name)
+
+    @property
+    def env_id(self) -> str:
+        """The identifier that ``gymnasium.make`` takes."""
+        return f"fieldgym/{self.class_name}-v{self.version}"
+
+    @property
+    def entry_point(self) -> str:
+        """Where its environment is, ``module:class``."""
+        return f"fieldgym.{self.module}:{self.class_name}Env"
+
+    @property
+    def vector_entry_point(self) -> str:
+        """Where its native vector environment is, ``module:class``."""
+        return f"fieldgym.{self.module}:{self.class_name}VectorEnv"
+
+    @property
+    def settings(self) -> type[Any]:
+        """The class of its settings, imported when asked for."""
+        found: type[Any] = resolve_name(f"fieldgym.{self.module}:{self.settings_name}")
+        return found

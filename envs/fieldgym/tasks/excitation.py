@@ -1,0 +1,9 @@
+"""Excitation."""
+
+from fieldgym.task import Task
+
+TASK = Task(
+    name="excitation",
+    title="Excitation",
+    description="Shake a vehicle with its own arm so that its unknown parameters show.",
+)

@@ -1,0 +1,10 @@
+"""Line following."""
+
+from fieldgym.task import Task
+
+TASK = Task(
+    name="line_following",
+    title="Line following",
+    description="Steer a biped along a taped line from the line's place in its camera.",
+    operator=True,
+)

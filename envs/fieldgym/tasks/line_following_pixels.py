@@ -1,0 +1,13 @@
+"""Line following by pixels."""
+
+from fieldgym.task import Task
+
+TASK = Task(
+    name="line_following_pixels",
+    title="Line following by pixels",
+    description="Steer a biped along a taped line from its camera's image.",
+    module="line_following",
+    settings_name="LineFollowingSettings",
+    model="line_following",
+    operator=True,
+)

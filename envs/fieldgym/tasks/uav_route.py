@@ -1,0 +1,9 @@
+"""UAV route."""
+
+from fieldgym.task import Task
+
+TASK = Task(
+    name="uav_route",
+    title="UAV route",
+    description="Fly to a goal past radars that see an aircraft's sides, leg by leg.",
+)
