@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
 
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
 from fieldmodels.machines.heel_strike.strides import Strides
@@ -79,8 +80,7 @@ def test_euler_as_printed_gains_energy():
 
 def test_uncompensated_bias_costs_15_mm():
     # Mean rate of Fig 2.3, -0.0043 rad/s, in the steady state of Ranger's reset: 0.35 m * bias * T / 0.1.
-    reality = Strides(1).realities[0, :15].copy()
-    reality[8] = -0.0043
+    reality = HeelStrikeModel().vector(effects={"gyro_bias": {"rate": -0.0043}})
     walks = record_walks(rngs(1), 100, noise=SILENT, reality=reality)
     assert walks.estimator_mm[60:, 1].mean() == pytest.approx(-15.0, rel=0.03)
 

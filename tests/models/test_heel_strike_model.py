@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import integrate
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
@@ -133,3 +134,27 @@ def test_bad_recordings_and_realities_are_refused():
             Reality(effects={"coulomb_friction": {"acceleration": 2.0}}),
             Leg(),
         )
+
+
+def test_readings_are_late_by_more_samples_than_a_walker_remembers():
+    """At 1 kHz 19 ms are 19 samples: both averages of the push-off against SciPy's pendulum."""
+    step, delay, around, share = 0.001, 0.019, 30, MODEL.leg.push_off
+    time = step * np.arange(200)
+    signals = {"gyro": np.zeros(200), "strike": np.zeros(200), "strike_angle": np.zeros(200)}
+    recording = Recording(time=time, signals=signals)
+    one = np.array([0])
+    observed = np.ones((1, 100, 4), dtype=bool)
+    windows = Windows(recording, one, np.array([100]), np.array([[0.1, 1.2]]), observed)
+    predicted = MODEL.simulate(MODEL.vector(effects={"gyro_delay": {"delay": delay}}), windows)[0, 0]
+
+    def slope(_t, x):
+        return [x[1], -MODEL.leg.gravity / MODEL.leg.length * np.sin(x[0])]
+
+    sides = [
+        integrate.solve_ivp(slope, (0, end), [0.1, 1.2], rtol=1e-12, atol=1e-12, dense_output=True).sol
+        for end in (-0.1, 0.1)
+    ]
+    speed = [float(sides[int(t > 0)](t)[1]) for t in step * np.arange(1 - around, around + 1) - delay]
+    before, after = np.mean(speed[:around]), np.mean(speed[around:])
+    expected = after - ((1 - share) * before + share * MODEL.leg.speed)
+    assert predicted[around, 3] == pytest.approx(expected, abs=1e-6)

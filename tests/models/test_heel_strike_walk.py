@@ -5,11 +5,12 @@ import pytest
 from scipy import integrate, special, stats
 
 from fieldmodels.compiled import compiled
+from fieldmodels.machines.heel_strike.declaration import as_plants
+from fieldmodels.machines.heel_strike.leg import leg_step
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Gains, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains, stride_errors
 from fieldmodels.machines.heel_strike.strides import Strides
-from fieldmodels.machines.heel_strike.truth import truth_step
 from fieldmodels.model import ModelError
 from fieldmodels.streams import gaussian, normal_quantile, symmetric
 
@@ -41,10 +42,17 @@ def quantiles(p: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def swing(theta: float, omega: float, torque: float, step: float, count: int) -> tuple[float, float]:
+def swung(
+    theta: float, omega: float, torque: float, step: float, count: int, plants: np.ndarray
+) -> tuple[float, float]:
     for _ in range(count):
-        theta, omega = truth_step(theta, omega, torque, step, 9.81)
+        theta, omega = leg_step(theta, omega, torque, 0.0, step, 9.81, plants[0], False)
     return theta, omega
+
+
+def swing(*arguments: float) -> tuple[float, float]:
+    plants, _ = as_plants([HeelStrikeModel().nominal])
+    return swung(*arguments, plants)
 
 
 def test_normal_quantile_is_exact():
@@ -205,8 +213,13 @@ def test_bad_input_is_refused():
         Strides(2).advance(PAPER)
     with pytest.raises(ModelError, match=r"gains must have shape \(4,\) or \(2, 4\)"):
         walkers(2).advance(np.ones((3, 4)))
-    with pytest.raises(ModelError, match="reality must have shape"):
+    with pytest.raises(ModelError, match="numbers, not shape"):
         Strides(2, reality=np.ones(3))
+    with pytest.raises(ModelError, match=r"a reality has shape \(n,\) or \(2, n\)"):
+        Strides(2, reality=np.tile(HeelStrikeModel().nominal, (3, 1)))
+    late = HeelStrikeModel().vector(effects={"gyro_delay": {"delay": 0.02}})
+    with pytest.raises(ModelError, match="is longer than the 14 that a walker"):
+        Strides(2, Leg(step=0.001), reality=late)
     with pytest.raises(ModelError, match="snapshot of 2 walkers"):
         walkers(2).set_state(walkers(3).state())
     with pytest.raises(ValueError, match="push_off must be in"):

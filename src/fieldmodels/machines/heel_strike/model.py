@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.heel_strike.effects import leg_effects
+from fieldmodels.machines.heel_strike.declaration import as_plants, base_parameters, leg_effects
 from fieldmodels.machines.heel_strike.parameters import Leg
-from fieldmodels.machines.heel_strike.simulation import simulate
+from fieldmodels.machines.heel_strike.simulation import Walk, simulate
 from fieldmodels.machines.heel_strike.spectrum import torque_peaks
-from fieldmodels.model import Model, Parameter, Signal
+from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
@@ -65,7 +65,7 @@ class HeelStrikeModel(Model):
     def __init__(self, leg: Leg | None = None) -> None:
         """Take the nominal leg."""
         self.leg = leg or Leg()
-        self.parameters = (Parameter("length", "m", self.leg.length, 0.2, 5.0, 0.02, source="section 2.4.1"),)
+        self.parameters = base_parameters(self.leg)
         self.effects = leg_effects()
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
@@ -80,21 +80,21 @@ class HeelStrikeModel(Model):
         """See ``Model.simulate``."""
         recording = windows.recording
         force = windows.disturbance
-        return simulate(
-            np.atleast_2d(np.asarray(parameters, dtype=np.float64)),
-            windows.starts,
-            windows.lengths,
-            np.ascontiguousarray(windows.states),
-            recording.time,
-            recording["strike"],
-            np.zeros(0) if force is None else np.asarray(force, dtype=np.float64),
-            windows.samples,
-            recording.step,
-            self.leg.gravity,
-            self.leg.speed,
-            self.leg.push_off,
-            samples_around(recording),
+        walk = Walk(
+            time=recording.time,
+            strike=recording["strike"],
+            disturbance=np.zeros(0) if force is None else np.asarray(force, dtype=np.float64),
+            step=recording.step,
+            gravity=self.leg.gravity,
+            speed=self.leg.speed,
+            share=self.leg.push_off,
+            around=samples_around(recording),
         )
+        plants, extended = as_plants(np.atleast_2d(parameters), "force")
+        out = np.full((len(plants), len(windows), windows.samples, len(self.outputs)), np.nan)
+        states = np.ascontiguousarray(windows.states)
+        simulate(plants, extended, windows.starts, states, windows.lengths, walk, out)
+        return out
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
         """Angle from the geometry and the gyro's integral since; the gyro's reading up to the start."""

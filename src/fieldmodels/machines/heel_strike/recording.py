@@ -9,7 +9,6 @@ import numpy as np
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.strides import Strides
-from fieldmodels.machines.heel_strike.truth import HIDDEN, PARAMETERS
 from fieldmodels.model import ModelError
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording
@@ -41,9 +40,7 @@ def record_walk(
         ModelError: For a reality that the model does not know, or if the leg falls.
     """
     model = HeelStrikeModel(leg)
-    vector = np.zeros(HIDDEN)
-    vector[:PARAMETERS] = (reality or Reality()).vector(model)
-    vector[PARAMETERS:] = cogging
+    vector = np.concatenate([(reality or Reality()).vector(model), cogging])
     walker = Strides(1, model.leg, noise or Noise(), vector)
     walker.seed(0, rng)
     gyro, strike, angle = [], [], []

@@ -2,133 +2,127 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.machines.heel_strike.truth import (
-    DELAY,
-    FREQUENCY,
-    GAIN,
-    HISTORY,
-    LENGTH,
-    VISCOUS,
-    extended_step,
-    offset,
-    push_off,
-    sensed,
-    truth_step,
-)
+from fieldmodels.machines.heel_strike.leg import gyro_reading, leg_step, push_off, samples_late, speed_read
 
-SIGNALS = 4
+GYRO, ANGLE, CLOSURE, PUSH_OFF = range(4)
+"""Outputs of a prediction, in the order of ``HeelStrikeModel.outputs``."""
+
+
+class Walk(NamedTuple):
+    """What is known of a recorded walk.
+
+    Attributes:
+        time: Sample times [s], shape (n,).
+        strike: 1 at the first sample after each heel strike, shape (n,).
+        disturbance: Additional torque per inertia [rad/s2], shape (n,), or empty.
+        step: Sampling interval [s].
+        gravity: Acceleration of free fall [m/s2].
+        speed: Speed that the push-off aims at [rad/s].
+        share: Share of the speed error that it removes.
+        around: Samples over which the gyro is averaged before and after a strike.
+    """
+
+    time: FloatArray
+    strike: FloatArray
+    disturbance: FloatArray
+    step: float
+    gravity: float
+    speed: float
+    share: float
+    around: int
 
 
 @compiled
 def simulate(
-    parameters: FloatArray,
+    plants: NDArray[Any],
+    extended: NDArray[np.bool_],
     starts: NDArray[np.int64],
-    lengths: NDArray[np.int64],
     states: FloatArray,
-    time: FloatArray,
-    strike: FloatArray,
-    disturbance: FloatArray,
-    samples: int,
-    step: float,
-    gravity: float,
-    speed: float,
-    share: float,
-    around: int,
-) -> FloatArray:
+    lengths: NDArray[np.int64],
+    walk: Walk,
+    out: FloatArray,
+) -> None:
     """Simulate every window: RK4 of (2.11), with the push-off at each marked strike.
 
-    Returns:
-        Gyro, angle, closure and push-off, shape (batch, windows, samples, 4); closure is only meant at
-        strikes, push-off ``around`` samples after the window's first.
+    Args:
+        plants: What leg and gyro truly are, shape (batch,), dtype ``PLANT``.
+        extended: Whether a force effect of each is on, shape (batch,).
+        starts: First sample of each window, shape (windows,).
+        states: Angle [rad] and the gyro's reading [rad/s] there, shape (windows, 2).
+        lengths: Samples of each window, shape (windows,).
+        walk: What is known of the recording.
+        out: Filled with gyro, angle, closure and push-off, shape (batch, windows, samples, 4); closure is
+            only meant at strikes, push-off ``around`` samples after the window's first.
     """
-    result = np.full((len(parameters), len(starts), samples, SIGNALS), np.nan)
-    speeds = np.empty(around + HISTORY + samples)
-    for p in range(len(parameters)):
-        reality = parameters[p]
-        extended = False
-        for i in range(VISCOUS, FREQUENCY):
-            extended = extended or reality[i] != 0.0
+    latest = 0
+    for p in range(len(plants)):
+        latest = max(latest, samples_late(plants[p], walk.step)[0])
+    history = walk.around + latest + 2
+    speeds = np.empty(history + out.shape[2])
+    for p in range(len(plants)):
         for w in range(len(starts)):
-            k = starts[w]
-            _predict(
-                result[p, w, : lengths[w]], states[w], reality, extended, time[k:], strike[k:],
-                disturbance[k:], step, gravity, speed, share, around, speeds,
-            )  # fmt: skip
-    return result
+            window = out[p, w, : lengths[w]]
+            _predict(plants[p], extended[p], starts[w], states[w], walk, history, speeds, window)
+
+
+@inlined
+def reading_at(speeds: FloatArray, position: int, whole: int, part: float, time: float, plant: Any) -> float:
+    """The gyro's reading at a position of the speeds so far; see ``gyro_reading``."""
+    newer, older = speeds[position - whole], speeds[position - whole - 1]
+    return gyro_reading(newer, older, part, time, plant)
 
 
 @compiled
 def _predict(
-    window: FloatArray,
-    state: FloatArray,
-    reality: FloatArray,
+    plant: Any,
     extended: bool,
-    time: FloatArray,
-    strike: FloatArray,
-    disturbance: FloatArray,
-    step: float,
-    gravity: float,
-    speed: float,
-    share: float,
-    around: int,
+    start: int,
+    state: FloatArray,
+    walk: Walk,
+    history: int,
     speeds: FloatArray,
+    window: FloatArray,
 ) -> None:
-    """Fill one window, shape (samples, 4); the other arrays begin at its first sample."""
-    stiffness = gravity / reality[LENGTH]
-    lag = reality[DELAY] / step
-    history = around + HISTORY
-    # Backward in time: what the gyro showed before, and shows late.
-    start = (state[1] - offset(time[0], reality)) / reality[GAIN]
-    theta, omega = state[0], start
+    """Fill one window, shape (samples, 4); ``history`` speeds before its first are looked back at."""
+    step, around = walk.step, walk.around
+    time, strike, disturbance = walk.time[start:], walk.strike[start:], walk.disturbance[start:]
+    stiffness = walk.gravity / plant.length
+    whole, part = samples_late(plant, step)
+    # Backward in time: what the gyro read before, and reads late.
+    begun = speed_read(state[1], time[0], plant)
+    theta, omega = state[0], begun
     speeds[history] = omega
-    for j in range(1, history + 1):
-        if not extended:
-            theta, omega = truth_step(theta, omega, 0.0, -step, stiffness)
-        else:
-            theta, omega = extended_step(
-                theta, omega, 0.0, time[0] - (j - 1) * step, -step, stiffness, reality
-            )
-        speeds[history - j] = omega
+    for j in range(history):
+        theta, omega = leg_step(theta, omega, 0.0, time[0] - j * step, -step, stiffness, plant, extended)
+        speeds[history - j - 1] = omega
     before = 0.0
     for j in range(around):
-        before += sensed(at(speeds, history - j - lag), time[0] - j * step, reality) / around
-    target = push_off(before, speed, share)
-    theta, omega = state[0], start
+        before += reading_at(speeds, history - j, whole, part, time[0] - j * step, plant) / around
+    target = push_off(before, walk.speed, walk.share)
+    theta, omega = state[0], begun
     opened, turned, after, torque = theta, 0.0, 0.0, 0.0
     for n in range(len(window)):
         if n > 0:
             if len(disturbance) > 0:
                 torque = 0.5 * (disturbance[n - 1] + disturbance[n])
-            if not extended:
-                theta, omega = truth_step(theta, omega, torque, step, stiffness)
-            else:
-                theta, omega = extended_step(theta, omega, torque, time[n - 1], step, stiffness, reality)
+            theta, omega = leg_step(theta, omega, torque, time[n - 1], step, stiffness, plant, extended)
         speeds[history + n] = omega
-        gyro = sensed(at(speeds, history + n - lag), time[n], reality)
+        gyro = reading_at(speeds, history + n, whole, part, time[n], plant)
         if n > 0:
             turned += gyro * step
             if n <= around:
                 after += gyro / around
-        window[n, 0] = gyro
-        window[n, 1] = theta
-        window[n, 2] = theta - opened - turned
-        window[n, 3] = after - target
+        window[n, GYRO] = gyro
+        window[n, ANGLE] = theta
+        window[n, CLOSURE] = theta - opened - turned
+        window[n, PUSH_OFF] = after - target
         if strike[n] > 0.5:
-            omega = push_off(omega, speed, share)
+            omega = push_off(omega, walk.speed, walk.share)
             opened, turned = theta, 0.0
-
-
-@inlined
-def at(speeds: FloatArray, position: float) -> float:
-    """Speed at a fractional sample, by linear interpolation."""
-    whole = int(position)
-    part = position - whole
-    value: float = speeds[whole]
-    if part > 0.0:
-        value += part * (speeds[whole + 1] - value)
-    return value

@@ -1,4 +1,4 @@
-"""Walkers that advance stride by stride: the working surface of environments and evaluations."""
+"""Walkers that advance stride by stride: what environments and evaluations work with."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.declared import neutral
+from fieldmodels.machines.heel_strike.declaration import BASE, EFFECTS, as_plants
+from fieldmodels.machines.heel_strike.kernel import advance, start
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
-from fieldmodels.machines.heel_strike.truth import FREQUENCY, HIDDEN, PARAMETERS, STEP_TIME, TEETH
 from fieldmodels.machines.heel_strike.walker import (
     ESTIMATORS,
+    HISTORY,
     TRACES,
     WALKER,
-    advance,
     bank_levels,
     bank_transition,
     make_constants,
-    start,
 )
 from fieldmodels.model import ModelError
 
@@ -74,6 +75,8 @@ class Strides:
 
     Attributes:
         walkers: All state, shape (batch,), dtype ``WALKER``.
+        plants: What each leg and gyro truly are, shape (batch,), dtype ``PLANT``.
+        extended: Whether an effect is on in any of them.
     """
 
     def __init__(
@@ -94,37 +97,37 @@ class Strides:
             batch: Number of walkers.
             leg: The nominal leg, which the estimators believe in.
             noise: Stationary noise, or hidden regimes (default: the ``low_pass`` regimes).
-            reality: Parameter vector of ``HeelStrikeModel``, shape (15,) or (batch, 15); None is nominal.
+            reality: Parameter vector of ``HeelStrikeModel``, shape (n,) or (batch, n), with or without the
+                numbers of ``UNLISTED`` effects; None is nominal.
             bank: True also runs the interacting-multiple-model bank of eight filters (five times slower).
             cromer: True integrates the agent's estimator by (2.14), False by (2.9).
             ranger_reset: Share of the geometry in Ranger's reset (2.3).
             tuned_reset: The same of the tuned Ranger.
 
         Raises:
-            ModelError: If the reality has the wrong shape or the batch is empty.
+            ModelError: If the reality has the wrong shape, the batch is empty, or the gyro's delay holds more
+                samples than a walker remembers.
         """
-        from fieldmodels.machines.heel_strike.model import HeelStrikeModel
-
         if batch < 1:
             raise ModelError(f"a batch needs at least one walker, not {batch}")
         self.leg = leg or Leg()
         self.regimes = (
             Regimes.fixed(noise) if isinstance(noise, Noise) else noise or Regimes.preset("low_pass")
         )
-        nominal = HeelStrikeModel(self.leg).nominal
-        vector = np.asarray(nominal if reality is None else reality, dtype=np.float64)
-        if vector.shape[-1:] not in ((PARAMETERS,), (HIDDEN,)) or vector.shape[:-1] not in ((), (batch,)):
+        vector = neutral(BASE, EFFECTS) if reality is None else np.asarray(reality, dtype=np.float64)
+        if vector.shape[:-1] not in ((), (batch,)):
+            raise ModelError(f"a reality has shape (n,) or ({batch}, n), not {vector.shape}")
+        plants, extended = as_plants(vector)
+        if reality is None:
+            plants["length"] = self.leg.length
+        latest = float(plants["gyro_delay"]["delay"].max()) / self.leg.step
+        if latest > HISTORY - 2:
             raise ModelError(
-                f"reality must have shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+                f"a gyro's delay of {latest:.1f} samples is longer than the {HISTORY - 2} that a walker "
+                f"remembers: a longer step than {self.leg.step:g} s, or a shorter delay"
             )
-        self.realities = np.zeros((batch, HIDDEN))
-        self.realities[:, : vector.shape[-1]] = vector
-        neutral = np.zeros(HIDDEN)
-        neutral[:PARAMETERS] = nominal
-        off = self.realities == neutral
-        # A frequency or a time without amplitude is no effect.
-        off[:, [FREQUENCY, STEP_TIME, TEETH]] = True
-        self.extended = not bool(off[:, 1:].all())
+        self.plants = np.ascontiguousarray(np.broadcast_to(plants, (batch,)))
+        self.extended = bool(extended.any())
         self.bank = bank
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
         self._constants = make_constants(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
@@ -186,7 +189,7 @@ class Strides:
         advance(
             self.walkers,
             values,
-            self.realities,
+            self.plants,
             self.extended,
             self._constants,
             self._levels,

@@ -1,23 +1,39 @@
-"""What may be missing from the nominal leg: the effects of ``HeelStrikeModel``, in the kernels' order.
+"""The numbers of the leg and of the gyro that watches it: each is declared here and nowhere else.
 
-Left out, since data cannot tell them from these: a slope (a constant force at the small angles of a
-walk), an off-centre mass (the same), a gravity error (the length).
+Left out of the effects, since data cannot tell them from these: a slope (a constant force at the small
+angles of a walk), an off-centre mass (the same), a gravity error (the length).
 """
 
 from __future__ import annotations
 
-from fieldmodels.model import Effect, Parameter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.declared import any_on, as_rows, neutral, row_type
+from fieldmodels.machines.heel_strike.parameters import Leg
+from fieldmodels.model import Effect, Parameter, Where
 
 ACCELERATION = "rad/s2"
 
 
+def base_parameters(leg: Leg) -> tuple[Parameter, ...]:
+    """The numbers that the nominal leg depends on."""
+    return (Parameter("length", "m", leg.length, 0.2, 5.0, 0.02, source="section 2.4.1"),)
+
+
 def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)) -> tuple[Effect, ...]:
-    """All effects.
+    """All effects that a diagnosis looks for.
 
     Args:
         duration: Length of the longest recording [s]; times and frequencies are resolved by it.
         frequencies: Where a periodic force may be sought [Hz].
     """
+    return (*_force_effects(duration, frequencies), *_gyro_effects(duration))
+
+
+def _force_effects(duration: float, frequencies: tuple[float, ...]) -> tuple[Effect, ...]:
     return (
         Effect(
             "viscous_friction",
@@ -58,6 +74,11 @@ def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)
             ),
             "sine * sin(2 pi * frequency * t) + cosine * cos(2 pi * frequency * t)",
         ),
+    )
+
+
+def _gyro_effects(duration: float) -> tuple[Effect, ...]:
+    return (
         Effect(
             "gyro_bias",
             "The gyro shows a rate when nothing turns.",
@@ -104,3 +125,44 @@ def leg_effects(duration: float = 300.0, frequencies: tuple[float, ...] = (1.0,)
             "+rate on the gyro from time on",
         ),
     )
+
+
+UNLISTED = (
+    Effect(
+        "cogging",
+        "The hinge's torque varies with the angle, as a motor's does.",
+        "force",
+        (
+            Parameter("acceleration", ACCELERATION, 0.0, -10.0, 10.0, 0.1),
+            Parameter("teeth", "1", 1.0, 0.0, 1e3, 1.0),
+        ),
+        "acceleration * sin(teeth * theta)",
+    ),
+)
+"""Effects that the leg knows but ``HeelStrikeModel`` does not list, for exams."""
+
+BASE = base_parameters(Leg())
+EFFECTS = (*leg_effects(), *UNLISTED)
+PLANT = row_type(BASE, EFFECTS)
+"""Type of a plant: what leg and gyro truly are, as kernels read it."""
+_UNLISTED = neutral((), UNLISTED)
+
+
+def as_plants(vectors: ArrayLike, where: Where | None = None) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Parameter vectors of ``HeelStrikeModel`` as plants.
+
+    Args:
+        vectors: Shape (..., numbers), with or without those of ``UNLISTED``.
+        where: Which effects are asked for below; None for all.
+
+    Returns:
+        Plants of dtype ``PLANT``, and whether any such effect is on in each; both of shape (...).
+
+    Raises:
+        ModelError: If a vector has another length.
+    """
+    array = np.asarray(vectors, dtype=np.float64)
+    if array.ndim and 8 * (array.shape[-1] + len(_UNLISTED)) == PLANT.itemsize:
+        rest = np.broadcast_to(_UNLISTED, (*array.shape[:-1], len(_UNLISTED)))
+        array = np.concatenate([array, rest], axis=-1)
+    return as_rows(array, PLANT), any_on(array, BASE, EFFECTS, where)
