@@ -15,7 +15,8 @@ from fieldmodels.registry import get_model
 
 def pytest_generate_tests(metafunc):
     wanted = [name for name in ("machine", "effect", "values") if name in metafunc.fixturenames]
-    if wanted[-2:] != ["effect", "values"] or metafunc.definition.get_closest_marker("parametrize"):
+    own = ",".join(str(marker.args[0]) for marker in metafunc.definition.iter_markers("parametrize"))
+    if wanted[-2:] != ["effect", "values"] or "effect" in own:
         return
     cases = metafunc.module.CASES
     rows = {}

@@ -12,9 +12,6 @@ from fieldmodels.exam import oracles
 from fieldmodels.registry import get_model, model_names
 
 PENDING = (  # until they follow the layout of fieldmodels.exam.oracles
-    "rig",
-    "pendulum",
-    "propeller_arm",
     "line_following",
     "excitation",
 )

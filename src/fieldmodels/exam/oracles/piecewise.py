@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -65,6 +65,8 @@ def follow(
         Pieces in order of time, the first from minus infinity.
     """
     pieces = [Piece(-math.inf, before)]
+    changes = [value != last for (_, value), last in zip(aims, [before, *(a for _, a in aims)], strict=False)]
+    aims = list(compress(aims, changes))
     ends = [begin for begin, _ in aims[1:]] + [math.inf]
     for (begin, aim), end in zip(aims, ends, strict=True):
         excess = pieces[-1].at(begin) - aim
@@ -88,6 +90,12 @@ def jumps(pieces: Iterable[Piece]) -> list[float]:
     return times
 
 
+def edges_between(first: float, last: float, stops: Iterable[float]) -> list[tuple[float, float]]:
+    """Begin and end [s] of every stretch between two times that no jump interrupts."""
+    edges = np.unique([first, *(t for t in stops if first + HAIR < t < last - HAIR), last])
+    return list(pairwise(edges[np.r_[True, np.diff(edges) > HAIR]].tolist()))
+
+
 def current(pieces: Sequence[Piece], time: float) -> Piece:
     """The piece at a time [s]."""
     index = int(np.searchsorted([piece.begin for piece in pieces], time, side="right")) - 1
@@ -108,14 +116,10 @@ def integrate(
     Returns:
         States, shape (n, len(state)).
     """
-    first, last = float(wanted[0]), float(wanted[-1])
-    edges = np.unique([first, *(t for t in stops if first + HAIR < t < last - HAIR), last])
-    edges = edges[np.r_[True, np.diff(edges) > HAIR]]
     result = np.empty((len(wanted), len(state)))
     now = np.asarray(state, dtype=float)
-    result[0] = now
-    for begin, end in pairwise(edges):
-        inside = np.flatnonzero((wanted > begin) & (wanted <= end))
+    for begin, end in edges_between(float(wanted[0]), float(wanted[-1]), stops):
+        inside = np.flatnonzero((wanted >= begin) & (wanted <= end))
         solution = solve_ivp(
             within(0.5 * (begin + end)), (begin, end), now, method="DOP853",
             t_eval=np.union1d(wanted[inside], [end]), rtol=RELATIVE, atol=ABSOLUTE,

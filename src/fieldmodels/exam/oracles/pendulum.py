@@ -1,0 +1,37 @@
+"""Oracle of the pendulum: ``inertia dv/dt = torque - gravity_moment sin(angle)``, and docs/models.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.exam.oracles import Values, filled, one_axis
+
+NEUTRAL: Values = {
+    **one_axis.neutral("torque"),
+    "viscous_friction": {"coefficient": 0.0},
+    "payload": {"mass": 0.0, "length": 0.5},
+}
+GRAVITY = 9.80665
+"""Standard gravity [m/s^2] (CGPM 1901)."""
+
+
+def simulate(
+    base: Mapping[str, float],
+    effects: Values,
+    commands: FloatArray,
+    step: float,
+    start: Mapping[str, float] | None = None,
+) -> FloatArray:
+    """Drive one episode; see ``Simulate`` and ``one_axis.simulate``."""
+    given = filled(effects, NEUTRAL)
+    load = given["payload"]
+    axis = one_axis.Axis(
+        force="torque",
+        inertia=base["inertia"] + load["mass"] * load["length"] ** 2,
+        damping=given["viscous_friction"]["coefficient"],
+        gravity=base["gravity_moment"] + load["mass"] * GRAVITY * load["length"],
+        bias=given["sensor_bias"]["bias"],
+        given=given,
+    )
+    return one_axis.simulate(axis, commands[:, 0], step, start)
