@@ -23,11 +23,11 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import check_render_mode, row_seeds
 from fieldgym.settings import read_settings
+from fieldmodels.machines.pose_reaching.batch import Robots, Rules, Score, Tick
 from fieldmodels.machines.pose_reaching.dubins import dubins_path
-from fieldmodels.machines.pose_reaching.field import Robots, Rules, Score, Tick
+from fieldmodels.machines.pose_reaching.kernel import NUMBERS
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.parameters import GOAL, LOOSE, STRICT, Limits
-from fieldmodels.machines.pose_reaching.play import NUMBERS
 from fieldmodels.model import ModelError
 from fieldmodels.reality import Reality, read_reality
 
@@ -127,7 +127,7 @@ class _Play:
         rows = list(which)
         self.robots.restart(rows, (options or {}).get("pose"))
         self.ready = True
-        tick = self.robots.look()
+        tick = self.robots.observe()
         if self._trails is not None:
             self._begin(rows, tick)
         return tick
@@ -182,7 +182,7 @@ class _Play:
         self.robots.set_state(state)
         self.ready = True
         if self._trails is not None:
-            self._begin(range(len(self.robots)), self.robots.look())
+            self._begin(range(len(self.robots)), self.robots.observe())
 
     def show(self, memory: Sequence[ArrayLike] | None, chosen: ArrayLike | None) -> None:
         """Take over what is drawn beside the task; see ``PoseReachingEnv.show``."""

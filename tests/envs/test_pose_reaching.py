@@ -101,7 +101,7 @@ def test_time_runs_out():
     assert not any(truncated for _, truncated in ends[:-1])
 
 
-def test_native_vector_equals_scalar_environments_through_arrivals_and_faults():
+def test_native_vector_equals_scalar_environments_through_arrivals_and_effects():
     """To the bit, also where rows arrive at different times, run out of time, and begin anew."""
     for reality in (None, FAULTS):
         kwargs = {"num_envs": 8, "settings": {"starts": "T1", "timeout": 4.0}, "reality": reality}
@@ -167,7 +167,7 @@ def test_rows_take_seeds_of_their_own():
         env.reset(seed=[1, 2, 3])
 
 
-def test_faulty_sensors_are_told_apart_from_the_truth():
+def test_a_biased_sensor_is_distinguished_from_the_true_pose():
     env = gym.make(ID, reality={"heading_bias": {"angle": 0.3}})
     _, info = env.reset(options={"pose": (1.0, 0.5, 1.0)})
     assert info["pose"] == pytest.approx([1.0, 0.5, 1.3])
@@ -186,7 +186,7 @@ def test_reality_may_be_a_file(tmp_path):
         assert env.step(np.array([0, 1], np.float32))[4]["pose"][2] == pytest.approx(0.2)
 
 
-def test_state_with_faults_continues_to_the_bit_and_fits_its_reality_only():
+def test_state_with_effects_continues_to_the_bit_and_fits_its_reality_only():
     env = gym.make_vec(ID, num_envs=3, reality=FAULTS)
     env.reset(seed=1)
     actions = np.random.default_rng(0).uniform(-1, 1, (30, 3, 2)).astype(np.float32)
@@ -197,7 +197,7 @@ def test_state_with_faults_continues_to_the_bit_and_fits_its_reality_only():
     fresh = gym.make_vec(ID, num_envs=3, reality=FAULTS)
     fresh.unwrapped.set_state(state)
     assert np.array_equal(first, [fresh.step(a)[0] for a in actions])
-    with pytest.raises(ValueError, match="other faults"):
+    with pytest.raises(ValueError, match="other effects"):
         gym.make_vec(ID, num_envs=3).unwrapped.set_state(state)
     with pytest.raises(ValueError, match="a snapshot of 3 robots is needed"):
         fresh.unwrapped.set_state({**state, "robots": [0.0, 0.0, 0.0]})

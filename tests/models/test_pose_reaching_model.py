@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.machines.differential_drive import DifferentialDrive
 from fieldmodels.machines.pose_reaching import unicycle
-from fieldmodels.machines.pose_reaching.field import Robots, Rules
+from fieldmodels.machines.pose_reaching.batch import Robots, Rules
 from fieldmodels.machines.pose_reaching.model import POSE, WHEELS, PoseReaching
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, WARTHOG, Arrival, Field, Limits
 from fieldmodels.machines.pose_reaching.recording import random_commands, record_drive
@@ -272,7 +272,7 @@ def test_robots_in_play_and_the_model_are_one_physics():
         robots = Robots(1, rules, q)
         robots.seed(0, np.random.default_rng(0))
         robots.restart([0], start)
-        shown = [robots.look().poses[0]]
+        shown = [robots.observe().poses[0]]
         for speed, rate in zip(recording["speed"], recording["turn_rate"], strict=True):
             action = np.array([[2 * speed / limits.max_speed - 1, rate / limits.max_rate]], dtype=np.float32)
             shown.append(robots.advance(action).poses[0])

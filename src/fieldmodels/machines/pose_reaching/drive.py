@@ -4,111 +4,144 @@
                                -> delay, and lag at a limited rate -> the rims' travel
                                -> the body's motion: unequal wheels, slip, slope
 
-Both fronts, a robot that is told speed and turn rate and one that is told its wheels' speeds, are the same
-differential drive; inside, its two wheels are rim speeds [m/s]. A row ``q`` holds all parameters of one
-simulation, in the order of ``PoseReaching.names``.
+Both fronts, a robot that is given speed and turn rate and one that is given its wheels' speeds, are the same
+differential drive; inside, its two wheels are rim speeds [m/s]. The environment's robots compose these pieces
+from instant to instant, a prediction along its recording. A row ``q`` holds all numbers of one robot, dtype
+``ROW``.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
-
-RADIUS, TRACK = 0, 1
-GAIN, TURN_GAIN, LAG, RATE, DELAY, LIMIT, DEAD_ZONE = 2, 3, 4, 5, 6, 7, 8
-UNEQUAL, YAW_SLIP, SIDEWAYS, SLOPE_X, SLOPE_Y = 9, 10, 11, 12, 13
-SENSOR_DELAY, HEADING_BIAS, STEP_TIME, STEP_FACTOR = 14, 15, 16, 17
-PARAMETERS = 18
-
-NO_LIMIT = 1e6
-"""A saturation limit [m/s] or rate limit [m/s^2] from this on means none."""
+from fieldmodels.machines.pose_reaching.declaration import NO_LIMIT
+from fieldmodels.machines.pose_reaching.unicycle import slipping_arc
 
 
 @inlined
-def rim(speed: float, q: FloatArray) -> float:
+def rim(speed: float, q: Any) -> float:
     """What one wheel's rim aims at [m/s]: dead zone, then saturation."""
-    if q[DEAD_ZONE] > 0.0:
-        speed = math.copysign(max(abs(speed) - q[DEAD_ZONE], 0.0), speed)
-    if abs(speed) > q[LIMIT]:
-        speed = math.copysign(q[LIMIT], speed)
+    width, limit = q.actuator_dead_zone.width, q.actuator_saturation.limit
+    if width > 0.0:
+        speed = math.copysign(max(abs(speed) - width, 0.0), speed)
+    if abs(speed) > limit:
+        speed = math.copysign(limit, speed)
     return speed
 
 
 @inlined
-def rims(speed: float, rate: float, jumped: float, q: FloatArray) -> tuple[float, float]:
-    """What both rims aim at [m/s] for a command.
+def rims(speed: float, rate: float, time: float, step: float, q: Any) -> tuple[float, float]:
+    """What both rims aim at [m/s] in a step, for the command that holds in it.
 
     Args:
         speed: Commanded speed [m/s].
         rate: Commanded turn rate [rad/s].
-        jumped: Share of the step after the moment of the jump (``parameter_step``).
-        q: Parameters, shape (PARAMETERS,).
+        time: Time at the step's beginning [s]; after a jump (``parameter_step``) its factor holds for the
+            share of the step that is left.
+        step: Length of the step [s].
+        q: Numbers of the robot.
     """
-    strength = 1.0 + (q[STEP_FACTOR] - 1.0) * jumped
-    half = 0.5 * q[TRACK] * q[TURN_GAIN] * rate
-    return strength * rim(q[GAIN] * (speed - half), q), strength * rim(q[GAIN] * (speed + half), q)
+    strength = 1.0
+    if q.parameter_step.factor != 1.0:
+        jumped = min(max((time - q.parameter_step.time) / step + 1.0, 0.0), 1.0)
+        strength = 1.0 + (q.parameter_step.factor - 1.0) * jumped
+    half, gain = 0.5 * q.track * q.turn_gain.gain * rate, q.actuator_gain.gain
+    return strength * rim(gain * (speed - half), q), strength * rim(gain * (speed + half), q)
 
 
 @inlined
-def has_dynamics(q: FloatArray) -> bool:
+def has_dynamics(q: Any) -> bool:
     """Whether a rim follows what it aims at with a lag or at a limited rate."""
-    return bool(q[LAG] > 0.0 or q[RATE] < NO_LIMIT)
+    return bool(q.actuator_lag.time_constant > 0.0 or q.actuator_rate_limit.rate < NO_LIMIT)
 
 
 @inlined
-def ramp_within(excess: float, time: float, q: FloatArray) -> float:
+def ramp_within(excess: float, time: float, q: Any) -> float:
     """For how much of a time [s] a rim changes at its rate limit: until its lag alone would be slower."""
-    if q[RATE] >= NO_LIMIT:
+    limit = q.actuator_rate_limit.rate
+    if limit >= NO_LIMIT:
         return 0.0
-    return float(min(max(abs(excess) / q[RATE] - q[LAG], 0.0), time))
+    return float(min(max(abs(excess) / limit - q.actuator_lag.time_constant, 0.0), time))
 
 
 @inlined
-def excess_after(excess: float, time: float, q: FloatArray) -> float:
+def excess_after(excess: float, time: float, q: Any) -> float:
     """What is left after a time [s] of a rim's distance from what it aims at [m/s]."""
-    ramp = ramp_within(excess, time, q)
+    ramp, lag = ramp_within(excess, time, q), q.actuator_lag.time_constant
     if ramp > 0.0:
-        excess -= math.copysign(q[RATE] * ramp, excess)
+        excess -= math.copysign(q.actuator_rate_limit.rate * ramp, excess)
         if ramp >= time:
             return excess
-    return float(excess * math.exp(-(time - ramp) / q[LAG])) if q[LAG] > 0.0 else 0.0
+    return float(excess * math.exp(-(time - ramp) / lag)) if lag > 0.0 else 0.0
 
 
 @inlined
-def excess_travel(excess: float, time: float, q: FloatArray) -> float:
+def excess_travel(excess: float, time: float, q: Any) -> float:
     """How far a rim gets within a time [s] beyond what it aims at [m]."""
-    ramp = ramp_within(excess, time, q)
+    ramp, lag = ramp_within(excess, time, q), q.actuator_lag.time_constant
     total = 0.0
     if ramp > 0.0:
-        slope = math.copysign(q[RATE], excess)
+        slope = math.copysign(q.actuator_rate_limit.rate, excess)
         total = (excess - 0.5 * slope * ramp) * ramp
         excess -= slope * ramp
-    if q[LAG] > 0.0:
-        total -= excess * q[LAG] * math.expm1(-(time - ramp) / q[LAG])
+    if lag > 0.0:
+        total -= excess * lag * math.expm1(-(time - ramp) / lag)
     return float(total)
 
 
 @inlined
-def body(
-    left: float, right: float, duration: float, disturbance: float, q: FloatArray
-) -> tuple[float, float, float]:
-    """How the body moves as its rims do.
+def excess_of(speed: float, aim: float, q: Any) -> float:
+    """How far a rim is from the speed that it aims at from now on [m/s]; without dynamics it is there."""
+    return speed - aim if has_dynamics(q) else 0.0
+
+
+@inlined
+def rim_speed(aim: float, excess: float, time: float, q: Any) -> float:
+    """Speed of a rim [m/s] a time [s] after it began to aim at a speed, its excess being what it was then."""
+    return aim + excess_after(excess, time, q)
+
+
+@inlined
+def rim_travel(aim: float, excess: float, time: float, q: Any) -> float:
+    """Travel of a rim within a time [m]; arguments as of ``rim_speed``."""
+    return aim * time + excess_travel(excess, time, q)
+
+
+@inlined
+def moved(
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    left: float,
+    right: float,
+    duration: float,
+    disturbance: float,
+    q: Any,
+) -> tuple[float, float, float, float, float]:
+    """Where the body gets as its rims travel: unequal wheels, slip of yaw and sideways, slope.
 
     Args:
+        x: Position [m].
+        y: The same [m].
+        cosine: Cosine of the heading.
+        sine: Sine of the heading.
         left: Travel of the left rim, by the wheel's angle and nominal radius [m].
         right: The same of the right one.
         duration: Time that it takes [s].
         disturbance: Additional turn rate [rad/s].
-        q: Parameters, shape (PARAMETERS,).
+        q: Numbers of the robot.
 
     Returns:
-        Distance forwards and to the left [m], and turn [rad].
+        Position, cosine and sine of the heading at the end, and turn [rad].
     """
-    left *= 1.0 + 0.5 * q[UNEQUAL]
-    right *= 1.0 - 0.5 * q[UNEQUAL]
+    left *= 1.0 + 0.5 * q.unequal_wheels.difference
+    right *= 1.0 - 0.5 * q.unequal_wheels.difference
     distance = 0.5 * (left + right)
-    turn = (1.0 - q[YAW_SLIP]) * (right - left) / q[TRACK] + disturbance * duration
-    lateral = -q[SIDEWAYS] * distance * turn / duration if q[SIDEWAYS] != 0.0 else 0.0
-    return distance, lateral, turn
+    turn = (1.0 - q.yaw_slip.share) * (right - left) / q.track + disturbance * duration
+    sideways = q.sideways_slip.coefficient
+    lateral = -sideways * distance * turn / duration if sideways != 0.0 else 0.0
+    x, y, cosine, sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
+    return x + q.slope.x * abs(distance), y + q.slope.y * abs(distance), cosine, sine, turn

@@ -1,4 +1,4 @@
-"""The pose-reaching model: a differential drive, told its motion or its wheels' speeds, watched by its pose.
+"""The pose-reaching model: a differential drive, given its motion or its wheels' speeds, watched by its pose.
 
 If a recording has measured wheel speeds, each stage is predicted from what was measured before it: the
 wheels from the command, the pose from the measured wheels. So a fault of the drive shows in the wheels, slip
@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.pose_reaching.drive import PARAMETERS
-from fieldmodels.machines.pose_reaching.effects import Scales, drive_effects
+from fieldmodels.declared import as_rows
+from fieldmodels.machines.pose_reaching.declaration import ROW, Scales, base_parameters, drive_effects
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, Wheels
-from fieldmodels.machines.pose_reaching.simulation import simulate
-from fieldmodels.model import Model, Parameter, Signal, Stage
+from fieldmodels.machines.pose_reaching.simulation import Log, simulate
+from fieldmodels.model import Model, Signal, Stage
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
 
 POSE, WHEELS = ("x", "y", "heading"), ("left_wheel", "right_wheel")
 AFTER_THE_WHEELS = ("unequal_wheels", "yaw_slip", "sideways_slip", "slope", "sensor_delay", "heading_bias")
-"""Effects that act between the wheels' turning and the pose that is shown; all others act before."""
+"""Effects that act between the wheels' turning and the pose that is measured; all others act before."""
 DRIVEN_BY_WHEELS = "driven by measured wheels"
 """Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
 
@@ -40,7 +40,7 @@ class PoseReaching(Model):
     recording needs the pose, the wheels, or both. The wheels' radius and track are known, not refitted.
 
     Before a recording's (or episode's) first sample the wheels ran as first measured, or as first
-    commanded. A window's state is the pose as shown.
+    commanded. A window's state is the pose as measured.
     """
 
     name = "pose_reaching"
@@ -75,14 +75,10 @@ class PoseReaching(Model):
             scales: Typical sizes of its record.
             compared: Outputs that windows compare with measured ones.
         """
-        self.parameters = (
-            Parameter("wheel_radius", "m", wheels.radius, 1e-3, 10.0, 0.01, refitted=False),
-            Parameter("track", "m", wheels.track, 1e-3, 100.0, 0.05, refitted=False),
-        )
+        self.parameters = base_parameters(wheels)
         self.effects = drive_effects(scales or Scales())
         self.wheels = wheels
         self.compared = compared
-        assert len(self.names) == PARAMETERS
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
         """The same model with speeds and times that suit the data; see ``Model.scaled_to``."""
@@ -125,21 +121,24 @@ class PoseReaching(Model):
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``; headings are continuous within a window."""
         recording = windows.recording
-        parameters = np.ascontiguousarray(np.atleast_2d(parameters), dtype=np.float64)
+        rows = as_rows(np.atleast_2d(parameters), ROW)
         counts = np.diff(recording.bounds, axis=1)[:, 0]
         force = windows.disturbance
         has_wheels = all(name in recording for name in WHEELS)
-        out = np.full((len(parameters), len(windows), windows.samples, len(self.outputs)), np.nan)
+        out = np.full((len(rows), len(windows), windows.samples, len(self.outputs)), np.nan)
+        log = Log(
+            commands=self._commands(recording),
+            wheel_front=self.wheel_front,
+            wheels=np.column_stack([recording[n] for n in WHEELS]) if has_wheels else np.zeros((0, 2)),
+            first=np.repeat(recording.bounds[:, 0], counts),
+            last=np.repeat(recording.bounds[:, 1] - 1, counts),
+            time=np.ascontiguousarray(recording.time),
+            step=recording.step,
+            disturbance=np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+        )
         simulate(
-            parameters,
-            self._commands(recording),
-            self.wheel_front,
-            np.column_stack([recording[name] for name in WHEELS]) if has_wheels else np.zeros((0, 2)),
-            np.repeat(recording.bounds[:, 0], counts),
-            np.repeat(recording.bounds[:, 1] - 1, counts),
-            np.ascontiguousarray(recording.time),
-            recording.step,
-            np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+            rows,
+            log,
             windows.starts,
             windows.lengths,
             np.ascontiguousarray(windows.states),
@@ -151,7 +150,7 @@ class PoseReaching(Model):
         return out
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
-        """The pose as shown; zero where none is measured."""
+        """The pose as measured; zero where none is measured."""
         if POSE[0] not in recording:
             return np.zeros((len(starts), 3))
         return np.column_stack([recording[name][starts] for name in POSE])

@@ -67,7 +67,7 @@ def record_drive(
         noise: Factor on the sensors' noise.
         coloured: Share of the noise's variance that wanders slowly.
         limits: Of the commands (default: the task's).
-        model: The robot, which also says what it is told (default: nominal, its motion).
+        model: The robot, which also says how it is commanded (default: nominal, by its motion).
         wheels: Whether the wheels' speeds are measured too.
         applied: What the drive makes of the commands, outside of the library; as in ``synthesise``.
 
@@ -107,13 +107,13 @@ def record_commands(
     """Record a robot that is driven by given commands; arguments and result as of ``record_drive``.
 
     Args:
-        commands: What the model is told, the same in every episode, shape (n, 2).
+        commands: What the model is given, the same in every episode, shape (n, 2).
         rng: Source of the noise.
         reality: What differs from the nominal robot.
         step: Sampling interval [s].
         episodes: Number of episodes; each starts at rest at the origin.
         noise: Factor on the sensors' noise.
-        model: The robot (default: nominal, told its motion).
+        model: The robot (default: nominal, commanded by its motion).
         wheels: Whether the wheels' speeds are measured too.
     """
     model = model or PoseReaching()
@@ -141,5 +141,5 @@ def _for_front(model: PoseReaching, commands: FloatArray) -> FloatArray:
     """Speeds and turn rates as the commands that a robot takes, shape (n, 2)."""
     if not model.wheel_front:
         return commands
-    told = [wheel_speeds(v, w, model.wheels.radius, model.wheels.track) for v, w in commands]
-    return np.array(told)
+    given = [wheel_speeds(v, w, model.wheels.radius, model.wheels.track) for v, w in commands]
+    return np.array(given)

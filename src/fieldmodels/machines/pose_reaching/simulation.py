@@ -8,6 +8,7 @@ differences of travel between its samples, cut where a (delayed) command switche
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,152 +16,238 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.pose_reaching.drive import (
-    DELAY,
-    HEADING_BIAS,
-    RADIUS,
-    SENSOR_DELAY,
-    SLOPE_X,
-    SLOPE_Y,
-    STEP_FACTOR,
-    STEP_TIME,
-    TRACK,
-    body,
-    excess_after,
-    excess_travel,
+    excess_of,
     has_dynamics,
+    moved,
+    rim_speed,
+    rim_travel,
     rims,
 )
-from fieldmodels.machines.pose_reaching.unicycle import body_speeds, slipping_arc
+from fieldmodels.machines.pose_reaching.unicycle import body_speeds
 
 IntArray = NDArray[np.int64]
 
-AIM, EXCESS, TRAVEL = 0, 1, 2
-"""Rows of a rim's course: what it aims at from a sample on [m/s], how far it then is from that [m/s], and
-its travel since the episode's start [m]."""
+X, Y, HEADING, LEFT_WHEEL = 0, 1, 2, 3
+"""Outputs of a prediction, in the order of ``PoseReaching.outputs``; the right wheel follows the left."""
 
+RIM = np.dtype([("aim", np.float64), ("excess", np.float64), ("travel", np.float64)])
+"""A rim's course: what it aims at from a sample on [m/s], how far it then is from that [m/s], and its travel
+since the episode's start [m]."""
 
 ARCS = 4
 """Arcs between two samples, or a sample and a switch of the command, of a robot that speeds up."""
 
 
+class Log(NamedTuple):
+    """What a recording holds, sample by sample.
+
+    Attributes:
+        commands: Speed [m/s] and turn rate [rad/s], or left and right wheel speed [rad/s], shape (n, 2).
+        wheel_front: True for wheel speeds.
+        wheels: Measured wheel speeds [rad/s], shape (n, 2), or (0, 2) if there are none.
+        first: First sample of each sample's episode, shape (n,).
+        last: Last sample of each sample's episode, shape (n,).
+        time: Sample times [s], shape (n,).
+        step: Sampling interval [s].
+        disturbance: Additional turn rate [rad/s], shape (n,), or (0,) for none.
+    """
+
+    commands: FloatArray
+    wheel_front: bool
+    wheels: FloatArray
+    first: IntArray
+    last: IntArray
+    time: FloatArray
+    step: float
+    disturbance: FloatArray
+
+
+@inlined
+def disturbance_at(log: Log, i: int) -> float:
+    """Additional turn rate from sample ``i`` on [rad/s]."""
+    return log.disturbance[i] if len(log.disturbance) > 0 else 0.0
+
+
+@inlined
+def speed_before(log: Log, i: int, side: int, q: Any) -> float:
+    """Speed of a rim before sample ``i``'s episode [m/s]: as first measured; NaN without measured wheels."""
+    return q.wheel_radius * log.wheels[log.first[i], side] if len(log.wheels) > 0 else math.nan
+
+
 @compiled
-def follow_commands(
-    commands: FloatArray,
-    wheel_front: bool,
-    before: FloatArray,
-    first: IntArray,
-    time: FloatArray,
-    step: float,
-    q: FloatArray,
-    course: FloatArray,
-) -> None:
+def follow_commands(log: Log, rows: NDArray[Any], p: int, course: NDArray[Any]) -> None:
     """Course of both rims along the whole recording, without the delay.
 
     Args:
-        commands: Speed [m/s] and turn rate [rad/s], or left and right wheel speed [rad/s], shape (n, 2).
-        wheel_front: True for wheel speeds.
-        before: Rim speeds at each sample's episode's start, NaN if unknown (then its first command's).
-        first: First sample of each sample's episode, shape (n,).
-        time: Sample times [s], shape (n,).
-        step: Sampling interval [s].
-        q: Parameters, shape (PARAMETERS,).
-        course: Receives the course, shape (n, 2, 3).
+        log: The recording.
+        rows: Numbers of robots, dtype ``ROW``.
+        p: Which of them.
+        course: Receives the course, shape (n, 2), dtype ``RIM``.
     """
-    for i in range(len(commands)):
-        speed, rate = commands[i, 0], commands[i, 1]
-        if wheel_front:
-            speed, rate = body_speeds(speed, rate, q[RADIUS], q[TRACK])
-        jumped = 0.0
-        if q[STEP_FACTOR] != 1.0:
-            jumped = min(max((time[i] - q[STEP_TIME]) / step + 1.0, 0.0), 1.0)
-        left, right = rims(speed, rate, jumped, q)
-        course[i, 0, AIM], course[i, 1, AIM] = left, right
+    q, step = rows[p], log.step
+    for i in range(len(log.commands)):
+        speed, rate = log.commands[i, 0], log.commands[i, 1]
+        if log.wheel_front:
+            speed, rate = body_speeds(speed, rate, q.wheel_radius, q.track)
+        course[i, 0].aim, course[i, 1].aim = rims(speed, rate, log.time[i], step, q)
         for side in range(2):
-            aim = course[i, side, AIM]
-            if i == first[i]:
-                course[i, side, TRAVEL] = 0.0
-                known = not math.isnan(before[i, side])
-                course[i, side, EXCESS] = before[i, side] - aim if known and has_dynamics(q) else 0.0
+            rim = course[i, side]
+            if i == log.first[i]:
+                before = speed_before(log, i, side, q)
+                rim.travel = 0.0
+                rim.excess = 0.0 if math.isnan(before) else excess_of(before, rim.aim, q)
             else:
-                last, excess = course[i - 1, side, AIM], course[i - 1, side, EXCESS]
-                now = last + excess_after(excess, step, q)
-                course[i, side, TRAVEL] = (
-                    course[i - 1, side, TRAVEL] + last * step + excess_travel(excess, step, q)
-                )
-                course[i, side, EXCESS] = now - aim if has_dynamics(q) else 0.0
+                last = course[i - 1, side]
+                rim.travel = last.travel + rim_travel(last.aim, last.excess, step, q)
+                rim.excess = excess_of(rim_speed(last.aim, last.excess, step, q), rim.aim, q)
 
 
 @compiled
-def follow_wheels(
-    wheels: FloatArray, first: IntArray, step: float, radius: float, course: FloatArray
-) -> None:
+def follow_wheels(log: Log, radius: float, course: NDArray[Any]) -> None:
     """Course of both rims by their measured speeds, each the mean since the sample before.
 
     Args:
-        wheels: Measured speeds [rad/s], shape (n, 2).
-        first: First sample of each sample's episode, shape (n,).
-        step: Sampling interval [s].
+        log: The recording.
         radius: Radius of the wheels [m].
-        course: Receives the course, shape (n, 2, 3).
+        course: Receives the course, shape (n, 2), dtype ``RIM``.
     """
-    n = len(wheels)
+    n = len(log.wheels)
     for i in range(n):
-        ahead = i + 1 if i + 1 < n and first[i + 1] == first[i] else i
+        ahead = i + 1 if i + 1 < n and log.first[i + 1] == log.first[i] else i
         for side in range(2):
-            course[i, side, AIM] = radius * wheels[ahead, side]
-            course[i, side, EXCESS] = 0.0
-            course[i, side, TRAVEL] = (
-                0.0 if i == first[i] else course[i - 1, side, TRAVEL] + radius * wheels[i, side] * step
-            )
+            rim = course[i, side]
+            rim.aim = radius * log.wheels[ahead, side]
+            rim.excess = 0.0
+            rim.travel = 0.0
+            if i != log.first[i]:
+                rim.travel = course[i - 1, side].travel + radius * log.wheels[i, side] * log.step
+
+
+class Episode(NamedTuple):
+    """The episode of a window: where it begins and ends, and how fast its rims turned before it [m/s]."""
+
+    first: int
+    last: int
+    left: float
+    right: float
+
+
+@inlined
+def episode_of(log: Log, start: int, simulated: NDArray[Any], q: Any) -> Episode:
+    """The episode in which a window starts; without measured wheels the first command held before it."""
+    first = log.first[start]
+    left, right = speed_before(log, start, 0, q), speed_before(log, start, 1, q)
+    left = simulated[first, 0].aim if math.isnan(left) else left
+    right = simulated[first, 1].aim if math.isnan(right) else right
+    return Episode(first, log.last[start], left, right)
 
 
 @inlined
 def travelled(
-    course: FloatArray,
-    side: int,
-    sample: int,
-    part: float,
-    first: int,
-    last: int,
-    step: float,
-    q: FloatArray,
-    before: float,
+    course: NDArray[Any], side: int, sample: int, part: float, episode: Episode, step: float, q: Any
 ) -> float:
     """Travel of a rim at a time between two samples, or outside its episode [m].
 
     Args:
-        course: Course of both rims, shape (n, 2, 3).
+        course: Course of both rims, shape (n, 2), dtype ``RIM``.
         side: 0 left, 1 right.
         sample: Sample before that time; may lie before the episode's first.
         part: Share of the step since then.
-        first: The episode's first sample.
-        last: Its last.
+        episode: The episode.
         step: Sampling interval [s].
-        q: Parameters, shape (PARAMETERS,).
-        before: Speed of the rim before the episode [m/s].
+        q: Numbers of the robot.
     """
-    if sample < first:
-        return ((sample - first) + part) * step * before
+    if sample < episode.first:
+        before = episode.left if side == 0 else episode.right
+        return ((sample - episode.first) + part) * step * before
     time = part * step
-    if sample > last:
-        time += (sample - last) * step
-        sample = last
-    beyond = excess_travel(course[sample, side, EXCESS], time, q)
-    result: float = course[sample, side, TRAVEL] + course[sample, side, AIM] * time + beyond
+    if sample > episode.last:
+        time += (sample - episode.last) * step
+        sample = episode.last
+    rim = course[sample, side]
+    result: float = rim.travel + rim_travel(rim.aim, rim.excess, time, q)
     return result
+
+
+@inlined
+def predict_wheels(
+    simulated: NDArray[Any], episode: Episode, log: Log, start: int, q: Any, out: FloatArray
+) -> None:
+    """Both wheels' mean speeds since the sample before, from the commands; ``out`` as in ``simulate``."""
+    late = q.actuator_delay.delay / log.step
+    whole = math.ceil(late)
+    part = whole - late
+    for j in range(len(out)):
+        # A turn rate that nobody commanded shows in both stages.
+        extra = 0.5 * q.track * disturbance_at(log, start + j)
+        at = start + j - whole
+        for side in range(2):
+            way = travelled(simulated, side, at, part, episode, log.step, q)
+            way -= travelled(simulated, side, at - 1, part, episode, log.step, q)
+            out[j, LEFT_WHEEL + side] = (way / log.step + (2 * side - 1) * extra) / q.wheel_radius
+
+
+@inlined
+def predict_pose(
+    course: NDArray[Any],
+    episode: Episode,
+    late: float,
+    cuts: int,
+    log: Log,
+    start: int,
+    state: FloatArray,
+    q: Any,
+    out: FloatArray,
+) -> None:
+    """The pose as it is measured, driven by a course of the rims.
+
+    Args:
+        course: Course of both rims, shape (n, 2), dtype ``RIM``.
+        episode: The window's episode.
+        late: How late the body's motion is measured [samples].
+        cuts: Arcs between a sample and a switch of the command.
+        log: The recording.
+        start: First sample of the window.
+        state: x [m], y [m], heading [rad] as measured there.
+        q: Numbers of the robot.
+        out: Receives the pose, as in ``simulate``.
+    """
+    whole, step = math.ceil(late), log.step
+    part = whole - late
+    x, y, heading = state[0], state[1], state[2] - q.heading_bias.angle
+    cosine, sine = math.cos(heading), math.sin(heading)
+    for j in range(len(out)):
+        out[j, X], out[j, Y], out[j, HEADING] = x, y, heading + q.heading_bias.angle
+        if j == len(out) - 1:
+            break
+        extra = disturbance_at(log, start + j)
+        # From `part` of a step after sample `at` to as much after the next, where a command switches in
+        # between: the first half of the pieces fills up sample `at`, the second begins the next one.
+        at = start + j - whole
+        for piece in range(2 * cuts):
+            sample = at if piece < cuts else at + 1
+            low, high = (part, 1.0) if piece < cuts else (0.0, part)
+            # Short arcs after a switch, where the speed changes most.
+            first_share, last_share = ((piece % cuts) / cuts) ** 2, ((piece % cuts + 1) / cuts) ** 2
+            begin = low + (high - low) * first_share
+            duration = (high - low) * (last_share - first_share) * step
+            if duration <= 0.0:
+                continue
+            end, end_part = sample, low + (high - low) * last_share
+            if piece == cuts - 1:
+                end, end_part = sample + 1, 0.0
+            left = travelled(course, 0, end, end_part, episode, step, q)
+            left -= travelled(course, 0, sample, begin, episode, step, q)
+            right = travelled(course, 1, end, end_part, episode, step, q)
+            right -= travelled(course, 1, sample, begin, episode, step, q)
+            x, y, cosine, sine, turn = moved(x, y, cosine, sine, left, right, duration, extra, q)
+            heading += turn
 
 
 @compiled
 def simulate(
-    parameters: FloatArray,
-    commands: FloatArray,
-    wheel_front: bool,
-    wheels: FloatArray,
-    first: IntArray,
-    last: IntArray,
-    time: FloatArray,
-    step: float,
-    disturbance: FloatArray,
+    rows: NDArray[Any],
+    log: Log,
     starts: IntArray,
     lengths: IntArray,
     states: FloatArray,
@@ -172,99 +259,35 @@ def simulate(
     """Simulate every window for every row of parameters.
 
     Args:
-        parameters: Parameter vectors, shape (batch, PARAMETERS).
-        commands: Of the whole recording, as in ``follow_commands``, shape (n, 2).
-        wheel_front: True if they are wheel speeds.
-        wheels: Measured wheel speeds [rad/s], shape (n, 2), or (0, 2) if there are none.
-        first: First sample of each sample's episode, shape (n,).
-        last: Last sample of each sample's episode, shape (n,).
-        time: Sample times [s], shape (n,).
-        step: Sampling interval [s].
-        disturbance: Additional turn rate [rad/s], shape (n,), or (0,) for none.
+        rows: Numbers of each robot, shape (batch,), dtype ``ROW``.
+        log: The recording.
         starts: First sample of each window, shape (windows,).
         lengths: Samples of each window, shape (windows,).
-        states: x [m], y [m], heading [rad] as shown at the window's start, shape (windows, 3).
+        states: x [m], y [m], heading [rad] as measured at the window's start, shape (windows, 3).
         pose_driven_by_wheels: True drives the body by the measured wheels, False by the simulated ones.
         with_pose: Whether the pose is wanted.
         with_wheels: Whether the wheels are.
         out: Receives x, y, heading (not wrapped) and both wheels' mean speeds since the sample before
             [rad/s], shape (batch, windows, samples, 5), filled with NaN; what is not wanted stays so.
     """
-    n = len(commands)
-    simulated = np.empty((n, 2, 3))
-    measured = np.empty((n if pose_driven_by_wheels else 0, 2, 3))
-    before = np.full((n, 2), np.nan)
-    for p in range(len(parameters)):
-        q = parameters[p]
-        for i in range(n if len(wheels) > 0 else 0):
-            for side in range(2):
-                before[i, side] = q[RADIUS] * wheels[first[i], side]
+    n = len(log.commands)
+    simulated = np.zeros((n, 2), RIM)
+    measured = np.zeros((n if pose_driven_by_wheels else 0, 2), RIM)
+    for p in range(len(rows)):
+        q = rows[p]
         if with_wheels or not pose_driven_by_wheels:
-            follow_commands(commands, wheel_front, before, first, time, step, q, simulated)
-        course = simulated
-        pose_shift = (q[DELAY] + q[SENSOR_DELAY]) / step
-        if pose_driven_by_wheels:
-            follow_wheels(wheels, first, step, q[RADIUS], measured)
-            course = measured
-            pose_shift = q[SENSOR_DELAY] / step  # and wheels that were measured have no excess
-        wheel_whole = math.ceil(q[DELAY] / step)
-        wheel_part = wheel_whole - q[DELAY] / step
+            follow_commands(log, rows, p, simulated)
         # While the rims change their speed, the body's way is cut into shorter arcs.
-        cuts = ARCS if has_dynamics(q) and not pose_driven_by_wheels else 1
-        whole = math.ceil(pose_shift)
-        part = whole - pose_shift
+        course, cuts = simulated, ARCS if has_dynamics(q) else 1
+        late = (q.actuator_delay.delay + q.sensor_delay.delay) / log.step
+        if pose_driven_by_wheels:
+            follow_wheels(log, q.wheel_radius, measured)
+            course, cuts = measured, 1
+            late = q.sensor_delay.delay / log.step  # and wheels that were measured have no excess
         for w in range(len(starts)):
-            start = starts[w]
-            low, high = first[start], last[start]
-            rest = np.empty(2)
-            for side in range(2):
-                rest[side] = before[start, side]
-                if math.isnan(rest[side]):  # then no wheels are measured, and the command is all there is
-                    rest[side] = simulated[low, side, AIM]
-            x, y = states[w, 0], states[w, 1]
-            heading = states[w, 2] - q[HEADING_BIAS]
-            cosine, sine = math.cos(heading), math.sin(heading)
-            for j in range(lengths[w] if with_wheels else 0):
-                # A turn rate that nobody commanded shows in both stages.
-                extra = 0.5 * q[TRACK] * (disturbance[start + j] if len(disturbance) > 0 else 0.0)
-                at = start + j - wheel_whole
-                for side in range(2):
-                    way = travelled(
-                        simulated, side, at, wheel_part, low, high, step, q, rest[side]
-                    ) - travelled(simulated, side, at - 1, wheel_part, low, high, step, q, rest[side])
-                    out[p, w, j, 3 + side] = (way / step + (2 * side - 1) * extra) / q[RADIUS]
-            for j in range(lengths[w] if with_pose else 0):
-                out[p, w, j, 0] = x
-                out[p, w, j, 1] = y
-                out[p, w, j, 2] = heading + q[HEADING_BIAS]
-                if j == lengths[w] - 1:
-                    break
-                extra = disturbance[start + j] if len(disturbance) > 0 else 0.0
-                # From `part` of a step after sample `at` to as much after the next, where a command
-                # switches in between.
-                at = start + j - whole
-                for piece in range(2 * cuts):
-                    # The first half of the pieces fills up sample `at`, the second begins the next one.
-                    sample = at if piece < cuts else at + 1
-                    low_part, high_part = (part, 1.0) if piece < cuts else (0.0, part)
-                    # Short arcs after a switch, where the speed changes most.
-                    first_share, last_share = ((piece % cuts) / cuts) ** 2, ((piece % cuts + 1) / cuts) ** 2
-                    begin = low_part + (high_part - low_part) * first_share
-                    duration = (high_part - low_part) * (last_share - first_share) * step
-                    if duration <= 0.0:
-                        continue
-                    end, end_part = sample, low_part + (high_part - low_part) * last_share
-                    if piece == cuts - 1:
-                        end, end_part = sample + 1, 0.0
-                    left = travelled(course, 0, end, end_part, low, high, step, q, rest[0]) - travelled(
-                        course, 0, sample, begin, low, high, step, q, rest[0]
-                    )
-                    right = travelled(course, 1, end, end_part, low, high, step, q, rest[1]) - travelled(
-                        course, 1, sample, begin, low, high, step, q, rest[1]
-                    )
-                    distance, lateral, turn = body(left, right, duration, extra, q)
-                    x, y, cosine, sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
-                    heading += turn
-                    if q[SLOPE_X] != 0.0 or q[SLOPE_Y] != 0.0:
-                        x += q[SLOPE_X] * abs(distance)
-                        y += q[SLOPE_Y] * abs(distance)
+            episode = episode_of(log, starts[w], simulated, q)
+            window = out[p, w, : lengths[w]]
+            if with_wheels:
+                predict_wheels(simulated, episode, log, starts[w], q, window)
+            if with_pose:
+                predict_pose(course, episode, late, cuts, log, starts[w], states[w], q, window)

@@ -1,4 +1,4 @@
-"""What may be missing from the nominal drive: the effects of ``PoseReaching``, in the kernels' order."""
+"""The numbers of the robot's drive, ground and sensors: each is declared here and nowhere else."""
 
 from __future__ import annotations
 
@@ -6,8 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmodels.machines.pose_reaching.drive import NO_LIMIT
+from fieldmodels.declared import row_type
+from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, Wheels
 from fieldmodels.model import Effect, Parameter
+
+NO_LIMIT = 1e6
+"""A saturation limit [m/s] or rate limit [m/s^2] from this on means none."""
+
+
+def base_parameters(wheels: Wheels) -> tuple[Parameter, ...]:
+    """The numbers that a nominal robot depends on."""
+    return (
+        Parameter("wheel_radius", "m", wheels.radius, 1e-3, 10.0, 0.01, refitted=False),
+        Parameter("track", "m", wheels.track, 1e-3, 100.0, 0.05, refitted=False),
+    )
 
 
 @dataclass(frozen=True)
@@ -28,8 +40,18 @@ class Scales:
 
 
 def drive_effects(scales: Scales) -> tuple[Effect, ...]:
-    """All effects."""
-    fast, late = scales.speeds[0], tuple(scales.step * k for k in (0.5, 2.0, 6.0))
+    """All effects, at the scales of a record."""
+    late = tuple(scales.step * k for k in (0.5, 2.0, 6.0))
+    return (
+        *_command_effects(scales, late),
+        *_rim_effects(scales),
+        *_ground_effects(),
+        *_sensor_effects(scales, late),
+        _parameter_step(scales),
+    )
+
+
+def _command_effects(scales: Scales, late: tuple[float, ...]) -> tuple[Effect, ...]:
     return (
         Effect(
             "actuator_gain",
@@ -73,6 +95,12 @@ def drive_effects(scales: Scales) -> tuple[Effect, ...]:
             (Parameter("delay", "s", 0.0, 0.0, 2.0, 0.5 * scales.step, starts=late),),
             "rim(t) = commanded rim(t - delay)",
         ),
+    )  # fmt: skip
+
+
+def _rim_effects(scales: Scales) -> tuple[Effect, ...]:
+    fast = scales.speeds[0]
+    return (
         Effect(
             "actuator_saturation",
             "A wheel cannot turn faster than a certain speed.",
@@ -94,6 +122,11 @@ def drive_effects(scales: Scales) -> tuple[Effect, ...]:
             ),
             "rim = 0 for |command| < width, else command - width sign(command)",
         ),
+    )  # fmt: skip
+
+
+def _ground_effects() -> tuple[Effect, ...]:
+    return (
         Effect(
             "unequal_wheels",
             "One wheel is larger than the other, so that the robot veers in proportion to its speed.",
@@ -125,32 +158,46 @@ def drive_effects(scales: Scales) -> tuple[Effect, ...]:
             ),
             "velocity + (x, y) * |speed|",
         ),
+    )
+
+
+def _sensor_effects(scales: Scales, late: tuple[float, ...]) -> tuple[Effect, ...]:
+    return (
         Effect(
             "sensor_delay",
-            "The pose is shown late (vision, radio); the wheels' speeds are not.",
+            "The pose is measured late (vision, radio); the wheels' speeds are not.",
             "sensor",
             (Parameter("delay", "s", 0.0, 0.0, 2.0, 0.5 * scales.step, starts=late),),
-            "pose shown (t) = pose(t - delay)",
+            "measured pose (t) = pose(t - delay)",
         ),
         Effect(
             "heading_bias",
-            "The heading is shown with a constant error (a marker or compass mounted askew).",
+            "The heading is measured with a constant error (a marker or compass mounted askew).",
             "sensor",
             (Parameter("angle", "rad", 0.0, -3.2, 3.2, 0.02),),
-            "heading shown = heading + angle",
+            "measured heading = heading + angle",
         ),
-        Effect(
-            "parameter_step",
-            "The drive's strength jumps during the record (a battery sags, a coupling slips).",
-            "change",
-            (
-                Parameter(
-                    "time", "s", 0.0, 0.0, 1e6, 0.02 * scales.duration,
-                    starts=tuple(float(t) for t in np.linspace(0.1, 0.9, 17) * scales.duration),
-                    smooth=False,
-                ),
-                Parameter("factor", "1", 1.0, 0.05, 20.0, 0.05, starts=(0.9,)),
+    )
+
+
+def _parameter_step(scales: Scales) -> Effect:
+    return Effect(
+        "parameter_step",
+        "The drive's strength jumps during the record (a battery sags, a coupling slips).",
+        "change",
+        (
+            Parameter(
+                "time", "s", 0.0, 0.0, 1e6, 0.02 * scales.duration,
+                starts=tuple(float(t) for t in np.linspace(0.1, 0.9, 17) * scales.duration),
+                smooth=False,
             ),
-            "rims = factor * commanded rims (and their limit) from time on, in proportion within its sample",
+            Parameter("factor", "1", 1.0, 0.05, 20.0, 0.05, starts=(0.9,)),
         ),
+        "rims = factor * commanded rims (and their limit) from time on, in proportion within its sample",
     )  # fmt: skip
+
+
+BASE = base_parameters(ROBOCUP)
+EFFECTS = drive_effects(Scales())
+ROW = row_type(BASE, EFFECTS)
+"""Type of a robot's numbers as kernels read them."""

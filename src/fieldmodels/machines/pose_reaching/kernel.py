@@ -1,4 +1,4 @@
-"""The kernels of robots in play: drawn starts, ticks of control, arrival and score, a batch in one call."""
+"""The kernels of a batch of robots: drawn starts, ticks of control, arrival and score, in one call."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.machines.pose_reaching.drive import HEADING_BIAS, SENSOR_DELAY
+from fieldmodels.machines.pose_reaching.drive import moved
 from fieldmodels.machines.pose_reaching.dubins import shortest
-from fieldmodels.machines.pose_reaching.faulty import at_rest, crept, moved, remember, shown
+from fieldmodels.machines.pose_reaching.extended import Extended, at_rest, measured, remember, travelled
 from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING
 from fieldmodels.machines.pose_reaching.unicycle import (
     arc,
     arrival_share,
     arrived,
     slid_along_walls,
-    slipping_arc,
     stopped_by_walls,
     wrapped,
 )
@@ -55,7 +54,7 @@ ROBOT = np.dtype(
         ("wall_hits", np.float64),
     ]
 )
-"""What a robot remembers between ticks, but for its faults (``faulty``)."""
+"""What a robot remembers between ticks, but for its effects (``Extended``)."""
 
 
 class Constants(NamedTuple):
@@ -79,22 +78,10 @@ class Constants(NamedTuple):
     wall_cost: float
 
 
-class Faults(NamedTuple):
-    """What is wrong with the robots, as the kernels take it; None leaves all of it out of the kernels.
-
-    Attributes:
-        memories: What the faults remember, shape (batch, memory_size(slots)).
-        realities: Parameters, shape (batch, PARAMETERS).
-        slots: Size of the rings in a memory.
-    """
-
-    memories: FloatArray
-    realities: FloatArray
-    slots: int
-
-
 @inlined
-def put(robot: Any, x: float, y: float, heading: float, faults: Faults | None, b: int, c: Constants) -> None:
+def put(
+    robot: Any, x: float, y: float, heading: float, extended: Extended | None, b: int, c: Constants
+) -> None:
     """Begin robot ``b``'s episode at a pose."""
     robot.ticks = 0
     robot.over = 0
@@ -109,12 +96,12 @@ def put(robot: Any, x: float, y: float, heading: float, faults: Faults | None, b
     robot.path_length = 0.0
     robot.dubins_length = shortest(x, y, heading, 0.0, 0.0, GOAL_HEADING, c.radius)[0]
     robot.wall_hits = 0.0
-    if faults is not None:
-        at_rest(faults.memories[b], faults.slots, x, y, heading)
+    if extended is not None:
+        at_rest(extended, b, x, y, heading)
 
 
 @inlined
-def start(robot: Any, faults: Faults | None, b: int, c: Constants) -> None:
+def start(robot: Any, extended: Extended | None, b: int, c: Constants) -> None:
     """Begin robot ``b``'s next episode at a start drawn from its stream; one in the goal is drawn anew."""
     robot.episode += 1
     key = mixed(robot.key + np.uint64(robot.episode) * GAMMA)
@@ -133,7 +120,7 @@ def start(robot: Any, faults: Faults | None, b: int, c: Constants) -> None:
         inside = abs(x) <= c.half_length and abs(y) <= c.half_width
         if inside and not arrived(x, y, math.sin(heading), c.near, c.cosine_of_angle):
             break
-    put(robot, x, y, heading, faults, b, c)
+    put(robot, x, y, heading, extended, b, c)
 
 
 @inlined
@@ -153,7 +140,7 @@ def turned(heading: float, turn: float) -> float:
 
 @inlined
 def drive(robot: Any, speed: float, rate: float, c: Constants) -> tuple[bool, bool]:
-    """Drive a robot without faults for a tick, or until it has arrived.
+    """Drive a nominal robot for a tick in one arc, or until it has arrived; faster than ``drive_extended``.
 
     Returns:
         Whether it has arrived, and whether a wall has held it.
@@ -180,53 +167,51 @@ def drive(robot: Any, speed: float, rate: float, c: Constants) -> tuple[bool, bo
 
 
 @compiled
-def drive_faulty(
-    robot: Any, speed: float, rate: float, faults: Faults, b: int, c: Constants
+def drive_extended(
+    robot: Any, speed: float, rate: float, extended: Extended, b: int, c: Constants
 ) -> tuple[bool, bool]:
-    """As ``drive``, with faults: from instant to instant.
+    """As ``drive``, with effects: from instant to instant.
 
     Args:
         robot: The robot, dtype ``ROBOT``.
         speed: Commanded speed [m/s].
         rate: Commanded turn rate [rad/s].
-        faults: Of all robots.
+        extended: All robots, with their effects.
         b: Number of the robot.
         c: The rules.
     """
-    memory, q, slots = faults.memories[b], faults.realities[b], faults.slots
     step = c.tick / c.substeps
     held = False
     for k in range(1, c.substeps + 1):
         instant = robot.ticks * c.substeps + k
-        forwards, lateral, turn = moved(memory, slots, instant - 1, step, speed, rate, q)
-        x, y, robot.cosine, robot.sine = slipping_arc(
-            robot.x, robot.y, robot.cosine, robot.sine, forwards, lateral, turn
+        left, right = travelled(extended, b, instant - 1, step, speed, rate)
+        x, y, robot.cosine, robot.sine, turn = moved(
+            robot.x, robot.y, robot.cosine, robot.sine, left, right, step, 0.0, extended.rows[b]
         )
-        downhill_x, downhill_y = crept(forwards, q)
-        x, y, hit = within_walls(robot.x, robot.y, x + downhill_x, y + downhill_y, c)
+        x, y, hit = within_walls(robot.x, robot.y, x, y, c)
         robot.path_length += math.hypot(x - robot.x, y - robot.y)
         robot.x = x
         robot.y = y
         robot.heading = turned(robot.heading, turn)
         robot.time = (robot.ticks + k / c.substeps) * c.tick
         held = held or hit
-        remember(memory, slots, instant, x, y, robot.heading)
+        remember(extended, b, instant, x, y, robot.heading)
         if arrived(x, y, robot.sine, c.near, c.cosine_of_angle):
             return True, held
     return False, held
 
 
 @compiled
-def shown_pose(robot: Any, faults: Faults, b: int, c: Constants) -> tuple[float, float, float]:
-    """The pose that the sensor of robot ``b`` shows: x [m], y [m], heading [rad]."""
+def measured_pose(robot: Any, extended: Extended, b: int, c: Constants) -> tuple[float, float, float]:
+    """The pose of robot ``b`` as it is measured: x [m], y [m], heading [rad]."""
     instant = round(robot.time / c.tick * c.substeps)
-    return shown(faults.memories[b], faults.slots, instant, c.tick / c.substeps, faults.realities[b])
+    return measured(extended, b, instant, c.tick / c.substeps)
 
 
 @inlined
-def look_at(
+def observe(
     robot: Any,
-    faults: Faults | None,
+    extended: Extended | None,
     b: int,
     c: Constants,
     there: bool,
@@ -235,15 +220,16 @@ def look_at(
     poses: Any,
     true_poses: Any,
 ) -> None:
-    """Write down what is seen of one robot."""
+    """Write down what is observed of one robot."""
     x, y, heading = robot.x, robot.y, robot.heading
     cosine, sine, distance = robot.cosine, robot.sine, robot.distance
-    if faults is not None:
+    if extended is not None:
         true_poses[b, 0] = x
         true_poses[b, 1] = y
         true_poses[b, 2] = heading
-        if faults.realities[b, SENSOR_DELAY] != 0.0 or faults.realities[b, HEADING_BIAS] != 0.0:
-            x, y, heading = shown_pose(robot, faults, b, c)
+        q = extended.rows[b]
+        if q.sensor_delay.delay != 0.0 or q.heading_bias.angle != 0.0:
+            x, y, heading = measured_pose(robot, extended, b, c)
             cosine, sine, distance = math.cos(heading), math.sin(heading), math.sqrt(x * x + y * y)
     distance = max(distance, NEAREST)
     row = observed[b]
@@ -266,11 +252,11 @@ def look_at(
 
 
 @compiled
-def play(
+def advance_all(
     robots: NDArray[Any],
     actions: NDArray[np.float32],
     restarting: bool,
-    faults: Faults | None,
+    extended: Extended | None,
     c: Constants,
     observed: NDArray[np.float32],
     numbers: FloatArray,
@@ -294,13 +280,13 @@ def play(
         robot = robots[b]
         there, out_of_time, gain = False, False, 0.0
         if restarting and robot.over == 1:
-            start(robot, faults, b, c)
+            start(robot, extended, b, c)
         else:
             speed = 0.5 * c.max_speed * (1.0 + min(max(float(actions[b, 0]), -1.0), 1.0))
             rate = c.max_rate * min(max(float(actions[b, 1]), -1.0), 1.0)
             time, distance = robot.time, robot.distance
-            if faults is not None:
-                there, held = drive_faulty(robot, speed, rate, faults, b, c)
+            if extended is not None:
+                there, held = drive_extended(robot, speed, rate, extended, b, c)
             else:
                 there, held = drive(robot, speed, rate, c)
             robot.distance = math.sqrt(robot.x * robot.x + robot.y * robot.y)
@@ -317,38 +303,40 @@ def play(
         reward[b] = gain
         success[b] = there
         late[b] = out_of_time
-        look_at(robot, faults, b, c, there, observed, numbers, poses, true_poses)
+        observe(robot, extended, b, c, there, observed, numbers, poses, true_poses)
     return True
 
 
 @compiled
-def look(
+def observe_all(
     robots: NDArray[Any],
-    faults: Faults | None,
+    extended: Extended | None,
     c: Constants,
     observed: NDArray[np.float32],
     numbers: FloatArray,
     poses: FloatArray,
     true_poses: FloatArray,
 ) -> None:
-    """Write down what is seen of every robot, as it stands."""
+    """Write down what is observed of every robot, as it stands."""
     for b in range(len(robots)):
-        look_at(robots[b], faults, b, c, False, observed, numbers, poses, true_poses)
+        observe(robots[b], extended, b, c, False, observed, numbers, poses, true_poses)
 
 
 @compiled
-def begin(robots: NDArray[Any], which: NDArray[np.int64], faults: Faults | None, c: Constants) -> None:
+def start_all(
+    robots: NDArray[Any], which: NDArray[np.int64], extended: Extended | None, c: Constants
+) -> None:
     """Begin the next episode of some robots."""
     for b in which:
-        start(robots[b], faults, b, c)
+        start(robots[b], extended, b, c)
 
 
 @compiled
-def begin_at(
-    robots: NDArray[Any], which: NDArray[np.int64], poses: FloatArray, faults: Faults | None, c: Constants
+def start_all_at(
+    robots: NDArray[Any], which: NDArray[np.int64], poses: FloatArray, extended: Extended | None, c: Constants
 ) -> None:
     """Begin the next episode of some robots at given poses."""
     for i in range(len(which)):
         robot = robots[which[i]]
         robot.episode += 1
-        put(robot, poses[i, 0], poses[i, 1], wrapped(poses[i, 2]), faults, which[i], c)
+        put(robot, poses[i, 0], poses[i, 1], wrapped(poses[i, 2]), extended, which[i], c)

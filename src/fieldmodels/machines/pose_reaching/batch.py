@@ -1,4 +1,4 @@
-"""Robots in play on the field, a batch at a time: the working surface of environments and evaluations.
+"""Robots on the field, a batch at a time: what environments and evaluations work with.
 
 A robot's starts depend on its seed and the number of its episode alone; its motion is deterministic.
 """
@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.pose_reaching.drive import PARAMETERS
-from fieldmodels.machines.pose_reaching.faulty import faulty, memory_size, ring_size
-from fieldmodels.machines.pose_reaching.parameters import STRICT, Arrival, Field, Limits
-from fieldmodels.machines.pose_reaching.play import (
+from fieldmodels.declared import any_on, as_rows, neutral
+from fieldmodels.machines.pose_reaching.declaration import BASE, EFFECTS, ROW
+from fieldmodels.machines.pose_reaching.extended import Extended, make_extended
+from fieldmodels.machines.pose_reaching.kernel import (
     NUMBERS,
     OBSERVED,
     ROBOT,
     Constants,
-    Faults,
-    begin,
-    begin_at,
-    look,
-    play,
+    advance_all,
+    observe_all,
+    start_all,
+    start_all_at,
 )
+from fieldmodels.machines.pose_reaching.parameters import STRICT, Arrival, Field, Limits
 from fieldmodels.model import ModelError
 
 StartSet = Literal["T1", "T2", "T3"]
@@ -55,7 +55,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Rules:
-    """What is played.
+    """The task's rules.
 
     Attributes:
         starts: Where episodes begin: ``T1`` on the right half, 0.6 to 1.6 m away, facing the ball; ``T2``
@@ -106,12 +106,12 @@ class Tick:
     """What one tick of every robot gave, in arrays of its own.
 
     Attributes:
-        observed: What is seen of each robot, shape (batch, 7), float32, columns as in ``OBSERVED``.
+        observed: What is observed of each robot, shape (batch, 7), float32, columns as in ``OBSERVED``.
         numbers: Shape (6, batch), rows as in ``NUMBERS``: 1 where the robot has just arrived; time since
             the start [s]; length of the path [m]; length of the shortest Dubins path from the start [m];
             the time that it takes at full speed [s]; times that the robot drove into a wall.
         poses: x [m], y [m], heading [rad] of each robot as measured, shape (batch, 3).
-        true_poses: The same as it is (privileged); without faults the same array.
+        true_poses: The same as it is (privileged); without effects the same array.
         reward: Score of the tick, shape (batch,).
         success: True where the robot has arrived in this tick, shape (batch,).
         late: True where time has run out, shape (batch,).
@@ -130,9 +130,9 @@ class Robots:
     """A batch of robots in one reality (or one reality each), each with an episode of its own.
 
     Attributes:
-        rules: What is played.
+        rules: The task's rules.
         robots: State of every robot, shape (batch,), dtype ``ROBOT``.
-        faults: What is wrong with them; None in the nominal reality.
+        extended: What they truly are, with effects; None if all are nominal.
     """
 
     def __init__(self, batch: int, rules: Rules | None = None, reality: ArrayLike | None = None) -> None:
@@ -140,30 +140,27 @@ class Robots:
 
         Args:
             batch: Number of robots.
-            rules: What is played.
-            reality: Parameter vector of ``PoseReaching``, shape (17,) or (batch, 17); None is nominal.
+            rules: The task's rules.
+            reality: Parameter vector of ``PoseReaching``, shape (n,) or (batch, n); None is nominal.
 
         Raises:
             ModelError: If the reality has the wrong shape or the batch is empty.
         """
-        from fieldmodels.machines.pose_reaching.model import PoseReaching
-
         if batch < 1:
             raise ModelError(f"a batch needs at least one robot, not {batch}")
-        nominal = PoseReaching().nominal
+        nominal = neutral(BASE, EFFECTS)
         vector = np.asarray(nominal if reality is None else reality, dtype=np.float64)
-        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
+        if vector.shape not in (nominal.shape, (batch, *nominal.shape)):
             raise ModelError(
-                f"reality must have shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
+                f"reality must have shape {nominal.shape} or {(batch, *nominal.shape)}, not {vector.shape}"
             )
         self.rules = rules or Rules()
         self.robots: NDArray[Any] = np.zeros(batch, dtype=ROBOT)
-        self.faults: Faults | None = None
+        self.extended: Extended | None = None
         self._constants = c = make_constants(self.rules)
-        realities = np.ascontiguousarray(np.broadcast_to(vector, (batch, PARAMETERS)))
-        if faulty(realities, nominal):
-            slots = ring_size(realities, c.tick / c.substeps)
-            self.faults = Faults(np.zeros((batch, memory_size(slots))), realities, slots)
+        if any_on(vector, BASE, EFFECTS).any():
+            rows = as_rows(np.broadcast_to(vector, (batch, len(nominal))), ROW)
+            self.extended = make_extended(rows, c.tick / c.substeps)
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self._ready = False
 
@@ -198,17 +195,17 @@ class Robots:
         if not self._seeded[rows].all():
             raise ModelError("seed every robot before its first episode")
         if poses is None:
-            begin(self.robots, rows, self.faults, self._constants)
+            start_all(self.robots, rows, self.extended, self._constants)
         else:
-            begin_at(self.robots, rows, self._inside(poses, len(rows)), self.faults, self._constants)
+            start_all_at(self.robots, rows, self._inside(poses, len(rows)), self.extended, self._constants)
         self._ready = bool(self._seeded.all())
 
-    def look(self) -> Tick:
-        """What is seen of every robot as it stands; the rewards are zero."""
+    def observe(self) -> Tick:
+        """What is observed of every robot as it stands; the rewards are zero."""
         tick = self._empty()
-        look(
+        observe_all(
             self.robots,
-            self.faults,
+            self.extended,
             self._constants,
             tick.observed,
             tick.numbers,
@@ -226,7 +223,7 @@ class Robots:
             actions: Speed from 0 (-1) to the largest (1), turn rate from the largest to the right (-1) to
                 the largest to the left (1), clipped; shape (batch, 2), float32, C-contiguous.
             restarting: True lets a robot whose episode is over begin its next one instead; its action is
-                ignored, its reward 0, and what is seen of it is the new episode's start.
+                ignored, its reward 0, and what is observed of it is the new episode's start.
 
         Raises:
             ModelError: If the actions are not finite, or a robot never began an episode.
@@ -234,11 +231,11 @@ class Robots:
         if not self._ready:
             raise ModelError("seed and restart every robot before the first tick")
         tick = self._empty()
-        finite = play(
+        finite = advance_all(
             self.robots,
             actions,
             restarting,
-            self.faults,
+            self.extended,
             self._constants,
             tick.observed,
             tick.numbers,
@@ -255,9 +252,7 @@ class Robots:
     def state(self) -> dict[str, NDArray[Any]]:
         """An exact snapshot of all robots: plain arrays, the first structured."""
         state = {"robots": self.robots.copy()}
-        if self.faults is not None:
-            state["memories"] = self.faults.memories.copy()
-        return state
+        return state | {name: array.copy() for name, array in self._remembered().items()}
 
     def set_state(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Return to a snapshot.
@@ -265,17 +260,22 @@ class Robots:
         Raises:
             ModelError: If the snapshot is of another batch size or kind.
         """
-        robots, memories = np.asarray(state["robots"]), state.get("memories")
-        own = None if self.faults is None else self.faults.memories
+        robots, own = np.asarray(state["robots"]), self._remembered()
         if robots.dtype != ROBOT or robots.shape != self.robots.shape:
             raise ModelError(f"a snapshot of {len(self)} robots is needed, not {robots.shape} {robots.dtype}")
-        if getattr(memories, "shape", None) != getattr(own, "shape", None):
-            raise ModelError("the snapshot is one of a reality with other faults")
+        if state.keys() != {"robots", *own} or any(state[k].shape != own[k].shape for k in own):
+            raise ModelError("the snapshot is one of a reality with other effects")
         self.robots[...] = robots
-        if own is not None:
-            own[...] = memories
+        for name, array in own.items():
+            array[...] = state[name]
         self._seeded[:] = True
         self._ready = True
+
+    def _remembered(self) -> dict[str, FloatArray]:
+        """What effects remember, by name; empty without effects."""
+        if self.extended is None:
+            return {}
+        return {name: getattr(self.extended, name) for name in ("speeds", "aims", "poses")}
 
     def _inside(self, poses: ArrayLike, count: int) -> FloatArray:
         """Given starts, checked, shape (count, 3)."""
@@ -303,7 +303,7 @@ class Robots:
             np.empty((batch, len(OBSERVED)), dtype=np.float32),
             np.empty((len(NUMBERS), batch)),
             poses,
-            poses if self.faults is None else np.empty((batch, 3)),
+            poses if self.extended is None else np.empty((batch, 3)),
             np.empty(batch),
             np.empty(batch, dtype=np.bool_),
             np.empty(batch, dtype=np.bool_),
