@@ -8,7 +8,7 @@ export OMP_NUM_THREADS ?= 1
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check exam bench docs build clean help
+.PHONY: demo test check exam mutants bench docs build clean help
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -27,6 +27,9 @@ check: $(READY)  ## style, types, floors
 
 exam: $(READY)  ## the long exams
 	$(BIN)/pytest -n 2 -m slow
+
+mutants: $(READY)  ## put errors into copies of the project and see the tests notice each
+	$(BIN)/python tests/mutants/run.py --publish
 
 bench: $(READY)  ## speeds, each as a ratio within one run
 	for script in benchmarks/*_speed.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done

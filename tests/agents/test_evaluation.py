@@ -17,6 +17,7 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.evaluate import check_pairs
 from fieldagents.evaluation.summary import Labels, summarise_scenario
 from fieldagents.seeds import TEST_SEEDS
+from fieldagents.task import get_task
 
 TASK = "heel_strike"
 SHORT = EnvironmentConfig(settings={"strides": 12})
@@ -161,6 +162,23 @@ def test_episodes_are_those_of_the_scalar_environment():
         assert row.steps == len(errors) == 12
         assert row.error_mm == pytest.approx(np.mean(errors), rel=1e-12)
         assert table.loc[table["seed"] == row.seed, "return"].item() == pytest.approx(total, rel=1e-12)
+    env.close()
+
+
+def test_a_return_ends_with_its_episode():
+    """Who has arrived gains nothing, and takes no steps, while the others go on."""
+    agent, seeds = get_task("pose_reaching").agents["graceful"].make({"starts": "T3"}), TEST_SEEDS[:6]
+    table = run_episodes(agent, "pose_reaching", EnvironmentConfig(settings={"starts": "T3"}), seeds)
+    assert table["steps"].nunique() > 1
+    env = gymnasium.make("fieldgym/PoseReaching-v0", settings={"starts": "T3"})
+    for row in table.itertuples():
+        seen, _ = env.reset(seed=row.seed)
+        total, steps, over = 0.0, 0, False
+        while not over:
+            seen, reward, terminated, truncated, _ = env.step(agent.act(seen[None], {})[0])
+            total, steps, over = total + float(reward), steps + 1, terminated or truncated
+        assert row.steps == steps
+        assert table.loc[table["seed"] == row.seed, "return"].item() == pytest.approx(total, rel=1e-9)
     env.close()
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from fieldagents.evaluation.comparison import MIN_EPISODES, compare, mean_interval
 from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS, TUNING_SEEDS
@@ -30,6 +31,12 @@ def test_interval_covers_the_mean(n, draw, mean, least):
         low, high = mean_interval(draw(rng, n), least=2)
         hits += low < mean < high
     assert least <= hits / 2000 <= 0.965
+
+
+def test_interval_is_student_s():
+    x = np.random.default_rng(1).gamma(2.0, 1.0, 6)
+    expected = stats.ttest_1samp(x, 0.0).confidence_interval(0.95)
+    assert mean_interval(x, least=2) == pytest.approx(tuple(expected), rel=1e-12)
 
 
 def test_interval_of_nothing_but_noise_rarely_gives_a_verdict():

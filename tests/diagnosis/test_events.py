@@ -9,6 +9,7 @@ from fieldmodels.diagnosis.events import calibration
 from fieldmodels.diagnosis.fit import covariance_whitener, diagonal_whitener, fit, held_out_loss, window_loss
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.report import write_results
+from fieldmodels.diagnosis.response import odds_responses
 from fieldmodels.model import Effect, Model, Parameter, Signal
 from fieldmodels.recording import Recording, RecordingError
 
@@ -124,6 +125,18 @@ def test_held_out_loss_is_that_of_refits():
         rest = fit(problem.select(~out), fitted.parameters, FREE, whitener)
         own = fit(problem.select(out), rest.parameters, np.zeros(0, dtype=np.int64), whitener)
         assert quick[out].sum() == pytest.approx(window_loss(own).sum(), abs=0.5)
+
+
+def test_odds_response_is_the_slope_of_a_probability():
+    problem, whitener = make(4)
+    fitted = fit(problem, MODEL.nominal, FREE, whitener)
+    slope = odds_responses(problem, fitted, 1)
+    p = problem.simulate(fitted.parameters[None], fitted.states)[0][:, problem.events]
+    odds, step = np.log(np.clip(p, 1e-9, 1 - 1e-9) / np.clip(1 - p, 1e-9, 1)), 1e-5
+    numerical = (1 / (1 + np.exp(-odds - step)) - 1 / (1 + np.exp(-odds + step))) / (2 * step)
+    seen = problem.looks.seen & (np.minimum(p, 1 - p) > 1e-4)
+    np.testing.assert_allclose(slope.sum(axis=2)[:, problem.events][seen], numerical[seen], rtol=1e-4)
+    assert np.all(slope[:, ~problem.events] == 0.0)
 
 
 def test_looks_are_never_whitened_with_averages():

@@ -142,4 +142,11 @@ def test_what_no_listed_effect_explains_is_unknown(model: str, force: Force, see
     assert diagnosis.verdict == "unknown", named(diagnosis)
     assert diagnosis.unknown is not None
     assert diagnosis.unknown.direction.split()[0] in ("position", "angle")
-    assert len(diagnosis.unknown.curve) > 3
+    assert 0.0 < diagnosis.unknown.percent <= 100.0
+    place, found = diagnosis.unknown.curve.T
+    assert len(place) > 3
+    # Its shape, up to what the refitted base takes up: a constant and a spring.
+    base = np.column_stack([np.ones_like(place), place])
+    truth = np.array([force(0.0, x, 0.0, 0.0) for x in place])
+    left = [values - base @ np.linalg.lstsq(base, values, rcond=None)[0] for values in (found, truth)]
+    assert np.corrcoef(left)[0, 1] > 0.8

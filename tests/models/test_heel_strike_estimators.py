@@ -1,9 +1,12 @@
 """Heel strike: the estimators, against the dissertation's figures and against filterpy."""
 
+import itertools
+
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
 
+from fieldmodels.machines.heel_strike.estimators import ranger_step
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
@@ -91,6 +94,16 @@ def test_one_sided_floor_biases_every_reset_by_half_the_height():
     )
     assert walks.estimator_mm[60:, 1].mean() == pytest.approx(2.0, abs=0.25)
     assert walks.estimator_mm[60:, 2].mean() == pytest.approx(2.0, abs=0.25)
+
+
+def test_ranger_integrates_by_trapezoids():
+    # Eq (2.2) on 0, 3, 4, 3 at steps of 1: halves of the ends, the middle whole.
+    gyro = [0.0, 3.0, 4.0, 3.0]
+    theta = 0.0
+    for before, now in itertools.pairwise(gyro):
+        theta = ranger_step(theta, before, now, 1.0)
+    assert theta == 8.5
+    assert ranger_step(0.25, 2.0, 4.0, 0.5) == 0.25 + 0.5 * 3.0
 
 
 def test_ranger_is_the_model_based_estimator_with_the_sensor_alone():

@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 from fieldmodels.compiled import compiled
 from fieldmodels.estimation.filterpy_reference import FilterpyFilter
 from fieldmodels.estimation.inertia_projection import ORDER, is_physical, project, tensor
-from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms, kalman_run
+from fieldmodels.estimation.output_error import fit_output_error
+from fieldmodels.estimation.parameter_filter import (
+    METHODS,
+    ParameterFilters,
+    Terms,
+    _second_moment,
+    kalman_run,
+    row_noise,
+)
 from fieldmodels.estimation.pseudo_inverse import pseudo_inverse
 from fieldmodels.information import fast
 from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
@@ -140,7 +148,45 @@ def test_pseudo_inverse_of_exact_data_is_exact_and_lacking_rank_is_told():
         pseudo_inverse(a * np.nan, f)
 
 
+def test_pseudo_inverse_tells_the_condition():
+    # Columns at right angles, of lengths 1 and 1000.
+    solution = pseudo_inverse(np.array([[1.0, 0.0], [0.0, 1000.0], [0.0, 0.0]]), np.array([2.0, 3000.0, 7.0]))
+    assert solution.condition == pytest.approx(1000.0)
+    np.testing.assert_allclose(solution.x, [2.0, 3.0])
+
+
 # The compensated filter.
+
+
+def test_the_noise_of_an_equation_is_that_of_its_parts():
+    # a x1 + b x2 - f = 0 and b x2 - f = 0, whose features' noises are correlated: its covariance by hand.
+    rng = np.random.default_rng(8)
+    root = rng.normal(size=(5, 5))
+    noise = root @ root.T
+    x = np.array([0.7, -1.9])
+    second, out = np.empty((3, 3)), np.empty((2, 2))
+    _second_moment(x, np.zeros((2, 2)), True, second)
+    row_noise(TWO_ROWS, second, noise, 0.25, out)
+    parts = np.array([[x[0], x[1], -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, x[1], -1.0]])
+    np.testing.assert_allclose(out, 0.25 * parts @ noise @ parts.T, rtol=1e-12)
+
+
+def test_the_sums_are_those_of_averaged_rows():
+    y = np.random.default_rng(9).normal(size=(2, 1, 32, 5))
+    noise = np.diag([1.0, 2.0, 3.0, 4.0, 5.0])[None, None].repeat(2, axis=0)
+    filters = ParameterFilters(
+        2, TWO_ROWS, [0.0, 0.0], [1.0, 1.0], modes=1, methods=("compensated", "low_passed")
+    )
+    filters.update(y, noise)
+    for method, length in (("compensated", 1), ("low_passed", 8)):
+        moments, spread, samples = filters.statistic(method)
+        means = y.reshape(2, 1, 32 // length, length, 5).mean(axis=3)
+        upper = np.triu_indices(5)
+        wanted = np.einsum("bmnk,bmnl->bmkl", means, means)
+        np.testing.assert_allclose(moments[..., *upper], wanted[..., *upper], rtol=1e-12)
+        # A mean of n rows has 1/n of their variance, and there are 1/n as many of them.
+        np.testing.assert_allclose(spread[..., *upper], (noise / length**2)[..., *upper])
+        np.testing.assert_array_equal(samples, 32 / length)
 
 
 @pytest.mark.parametrize("vehicle", [TABLE1, SOFT], ids=["table1", "soft"])
@@ -391,7 +437,25 @@ def test_output_error_is_calibrated_and_beats_the_filter(noisy):
     assert np.all(sigma < np.sqrt(np.diag(filters.covariance["compensated"][0])))
 
 
+def test_output_error_of_a_linear_model_is_the_posterior():
+    rng = np.random.default_rng(10)
+    a, truth = rng.normal(size=(30, 2)), np.array([3.0, -40.0])
+    variances, prior, deviation = rng.uniform(0.5, 2.0, 30), np.array([1.0, -20.0]), np.array([0.5, 30.0])
+    measured = a @ truth + np.sqrt(variances) * rng.normal(size=30)
+    found = fit_output_error(lambda x: x @ a.T, measured, variances, prior, deviation, prior, lambda x: x)
+    information = a.T @ (a / variances[:, None]) + np.diag(deviation**-2.0)
+    mean = np.linalg.solve(information, a.T @ (measured / variances) + prior / deviation**2)
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-5)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(information), rtol=1e-5)
+    assert found.chi_square == pytest.approx(np.sum((measured - a @ mean) ** 2 / variances), rel=1e-5)
+
+
 elements = arrays(np.float64, 6, elements=st.floats(-1.0, 1.0))
+
+
+def test_the_tensor_has_table_1_s_order():
+    # x, y, z, xz, yz, xy, as Table I of Sujan and Dubowsky lists them.
+    np.testing.assert_array_equal(tensor([1, 2, 3, 4, 5, 6]), [[1, 6, 4], [6, 2, 5], [4, 5, 3]])
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)

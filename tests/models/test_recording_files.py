@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from fieldmodels.model import Signal
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
+from fieldmodels.recording.checks import is_even
 from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
 
@@ -501,3 +502,11 @@ def test_memory_is_bounded_by_the_columns_that_are_kept(tmp_path):
     size, grown = map(float, run.stdout.split())
     assert size > 130
     assert grown < size / 2
+
+
+def test_one_gap_in_a_long_record_is_not_even():
+    """Twenty thousand rows with one missing: their standard deviation alone would pass for even."""
+    time = 0.01 * np.arange(20_000)
+    assert is_even(Recording(time, {}))
+    assert not is_even(Recording(np.delete(time, 7_000), {}))
+    assert is_even(Recording(np.delete(time, 7_000), {}, episode=np.repeat([0, 1], [7_000, 12_999])))

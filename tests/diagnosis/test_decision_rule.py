@@ -1,0 +1,277 @@
+"""The decision rule by itself: each test of it against SciPy's, each threshold from both sides."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fieldmodels.diagnosis import selection
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.events import Looks
+from fieldmodels.diagnosis.fit import TAIL, _from_covariance, heavy_tailed
+from fieldmodels.diagnosis.gain import Prediction, noise_floor, share
+from fieldmodels.diagnosis.procedure import _mostly_explained
+from fieldmodels.diagnosis.selection import (
+    _simplest,
+    accepted,
+    block_p_value,
+    dispersion,
+    likelihood_p_value,
+    same,
+)
+
+BLOCKS = np.repeat(np.arange(16), 4)
+
+
+def stands(total, blocks=BLOCKS, effects=(), size=0, cost=0.0, spread=0.02, seed=0):
+    """A candidate whose windows' losses sum up to a total, with a small spread between them."""
+    noise = np.random.default_rng(seed).normal(size=len(blocks))
+    loss = np.full(len(blocks), total / len(blocks)) + spread * (noise - noise.mean())
+    return Candidate(effects, SimpleNamespace(cost=cost, looks=None), 0.0, loss, size)
+
+
+def test_a_total_is_the_loss_with_the_price_of_search_and_size():
+    candidate = Candidate(("a", "b"), None, np.log(7.0), np.array([1.0, 2.0]), 3)
+    assert candidate.total == pytest.approx(3.0 + np.log(7.0) + 3.0)  # one nat a parameter
+
+
+@pytest.mark.parametrize("neighbours", [0.0, 1.0])
+def test_p_value_is_student_s_over_blocks_and_over_pairs_of_blocks(neighbours):
+    rng = np.random.default_rng(1)
+    blocks = np.repeat(np.arange(40), 3)
+    common = np.repeat(rng.normal(size=20), 6)  # alike in two neighbouring blocks
+    gain = 0.5 + rng.normal(size=120) + neighbours * common
+    sums = gain.reshape(40, 3).sum(axis=1)
+    one = stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue
+    two = stats.ttest_1samp(sums.reshape(20, 2).sum(axis=1), 0.0, alternative="greater").pvalue
+    assert block_p_value(gain, blocks) == pytest.approx(max(one, two), rel=1e-9)
+    if neighbours:
+        assert two > 1.5 * one
+
+
+@pytest.mark.parametrize(("gain", "yes"), [(7.5, False), (8.5, True), (-20.0, False)])
+def test_a_cause_must_bring_8_nats(gain, yes):
+    parent, child = stands(100.0, cost=50.0), stands(100.0 - gain, effects=("a",), cost=40.0, seed=1)
+    assert accepted(parent, child, BLOCKS) == yes
+
+
+def test_a_cause_must_bring_3_in_a_thousand_of_the_misfit():
+    few, many = (stands(10_000.0 - g, effects=("a",), cost=-1.0, seed=1) for g in (29.0, 31.0))
+    assert not accepted(stands(10_000.0), few, BLOCKS)
+    assert accepted(stands(10_000.0), many, BLOCKS)
+
+
+def test_a_fit_that_is_no_better_is_not_accepted():
+    parent, child = stands(100.0, cost=50.0), stands(50.0, effects=("a",), cost=50.0)
+    assert not accepted(parent, child, BLOCKS)
+
+
+def test_a_gain_that_varies_between_blocks_needs_a_p_value_below_one_percent():
+    gain = np.zeros(64)
+    gain[BLOCKS < 4] = 4.0  # 64 nats, of a quarter of the blocks
+    parent = stands(100.0, cost=50.0, spread=0.0)
+    child = Candidate(("a", "b"), SimpleNamespace(cost=0.0, looks=None), 0.0, parent.loss - gain, 2)
+    p = stats.ttest_1samp(np.bincount(BLOCKS, gain), 0.0, alternative="greater").pvalue
+    assert 0.01 < p < 0.1
+    assert not accepted(parent, child, BLOCKS)  # two effects at once: no second chance
+
+
+def rare(largest, other, effects):
+    """A cause that shows in one block above all: certain by its likelihood, not by a t-test."""
+    gain = np.full(64, other / 4)
+    gain[BLOCKS == 5] = largest / 4
+    parent = stands(100.0, cost=50.0, spread=0.0)
+    child = Candidate(effects, SimpleNamespace(cost=0.0, looks=None), 0.0, parent.loss - gain, 0)
+    p = stats.ttest_1samp(np.bincount(BLOCKS, gain), 0.0, alternative="greater").pvalue
+    assert 0.01 < p < 0.1
+    return accepted(parent, child, BLOCKS)
+
+
+def test_two_causes_at_once_have_no_second_chance(monkeypatch):
+    monkeypatch.setattr(selection, "likelihood_p_value", lambda *_: 1e-9)
+    assert rare(20.0, 0.6, ("a",))
+    assert not rare(20.0, 0.6, ("a", "b"))
+
+
+def test_a_cause_that_shows_in_a_single_block_is_not_accepted(monkeypatch):
+    monkeypatch.setattr(selection, "likelihood_p_value", lambda *_: 1e-9)
+    assert not rare(20.0, 0.5, ("a",))  # without that block it brings 7.5 nats
+    monkeypatch.setattr(selection, "likelihood_p_value", lambda *_: 1e-3)
+    assert not rare(20.0, 0.6, ("a",))
+
+
+def regression(seed, blocks=200, strength=0.0, alike=0.0):
+    """A linear fit in white noise: one column that is tested beside another one; six rows a block."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(blocks, 6, 2))
+    columns[:, :, 1] += 0.8 * columns[:, :, 0]
+    data = rng.normal(size=(blocks, 6)) + strength * columns[:, :, 1]
+    data += alike * rng.normal(size=(blocks, 1)) * columns[:, :, 1]
+    flat, target = columns.reshape(-1, 2), data.ravel()
+    fits, costs = [], []
+    for free in ([0], [0, 1]):
+        left = target - flat[:, free] @ np.linalg.lstsq(flat[:, free], target, rcond=None)[0]
+        costs.append(0.5 * left @ left)
+        fits.append(
+            SimpleNamespace(
+                free=np.array(free), active=np.ones(len(free), dtype=bool), looks=None, cost=costs[-1],
+                residual=left.reshape(blocks, 6), jacobian=columns[:, :, free],
+            )
+        )  # fmt: skip
+    loss = np.zeros(blocks)
+    parent = Candidate((), fits[0], 0.0, loss + costs[0] / blocks)
+    child = Candidate(("a",), fits[1], 0.0, loss + costs[1] / blocks)
+    return parent, child, np.arange(blocks)
+
+
+def test_likelihood_p_value_is_that_of_an_f_test_in_white_noise():
+    parent, child, blocks = regression(1, strength=0.15)
+    excess = dispersion(child.fit, np.array([False, True]), blocks)
+    assert 1.0 <= excess < 1.3
+    ratio = 2.0 * (parent.total - child.total) / excess
+    expected = stats.f.sf(ratio, 1, len(blocks) - 1)
+    assert expected < 0.05
+    assert likelihood_p_value(parent, child, blocks) == pytest.approx(expected, rel=1e-9)
+
+
+def test_errors_alike_within_blocks_make_a_gain_less_certain():
+    """A slope that wanders between blocks with deviation s moves a score by 1 + s^2 times its power."""
+    parent, child, blocks = regression(2, strength=0.3, alike=1.0)
+    power = 6 * 1.64 * (1 - 0.64 / 1.64)  # of six rows of the column beside the other one
+    excess = dispersion(child.fit, np.array([False, True]), blocks)
+    assert excess == pytest.approx(1.0 + power, rel=0.35)
+    plain = stats.f.sf(2.0 * (parent.total - child.total), 1, len(blocks) - 1)
+    assert likelihood_p_value(parent, child, blocks) > 1e3 * plain
+
+
+def test_dispersion_is_judged_beside_the_other_parameters():
+    """An error along the other column alone says nothing of this one."""
+    _, child, blocks = regression(3)
+    other = child.fit.jacobian[:, :, 0]
+    wander = np.random.default_rng(4).normal(size=(len(blocks), 1))
+    own = child.fit.jacobian[:, :, 1] - 0.8 * other
+    moved = SimpleNamespace(**{**vars(child.fit), "residual": child.fit.residual + 2.0 * wander * other})
+    along = SimpleNamespace(**{**vars(child.fit), "residual": child.fit.residual + 2.0 * wander * own})
+    which = np.array([False, True])
+    assert dispersion(moved, which, blocks) < 0.4 * dispersion(along, which, blocks)
+    assert dispersion(SimpleNamespace(**{**vars(child.fit), "residual": 0.01 * own}), which, blocks) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("worse", "spread", "size", "alike"),
+    [
+        (1.5, 0.0, 1, True),  # two nats decide nothing, however steady
+        (4.0, 0.0, 1, False),  # steady: certain
+        (4.0, 2.0, 1, True),  # scattered over the windows: not certain
+        (7.0, 5.0, 1, False),  # six nats always do
+        (1.5, 0.0, 2, False),  # worse with more parameters: the better one in disguise
+        (-1.5, 0.0, 2, True),
+        (-7.0, 0.0, 1, True),
+    ],
+)
+def test_which_sets_the_data_cannot_tell_apart(worse, spread, size, alike):
+    first = stands(100.0, size=1, effects=("a",), spread=0.0)
+    second = stands(100.0 - 1.0 * (size - 1) + worse, size=size, effects=("b",), spread=spread)
+    assert second.total - first.total == pytest.approx(worse)
+    assert same(first, second, BLOCKS) == alike
+
+
+def test_of_sets_alike_the_one_with_fewest_parameters_is_chosen():
+    large = stands(100.0, size=3, effects=("a",))
+    small = stands(102.5, size=1, effects=("b",))
+    middle = stands(101.2, size=2, effects=("c",))
+    chosen, rivals = _simplest(large, (middle, small), BLOCKS)
+    assert chosen is small
+    assert large in rivals
+
+
+def test_held_out_likelihood_is_student_s():
+    residual = np.random.default_rng(5).normal(size=(7, 4))
+    logpdf = stats.multivariate_t(np.zeros(4), np.eye(4), df=TAIL).logpdf
+    np.testing.assert_allclose(heavy_tailed(residual, 4), logpdf(np.zeros(4)) - logpdf(residual), rtol=1e-9)
+
+
+def test_whitened_residuals_have_covariance_one():
+    rng = np.random.default_rng(6)
+    root = np.array([[1.0, 0.5, 0.0], [3.0, 10.0, 0.0], [0.0, 0.02, 0.1]])
+    raw = rng.normal(size=(20_000, 3)) @ root.T
+    whitener = _from_covariance(raw, np.ones(3), 0, 0.0)
+    np.testing.assert_allclose(np.cov((raw @ whitener.T).T), np.eye(3), atol=0.03)
+
+
+def test_a_look_s_likelihood_is_bernoulli_s_and_a_step_moves_its_log_odds():
+    happened, p = np.array([[1.0, 0.0, 1.0]]), np.array([[0.8, 0.3, 0.5]])
+    looks = Looks(np.array([True, True, True]), np.array([[True, True, False]]), happened)
+    raw = happened - p
+    expected = -stats.bernoulli.logpmf(happened, p)
+    expected[0, 2] = 0.0  # nobody looked
+    np.testing.assert_allclose(looks.loss(raw), expected)
+    change = np.array([[0.5, -1.0, 2.0]])
+    moved = 1 / (1 + (1 - p) / p * np.exp(-change))
+    np.testing.assert_allclose(
+        looks.loss(raw, change)[0, :2], -stats.bernoulli.logpmf(happened, moved)[0, :2]
+    )
+    # Weighted residuals of right probabilities have variance one.
+    weight = looks.weight(raw)[0]
+    np.testing.assert_allclose(weight, [1 / np.sqrt(0.16), 1 / np.sqrt(0.21), 0.0])
+
+
+def predicted(squares):
+    squares = np.asarray(squares, dtype=np.float64)[:, None]
+    return Prediction([], squares, np.full(squares.shape, 10.0))
+
+
+def test_a_share_is_the_part_of_the_root_mean_square_that_goes():
+    before, after = predicted([40.0, 80.0]), predicted([10.0, 20.0])
+    found = share(before, after, 0, np.arange(2), np.random.default_rng(0))
+    assert found.percent == pytest.approx(50.0)
+    assert found.ci95 == (pytest.approx(50.0), pytest.approx(50.0))
+    assert before.rmse()[0] == pytest.approx(np.sqrt(120 / 20))
+
+
+def test_the_interval_of_a_share_holds_95_of_100_resampled_blocks():
+    rng = np.random.default_rng(7)
+    before, after = rng.gamma(5.0, 1.0, 60), rng.gamma(5.0, 0.3, 60)
+    found = share(predicted(before), predicted(after), 0, np.arange(60) // 2, np.random.default_rng(0))
+    blocks = before.reshape(30, 2).sum(axis=1), after.reshape(30, 2).sum(axis=1)
+    drawn = []
+    for _ in range(4000):
+        rows = rng.integers(0, 30, 30)
+        drawn.append(100 * (1 - np.sqrt(blocks[1][rows].sum() / blocks[0][rows].sum())))
+    width = np.diff(np.percentile(drawn, [2.5, 97.5]))[0]
+    assert np.diff(found.ci95)[0] == pytest.approx(width, rel=0.12)
+
+
+class Shown:
+    """A problem of one signal, measured in windows without any fit."""
+
+    def __init__(self, measured, event=False):
+        self.parts = [SimpleNamespace(windows=SimpleNamespace(measured=lambda _names: measured[:, :, None]))]
+        self.model = SimpleNamespace(outputs=[SimpleNamespace(name="x", event=event)])
+
+
+def test_noise_floor_is_the_white_part_of_an_error():
+    rng = np.random.default_rng(8)
+    time = np.linspace(0, 1, 200)
+    slow = np.sin(2 * np.pi * (time + rng.random((50, 1))))
+    shown = Shown(slow + 0.03 * rng.normal(size=slow.shape))
+    nothing = Prediction([np.zeros((*slow.shape, 1))], np.zeros(0), np.zeros(0))
+    # Clipped at one per cent on either side: a normal's variance falls by 7 per cent.
+    assert noise_floor(shown, nothing, 0) == pytest.approx(0.03, rel=0.06)
+
+
+def test_noise_floor_of_an_event_is_chance():
+    p = np.full((30, 10), 0.2)
+    shown = Shown(np.zeros((30, 10)), event=True)
+    assert noise_floor(shown, Prediction([p[:, :, None]], p, p), 0) == pytest.approx(np.sqrt(0.2 * 0.8))
+
+
+@pytest.mark.parametrize(("left", "yes"), [(0.05, True), (0.085, False)])
+def test_causes_must_explain_more_than_they_leave(left, yes):
+    """Error 0.10 before and noise 0.02: half of the excess in squares is where 0.072 is left."""
+    rng = np.random.default_rng(9)
+    shown = Shown(0.02 * rng.normal(size=(50, 40)))
+    zeros = [np.zeros((50, 40, 1))]
+    before, after = (Prediction(zeros, np.array([[e**2 * 10.0]]), np.array([[10.0]])) for e in (0.10, left))
+    assert _mostly_explained(shown, before, after, 0) == yes

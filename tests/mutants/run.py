@@ -1,0 +1,238 @@
+"""Apply each listed mutant to a copy of the project and run the tests that ought to notice it.
+
+    python tests/mutants/run.py [--only TEXT ...] [--workers 2] [--fresh] [--publish]
+
+A mutant is *killed* if a test fails by an assertion, *survives* if all pass, and is *broken* if the program
+falls over before any test can say no (it does not import, or does not compile): that proves nothing of the
+tests. Results are kept in results/mutants/ as long as the project stays as it is, so that a run that was
+interrupted goes on where it ended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from page import PAGE, page
+from table import FOLDER, ROOT, Mutant, read_mutants
+
+COPIED = ("src", "envs", "agents", "tests", "configs", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
+WORK = ROOT / "results" / "mutants"
+TIMEOUT = 600.0  # seconds, for the tests of one mutant
+
+
+@dataclass(frozen=True)
+class Result:
+    """How the tests of one mutant ended.
+
+    Attributes:
+        status: ``killed``, ``survived`` or ``broken``.
+        test: The test that failed first; empty if none did.
+        error: What it said.
+        seconds: Time that the tests took, compiling included.
+    """
+
+    status: str
+    test: str
+    error: str
+    seconds: float
+
+
+class Worker:
+    """A copy of the project, its own cache of kernels, and the tests run in it."""
+
+    def __init__(self, number: int) -> None:
+        self.root = WORK / f"worker{number}"
+        self.kernels = WORK / f"kernels{number}"
+        self.report = WORK / f"report{number}.jsonl"
+        shutil.rmtree(self.root, ignore_errors=True)
+        self.root.mkdir(parents=True)
+        for name in COPIED:
+            source = ROOT / name
+            if source.is_dir():
+                shutil.copytree(source, self.root / name, ignore=shutil.ignore_patterns("__pycache__"))
+            elif source.exists():
+                shutil.copy(source, self.root / name)
+
+    def pytest(self, tests: Sequence[str], kernels: Path, *options: str) -> tuple[int, list[dict[str, Any]]]:
+        """Exit status, and one entry for each test that ran."""
+        self.report.write_text("")
+        floors = [str(self.root / floor) for floor in ("src", "envs", "agents")]
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([*floors, str(FOLDER)]),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "NUMBA_CACHE_DIR": str(kernels),
+            "OMP_NUM_THREADS": "1",
+            "MUTANT_REPORT": str(self.report),
+            "MUTANT_TREE": str(self.root),
+        }
+        fixed = ["-q", "-p", "witness", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        command = [sys.executable, "-m", "pytest", *fixed, *options, *tests]
+        try:
+            done = subprocess.run(
+                command, cwd=self.root, env=environment, capture_output=True, text=True, timeout=TIMEOUT
+            )
+            status = done.returncode
+            if status == 70:
+                raise SystemExit(done.stdout + done.stderr)
+        except subprocess.TimeoutExpired:
+            status = -1
+        return status, [json.loads(line) for line in self.report.read_text().splitlines()]
+
+    def judge(self, mutant: Mutant, warm: Path) -> Result:
+        """Apply a mutant, run its tests, restore."""
+        began = time.perf_counter()
+        path = self.root / mutant.file
+        right = path.read_text()
+        shutil.rmtree(self.kernels, ignore_errors=True)
+        shutil.copytree(warm, self.kernels, copy_function=os.link)
+        try:
+            path.write_text(mutant.applied(self.root))
+            status, ran = self.pytest(mutant.tests, self.kernels, "-x")
+            if status not in (0, -1) and not any(one["asserted"] for one in ran):
+                # The first test fell over; another may still say no.
+                status, ran = self.pytest(mutant.tests, self.kernels, "--maxfail=5")
+        finally:
+            path.write_text(right)
+        seconds = time.perf_counter() - began
+        failed = [one for one in ran if one["outcome"] == "failed"]
+        noticed = [one for one in failed if one["asserted"]]
+        if noticed:
+            return Result("killed", noticed[0]["test"], noticed[0]["error"], seconds)
+        if status == 0:
+            return Result("survived", "", "", seconds)
+        first = (
+            failed[0] if failed else {"test": "", "error": "took too long" if status == -1 else "no import"}
+        )
+        return Result("broken", first["test"], first["error"], seconds)
+
+
+def tree_hash() -> str:
+    """Hash of all that a result depends on, the tables apart: each result is kept under its mutant's key."""
+    total = hashlib.sha256()
+    for name in COPIED:
+        if name == "docs":
+            continue
+        source = ROOT / name
+        for path in sorted(source.rglob("*")) if source.is_dir() else [source]:
+            if path.is_file() and "__pycache__" not in path.parts and path.parent != FOLDER:
+                total.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
+    return total.hexdigest()
+
+
+def warm_up(workers: Sequence[Worker], mutants: Sequence[Mutant], warm: Path) -> None:
+    """Run every named test on the project as it is: all must pass, and their kernels are compiled once."""
+    tests = sorted({test for mutant in mutants for test in mutant.tests})
+    warm.mkdir(parents=True, exist_ok=True)
+    shares = [tests[k :: len(workers)] for k in range(len(workers))]
+    with ThreadPoolExecutor(len(workers)) as pool:
+        ran = pool.map(
+            lambda pair: pair[0].pytest(pair[1], warm) if pair[1] else (0, []),
+            zip(workers, shares, strict=True),
+        )
+        for status, lines in ran:
+            wrong = [f"{one['test']}: {one['error']}" for one in lines if one["outcome"] == "failed"]
+            idle = [one["test"] for one in lines if one["outcome"] == "skipped"]
+            if status or idle:
+                raise SystemExit(
+                    "\n".join(["the tests must run and pass without any error put in:", *wrong, *idle])
+                )
+
+
+def run(mutants: Sequence[Mutant], count: int, fresh: bool) -> dict[str, Result]:
+    """Results by mutant's key; those of the same tree are taken from the last run."""
+    store = WORK / "results.json"
+    tree = tree_hash()
+    known: dict[str, Result] = {}
+    if store.exists() and not fresh:
+        kept = json.loads(store.read_text())
+        if kept["tree"] == tree:
+            known = {key: Result(**value) for key, value in kept["results"].items()}
+    waiting = [mutant for mutant in mutants if mutant.key not in known]
+    if not waiting:
+        return known
+    workers = [Worker(number) for number in range(count)]
+    began = time.perf_counter()
+    warm_up(workers, waiting, WORK / "warm")
+    print(
+        f"every named test passes without an error put in ({time.perf_counter() - began:.0f} s)", flush=True
+    )
+    idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+    for worker in workers:
+        idle.put(worker)
+
+    def one(mutant: Mutant) -> Result:
+        worker = idle.get()
+        try:
+            return worker.judge(mutant, WORK / "warm")
+        finally:
+            idle.put(worker)
+
+    with ThreadPoolExecutor(count) as pool:
+        jobs = {pool.submit(one, mutant): mutant for mutant in waiting}
+        for number, job in enumerate(as_completed(jobs), 1):
+            mutant, result = jobs[job], job.result()
+            known[mutant.key] = result
+            text = json.dumps({"tree": tree, "results": {key: asdict(r) for key, r in known.items()}})
+            store.with_suffix(".new").write_text(text)
+            store.with_suffix(".new").replace(store)
+            said = "" if result.status == "killed" else f"  {result.test} {result.error}"
+            print(
+                f"{number:3}/{len(waiting)} {result.status:8} {result.seconds:5.1f} s  "
+                f"{Path(mutant.file).name}: {mutant.error}{said}",
+                flush=True,
+            )
+    return known
+
+
+def main() -> None:
+    """Run the listed mutants and print a table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--only", nargs="*", default=[], help="mutants whose file, area or error holds a text"
+    )
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--fresh", action="store_true", help="forget the results of earlier runs")
+    parser.add_argument("--publish", action="store_true", help="write docs/mutants.md")
+    options = parser.parse_args()
+    everything = read_mutants()
+    mutants = [
+        m
+        for m in everything
+        if not options.only or any(text in f"{m.area} {m.file} {m.error}" for text in options.only)
+    ]
+    for mutant in mutants:
+        mutant.applied(ROOT)
+        mutant.check_tests(ROOT)
+    began = time.perf_counter()
+    results = run(mutants, options.workers, options.fresh)
+    minutes = (time.perf_counter() - began) / 60
+    found = [results[m.key].status for m in mutants]
+    print(
+        f"{len(mutants)} mutants: {found.count('killed')} killed, {found.count('survived')} survived, "
+        f"{found.count('broken')} broken, in {minutes:.1f} minutes"
+    )
+    if options.publish:
+        (ROOT / PAGE).write_text(page(everything, results))
+    sys.exit(found.count("killed") != len(found))
+
+
+if __name__ == "__main__":
+    main()
