@@ -18,7 +18,15 @@ from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.information import BITS, fast
 from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode
 from fieldmodels.machines.excitation.faults import HISTORY, TURNS, lag_on, spoil
-from fieldmodels.machines.excitation.motion import CONSTANT, OFFSET, attainable, fill_motion, phase_after
+from fieldmodels.machines.excitation.motion import (
+    AMPLITUDE,
+    CONSTANT,
+    FREQUENCY,
+    OFFSET,
+    attainable,
+    fill_motion,
+    phase_after,
+)
 from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
@@ -289,7 +297,9 @@ class Shakers:
         self._states[rows] = 0.0
         self._maxima[rows] = 0.0 if self._noise.kind == "running_max" else self._full_scale
         self._base[rows] = 0.0
-        self._arm_motion[rows] = CONSTANT[OFFSET], 0.0, 0.0
+        # A lagging arm is behind its command already: (24) begins at its largest speed, unaccelerated.
+        rate = CONSTANT[AMPLITUDE] * CONSTANT[FREQUENCY]
+        self._arm_motion[rows] = CONSTANT[OFFSET] - self._center[LAG] * rate, rate, 0.0
         self._history[rows] = 0.0
         self._filters.restart(rows)
 
