@@ -9,7 +9,7 @@ from scipy import stats
 from fieldmodels.diagnosis import selection
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.events import Looks
-from fieldmodels.diagnosis.fit import TAIL, _from_covariance, heavy_tailed
+from fieldmodels.diagnosis.fit import TAIL, _from_covariance, heavy_tailed, held_out_loss
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, share
 from fieldmodels.diagnosis.procedure import _mostly_explained
 from fieldmodels.diagnosis.selection import (
@@ -190,6 +190,25 @@ def test_held_out_likelihood_is_student_s():
     residual = np.random.default_rng(5).normal(size=(7, 4))
     logpdf = stats.multivariate_t(np.zeros(4), np.eye(4), df=TAIL).logpdf
     np.testing.assert_allclose(heavy_tailed(residual, 4), logpdf(np.zeros(4)) - logpdf(residual), rtol=1e-9)
+
+
+def test_held_out_loss_of_a_linear_fit_is_that_of_refits_without_each_fold():
+    rng = np.random.default_rng(11)
+    columns, target, folds = rng.normal(size=(12, 5, 3)), rng.normal(size=(12, 5)), np.arange(12) % 4
+
+    def left(rows):
+        """Residual of all windows, fitted to some."""
+        best = np.linalg.lstsq(columns[rows].reshape(-1, 3), target[rows].ravel(), rcond=None)[0]
+        return target - columns @ best
+
+    fitted = SimpleNamespace(
+        residual=left(folds >= 0), jacobian=columns, active=np.ones(3, dtype=bool), looks=None, weight=None,
+        raw=target,
+    )  # fmt: skip
+    loss = held_out_loss(fitted, folds)
+    for fold in range(4):
+        inside = folds == fold
+        np.testing.assert_allclose(loss[inside], heavy_tailed(left(~inside)[inside], 5), rtol=1e-9)
 
 
 def test_whitened_residuals_have_covariance_one():

@@ -292,7 +292,8 @@ def test_states_go_where_measurement_and_prior_balance(fitted):
     prior = problem.states + 0.3
     moved.__dict__["states"] = prior  # a start that was measured wrongly
     none = np.zeros(0, dtype=np.int64)
-    found = fit(moved, base.fit.parameters, none, whitener, iterations=10).states[:, 0]
+    start = prior - 0.6  # from elsewhere than the prior's middle
+    found = fit(moved, base.fit.parameters, none, whitener, start, iterations=10).states[:, 0]
 
     def cost(start, window):
         states = prior.copy()

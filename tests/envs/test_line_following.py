@@ -49,6 +49,18 @@ def test_walking_straight_on_loses_the_line_and_pays_for_what_is_missing():
     assert (total < -200).all()  # most of 100 strides at the largest loss of 3
 
 
+def test_an_episode_fails_after_as_many_lost_strides_as_set():
+    envs = vector(num_envs=1, track="straight", lost_strides=3, lost_offset=100.0, **QUIET)
+    envs.reset(seed=1)
+    lost, failed = [], False
+    while not failed:
+        *_, terminated, _, info = envs.step(np.array([[1.0]], dtype=np.float32))
+        lost.append(info["lost"][0])
+        failed = bool(terminated[0])
+    assert lost[-3:] == [1, 1, 1]
+    assert lost[-4] == 0
+
+
 def test_reward_is_what_the_page_says():
     envs = vector(num_envs=1, track="straight", **QUIET)
     envs.reset(seed=1)

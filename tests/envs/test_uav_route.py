@@ -97,6 +97,16 @@ def test_an_episode_agrees_with_the_same_plan_simulated():
     assert infos[-1]["lock_losses"][0] == found.lock_losses
 
 
+def test_damage_costs_what_the_settings_say():
+    rewards = []
+    for cost in (0.0, 0.7):
+        envs = vector(1, layout="example", damage_cost=cost)
+        (info,), (reward,) = fly(envs, [EXAMPLE.start, EXAMPLE.goal])
+        assert info["damaged"][0] == 1
+        rewards.append(reward[0])
+    assert rewards[0] - rewards[1] == pytest.approx(0.7)
+
+
 def test_reward_is_what_the_page_says():
     """Length, progress, and what detection costs; at the horizon, the cost of being late."""
     prices = {"length_cost": 0.02, "progress_reward": 0.03, "detection_cost": 0.001, "sighting_cost": 0.25}

@@ -51,6 +51,28 @@ def test_centroid_of_images_agrees_with_geometry_within_a_millimetre(name):
     assert abs(np.mean(errors)) < 2e-4
 
 
+@pytest.mark.parametrize("error", [-0.05, 0.0, 0.08])
+def test_a_camera_pitched_down_sees_nearer_ground(error):
+    """The centroid of a line that runs askew, by a pinhole camera of its own that looks row by row."""
+    track, heading, offset = straight(), 0.15, 0.05
+    pitch = CAMERA.pitch + error
+    rows = np.linspace(CAMERA.first_row, CAMERA.last_row, 4001) + 0.0
+    below = pitch + np.arctan((rows - CAMERA.rows / 2) / CAMERA.focal)  # the ray's angle below the horizon
+    ahead = CAMERA.height / np.tan(below)
+    depth = np.hypot(CAMERA.height, ahead) * np.cos(below - pitch)
+    # The line y = 0 seen from (0, offset) under a heading: where it crosses the floor's row at ahead.
+    beside = -(offset + ahead * math.sin(heading)) / math.cos(heading)
+    weight = 1 / depth  # tape looks narrower far away
+    centroid = np.sum(weight * CAMERA.focal * beside / depth) / np.sum(weight)
+    x, y, along = track.at(20.0)
+    place, found = see_line(
+        track.table, track.spacing, track.closed, 0.05, x - offset * math.sin(along), y + offset,
+        math.cos(heading), math.sin(heading), 20.0, error, make_optics(CAMERA),
+    )  # fmt: skip
+    assert found
+    assert place == pytest.approx(centroid * CAMERA.metres_per_pixel, abs=5e-4)
+
+
 def test_centroid_counts_what_is_below_the_threshold_in_the_band_only():
     image = np.full((120, 160), 200, dtype=np.uint8)
     image[10:30, 3:9] = 10

@@ -5,6 +5,7 @@ import pytest
 
 from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.firmware import line_position
+from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Camera, Noise
 from fieldmodels.machines.line_following.plant import (
     CAMERA_YAW,
@@ -13,16 +14,21 @@ from fieldmodels.machines.line_following.plant import (
     NEUTRAL,
     PARAMETERS,
     PITCH_ERROR,
+    QUANTUM,
+    SENSOR_GAIN,
+    SLIP_STEP,
     SLIP_TURN,
     SLIP_TWIST,
     STEERING_BIAS,
     TURN_GAIN,
+    measured,
     turn_of,
 )
 from fieldmodels.machines.line_following.sensor import make_optics, see_line
 from fieldmodels.machines.line_following.tracks import TRACKS, nearest, straight
 from fieldmodels.machines.line_following.walks import Scene, Walks
 from fieldmodels.model import ModelError
+from fieldmodels.recording import Recording, Windows
 
 QUIET = Noise(0, 0, 0, 0)
 GAINS = (-0.3, 0.8, 0.2)
@@ -160,6 +166,87 @@ def test_every_plant_parameter_turns_as_it_says():
     assert math.isclose(turn(**{f"_{LATENCY}": 0.25}), 0.0875)
     assert math.isclose(turn(**{f"_{MOTOR_LIMIT}": 0.07}), 0.07)
     assert math.isclose(turn(**{f"_{SLIP_TURN}": 0.2}), 0.08)
+    assert math.isclose(turn(**{f"_{SLIP_TWIST}": 0.1}), 0.1 + 0.1 * 0.05)  # of the stride before
+    # A gain is of what is commanded: neither the steering's bias nor that of the walk is multiplied by it.
+    assert math.isclose(turn(**{f"_{TURN_GAIN}": 0.8, f"_{STEERING_BIAS}": 0.01}), 0.8 * 0.1 + 0.01)
+    weak = NEUTRAL.copy()
+    weak[TURN_GAIN] = 0.8
+    assert math.isclose(turn_of(commands, weak, 0.02, 0.15), 0.8 * 0.1 + 0.02)
+
+
+def test_a_coarse_and_scaled_sensor_shows_the_nearest_step():
+    plant = NEUTRAL.copy()
+    plant[SENSOR_GAIN], plant[QUANTUM] = 2.0, 0.02
+    assert math.isclose(measured(0.0376, plant), 0.08)  # 0.0752, between 0.06 and 0.08
+    assert math.isclose(measured(-0.0376, plant), -0.08)
+
+
+def test_a_slipping_step_is_shorter():
+    plant = NEUTRAL.copy()
+    plant[SLIP_STEP] = 0.1
+    walk = walks(noise=QUIET, offset=0.0, misalignment=0.0, plant=plant)
+    walk.advance([0.0])
+    assert walk.walks["x"][0] == pytest.approx(0.9 * 0.7)
+
+
+def test_sideways_slip_is_at_right_angles_to_the_heading():
+    walk = walks(64, noise=Noise(0, 0, 0.05, 0), offset=0.0, misalignment=0.4)
+    before = walk.walks.copy()
+    walk.advance(np.zeros(64))
+    x, y = walk.walks["x"] - before["x"], walk.walks["y"] - before["y"]
+    along = x * np.cos(before["heading"]) + y * np.sin(before["heading"])
+    across = y * np.cos(before["heading"]) - x * np.sin(before["heading"])
+    np.testing.assert_allclose(along, 0.7, rtol=1e-12)
+    assert 0.03 < across.std() < 0.07
+
+
+def test_misalignment_is_the_heading_against_the_line():
+    walk = walks(16, "oval", noise=QUIET, offset=0.1, misalignment=0.3)
+    walk.advance(np.zeros(16))
+    for one in walk.walks:
+        _, _, along = walk.scene.track.at(float(one["arc"]))
+        turned = (one["heading"] - along + math.pi) % (2 * math.pi) - math.pi
+        assert one["misalignment"] == pytest.approx(turned, abs=1e-3)
+
+
+def predicted(states, steering, curvature, parameters=None):
+    """Line, offset and heading that the model of the diagnosis predicts, shape (strides, 3)."""
+    model, count = LineFollowing(), len(steering)
+    signals = {"steering": steering, "curvature": curvature}
+    signals |= {name: np.zeros(count) for name in ("line", "offset", "heading")}
+    recording = Recording(model.gait.stride_time * np.arange(count), signals)
+    observed = np.ones((1, count, 3), dtype=np.bool_)
+    one = Windows(recording, np.array([0]), np.array([count]), np.array([states]), observed)
+    return model.simulate(model.nominal if parameters is None else parameters, one)[0, 0]
+
+
+@pytest.mark.parametrize("bend", [1 / 9, -1 / 9])
+def test_the_prediction_on_a_circle_is_plane_geometry(bend):
+    """The line goes through the origin eastwards and bends about (0, 1 / bend)."""
+    steering = np.array([0.1, 0.0, -0.05, 0.15, 0.0, 0.1, 0.1, -0.1])
+    found = predicted((0.06, -0.1), steering, np.full(len(steering), bend))
+    radius = 1 / bend
+    x, y, heading = 0.0, 0.06, -0.1
+    for turn, row in zip(steering, found, strict=True):
+        out_x, out_y = x, y - radius
+        offset = radius - math.copysign(math.hypot(out_x, out_y), radius)
+        tangent = math.atan2(out_x * math.copysign(1, radius), -out_y * math.copysign(1, radius))
+        assert row[1] == pytest.approx(offset, abs=1e-9)
+        assert row[2] == pytest.approx(heading - tangent, abs=1e-9)
+        x, y, heading = x + 0.7 * math.cos(heading), y + 0.7 * math.sin(heading), heading + turn
+
+
+def test_predicted_sight_is_that_of_the_walk():
+    """Two ways to see a straight line, by one who walks and by one who predicts, which share no code."""
+    plant = NEUTRAL.copy()
+    plant[CAMERA_YAW], plant[PITCH_ERROR] = 0.05, 0.03
+    walk = walks(16, noise=QUIET, offset=0.2, misalignment=0.1, plant=plant)
+    model = LineFollowing()
+    vector = np.concatenate([model.nominal[:2], plant])
+    for one in walk.walks:
+        states = one["offset"], one["misalignment"]
+        place = predicted(states, np.zeros(4), np.zeros(4), vector)[0, 0]
+        assert one["lines"][0, 0] == pytest.approx(place, abs=2e-3)
 
 
 def test_latency_delays_every_command():
