@@ -45,7 +45,7 @@ from fieldmodels.machines.excitation.regression import (
     regressor,
 )
 from fieldmodels.machines.excitation.sensors import full_scale, measure
-from fieldmodels.machines.excitation.shaker import drawn_around
+from fieldmodels.machines.excitation.shaker import FACTORS, drawn_around
 
 FIRST_SEED = 50_000
 DECISIONS = 25
@@ -86,7 +86,7 @@ def runs(name, kind, rule, seeds) -> Iterator[tuple[np.ndarray, ...]]:
         rng = np.random.default_rng(seed)
         vehicle = {"table1": TABLE1, "soft": SOFT}.get(name)
         if vehicle is None:
-            vehicle = drawn_around(SOFT, DRAWN, rng)
+            vehicle = drawn_around(SOFT, DRAWN, rng.uniform(-1.0, 1.0, FACTORS))
         key = vehicle.tobytes()
         if key not in kept:
             kept = {key: full_scale(vehicle, ARM)}

@@ -26,6 +26,7 @@ from fieldagents.task import get_task
 from fieldagents.watch import Episode
 from fieldgym import TASKS, Task
 from fieldmodels.files import replacing, write_text
+from fieldmodels.settings import declared
 
 FOLDER = Path(__file__).parent / "environments"
 STEPS_BEFORE_THE_PICTURE = 60
@@ -44,10 +45,14 @@ def page(task: Task) -> str:
 
 
 def settings_of(kind: type[Any]) -> list[tuple[str, Any, str]]:
-    """Name, default and meaning of every setting, from the class and its docstring."""
-    section = inspect.cleandoc(kind.__doc__ or "").split("Attributes:\n")[1]
+    """Name, default and meaning of every setting, as declared."""
+    section = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2]
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE)
     meaning = {name: re.sub(r"\s+", " ", text).replace("``", "`") for name, text in entries}
+    for name, one in declared(kind).items():
+        meaning[name] = (
+            one.setting.meaning[:-1] + f" [{one.setting.unit}]." if one.setting.unit else one.setting.meaning
+        )
     return [
         (f.name, round(f.default, 4) if isinstance(f.default, float) else f.default, meaning[f.name])
         for f in fields(kind)

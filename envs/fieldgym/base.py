@@ -6,11 +6,12 @@ and `TaskVectorEnv`; the scalar one is the batch of one.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -20,7 +21,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fieldgym.info import masked, merged, row
+from fieldgym.info import InfoLike, complete, merged, row
+from fieldmodels.compiled import compiled
 from fieldmodels.reality import Reality
 
 if TYPE_CHECKING:
@@ -30,17 +32,19 @@ RealityLike = Reality | Mapping[str, Any] | str | Path | None
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Box = gym.spaces.Box
+VectorStep = tuple[NDArray[Any], Floats, Flags, Flags, dict[str, Any]]
+FLOAT32 = np.dtype(np.float32)
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """One step of a batch: arrays of shape (batch, ...)."""
+class Outcome(NamedTuple):
+    """One step of a batch: arrays of shape (batch, ...) that nothing is written to later."""
 
     observation: NDArray[Any]
     reward: Floats
     terminated: Flags
     truncated: Flags
-    info: dict[str, Any]
+    info: InfoLike
 
 
 class BatchTask(ABC):
@@ -49,12 +53,14 @@ class BatchTask(ABC):
     Attributes:
         settings: The task's settings.
         reality: What the simulation truly is.
-        elapsed: Steps taken in each episode, shape (batch,).
+        options: Names of the options that ``reset`` takes.
+        keyed_once: True if one key serves all episodes of a row's generator, not one each.
     """
 
     settings: Any
     reality: Reality
-    elapsed: NDArray[np.int64]
+    options: ClassVar[tuple[str, ...]] = ()
+    keyed_once: ClassVar[bool] = False
 
     @abstractmethod
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
@@ -64,21 +70,79 @@ class BatchTask(ABC):
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one environment."""
 
+    def restart(
+        self,
+        rows: list[int],
+        generators: Sequence[np.random.Generator],
+        fresh: Collection[int] = (),
+        options: Mapping[str, Any] = NO_OPTIONS,
+    ) -> None:
+        """Begin new episodes of some rows.
+
+        Args:
+            rows: Their numbers.
+            generators: The generator of each of them.
+            fresh: Those that have just been given a new generator.
+            options: Of ``reset``, see ``begin_with``.
+        """
+        for i, generator in zip(rows, generators, strict=True):
+            if not self.keyed_once or i in fresh:
+                self.draw_key(i, generator)
+        if options:
+            self.begin_with(rows, options)
+        else:
+            self.begin(rows)
+
     @abstractmethod
-    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
-        """Begin new episodes of some environments."""
+    def draw_key(self, row: int, generator: np.random.Generator) -> None:
+        """Draw the key of a row's noise, and all else that the task draws from its generator."""
+
+    @abstractmethod
+    def begin(self, rows: list[int]) -> None:
+        """Begin new episodes of some rows, whose keys have been drawn."""
+
+    def begin_with(self, rows: list[int], options: Mapping[str, Any]) -> None:
+        """As ``begin``, with options of ``reset`` whose names are among ``options``."""
+        raise NotImplementedError
 
     @abstractmethod
     def observation(self) -> NDArray[Any]:
         """Observations of the batch, shape (batch, ...)."""
 
     @abstractmethod
-    def reset_info(self) -> dict[str, Any]:
+    def reset_info(self) -> InfoLike:
         """The info that ``reset`` returns."""
 
     @abstractmethod
     def step(self, actions: NDArray[Any]) -> Outcome:
-        """Take every environment one step on; actions have been checked, shape (batch, ...), float64."""
+        """Take every row one step on; actions have been checked, shape (batch, ...), float64."""
+
+    def advance(
+        self, actions: NDArray[Any], begin: Flags, generators: Sequence[np.random.Generator]
+    ) -> VectorStep:
+        """Take every row one step on, or into its next episode: its action is ignored, its reward 0.
+
+        Args:
+            actions: As for ``step``.
+            begin: Rows that begin an episode, shape (batch,).
+            generators: The generator of every row.
+
+        Returns:
+            What ``step`` of a vector environment returns.
+        """
+        observation, reward, terminated, truncated, info = self.step(actions)
+        if not begin.any():
+            return observation, reward, terminated, truncated, complete(info, len(begin))
+        rows = np.flatnonzero(begin).tolist()
+        self.restart(rows, [generators[i] for i in rows])
+        first = self.reset_info()
+        return (
+            self.observation(),
+            np.where(begin, 0.0, reward),
+            terminated & ~begin,
+            truncated & ~begin,
+            complete(first, len(begin)) if begin.all() else merged(info, first, begin),
+        )
 
     @abstractmethod
     def state(self) -> dict[str, Any]:
@@ -86,42 +150,84 @@ class BatchTask(ABC):
 
     @abstractmethod
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Return to a snapshot that fits this batch."""
+        """Return to a snapshot that has the entries of ``state``, and as many rows.
+
+        Raises:
+            ValueError: If an entry does not fit.
+        """
 
     @abstractmethod
     def frame(self, i: int) -> Frame:
         """Draw one environment."""
 
 
-def checked_actions(actions: NDArray[Any], batch: int, space: Box) -> Floats:
-    """Actions of a batch within the bounds of their space, shape (batch, ...), float64.
+@compiled
+def clipped(actions: NDArray[Any], low: Floats, high: Floats) -> Floats:
+    """Actions within bounds; shape (batch, numbers), the bounds (numbers,).
+
+    Returns:
+        A copy, float64; without rows if an action is not a finite number.
+    """
+    copy = np.empty(actions.shape)
+    for i in range(len(actions)):
+        for j in range(len(low)):
+            value = float(actions[i, j])
+            if not math.isfinite(value):
+                return np.empty((0, len(low)))
+            copy[i, j] = min(max(value, low[j]), high[j])
+    return copy
+
+
+class ActionCheck:
+    """Actions within the bounds of their space, as the tasks take them."""
+
+    def __init__(self, batch: int, space: Box) -> None:
+        """Take the bounds of one environment's action space, of shape (numbers,)."""
+        self._shape = (batch, *space.shape)
+        self._low, self._high = space.low.astype(np.float64), space.high.astype(np.float64)
+
+    def __call__(self, actions: Any) -> Floats:
+        """Clip a batch of actions.
+
+        Returns:
+            Actions, shape (batch, numbers), float64.
+
+        Raises:
+            InvalidAction: If they have the wrong shape or are not finite numbers.
+        """
+        values = actions
+        if type(values) is not np.ndarray or values.dtype is not FLOAT32:
+            try:
+                values = np.asarray(actions, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InvalidAction(f"actions must be finite numbers, not {actions!r:.80}") from None
+        if values.shape != self._shape:
+            batch, *own = self._shape
+            if values.shape[:1] != (batch,):
+                raise InvalidAction(f"actions of shape {self._shape} are needed, not {values.shape}")
+            raise InvalidAction(f"an action of shape {tuple(own)} is needed, not {values.shape[1:]}")
+        checked = clipped(values, self._low, self._high)
+        if not len(checked):
+            raise InvalidAction(f"actions must be finite numbers, not {actions}")
+        return checked
+
+
+def check_state(state: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+    """Make sure that a mapping is a snapshot like an environment's own.
 
     Raises:
-        InvalidAction: If they have the wrong shape or are not finite.
+        ValueError: If it is not one, or one of another number of environments.
     """
-    shape = (batch, *space.shape)
-    if np.shape(actions)[:1] != (batch,):
-        raise InvalidAction(f"actions of shape {shape} are needed, not {np.shape(actions)}")
-    if np.shape(actions) != shape:
-        raise InvalidAction(f"an action of shape {space.shape} is needed, not {np.shape(actions)[1:]}")
-    values = np.asarray(actions, dtype=np.float64)
-    if not np.isfinite(values).all():
-        raise InvalidAction(f"actions must be finite numbers, not {actions}")
-    return np.clip(values, space.low, space.high)
-
-
-def check_state(state: Mapping[str, Any], batch: int, keys: Sequence[str]) -> None:
-    """Make sure that a mapping is a snapshot of a batch.
-
-    Raises:
-        ValueError: If it is not.
-    """
-    if not {*keys, "elapsed", "generators"} <= set(state):
+    if not set(own) <= set(state):
         raise ValueError("not a snapshot of this environment; get_state makes one")
-    if len(state["elapsed"]) != batch:
-        raise ValueError(
-            f"the state is one of {len(state['elapsed'])} environments; make it with that num_envs"
-        )
+    count = len(state["generators"])
+    if count != len(own["generators"]):
+        raise ValueError(f"the state is one of {count} environments; make it with that num_envs")
+
+
+def task_state(state: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a snapshot that are the task's."""
+    return {key: value for key, value in state.items() if key not in ("generators", "finished")}
 
 
 def row_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
@@ -135,6 +241,19 @@ def row_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int |
     if len(seed) != count:
         raise ValueError(f"{count} environments need as many seeds, not {len(seed)}")
     return list(seed)
+
+
+def checked_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
+    """Options of a reset.
+
+    Raises:
+        ValueError: If there is one that the environment does not have.
+    """
+    unknown = sorted(set(options or ()) - set(known))
+    if unknown:
+        has = f"the option {', '.join(map(repr, known))} only" if known else "no options"
+        raise ValueError(f"reset of this environment has {has}, not {', '.join(map(repr, unknown))}")
+    return options or NO_OPTIONS
 
 
 def check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
@@ -163,23 +282,37 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         self.render_mode = render_mode
         self._task = type(self).batch_task(1, settings, reality, render_mode is not None)
         self.settings, self.reality = self._task.settings, self._task.reality
-        self._action, self.observation_space = self._task.spaces()
-        self.action_space = self._action
+        self.action_space, self.observation_space = self._task.spaces()
+        self._checked = ActionCheck(1, self.action_space)
         self._ready = False
+        self._over = False
         self._window: Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin an episode; see ``gymnasium.Env.reset``. There are no options."""
+        """Begin an episode; see ``gymnasium.Env.reset``.
+
+        Args:
+            seed: Seeds the environment's generator; None goes on with it.
+            options: Those that the task's page names.
+
+        Raises:
+            ValueError: If the task has no such option, or its value is not possible.
+        """
+        chosen = checked_options(options, self._task.options)
         super().reset(seed=seed, options=options)
-        self._task.restart([0], [self.np_random])
-        self._ready = True
+        fresh = (0,) if seed is not None or not self._ready else ()
+        self._task.restart([0], [self.np_random], fresh, chosen)
+        self._ready, self._over = True, False
         self._render_window()
         return self._task.observation()[0], row(self._task.reset_info())
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one step; see ``gymnasium.Env.step``.
+
+        After the end of an episode this warns, as Gymnasium's own environments do, and what it returns has no
+        meaning.
 
         Raises:
             InvalidAction: If the action has the wrong shape or is not finite.
@@ -187,15 +320,14 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """
         if not self._ready:
             raise ResetNeeded("call reset before step")
-        outcome = self._task.step(checked_actions(np.asarray(action)[None], 1, self._action))
-        self._render_window()
-        return (
-            outcome.observation[0],
-            float(outcome.reward[0]),
-            bool(outcome.terminated[0]),
-            bool(outcome.truncated[0]),
-            row(outcome.info),
-        )
+        if self._over:
+            gym.logger.warn("the episode is over: call reset before the next step, whose result is undefined")
+        observation, reward, ended, cut, info = self._task.step(self._checked(np.asarray(action)[None]))
+        if self.render_mode == "human":
+            self._render_window()
+        terminated, truncated = ended.item(), cut.item()
+        self._over = terminated or truncated
+        return observation[0], reward.item(), terminated, truncated, row(info)
 
     def render(self) -> Frame | None:
         """The picture for ``rgb_array``, shape (540, 960, 3), uint8, else None."""
@@ -207,7 +339,11 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
 
     def get_state(self) -> dict[str, Any]:
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
-        return {**self._task.state(), "generators": [self.np_random.bit_generator.state]}
+        return {
+            **self._task.state(),
+            "generators": [self.np_random.bit_generator.state],
+            "finished": np.array([self._over]),
+        }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot; what follows is equal to the bit.
@@ -215,9 +351,10 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         Raises:
             ValueError: If it is no snapshot, or one of another number of environments.
         """
-        self._task.set_state(state)
+        check_state(state, self.get_state())
+        self._task.set_state(task_state(state))
         self.np_random.bit_generator.state = state["generators"][0]
-        self._ready = True
+        self._ready, self._over = True, bool(state["finished"][0])
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -246,6 +383,7 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
     A finished episode restarts in the next step (``AutoresetMode.NEXT_STEP``, as in Gymnasium's own vector
     environments): that step ignores the row's action and returns its first observation and a reward of 0.
     An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` says in which rows it is valid.
+    What a step returns is never written to again.
 
     Attributes:
         batch_task: The task on a batch.
@@ -270,8 +408,8 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         self.render_mode = render_mode
         self._task = type(self).batch_task(num_envs, settings, reality, render_mode is not None)
         self.settings, self.reality = self._task.settings, self._task.reality
-        self._action, self.single_observation_space = self._task.spaces()
-        self.single_action_space = self._action
+        self.single_action_space, self.single_observation_space = self._task.spaces()
+        self._checked = ActionCheck(num_envs, self.single_action_space)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
@@ -288,24 +426,26 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
 
         Args:
             seed: Row i is seeded with ``seed + i``, or with ``seed[i]``; None continues its generator.
-            options: There are none.
+            options: Those that the task's page names.
 
         Raises:
-            ValueError: If there is not one seed for each environment.
+            ValueError: If there is not one seed for each environment, the task has no such option, or its
+                value is not possible.
         """
+        chosen = checked_options(options, self._task.options)
         seeds = row_seeds(seed, self.num_envs)
         super().reset(seed=seeds[0], options=options)
-        for i, own in enumerate(seeds):
-            if own is not None:
-                self._generators[i] = seeding.np_random(own)[0]
-        self._task.restart(range(self.num_envs), self._generators)
+        rows = list(range(self.num_envs))
+        fresh = [i for i in rows if seeds[i] is not None or not self._ready]
+        for i in rows:
+            if seeds[i] is not None:
+                self._generators[i] = seeding.np_random(seeds[i])[0]
+        self._task.restart(rows, self._generators, set(fresh), chosen)
         self._ready = True
-        self._finished[:] = False
-        return self._task.observation(), masked(
-            self._task.reset_info(), np.ones(self.num_envs, dtype=np.bool_)
-        )
+        self._finished = np.zeros(self.num_envs, dtype=np.bool_)
+        return self._task.observation(), complete(self._task.reset_info(), self.num_envs)
 
-    def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[Any], Floats, Flags, Flags, dict[str, Any]]:
+    def step(self, actions: NDArray[np.float32]) -> VectorStep:
         """Take one step in every row, or begin the next episode where the last one is over.
 
         Raises:
@@ -314,19 +454,9 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         """
         if not self._ready:
             raise ResetNeeded("call reset before step")
-        outcome = self._task.step(checked_actions(np.asarray(actions), self.num_envs, self._action))
-        begun = self._finished
-        if not begun.any():
-            self._finished = outcome.terminated | outcome.truncated
-            info = masked(outcome.info, ~begun)
-            return outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, info
-        rows = np.flatnonzero(begun)
-        self._task.restart(rows.tolist(), [self._generators[i] for i in rows])
-        info = merged(masked(outcome.info, ~begun), masked(self._task.reset_info(), begun))
-        reward = np.where(begun, 0.0, outcome.reward)
-        terminated, truncated = outcome.terminated & ~begun, outcome.truncated & ~begun
-        self._finished = terminated | truncated
-        return self._task.observation(), reward, terminated, truncated, info
+        stepped = self._task.advance(self._checked(actions), self._finished, self._generators)
+        self._finished = stepped[2] | stepped[3]
+        return stepped
 
     def render(self) -> tuple[Frame, ...] | None:
         """One picture for each row, shape (540, 960, 3), uint8; None without ``rgb_array``."""
@@ -349,7 +479,8 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         Raises:
             ValueError: If it is no snapshot, or one of another number of environments.
         """
-        self._task.set_state(state)
+        check_state(state, self.get_state())
+        self._task.set_state(task_state(state))
         for generator, own in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = own
         self._finished = np.array(state["finished"], dtype=np.bool_)

@@ -8,7 +8,7 @@ module are that paper's.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
+from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.settings import read_settings
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
@@ -131,10 +131,13 @@ class _ExcitationTask(BatchTask):
         seen = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         return Box(-1.0, 1.0, (3,), np.float32), seen
 
-    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
+    def draw_key(self, row: int, generator: np.random.Generator) -> None:
+        """Draw what keys a vehicle and its noise."""
+        self.shakers.seed(row, generator)
+
+    def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some vehicles."""
-        rows = list(which)
-        self.shakers.restart(rows, generators)
+        self.shakers.begin(rows)
         self.elapsed[rows] = 0
         self.below_since[rows] = -1
         self._shaken = None
@@ -230,7 +233,6 @@ class _ExcitationTask(BatchTask):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
-        check_state(state, len(self.elapsed), ["below_since"])
         prefix = "shakers."
         self.shakers.set_state({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
         self.elapsed[:] = state["elapsed"]

@@ -8,7 +8,7 @@ this module are that chapter's.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
+from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.settings import read_settings
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
@@ -149,11 +149,14 @@ class _HeelStrikeTask(BatchTask):
         action = Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)
         return action, Box(FEATURE_LOW, FEATURE_HIGH, (len(FEATURES),), np.float32)
 
-    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
+    def draw_key(self, row: int, generator: np.random.Generator) -> None:
+        """Draw what keys a walk."""
+        self.strides.seed(row, generator)
+
+    def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some walkers."""
-        self.strides.restart(which, generators)
-        self.elapsed[list(which)] = 0
-        for i in which:
+        self.elapsed[rows] = 0
+        for i in rows:
             self.drawn[i].clear()
 
     def observation(self) -> Observation:
@@ -209,7 +212,6 @@ class _HeelStrikeTask(BatchTask):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
-        check_state(state, len(self.elapsed), ("walkers",))
         self.strides.set_state(state["walkers"])
         self.elapsed[:] = state["elapsed"]
         for strides in self.drawn:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,39 +11,95 @@ from numpy.typing import NDArray
 Flags = NDArray[np.bool_]
 
 
-def row(info: Mapping[str, Any]) -> dict[str, Any]:
-    """The info of a single environment from that of a batch of one."""
-    single: dict[str, Any] = {}
+class Info(NamedTuple):
+    """The info of a batch, most of it numbers that a kernel has written into one array.
+
+    Attributes:
+        names: Of the numbers.
+        numbers: Shape (len(names), batch).
+        others: Further entries, each an array of shape (batch, ...) or a mapping of such arrays.
+    """
+
+    names: tuple[str, ...]
+    numbers: NDArray[np.float64]
+    others: dict[str, Any]
+
+    def entries(self) -> dict[str, Any]:
+        """All entries by name."""
+        return dict(zip(self.names, self.numbers, strict=True)) | self.others
+
+
+InfoLike = Info | dict[str, Any]
+
+
+def row(info: InfoLike) -> dict[str, Any]:
+    """The info of a single environment from that of a batch of one; arrays are views."""
+    if type(info) is Info:
+        names, numbers, info = info
+        single: dict[str, Any] = dict(zip(names, numbers[:, 0].tolist(), strict=True))
+    else:
+        single = {}
+    assert type(info) is dict
     for key, value in info.items():
-        if isinstance(value, dict):
+        if type(value) is dict:
             single[key] = row(value)
         else:
-            single[key] = value[0].copy() if value.ndim > 1 else value[0].item()
+            single[key] = value.item(0) if value.ndim == 1 else value[0]
     return single
 
 
-def masked(info: Mapping[str, Any], rows: Flags) -> dict[str, Any]:
-    """Gymnasium's form of a batch's info: zero where not meant, and a mask beside every entry."""
-    result: dict[str, Any] = {}
-    if not rows.any():
-        return result
-    for key, value in info.items():
-        if isinstance(value, dict):
-            result[key] = masked(value, rows)
-        else:
-            result[key] = np.where(rows.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
-        result[f"_{key}"] = rows.copy()
+@lru_cache(maxsize=64)
+def every_row(batch: int) -> Flags:
+    """The mask of an entry that is valid in all rows, shape (batch,), read-only."""
+    mask = np.ones(batch, dtype=np.bool_)
+    mask.flags.writeable = False
+    return mask
+
+
+@lru_cache(maxsize=256)
+def _masks(names: tuple[str, ...], others: tuple[str, ...], batch: int) -> dict[str, Flags]:
+    return {"_" + name: every_row(batch) for name in names + others}
+
+
+def complete(info: InfoLike, batch: int) -> dict[str, Any]:
+    """Gymnasium's form of a batch's info that is valid in all rows: a mask beside every entry."""
+    names, numbers, others = info if type(info) is Info else ((), (), info)
+    assert type(others) is dict
+    result: dict[str, Any] = dict(zip(names, numbers, strict=True))
+    result |= others
+    result |= _masks(names, tuple(others), batch)
+    for key, value in others.items():
+        if type(value) is dict:
+            result[key] = complete(value, batch)
     return result
 
 
-def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Join the infos of disjoint rows."""
-    result = dict(first)
-    for key, value in second.items():
-        if key not in result:
-            result[key] = value
-        elif isinstance(value, dict):
-            result[key] = merged(result[key], value)
+def merged(stepped: InfoLike, restarted: InfoLike, begun: Flags) -> dict[str, Any]:
+    """Gymnasium's form of the info of a batch in which some rows, not all, have begun a new episode.
+
+    Args:
+        stepped: Info of a step, computed for all rows.
+        restarted: Info of a reset, computed for all rows; an entry of both has one shape and dtype.
+        begun: Rows to which the latter applies, shape (batch,).
+
+    Returns:
+        Each entry beside its mask, and zero where it is not valid.
+    """
+    steps = stepped.entries() if isinstance(stepped, Info) else stepped
+    resets = restarted.entries() if isinstance(restarted, Info) else restarted
+    result: dict[str, Any] = {}
+    for key in {**steps, **resets}:
+        step, reset = steps.get(key), resets.get(key)
+        entry: Any = reset if step is None else step
+        if type(entry) is dict:
+            result[key] = merged(step or {}, reset or {}, begun)
         else:
-            result[key] = result[key] | value if value.dtype == np.bool_ else result[key] + value
+            nothing = np.zeros_like(entry)
+            result[key] = np.where(
+                begun.reshape(-1, *[1] * (entry.ndim - 1)),
+                nothing if reset is None else reset,
+                nothing if step is None else step,
+            )
+        both = step is not None and reset is not None
+        result["_" + key] = every_row(len(begun)) if both else begun.copy() if step is None else ~begun
     return result

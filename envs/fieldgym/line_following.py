@@ -7,7 +7,7 @@ wheeled and legged robots", Cornell University 2015, chapter 3 ("the dissertatio
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
+from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.settings import read_settings
 from fieldmodels.machines.line_following.body import Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
@@ -176,10 +176,13 @@ class _LineFollowingTask(BatchTask):
             return action, Box(0, 255, (camera.rows, camera.width, 1), np.uint8)
         return action, Box(-OBSERVED, OBSERVED, (4 + 5 * self.settings.bands,), np.float32)
 
-    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
+    def draw_key(self, row: int, generator: np.random.Generator) -> None:
+        """Draw what keys a walk."""
+        self.walks.seed(row, generator)
+
+    def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some walks."""
-        rows = list(which)
-        self.walks.restart(rows, generators)
+        self.walks.begin(rows)
         self.elapsed[rows] = 0
         self._start[rows] = self.walks.walks["offset"][rows]
         for tally in (self._overshoot, self._distance, self._near):
@@ -276,7 +279,6 @@ class _LineFollowingTask(BatchTask):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
-        check_state(state, len(self.elapsed), ("walks", "tallies"))
         kind, count = self.walks.walks.dtype, len(self.elapsed)
         walks, tallies = np.ascontiguousarray(state["walks"]), np.asarray(state["tallies"])
         if walks.dtype != np.uint8 or walks.shape != (count, kind.itemsize) or tallies.shape != (4, count):

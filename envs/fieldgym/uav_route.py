@@ -7,7 +7,7 @@ wheeled and legged robots", Cornell University 2015, chapter 4 ("the dissertatio
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv, check_state
+from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.info import Info
 from fieldgym.settings import read_settings
 from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, Score, observed_names
 from fieldmodels.machines.uav_route.layouts import distance_around, side_on_range
@@ -223,7 +224,6 @@ class _UavRouteTask(BatchTask):
         model = UavRoute(rules.world)
         self.reality = read_reality(reality, model)
         self.flights = Flights(batch, rules, model.plant(self.reality.vector(model)))
-        self.elapsed = np.zeros(batch, dtype=np.int64)
         self._side_on = side_on_range(rules.world.detection)
         self._drawing = drawing
         self._trails: list[list[Floats]] = [[] for _ in range(batch)]
@@ -235,14 +235,15 @@ class _UavRouteTask(BatchTask):
         columns = len(observed_names(self.flights.rules.count))
         return Box(-1.0, 1.0, (2,), np.float32), Box(-OBSERVED, OBSERVED, (columns,), np.float32)
 
-    def restart(self, which: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
-        """Begin new episodes of some flights; each draws one number from its generator."""
-        rows = list(which)
-        for i, generator in zip(rows, generators, strict=True):
-            self.flights.seed(i, generator)
+    def draw_key(self, row: int, generator: np.random.Generator) -> None:
+        """Draw what keys a flight."""
+        self.flights.seed(row, generator)
+
+    def begin(self, rows: list[int]) -> None:
+        """Begin new episodes of some flights."""
+        for i in rows:
             self._trails[i] = []
         self.flights.restart(rows)
-        self.elapsed[rows] = 0
         self._seen = self.flights.observe()
 
     @property
@@ -256,7 +257,7 @@ class _UavRouteTask(BatchTask):
         """Goal, radars and timers."""
         return np.clip(self.seen.observed, -OBSERVED, OBSERVED)
 
-    def reset_info(self) -> dict[str, Any]:
+    def reset_info(self) -> Info:
         """The info that ``reset`` returns: the same as after each step."""
         return self._info(self.seen)
 
@@ -271,7 +272,6 @@ class _UavRouteTask(BatchTask):
         spread = settings.longest_leg / settings.least_leg
         legs[:, 1] = settings.least_leg * spread ** (0.5 * (1.0 + actions[:, 1]))
         leg = self._seen = self.flights.advance(legs)
-        self.elapsed[:] = flights["legs"]
         if self._drawing:
             for i in np.flatnonzero(going).tolist():
                 self._trace(i, before[0][i], before[1][i])
@@ -295,12 +295,11 @@ class _UavRouteTask(BatchTask):
         radars = flights["radars"][:, : rules.count]
         return distance_around(flights["place"], flights["goal"], radars, circle)
 
-    def _info(self, leg: Leg) -> dict[str, Any]:
+    def _info(self, leg: Leg) -> Info:
         """The info."""
         flights, count = self.flights.flights, self.flights.rules.count
         radars = flights["radars"][:, :count].copy()
-        return {
-            **dict(zip(NUMBERS, leg.numbers, strict=True)),
+        others = {
             "place": leg.places,
             "course": np.arctan2(flights["course"][:, 1], flights["course"][:, 0]),
             "radial": nearest_bearing(leg.places, radars),
@@ -309,23 +308,21 @@ class _UavRouteTask(BatchTask):
             "layout": {"start": flights["start"].copy(), "goal": flights["goal"].copy(), "radars": radars},
             "privileged": {"place": flights["place"].copy()},
         }
+        return Info(NUMBERS, leg.numbers, others)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
         flights = self.flights.state()
         return {
             "flights": flights.view(np.uint8).reshape(len(flights), -1).copy(),
-            "elapsed": self.elapsed.copy(),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot; what has been flown before it is not drawn any more."""
-        check_state(state, len(self.elapsed), ("flights",))
         kind, flights = self.flights.flights.dtype, np.ascontiguousarray(state["flights"])
-        if flights.dtype != np.uint8 or flights.shape != (len(self.elapsed), kind.itemsize):
+        if flights.dtype != np.uint8 or flights.shape != (len(self.flights), kind.itemsize):
             raise ValueError("not a snapshot of this environment; get_state makes one")
         self.flights.set_state(flights.view(kind).reshape(-1))
-        self.elapsed[:] = state["elapsed"]
         self._trails = [[] for _ in self._trails]
         self._seen = None
 
@@ -335,7 +332,7 @@ class _UavRouteTask(BatchTask):
         if points is not None:
             if points.ndim not in (2, 3) or points.shape[-1] != 2:
                 raise ValueError(f"a plan has shape (points, 2) or (num_envs, points, 2), not {points.shape}")
-            points = np.broadcast_to(points, (len(self.elapsed), *points.shape[-2:]))
+            points = np.broadcast_to(points, (len(self.flights), *points.shape[-2:]))
         self._plan = points
 
     def _trace(self, i: int, start: Floats, course: Floats) -> None:

@@ -1,5 +1,6 @@
 """What holds for every registered environment of fieldgym."""
 
+import copy
 import hashlib
 import importlib.util
 import json
@@ -48,8 +49,10 @@ def digest(env_id):
     sha.update(observation.tobytes())
     env.action_space.seed(5)
     for _ in range(30):
-        observation, reward, *_ = env.step(env.action_space.sample())
+        observation, reward, terminated, truncated, _ = env.step(env.action_space.sample())
         sha.update(observation.tobytes() + np.float64(reward).tobytes())
+        if terminated or truncated:
+            env.reset()
     return sha.hexdigest()
 
 
@@ -182,6 +185,50 @@ def test_step_before_reset_is_refused(env_id):
     env = gym.make(env_id).unwrapped
     with pytest.raises(gym.error.ResetNeeded):
         env.step(env.action_space.sample())
+
+
+@every_environment
+def test_unknown_option_of_a_reset_is_refused(env_id):
+    for env in (gym.make(env_id).unwrapped, gym.make_vec(env_id, num_envs=2)):
+        with pytest.raises(ValueError, match="not 'nonsense'"):
+            env.reset(seed=0, options={"nonsense": 1})
+        env.reset(seed=0, options={})
+
+
+@every_environment
+def test_a_step_after_the_end_warns(env_id):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    while True:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        if terminated or truncated:
+            break
+    ended = env.get_state()
+    with pytest.warns(UserWarning, match="episode is over"):
+        env.step(env.action_space.sample())
+    env.set_state(ended)
+    with pytest.warns(UserWarning, match="episode is over"):
+        env.step(env.action_space.sample())
+    env.reset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.step(env.action_space.sample())
+
+
+@needs_vector
+def test_what_a_step_returns_is_never_written_again(env_id):
+    env = gym.make_vec(env_id, num_envs=3)
+    kept = [env.reset(seed=0)]
+    env.action_space.seed(0)
+    kept += [env.step(env.action_space.sample())]
+    copies = copy.deepcopy(kept)
+    for _ in range(60):
+        env.step(env.action_space.sample())
+    for ours, before in zip(kept, copies, strict=True):
+        assert equal(dict(enumerate(ours)), dict(enumerate(before)))
 
 
 @every_environment

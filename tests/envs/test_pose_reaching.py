@@ -120,16 +120,6 @@ def test_native_vector_equals_scalar_environments_through_arrivals_and_effects()
         assert reality or arrived.sum() > 0
 
 
-def test_what_a_step_returns_is_never_written_again():
-    env = gym.make_vec(ID, num_envs=3)
-    observation, info = env.reset(seed=0)
-    kept = observation.copy(), info["pose"].copy(), info["time"].copy()
-    for _ in range(5):
-        env.step(np.ones((3, 2), np.float32))
-    for a, b in zip((observation, info["pose"], info["time"]), kept, strict=True):
-        assert np.array_equal(a, b)
-
-
 def test_starts_may_be_given():
     poses = np.array([(1.0, -0.5, 3.0), (0.2, 1.5, -9.0)])
     env = gym.make_vec(ID, num_envs=2)

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from fieldmodels.machines.pose_reaching.batch import Robots, Rules, Score
+from fieldmodels.machines.pose_reaching.batch import Robots, Rules
 from fieldmodels.machines.pose_reaching.dubins import dubins_lengths
 from fieldmodels.machines.pose_reaching.kernel import NUMBERS, ROBOT
 from fieldmodels.machines.pose_reaching.model import PoseReaching
-from fieldmodels.machines.pose_reaching.parameters import GOAL, LOOSE, Arrival, Field, Limits
+from fieldmodels.machines.pose_reaching.parameters import GOAL, Arrival, Field
 from fieldmodels.model import ModelError
 from fieldmodels.recording import Recording, Windows
 
@@ -121,7 +121,7 @@ def test_the_heading_must_be_right(angle, arrives):
     robots = make(poses=start)
     ticks = [robots.advance(command(robots, 1.0, 0.0)) for _ in range(6)]
     assert any(t.success[0] for t in ticks) == arrives
-    loose = make(poses=start, arrival=LOOSE)
+    loose = make(poses=start, success="loose")
     ticks = [loose.advance(command(loose, 1.0, 0.0)) for _ in range(6)]
     assert any(t.success[0] for t in ticks) == (abs(angle) < 15)
 
@@ -174,8 +174,8 @@ def test_nobody_leaves_the_field():
 
 
 def test_rewards_of_an_episode_add_up():
-    score = Score(time=0.5, success=7.0, progress=2.0, wall=3.0)
-    robots = make(2, poses=[(2.2, 0.5, 0.0), (0.0, -1.0, math.pi / 2)], score=score)
+    score = {"time_cost": 0.5, "success_reward": 7.0, "progress_reward": 2.0, "wall_cost": 3.0}
+    robots = make(2, poses=[(2.2, 0.5, 0.0), (0.0, -1.0, math.pi / 2)], **score)
     total = np.zeros(2)
     for _ in range(20):
         tick = robots.advance(command(robots, 1.0, 0.0), restarting=False)
@@ -321,6 +321,8 @@ def test_snapshots_are_exact_and_checked():
         (lambda: make(poses=(3.0, 0.0, 0.0)), "must lie within"),
         (lambda: make(poses=(0.0, math.nan, 0.0)), "x .m., y .m. and heading"),
         (lambda: make(poses="there"), "x .m., y .m. and heading"),
+        (lambda: Rules(tick=0.0, walls="ice"), "tick must be at least 0.001, at most 1 s.*; walls must"),
+        (lambda: Rules(max_speed=math.inf), "max_speed must be greater than 0, at most 10 m/s"),
         (lambda: make().advance(np.full((1, 2), np.inf, np.float32)), "finite"),
     ],
 )
@@ -330,7 +332,7 @@ def test_wrong_use_is_named(act, message):
 
 
 def test_limits_scale_the_commands():
-    robots = make(poses=(0.5, 0.5, 0.0), limits=Limits(max_speed=2.0, max_rate=1.0))
+    robots = make(poses=(0.5, 0.5, 0.0), max_speed=2.0, max_rate=1.0)
     tick = robots.advance(np.array([[1.0, 1.0]], np.float32))
     assert tick.poses[0, 2] == pytest.approx(0.1)
     assert number(tick, "path_length")[0] == pytest.approx(0.2)
@@ -340,8 +342,8 @@ def test_limits_scale_the_commands():
 def test_a_late_command_under_a_rate_limit_moves_the_robot_as_the_model_says():
     """The older of two aims holds for its part of an instant: their mixture would never be reached."""
     names = {"actuator_rate_limit": {"rate": 3.0}, "actuator_delay": {"delay": 0.0137}}
-    rules = Rules(field=Field(1e3, 1e3), timeout=60.0, arrival=Arrival(1e-9, 1e-9))
-    robots, count = Robots(1, rules, MODEL.vector(effects=names)), 60
+    rules, open_floor = Rules(timeout=60.0), {"field": Field(1e3, 1e3), "arrival": Arrival(1e-9, 1e-9)}
+    robots, count = Robots(1, rules, MODEL.vector(effects=names), **open_floor), 60
     robots.seed(0, np.random.default_rng(0))
     robots.restart([0], (0.0, 0.0, 0.0))
     draw = np.random.default_rng(0)

@@ -262,14 +262,14 @@ def test_realities_name_its_effects():
 
 def test_robots_in_play_and_the_model_are_one_physics():
     # The environment's robots go from instant to instant, the model in closed form along its windows.
-    rules = Rules(field=Field(1e3, 1e3), timeout=60.0, arrival=Arrival(1e-9, 1e-9))
+    rules, open_floor = Rules(timeout=60.0), {"field": Field(1e3, 1e3), "arrival": Arrival(1e-9, 1e-9)}
     model, limits = PoseReaching(), rules.limits
     recording = commanded(120, seed=6, left_wheel=np.zeros(120), right_wheel=np.zeros(120))  # from rest
     recording = replace(recording, time=np.arange(120) * rules.tick)
     start = (1.0, -2.0, 0.5)
     for faults in ({}, FAULTS):
         q = model.vector(effects=faults)
-        robots = Robots(1, rules, q)
+        robots = Robots(1, rules, q, **open_floor)
         robots.seed(0, np.random.default_rng(0))
         robots.restart([0], start)
         shown = [robots.observe().poses[0]]

@@ -33,7 +33,7 @@ from fieldagents.tasks.pose_reaching.path_memory.teachers import (
 )
 from fieldgym.pose_reaching import PoseReachingSettings
 from fieldgym.settings import read_settings
-from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING, Field
+from fieldmodels.machines.pose_reaching.parameters import FIELD, GOAL_HEADING, Field
 
 PATHS, POINTS = 9, 14
 """Training paths and states of each: the 126 states of section 5.3.2, which does not say how many paths."""
@@ -111,13 +111,13 @@ def away_from_walls(poses: Floats, commands: Floats, max_rate: float, field: Fie
 
 def nine_paths(teacher: Teacher, settings: PoseReachingSettings, paths: int = PATHS) -> States:
     """The training data of section 5.3.2: from the right half, facing the ball, 14 states a path."""
-    return taught(teacher, starts_facing(paths), POINTS, settings.tick, settings.rules.limits)
+    return taught(teacher, starts_facing(paths), POINTS, settings.tick, settings.limits)
 
 
 def mixed_paths(settings: PoseReachingSettings, paths: int = MIXED_PATHS) -> States:
     """Shortest paths from anywhere with any heading."""
     starts = starts_anywhere(paths, np.random.default_rng(SEED))
-    return taught("dubins", starts, POINTS, settings.tick, settings.rules.limits)
+    return taught("dubins", starts, POINTS, settings.tick, settings.limits)
 
 
 @cache
@@ -156,18 +156,17 @@ def _own_data(name: str, title: str, rounds: int) -> Callable[[PoseReachingSetti
 
 def table_driver(name: str, title: str, settings: PoseReachingSettings, table: OwnData) -> Agent:
     """An agent that drives by a table of own training data."""
-    rules = settings.rules
 
     def decide(poses: Floats) -> tuple[Floats, None]:
         commands = table.commands(poses)
-        return away_from_walls(poses, commands, rules.limits.max_rate, rules.field), None
+        return away_from_walls(poses, commands, settings.max_rate, FIELD), None
 
     return Driver(name, title, settings, decide)
 
 
 def _graceful(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
     def make(settings: PoseReachingSettings) -> Agent:
-        limits = settings.rules.limits
+        limits = settings.limits
 
         def decide(poses: Floats) -> tuple[Floats, None]:
             told = graceful_commands(poses, GOAL_HEADING, limits.max_speed, limits.max_rate)
@@ -180,8 +179,7 @@ def _graceful(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
 
 def _least_time(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
     def make(settings: PoseReachingSettings) -> Agent:
-        rules = settings.rules
-        solved = least_time(Task(rules.arrival, rules.limits, rules.field))
+        solved = least_time(Task(settings.arrival, settings.limits, FIELD))
         decide = lambda poses: (solved.commands(poses, settings.tick), None)  # noqa: E731
         return Driver(name, title, settings, decide, sees="model")
 

@@ -102,7 +102,11 @@ def average_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> Fl
     return np.asarray(100.0 * np.where(use, error, 0.0).sum(axis=-1) / np.maximum(use.sum(axis=-1), 1))
 
 
-def drawn_around(vehicle: FloatArray, spread: float, rng: np.random.Generator) -> FloatArray:
+FACTORS = 19
+"""Independent factors of a drawn vehicle: mass, its distribution (3), lever arms (3), suspension (12)."""
+
+
+def drawn_around(vehicle: FloatArray, spread: float, factors: FloatArray) -> FloatArray:
     """A vehicle near another one: a physical body, whatever is drawn.
 
     Mass, lever arms, damping and stiffness are multiplied by factors from [1 - spread, 1 + spread], and so
@@ -111,9 +115,9 @@ def drawn_around(vehicle: FloatArray, spread: float, rng: np.random.Generator) -
     Args:
         vehicle: The 22 unknowns, and effects, which stay as they are.
         spread: At most 1.
-        rng: Source of all randomness; 19 numbers are drawn.
+        factors: Where in that range each is, from -1 to 1, shape (``FACTORS``,).
     """
-    factors = 1.0 + spread * rng.uniform(-1.0, 1.0, 19)
+    factors = 1.0 + spread * factors
     new = np.array(vehicle, dtype=np.float64)
     new[MASS] *= factors[0]
     new[CG:DAMPING] *= factors[4:7]
@@ -253,6 +257,7 @@ class Shakers:
         )
         self._vehicles = np.zeros((batch, PARAMETERS))
         self._keys = np.zeros(batch, dtype=np.uint64)
+        self._factors = np.zeros((batch, FACTORS))
         self._counts = np.full(batch, -1, dtype=np.int64)
         self._command = np.zeros((batch, 3))
         self._phase = np.zeros(batch)
@@ -285,10 +290,20 @@ class Shakers:
         """Begin several experiments anew, each from its own generator: at rest, the arm in eq (24)."""
         rows = list(which)
         for i, rng in zip(rows, rngs, strict=True):
-            self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
-            drawn = drawn_around(self._center, self._spread, rng)
-            # Without a spread the preset stays as it is, to the bit; what counts as known is known.
-            free = self.estimated if self._spread > 0.0 else np.zeros(UNKNOWNS, dtype=np.bool_)
+            self.seed(i, rng)
+        self.begin(rows)
+
+    def seed(self, i: int, rng: np.random.Generator) -> None:
+        """Draw the key of experiment ``i``'s noise and its vehicle's factors; ``begin`` then starts it."""
+        self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
+        self._factors[i] = rng.uniform(-1.0, 1.0, FACTORS)
+
+    def begin(self, rows: list[int]) -> None:
+        """Begin several experiments that have been seeded: at rest, the arm in eq (24)."""
+        # Without a spread the preset stays as it is, to the bit; what counts as known is known.
+        free = self.estimated if self._spread > 0.0 else np.zeros(UNKNOWNS, dtype=np.bool_)
+        for i in rows:
+            drawn = drawn_around(self._center, self._spread, self._factors[i])
             self._vehicles[i] = self._center
             self._vehicles[i, :UNKNOWNS][free] = drawn[:UNKNOWNS][free]
         self._counts[rows] = 0

@@ -157,19 +157,28 @@ class Walks:
 
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Start several walks anew, each with noise keyed by one draw from its own generator."""
-        scene, begun = self.scene, []
-        for i, rng in zip(which, rngs, strict=True):
-            key = rng.integers(0, 2**64, dtype=np.uint64)
+        rows = list(which)
+        for i, rng in zip(rows, rngs, strict=True):
+            self.seed(i, rng)
+        self.begin(rows)
+
+    def seed(self, i: int, rng: np.random.Generator) -> None:
+        """Key the noise of walk ``i`` by one draw from ``rng``; ``begin`` then starts it."""
+        self.walks[i]["key"] = rng.integers(0, 2**64, dtype=np.uint64)
+
+    def begin(self, rows: list[int]) -> None:
+        """Start several walks, whose noise has been keyed."""
+        scene = self.scene
+        for i in rows:
             start(
-                self.walks, int(i), key, *self._track,
+                self.walks, i, self.walks["key"][i], *self._track,
                 scene.noise.bias, scene.offset, scene.misalignment, scene.sided,
             )  # fmt: skip
             if self._body is not None:
                 self._body.place(*(float(self.walks[name][i]) for name in ("x", "y", "heading")))
                 self.walks["bodies"][i] = self._body.state
-            begun.append(int(i))
-        self._begun[begun] = True
-        self._look(np.array(begun, dtype=np.int64))
+        self._begun[rows] = True
+        self._look(np.array(rows, dtype=np.int64))
 
     def advance(self, commands: ArrayLike) -> None:
         """Take every walk through one stride and look again.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,88 +21,101 @@ from fieldmodels.machines.pose_reaching.kernel import (
     NUMBERS,
     OBSERVED,
     ROBOT,
-    Constants,
     advance_all,
     observe_all,
     start_all,
     start_all_at,
 )
-from fieldmodels.machines.pose_reaching.parameters import STRICT, Arrival, Field, Limits
+from fieldmodels.machines.pose_reaching.parameters import FIELD, LOOSE, STRICT, Arrival, Field, Limits
 from fieldmodels.model import ModelError
-
-StartSet = Literal["T1", "T2", "T3"]
+from fieldmodels.settings import Setting, check_declared, kernel_rows
 
 INSTANT = 0.01
 """Longest time between instants at which arrival is tested [s]: 1 cm and 2.3 deg at full speed and rate."""
 
 
 @dataclass(frozen=True)
-class Score:
-    """What a tick is worth.
-
-    Attributes:
-        time: Cost of a second.
-        success: Reward of arriving.
-        progress: Reward of a metre by which the distance to the ball has become shorter.
-        wall: Cost of driving into a wall.
-    """
-
-    time: float = 1.0
-    success: float = 10.0
-    progress: float = 1.0
-    wall: float = 0.0
-
-
-@dataclass(frozen=True)
 class Rules:
-    """The task's rules.
+    """What is played, as the environment's settings state it."""
 
-    Attributes:
-        starts: Where episodes begin: ``T1`` on the right half, 0.6 to 1.6 m away, facing the ball; ``T2``
-            on both sides, up to 45 deg off; ``T3`` anywhere in the field, any heading.
-        arrival: When the robot has arrived.
-        tick: Time for which a command holds [s].
-        timeout: Longest episode [s].
-        walls: ``stop`` holds the robot where it meets a wall, ``slide`` lets it slip along.
-        limits: What can be commanded.
-        field: The field.
-        score: What a tick is worth.
-    """
+    starts: Annotated[
+        Literal["T1", "T2", "T3"],
+        Setting(
+            "Where episodes begin: `T1` on the right half, 0.6 to 1.6 m from the ball, facing it (as the "
+            "source's training paths); `T2` on both sides, up to 45 deg off; `T3` anywhere in the field, "
+            "with any heading."
+        ),
+    ] = "T3"
+    success: Annotated[
+        Literal["strict", "loose"],
+        Setting("`strict`: within 5 cm of the ball and 10 deg of the heading; `loose`: 10 cm and 15 deg."),
+    ] = "strict"
+    tick: Annotated[
+        float,
+        Setting(
+            "Time for which a command holds.",
+            "s",
+            least=0.001,
+            most=1,
+            fixed="it sets the instants of a tick",
+        ),
+    ] = 0.1
+    timeout: Annotated[float, Setting("Longest episode.", "s", above=0, most=3600)] = 15.0
+    max_speed: Annotated[float, Setting("Largest speed.", "m/s", above=0, most=10)] = 1.0
+    max_rate: Annotated[float, Setting("Largest turn rate.", "rad/s", above=0, most=30)] = 4.0
+    walls: Annotated[
+        Literal["stop", "slide"],
+        Setting(
+            "`stop` holds the robot where it meets a wall until it has turned away; `slide` takes only the "
+            "component of its motion that leads into the wall."
+        ),
+    ] = "stop"
+    time_cost: Annotated[float, Setting("Cost of a second.", least=0, most=1000)] = 1.0
+    success_reward: Annotated[float, Setting("Reward of arriving.", least=0, most=1000)] = 10.0
+    progress_reward: Annotated[
+        float,
+        Setting(
+            "Reward of a metre by which the distance to the ball has become shorter; the sum over an episode "
+            "depends on its first and last pose only.",
+            least=0,
+            most=1000,
+        ),
+    ] = 1.0
+    wall_cost: Annotated[float, Setting("Cost of driving into a wall.", least=0, most=1000)] = 0.0
 
-    starts: StartSet = "T3"
-    arrival: Arrival = STRICT
-    tick: float = 0.1
-    timeout: float = 15.0
-    walls: Literal["stop", "slide"] = "stop"
-    limits: Limits = Limits()  # noqa: RUF009 - frozen
-    field: Field = Field()  # noqa: RUF009 - frozen
-    score: Score = Score()
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
+
+    @property
+    def arrival(self) -> Arrival:
+        """When the robot has arrived."""
+        return ARRIVALS[self.success]
+
+    @property
+    def limits(self) -> Limits:
+        """What can be commanded."""
+        return Limits(max_speed=self.max_speed, max_rate=self.max_rate)
 
 
-def make_constants(rules: Rules) -> Constants:
-    """Put the rules into the form of the kernels."""
-    return Constants(
-        starts=get_args(StartSet).index(rules.starts),
-        tick=rules.tick,
-        substeps=max(1, math.ceil(rules.tick / INSTANT - 1e-9)),
-        last_tick=max(1, math.ceil(rules.timeout / rules.tick - 1e-9)),
-        half_length=rules.field.length / 2,
-        half_width=rules.field.width / 2,
-        near=rules.arrival.distance,
-        cosine_of_angle=math.cos(rules.arrival.angle),
-        max_speed=rules.limits.max_speed,
-        max_rate=rules.limits.max_rate,
-        radius=rules.limits.radius,
-        slide=rules.walls == "slide",
-        time_cost=rules.score.time,
-        success=rules.score.success,
-        progress=rules.score.progress,
-        wall_cost=rules.score.wall,
-    )
+ARRIVALS = {"strict": STRICT, "loose": LOOSE}
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+def kernel_rules(rules: Rules, batch: int, field: Field, arrival: Arrival) -> NDArray[Any]:
+    """The rules as the kernels read them, shape (batch,)."""
+    derived = {
+        "substeps": max(1, math.ceil(rules.tick / INSTANT - 1e-9)),
+        "last_tick": max(1, math.ceil(rules.timeout / rules.tick - 1e-9)),
+        "half_length": field.length / 2,
+        "half_width": field.width / 2,
+        "near": arrival.distance,
+        "cosine_of_angle": math.cos(arrival.angle),
+        "radius": rules.limits.radius,
+    }
+    return kernel_rows(rules, batch, derived)
+
+
+class Tick(NamedTuple):
     """What one tick of every robot gave, in arrays of its own.
 
     Attributes:
@@ -131,17 +144,28 @@ class Robots:
 
     Attributes:
         rules: The task's rules.
+        field: On which field.
         robots: State of every robot, shape (batch,), dtype ``ROBOT``.
         extended: What they truly are, with effects; None if all are nominal.
     """
 
-    def __init__(self, batch: int, rules: Rules | None = None, reality: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        batch: int,
+        rules: Rules | None = None,
+        reality: ArrayLike | None = None,
+        *,
+        field: Field = FIELD,
+        arrival: Arrival | None = None,
+    ) -> None:
         """Make robots; seed and restart each before the first tick.
 
         Args:
             batch: Number of robots.
             rules: The task's rules.
             reality: Parameter vector of ``PoseReaching``, shape (n,) or (batch, n); None is nominal.
+            field: The playing field.
+            arrival: When a robot has arrived; None takes that of the rules.
 
         Raises:
             ModelError: If the reality has the wrong shape or the batch is empty.
@@ -157,10 +181,11 @@ class Robots:
         self.rules = rules or Rules()
         self.robots: NDArray[Any] = np.zeros(batch, dtype=ROBOT)
         self.extended: Extended | None = None
-        self._constants = c = make_constants(self.rules)
+        self.field = field
+        self._rules = kernel_rules(self.rules, batch, field, arrival or self.rules.arrival)
         if any_on(vector, BASE, EFFECTS).any():
             rows = as_rows(np.broadcast_to(vector, (batch, len(nominal))), ROW)
-            self.extended = make_extended(rows, c.tick / c.substeps)
+            self.extended = make_extended(rows, self.rules.tick / int(self._rules["substeps"][0]))
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self._ready = False
 
@@ -195,9 +220,9 @@ class Robots:
         if not self._seeded[rows].all():
             raise ModelError("seed every robot before its first episode")
         if poses is None:
-            start_all(self.robots, rows, self.extended, self._constants)
+            start_all(self.robots, rows, self.extended, self._rules)
         else:
-            start_all_at(self.robots, rows, self._inside(poses, len(rows)), self.extended, self._constants)
+            start_all_at(self.robots, rows, self._inside(poses, len(rows)), self.extended, self._rules)
         self._ready = bool(self._seeded.all())
 
     def observe(self) -> Tick:
@@ -206,7 +231,7 @@ class Robots:
         observe_all(
             self.robots,
             self.extended,
-            self._constants,
+            self._rules,
             tick.observed,
             tick.numbers,
             tick.poses,
@@ -216,12 +241,12 @@ class Robots:
             array[...] = 0
         return tick
 
-    def advance(self, actions: NDArray[np.float32], restarting: bool = False) -> Tick:
+    def advance(self, actions: NDArray[np.floating[Any]], restarting: bool = False) -> Tick:
         """Take every robot through one tick.
 
         Args:
             actions: Speed from 0 (-1) to the largest (1), turn rate from the largest to the right (-1) to
-                the largest to the left (1), clipped; shape (batch, 2), float32, C-contiguous.
+                the largest to the left (1), clipped; shape (batch, 2), float, C-contiguous.
             restarting: True lets a robot whose episode is over begin its next one instead; its action is
                 ignored, its reward 0, and what is observed of it is the new episode's start.
 
@@ -236,7 +261,7 @@ class Robots:
             actions,
             restarting,
             self.extended,
-            self._constants,
+            self._rules,
             tick.observed,
             tick.numbers,
             tick.poses,
@@ -290,7 +315,7 @@ class Robots:
                 f"starts are x [m], y [m] and heading [rad], shape (3,) or ({count}, 3), not {poses!r:.80}"
             )
         values = np.ascontiguousarray(np.broadcast_to(values, (count, 3)))
-        edge = np.array([self._constants.half_length, self._constants.half_width])
+        edge = np.array([self.field.length / 2, self.field.width / 2])
         if (np.abs(values[:, :2]) > edge).any():
             raise ModelError(f"a start must lie within +-{edge[0]} m and +-{edge[1]} m, not {poses!r:.80}")
         return values
@@ -300,7 +325,7 @@ class Robots:
         batch = len(self.robots)
         poses = np.empty((batch, 3))
         return Tick(
-            np.empty((batch, len(OBSERVED)), dtype=np.float32),
+            np.empty((batch, len(OBSERVED)), np.float32),
             np.empty((len(NUMBERS), batch)),
             poses,
             poses if self.extended is None else np.empty((batch, 3)),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ SPREAD = math.pi / 4
 
 OBSERVED = ("x", "y", "cos heading", "sin heading", "log distance", "cos ball", "sin ball")
 NUMBERS = ("success", "time", "path_length", "dubins_length", "dubins_time", "wall_hits")
+T1, T2, T3 = range(3)
+STOP, SLIDE = range(2)
 SUCCESS, TIME, PATH, DUBINS, DUBINS_TIME, WALL_HITS = range(6)
 
 ROBOT = np.dtype(
@@ -57,31 +59,8 @@ ROBOT = np.dtype(
 """What a robot remembers between ticks, but for its effects (``Extended``)."""
 
 
-class Constants(NamedTuple):
-    """The rules as the kernels take them."""
-
-    starts: int
-    tick: float
-    substeps: int
-    last_tick: int
-    half_length: float
-    half_width: float
-    near: float
-    cosine_of_angle: float
-    max_speed: float
-    max_rate: float
-    radius: float
-    slide: bool
-    time_cost: float
-    success: float
-    progress: float
-    wall_cost: float
-
-
 @inlined
-def put(
-    robot: Any, x: float, y: float, heading: float, extended: Extended | None, b: int, c: Constants
-) -> None:
+def put(robot: Any, x: float, y: float, heading: float, extended: Extended | None, b: int, c: Any) -> None:
     """Begin robot ``b``'s episode at a pose."""
     robot.ticks = 0
     robot.over = 0
@@ -101,7 +80,7 @@ def put(
 
 
 @inlined
-def start(robot: Any, extended: Extended | None, b: int, c: Constants) -> None:
+def start(robot: Any, extended: Extended | None, b: int, c: Any) -> None:
     """Begin robot ``b``'s next episode at a start drawn from its stream; one in the goal is drawn anew."""
     robot.episode += 1
     key = mixed(robot.key + np.uint64(robot.episode) * GAMMA)
@@ -109,14 +88,14 @@ def start(robot: Any, extended: Extended | None, b: int, c: Constants) -> None:
     while True:
         first, second, third = uniform(key, draw), symmetric(key, draw + 1), symmetric(key, draw + 2)
         draw += 3
-        if c.starts == 2:
+        if c.starts == T3:
             x, y = c.half_length * (2.0 * first - 1.0), c.half_width * second
             heading = math.pi * third
         else:
             distance = FACING_NEAR + (FACING_FAR - FACING_NEAR) * first
-            bearing = 0.5 * math.pi * second if c.starts == 0 else math.pi * second
+            bearing = 0.5 * math.pi * second if c.starts == T1 else math.pi * second
             x, y = distance * math.cos(bearing), distance * math.sin(bearing)
-            heading = wrapped(bearing + math.pi + (SPREAD * third if c.starts == 1 else 0.0))
+            heading = wrapped(bearing + math.pi + (SPREAD * third if c.starts == T2 else 0.0))
         inside = abs(x) <= c.half_length and abs(y) <= c.half_width
         if inside and not arrived(x, y, math.sin(heading), c.near, c.cosine_of_angle):
             break
@@ -124,9 +103,9 @@ def start(robot: Any, extended: Extended | None, b: int, c: Constants) -> None:
 
 
 @inlined
-def within_walls(x: float, y: float, new_x: float, new_y: float, c: Constants) -> tuple[float, float, bool]:
+def within_walls(x: float, y: float, new_x: float, new_y: float, c: Any) -> tuple[float, float, bool]:
     """Where a step ends that would end at the new position, and whether a wall was hit."""
-    if c.slide:
+    if c.walls == SLIDE:
         return slid_along_walls(new_x, new_y, c.half_length, c.half_width)
     return stopped_by_walls(x, y, new_x, new_y, c.half_length, c.half_width)
 
@@ -139,7 +118,7 @@ def turned(heading: float, turn: float) -> float:
 
 
 @inlined
-def drive(robot: Any, speed: float, rate: float, c: Constants) -> tuple[bool, bool]:
+def drive(robot: Any, speed: float, rate: float, c: Any) -> tuple[bool, bool]:
     """Drive a nominal robot for a tick in one arc, or until it has arrived; faster than ``drive_extended``.
 
     Returns:
@@ -168,7 +147,7 @@ def drive(robot: Any, speed: float, rate: float, c: Constants) -> tuple[bool, bo
 
 @compiled
 def drive_extended(
-    robot: Any, speed: float, rate: float, extended: Extended, b: int, c: Constants
+    robot: Any, speed: float, rate: float, extended: Extended, b: int, c: Any
 ) -> tuple[bool, bool]:
     """As ``drive``, with effects: from instant to instant.
 
@@ -202,7 +181,7 @@ def drive_extended(
 
 
 @compiled
-def measured_pose(robot: Any, extended: Extended, b: int, c: Constants) -> tuple[float, float, float]:
+def measured_pose(robot: Any, extended: Extended, b: int, c: Any) -> tuple[float, float, float]:
     """The pose of robot ``b`` as it is measured: x [m], y [m], heading [rad]."""
     instant = round(robot.time / c.tick * c.substeps)
     return measured(extended, b, instant, c.tick / c.substeps)
@@ -213,7 +192,7 @@ def observe(
     robot: Any,
     extended: Extended | None,
     b: int,
-    c: Constants,
+    c: Any,
     there: bool,
     observed: Any,
     numbers: Any,
@@ -254,10 +233,10 @@ def observe(
 @compiled
 def advance_all(
     robots: NDArray[Any],
-    actions: NDArray[np.float32],
+    actions: NDArray[np.floating[Any]],
     restarting: bool,
     extended: Extended | None,
-    c: Constants,
+    rules: NDArray[Any],
     observed: NDArray[np.float32],
     numbers: FloatArray,
     poses: FloatArray,
@@ -277,7 +256,7 @@ def advance_all(
         if not (math.isfinite(actions[b, 0]) and math.isfinite(actions[b, 1])):
             return False
     for b in range(len(robots)):
-        robot = robots[b]
+        robot, c = robots[b], rules[b]
         there, out_of_time, gain = False, False, 0.0
         if restarting and robot.over == 1:
             start(robot, extended, b, c)
@@ -293,9 +272,9 @@ def advance_all(
             robot.ticks += 1
             out_of_time = robot.ticks >= c.last_tick and not there
             robot.over = 1 if there or out_of_time else 0
-            gain = c.progress * (distance - robot.distance) - c.time_cost * (robot.time - time)
+            gain = c.progress_reward * (distance - robot.distance) - c.time_cost * (robot.time - time)
             if there:
-                gain += c.success
+                gain += c.success_reward
             if held and robot.touching == 0:
                 robot.wall_hits += 1.0
                 gain -= c.wall_cost
@@ -311,7 +290,7 @@ def advance_all(
 def observe_all(
     robots: NDArray[Any],
     extended: Extended | None,
-    c: Constants,
+    rules: NDArray[Any],
     observed: NDArray[np.float32],
     numbers: FloatArray,
     poses: FloatArray,
@@ -319,24 +298,28 @@ def observe_all(
 ) -> None:
     """Write down what is observed of every robot, as it stands."""
     for b in range(len(robots)):
-        observe(robots[b], extended, b, c, False, observed, numbers, poses, true_poses)
+        observe(robots[b], extended, b, rules[b], False, observed, numbers, poses, true_poses)
 
 
 @compiled
 def start_all(
-    robots: NDArray[Any], which: NDArray[np.int64], extended: Extended | None, c: Constants
+    robots: NDArray[Any], which: NDArray[np.int64], extended: Extended | None, rules: NDArray[Any]
 ) -> None:
     """Begin the next episode of some robots."""
     for b in which:
-        start(robots[b], extended, b, c)
+        start(robots[b], extended, b, rules[b])
 
 
 @compiled
 def start_all_at(
-    robots: NDArray[Any], which: NDArray[np.int64], poses: FloatArray, extended: Extended | None, c: Constants
+    robots: NDArray[Any],
+    which: NDArray[np.int64],
+    poses: FloatArray,
+    extended: Extended | None,
+    rules: NDArray[Any],
 ) -> None:
     """Begin the next episode of some robots at given poses."""
     for i in range(len(which)):
         robot = robots[which[i]]
         robot.episode += 1
-        put(robot, poses[i, 0], poses[i, 1], wrapped(poses[i, 2]), extended, which[i], c)
+        put(robot, poses[i, 0], poses[i, 1], wrapped(poses[i, 2]), extended, which[i], rules[which[i]])

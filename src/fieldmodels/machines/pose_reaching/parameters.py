@@ -31,6 +31,9 @@ class Field:
     width: float = 3.0
 
 
+FIELD = Field()
+
+
 @dataclass(frozen=True)
 class Limits:
     """What can be commanded (assumed; the source gives no limits).
