@@ -1,11 +1,9 @@
 """The pose-reaching model: exact where nothing is wrong, and right where something is."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.machines.differential_drive import DifferentialDrive
@@ -75,67 +73,6 @@ def test_without_faults_it_is_the_exact_unicycle():
         if k + 1 < len(recording):
             wheels = unicycle.wheel_speeds(speed[0], rate[0], ROBOCUP.radius, ROBOCUP.track)
             assert outputs[k + 1, 3:] == pytest.approx(wheels, abs=1e-9)
-
-
-def test_with_every_fault_it_is_the_ordinary_differential_equation():
-    model, recording = PoseReaching(), commanded(160, seed=3)
-    q = model.vector(effects=FAULTS)
-    outputs = model.simulate(q, whole(model, recording, (0.3, -0.2, 1.0)))[0, 0]
-    f = {name: dict(values) for name, values in FAULTS.items()}
-    delay, lag, late = (
-        f["actuator_delay"]["delay"], f["actuator_lag"]["time_constant"], f["sensor_delay"]["delay"],
-    )  # fmt: skip
-
-    most = f["actuator_rate_limit"]["rate"]
-
-    def aims(time: float) -> np.ndarray:
-        k = int(np.clip(np.floor((time - delay) / STEP + 1e-9), 0, len(recording) - 1))
-        jumped = np.clip((k * STEP - f["parameter_step"]["time"]) / STEP + 1, 0, 1)
-        strength = 1 + (f["parameter_step"]["factor"] - 1) * jumped
-        half = 0.5 * ROBOCUP.track * f["turn_gain"]["gain"] * recording["turn_rate"][k]
-        rims = f["actuator_gain"]["gain"] * (recording["speed"][k] + np.array([-half, half]))
-        rims = np.sign(rims) * np.maximum(np.abs(rims) - f["actuator_dead_zone"]["width"], 0)
-        limit = f["actuator_saturation"]["limit"]
-        return strength * np.clip(rims, -limit, limit)
-
-    def slope(time: float, s: np.ndarray) -> list[float]:
-        heading, left, right = s[2:5]
-        a, b = aims(time)
-        big, small = (1 + side * 0.5 * f["unequal_wheels"]["difference"] for side in (1, -1))
-        v = 0.5 * (big * left + small * right)
-        w = (1 - f["yaw_slip"]["share"]) * (small * right - big * left) / ROBOCUP.track
-        aside = -f["sideways_slip"]["coefficient"] * v * w
-        return [
-            v * np.cos(heading) - aside * np.sin(heading) + f["slope"]["x"] * abs(v),
-            v * np.sin(heading) + aside * np.cos(heading) + f["slope"]["y"] * abs(v),
-            w,
-            np.clip((a - left) / lag, -most, most),
-            np.clip((b - right) / lag, -most, most),
-            left,
-            right,
-        ]
-
-    # From the time at which the late pose sensor shows its first value; switches every step plus delay.
-    ends = np.unique(np.round([-late, *(np.arange(-3, 161) * STEP + delay), *(np.arange(161) * STEP - late),
-                               *(np.arange(161) * STEP)], 9))  # fmt: skip
-    ends = ends[(ends >= -late - 1e-9) & (ends <= 159 * STEP + 1e-9)]
-    state = np.array([0.3, -0.2, 1.0 - f["heading_bias"]["angle"], *aims(0.0), 0.0, 0.0])
-    states = [state]
-    for begin, end in itertools.pairwise(ends):
-        middle = 0.5 * (begin + end)
-        state = solve_ivp(lambda _t, s, m=middle: slope(m, s), (begin, end), state, rtol=1e-9, atol=1e-11).y[
-            :, -1
-        ]
-        states.append(state)
-    course = np.array(states)
-    at = np.searchsorted(ends, np.arange(160) * STEP - late - 1e-7)
-    shown = course[at, :3] + [0.0, 0.0, f["heading_bias"]["angle"]]
-    # While the rims change their speed, the way is cut into a few circles' arcs.
-    assert np.abs(outputs[:, :2] - shown[:, :2]).max() < 2e-4
-    assert outputs[:, 2] == pytest.approx(shown[:, 2], abs=1e-6)
-    now = np.searchsorted(ends, np.arange(160) * STEP - 1e-7)
-    turned = np.diff(course[now, 5:7], axis=0) / (ROBOCUP.radius * STEP)
-    assert outputs[1:, 3:] == pytest.approx(turned, abs=1e-5)
 
 
 def test_batches_and_neighbours_change_no_bit():

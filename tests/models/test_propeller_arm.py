@@ -1,10 +1,9 @@
-"""An arm that a propeller lifts, against an independent integrator, the pendulum, and what it hides."""
+"""An arm that a propeller lifts, against the pendulum, and what it hides."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.machines.pendulum import Pendulum
@@ -30,19 +29,6 @@ def flown(command, effects, model=None, base=None):
 
 def commands(n=300):
     return np.repeat(np.random.default_rng(4).uniform(-0.2, 0.6, n // 20), 20)
-
-
-def test_a_flight_is_that_of_an_independent_integrator():
-    command = commands()
-    shown = flown(command, {"thrust_curve": {"exponent": 2.0}})
-
-    def motion(t, y):
-        u = command[min(int(t / STEP + 1e-9), len(command) - 1)]
-        return y[1], (u * abs(u) - 0.17 * np.sin(y[0]) - 0.01 * y[1]) / 0.02
-
-    time = np.arange(len(command)) * STEP
-    exact = solve_ivp(motion, (0, time[-1]), [0.2, 0.0], t_eval=time, max_step=STEP / 4, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(shown.T, exact.y, atol=2e-4)
 
 
 def test_without_a_thrust_curve_it_is_the_pendulum_to_the_bit():

@@ -6,7 +6,8 @@ import random
 import numpy as np
 import pytest
 
-from fieldmodels.exam.oracles import find_oracle
+from fieldmodels.exam.oracles import filled, find_oracle, one_axis
+from fieldmodels.exam.oracles.piecewise import current
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
@@ -214,6 +215,35 @@ PAIRS += [(machine, *pair) for machine in CASES for pair in random.Random(11).sa
 def test_pairs_act_in_the_documented_order(pair, agree_on_a_bench):
     machine, *effects = pair
     agree_on_a_bench(machine, {effect: CASES[machine][effect][-1] for effect in effects})
+
+
+READ = 0.01
+"""Share of a step after its command at which a force is measured."""
+
+
+@pytest.mark.parametrize("machine", ["rig", "pendulum"])
+@pytest.mark.parametrize("effect", ACTUATOR)
+def test_the_force_that_an_actuator_gives(machine, effect, rng, agree):
+    """Where it is measured beside its command, just after it; a delay in whole samples."""
+    values = {"delay": 0.03} if effect == "actuator_delay" else CASES[machine][effect][-1]
+    model, commands = get_model(machine), commands_for(machine, rng)
+    force, times = model.inputs[0].name, np.arange(COUNT) * STEP
+    signals = {force: commands[:, 0], f"{force}_measured": commands[:, 0]}
+    signals |= {output.name: np.zeros(COUNT) for output in model.outputs}
+    recording = Recording(time=times, signals=signals)
+    (drive,) = [stage.model for stage in model.stages([recording]) if effect in stage.effects]
+    windows = Windows(
+        recording=recording,
+        starts=np.array([0]),
+        lengths=np.array([COUNT]),
+        states=np.zeros((1, 1)),
+        observed=np.ones((1, COUNT, 1), dtype=np.bool_),
+    )
+    got = drive.simulate(drive.vector(effects={effect: values}), windows)[0, 0]
+    given = filled({effect: values}, find_oracle(machine).NEUTRAL)
+    pieces = one_axis.actuator(commands[:, 0], STEP, given)
+    on = np.array([[current(pieces, t).at(t)] for t in times + READ * STEP])
+    agree(got, on, commands, 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,33 @@ def test_pairs_act_in_the_order_of_the_chain(pair, rng, agree_in_motion):
     agree_in_motion("pose_reaching", effects, commands_for("pose_reaching", rng), begins=(0, 23))
 
 
+@pytest.mark.parametrize("machine", CASES)
+def test_everything_at_once(machine, rng, agree_in_motion):
+    effects = {effect: values[-1] for effect, values in DRIVE.items()}
+    agree_in_motion(machine, effects, commands_for(machine, rng), begins=(0, 23))
+
+
+BEHIND_THE_WHEELS = [e for e in DRIVE if e not in BEFORE_THE_RIMS]
+
+
+@pytest.mark.parametrize("effect", BEHIND_THE_WHEELS)
+@pytest.mark.parametrize("machine", CASES)
+def test_a_pose_driven_by_measured_wheels(machine, effect, rng, agree):
+    """What a diagnosis compares where the wheels are measured, whatever was commanded."""
+    model, commands, horizon = get_model(machine), commands_for(machine, rng), 0.5
+    effects = {effect: DRIVE[effect][-1], "actuator_gain": {"gain": 0.83}}
+    simulate = find_oracle(machine).simulate
+    on, off = (simulate(BASE, e, commands, STEP, FROM) for e in (effects, {"actuator_gain": {"gain": 0.83}}))
+    columns = [*(s.name for s in model.inputs), *(s.name for s in model.outputs)]
+    signals = dict(zip(columns, np.column_stack([commands, on]).T, strict=True))
+    windows = model.windows(Recording(time=np.arange(COUNT) * STEP, signals=signals), horizon)
+    got = model.simulate(model.vector(effects={effect: effects[effect]}), windows)[0]
+    assert windows.lengths.sum() == COUNT
+    shown = got.reshape(COUNT, -1)[:, :3]
+    shown[:, 2] -= 2 * np.pi * np.round((shown[:, 2] - on[:, 2]) / (2 * np.pi))
+    agree(shown, on[:, :3], off[:, :3], 1e-8)
+
+
 @pytest.fixture
 def agree_in_the_task(rng, agree):
     """The task's robot goes from instant to instant, 10 ms apart: within one it may be off by 0.05 mm."""
