@@ -11,21 +11,21 @@ EFFECTS = (
         "The robot turns a little in every stride, also when told to go straight.",
         "actuator",
         (Parameter("turn", "rad", 0.0, -0.5, 0.5, 0.005),),
-        "turn + bias in every stride",
+        "turn + bias in every stride, whatever gain, limit and slip make of the command",
     ),
     Effect(
         "turn_gain",
         "Every turn is larger or smaller than commanded, in proportion.",
         "actuator",
         (Parameter("factor", "1", 1.0, 0.0, 5.0, 0.05),),
-        "turn = factor * commanded turn",
+        "turn = factor * what is left of the command after limit and slip, + bias",
     ),
     Effect(
         "actuator_delay",
         "A command waits one or more strides longer before it turns the robot.",
         "actuator",
         (Parameter("strides", "1", 0.0, 0.0, 2.0, 0.1, starts=(0.3, 1.0)),),
-        "turn(k) = command(k - strides); parts of a stride mix its neighbours",
+        "turn(k) = command(k - strides), before the limit; parts of a stride mix its neighbours",
     ),
     # bounded so that slip is not a whole stride of delay (turn 1, twist 1), and gains nothing
     Effect(
@@ -45,7 +45,7 @@ EFFECTS = (
         "The camera is mounted askew and looks to one side.",
         "sensor",
         (Parameter("angle", "rad", 0.0, -0.4, 0.4, 0.01),),
-        "viewing direction = heading + angle",
+        "viewing direction = heading + angle (to the left)",
     ),
     Effect(
         "camera_pitch",
@@ -59,7 +59,7 @@ EFFECTS = (
         "The line's place is reported too large or too small, in proportion.",
         "sensor",
         (Parameter("factor", "1", 1.0, 0.1, 5.0, 0.03),),
-        "line = factor * true line",
+        "line = factor * true line, before it is rounded",
     ),
     Effect(
         "sensor_quantisation",
@@ -73,7 +73,7 @@ EFFECTS = (
         "The steering motor gives way: turns above a limit are not carried out.",
         "actuator",
         (Parameter("turn", "rad", NO_LIMIT, 1e-4, NO_LIMIT, 0.01, starts=(0.03, 0.06, 0.1, 0.13)),),
-        "|turn| <= limit",
+        "|command| <= limit, after its delay, before slip, gain and bias",
     ),
 )
 """All effects; their parameters in turn are the plant's."""

@@ -101,7 +101,7 @@ def simulate(
             for k in range(lengths[w]):
                 i = starts[w] + k
                 near, far = curvature[i], curvature[min(i + 1, last[i])]
-                place = seen(offset, misalignment, near, far, length, plant, height, optics)
+                place = seen(offset, misalignment, near, far, stride, plant, height, optics)
                 out[p, w, k, 0] = measured(place, plant)
                 out[p, w, k, 1] = offset
                 out[p, w, k, 2] = misalignment
