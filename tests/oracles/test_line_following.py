@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -57,6 +58,8 @@ PARABOLA = 1e-3
 """A prediction takes an arc for a parabola, k^3 x^4 / 8 = 0.8 mm off at 1.5 m on a radius of 9 m [m]."""
 TOLD = np.array([1e-7, 1e-7, 1e-7])
 """The environment rounds actions and observations to 32 bits."""
+EDGE = 1e-3
+"""How far the centroid of a tape that the image's edge cuts may be off [m]."""
 TABLE = np.array([2e-4, 1e-4, 1e-4])
 """Its tracks are chords of 5 cm: 0.035 mm off an arc of 9 m, and corners of the tangent of 1e-5 rad."""
 BASE = {"stride": 0.713, "camera_height": 1.0371}
@@ -126,5 +129,10 @@ def test_environment(effects: Effects, track: str) -> None:
     assert len(seen) > 2
     robot, line = Robot(effects, *BASE.values()), Line(LINES[track])
     commands = 0.15 * np.array(actions, dtype=np.float64)[: len(seen) - 1, 0]
-    error = np.abs(np.array(seen) - walk(robot, line, *start, commands)).max(axis=0)
+    theirs = walk(robot, line, *start, commands)
+    # Where an edge cuts the tape, the five rows that are looked at do not stand for all forty of the band.
+    cut = theirs[:, 0] != walk(replace(robot, columns=math.inf), line, *start, commands)[:, 0]
+    error = np.abs(np.array(seen) - theirs)
+    error[cut, 0] = np.maximum(error[cut, 0] - EDGE, 0.0)
+    error = error.max(axis=0)
     np.testing.assert_array_less(error, TOLD if track == "straight" else 10.0 * TOLD + TABLE)
