@@ -217,6 +217,31 @@ def test_pairs_act_in_the_documented_order(pair, agree_on_a_bench):
     agree_on_a_bench(machine, {effect: CASES[machine][effect][-1] for effect in effects})
 
 
+@pytest.mark.parametrize("machine", CASES)
+@pytest.mark.parametrize("effect", ["actuator_delay", "actuator_lag", "actuator_rate_limit", "hysteresis"])
+def test_an_episode_knows_nothing_of_the_one_before(machine, effect, rng, agree):
+    model, values = get_model(machine), CASES[machine][effect][-1]
+    commands = commands_for(machine, rng)
+    on, off = (oracle_of(machine, e, commands) for e in ({effect: values}, {}))
+    names = (model.inputs[0].name, *(output.name for output in model.outputs))
+    own = np.column_stack([commands, on])
+    recording = Recording(
+        time=np.tile(np.arange(COUNT) * STEP, 2),
+        signals=dict(zip(names, np.concatenate([[SIZES[machine][0], 0.0, 0.0] - own, own]).T, strict=True)),
+        episode=np.repeat([0, 1], COUNT),
+    )
+    for begin in (0, 2):
+        windows = Windows(
+            recording=recording,
+            starts=np.array([COUNT + begin]),
+            lengths=np.array([COUNT - begin]),
+            states=on[begin, None],
+            observed=np.ones((1, COUNT - begin, 2), dtype=np.bool_),
+        )
+        got = model.simulate(model.vector(base_of(machine), {effect: values}), windows)[0, 0]
+        agree(got, on[begin:], off[begin:], 3e-3)
+
+
 READ = 0.01
 """Share of a step after its command at which a force is measured."""
 
