@@ -239,7 +239,7 @@ def test_an_episode_knows_nothing_of_the_one_before(machine, effect, rng, agree)
             observed=np.ones((1, COUNT - begin, 2), dtype=np.bool_),
         )
         got = model.simulate(model.vector(base_of(machine), {effect: values}), windows)[0, 0]
-        agree(got, on[begin:], off[begin:], 3e-3)
+        agree(got, on[begin:], off[begin:], 0.02)  # coarse steps; a wrong memory is as large as the effect
 
 
 READ = 0.01
