@@ -334,6 +334,10 @@ def exam(
         int | None,
         typer.Option(help="First seed (default: of the reported seeds; development: 1000).", min=0),
     ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SIGNAL", help="Output that is not measured; repeatable (default: none)."),
+    ] = None,
     workers: Annotated[int, typer.Option(help="Processes of one thread each.", min=1)] = 2,
     out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/exam"),
     as_json: Json = False,
@@ -348,15 +352,18 @@ def exam(
         fieldgym exam
 
         fieldgym exam --model rig --kind single --seeds 1 --first 1000 --out results/exam-development
+
+        fieldgym exam --model line_following --without offset --without heading --out results/exam-camera
     """
     from fieldmodels.exam import table
+    from fieldmodels.exam.benchmarks import benchmark_names
     from fieldmodels.exam.cases import KINDS, REPORTED, cases_of
-    from fieldmodels.exam.run import sit
-    from fieldmodels.exam.subjects import subject_names
+    from fieldmodels.exam.run import run_cases
 
-    asked = cases_of(model or subject_names(), kind or KINDS, seeds, REPORTED if first is None else first)
+    models, start = model or benchmark_names(), REPORTED if first is None else first
+    cases = cases_of(models, kind or KINDS, seeds, start, without or ())
     with progress() as report:
-        rows = sit(asked, out, workers=workers, progress=report)
+        rows = run_cases(cases, out, workers=workers, progress=report)
     written = table.write(rows, out)
     if as_json:
         _print_json(table.summary(rows))

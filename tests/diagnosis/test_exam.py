@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from fieldmodels.exam import run, table
+from fieldmodels.exam.benchmarks import Outside, benchmark_names, get_benchmark
 from fieldmodels.exam.cases import DEVELOPMENT, KINDS, PERCENTS, REPORTED, Case, cases_of
-from fieldmodels.exam.run import examine, sit
+from fieldmodels.exam.run import run_case, run_cases
 from fieldmodels.exam.scoring import RIGHT, deviations, outcome
 from fieldmodels.exam.sizes import Curve, Pair, Probe, curve_of, size_on
-from fieldmodels.exam.subjects import Outside, get_subject, subject_names
 from fieldmodels.model import ModelError
 
 GUESS = Curve((1.0,), (20.0,), 20.0)
@@ -42,31 +42,31 @@ def found(*causes: tuple[str, ...], verdict: str = "named") -> Any:
 
 
 def test_all_seven_models_have_an_exam():
-    assert set(subject_names()) == set(SAMPLE)
+    assert set(benchmark_names()) == set(SAMPLE)
 
 
 @pytest.mark.parametrize("name", SAMPLE)
 def test_every_effect_has_a_size_and_what_is_outside_is_not_listed(name: str):
-    subject = get_subject(name)
-    listed = [effect.name for effect in subject.model.effects]
-    assert not set(subject.outside) & set(listed)
-    assert len(subject.outside) >= 3
+    benchmark = get_benchmark(name)
+    listed = [effect.name for effect in benchmark.model.effects]
+    assert not set(benchmark.outside) & set(listed)
+    assert len(benchmark.outside) >= 3
     for effect in listed:
-        neutral, large = subject.values(effect, 0.0), subject.values(effect, 2.0)
-        subject.model.vector({}, {effect: large})  # within the bounds
-        constant = {key.partition(".")[2] for key in subject.constants if key.startswith(f"{effect}.")}
-        for parameter in subject.model.effect(effect).parameters:
+        neutral, large = benchmark.values(effect, 0.0), benchmark.values(effect, 2.0)
+        benchmark.model.vector({}, {effect: large})  # within the bounds
+        constant = {key.partition(".")[2] for key in benchmark.constants if key.startswith(f"{effect}.")}
+        for parameter in benchmark.model.effect(effect).parameters:
             if parameter.name not in constant:
                 assert neutral[parameter.name] == parameter.nominal
                 assert large[parameter.name] != parameter.nominal
-    for pair in subject.alike:
+    for pair in benchmark.indistinguishable:
         assert len(pair & set(listed)) == 2
-    assert set(subject.needs_base) <= set(listed)
+    assert set(benchmark.needs_base) <= set(listed)
 
 
 def test_seeds_of_development_are_not_reported():
-    chosen = {case.seed for case in cases_of(subject_names(), KINDS, 9, DEVELOPMENT)}
-    reported = {case.seed for case in cases_of(subject_names(), KINDS, 9, REPORTED)}
+    chosen = {case.seed for case in cases_of(benchmark_names(), KINDS, 9, DEVELOPMENT)}
+    reported = {case.seed for case in cases_of(benchmark_names(), KINDS, 9, REPORTED)}
     assert max(chosen) < 10_000 < min(reported)
 
 
@@ -95,41 +95,41 @@ def test_a_fault_of_a_size_adds_its_percentage_to_the_error_of_records_with_nois
 
     A record's own error scatters by some percent of it: hence within a sixth.
     """
-    subject = get_subject("rig")
-    curve = curve_of(subject, fault)
+    benchmark = get_benchmark("rig")
+    curve = curve_of(benchmark, fault)
     assert np.all(np.diff(curve.sizes) > 0)
     assert np.all(np.diff(curve.percents) > 0)
     seen, wanted = [], []
     for k in range(3):
         seeds = (31 + k, 531 + k)
-        size, added = size_on(subject, fault, percent, seeds, 1, curve)
+        size, added = size_on(benchmark, fault, percent, seeds, 1, curve)
         assert size is not None
         assert added == pytest.approx(percent, rel=0.25)
-        outside = Outside(fault, size) if fault in subject.outside else None
-        hidden = {} if outside else {fault: subject.values(fault, size)}
-        scale = Pair(subject, seeds, {}, None, noise=True).errors({}, None)
-        without = Pair(subject, seeds, {}, None, noise=True).errors({}, scale)
-        with_it = Pair(subject, seeds, hidden, outside, noise=True).errors({}, scale)
+        outside = Outside(fault, size) if fault in benchmark.outside else None
+        hidden = {} if outside else {fault: benchmark.values(fault, size)}
+        scale = Pair(benchmark, seeds, {}, None, noise=True).errors({}, None)
+        without = Pair(benchmark, seeds, {}, None, noise=True).errors({}, scale)
+        with_it = Pair(benchmark, seeds, hidden, outside, noise=True).errors({}, scale)
         seen.append(100 * (with_it / without - 1).max())
         wanted.append(added)
     assert np.mean(seen) == pytest.approx(np.mean(wanted), rel=0.15)
 
 
 def test_what_cannot_be_reached_is_said():
-    size, added = size_on(get_subject("heel_strike"), "gyro_delay", 5000.0, (31, 531), 1, GUESS)
+    size, added = size_on(get_benchmark("heel_strike"), "gyro_delay", 5000.0, (31, 531), 1, GUESS)
     assert size is None
     assert added < 5000.0
 
 
 def test_other_direction_of_an_effect():
-    subject = get_subject("rig")
-    assert subject.signed("constant_force")
-    assert not subject.signed("coulomb_friction")
-    assert not subject.signed("actuator_saturation")
-    assert subject.values("constant_force", 2.0, -1) == {
-        "force": -2.0 * subject.values("constant_force", 1.0)["force"]
+    benchmark = get_benchmark("rig")
+    assert benchmark.signed("constant_force")
+    assert not benchmark.signed("coulomb_friction")
+    assert not benchmark.signed("actuator_saturation")
+    assert benchmark.values("constant_force", 2.0, -1) == {
+        "force": -2.0 * benchmark.values("constant_force", 1.0)["force"]
     }
-    assert Probe(subject, "coulomb_friction", (31, 531), -1).sign == 1
+    assert Probe(benchmark, "coulomb_friction", (31, 531), -1).sign == 1
 
 
 @pytest.mark.parametrize(
@@ -234,12 +234,12 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
         yield Here()
 
     monkeypatch.setattr(run, "_pool", pool)
-    found_rows = sit(cases, tmp_path)
+    found_rows = run_cases(cases, tmp_path)
     assert asked == [case.key for case in cases[1:]]
     assert [row["outcome"] for row in found_rows] == ["consistent"] * 3
     assert len(run.read_rows(tmp_path / "cases.jsonl")) == 4
     asked.clear()
-    sit(cases, tmp_path)
+    run_cases(cases, tmp_path)
     assert not asked
 
 
@@ -247,17 +247,17 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
 def test_a_sample_is_passed(name: str):
     """One moderate effect is named, and nothing where nothing is hidden: of fixed seeds."""
     effect = SAMPLE[name]
-    row = examine(Case(name, "single", "moderate", (effect,), 20_000), {effect: GUESS})
+    row = run_case(Case(name, "single", "moderate", (effect,), 20_000), {effect: GUESS})
     assert row["outcome"] in RIGHT, row
-    clean = examine(Case(name, "nothing", "coloured", (), 20_000), {})
+    clean = run_case(Case(name, "nothing", "coloured", (), 20_000), {})
     assert clean["outcome"] != "false name", clean
 
 
 @pytest.mark.slow
 def test_the_whole_exam(tmp_path):
     """All kinds on all models, a seed each: no goal is missed beyond what its interval allows."""
-    asked = cases_of(subject_names(), KINDS, 1, 21_000)
-    result = sit(asked, tmp_path, workers=2)
+    asked = cases_of(benchmark_names(), KINDS, 1, 21_000)
+    result = run_cases(asked, tmp_path, workers=2)
     assert len(result) == len(asked)
     for goal in table.GOALS:
         low, high = table.rate(result, goal).interval

@@ -18,7 +18,7 @@ from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
-from fieldmodels.exam.subjects import get_subject
+from fieldmodels.exam.benchmarks import get_benchmark
 from fieldmodels.registry import get_model
 
 FILE = Path(__file__).with_name("golden.npz")
@@ -43,7 +43,7 @@ SLOW = {"uav_route": {"printed", "printed_lock_loss"}}
 def simulations(name: str) -> Iterator[tuple[str, np.ndarray]]:
     """Outputs of a model on recorded data: nominal, then with every effect on at its first start."""
     model = get_model(name)
-    recording = get_subject(RECORDED.get(name, name)).record({}, 7)
+    recording = get_benchmark(RECORDED.get(name, name)).record({}, 7)
     if name in RECORDED:  # the same data under this model's names of its inputs
         commands = [recording[s.name] for s in get_model(RECORDED[name]).inputs]
         own = dict(zip([s.name for s in model.inputs], commands, strict=True))

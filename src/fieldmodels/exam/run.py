@@ -1,4 +1,4 @@
-"""Sitting the exam: cases in parallel, one line a finished case, so that a run can be interrupted."""
+"""Running cases in parallel, one line a finished case, so that a run can be interrupted."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from multiprocessing import get_context
@@ -19,12 +20,12 @@ from zlib import crc32
 import numpy as np
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.exam.benchmarks import Benchmark, Outside, get_benchmark
 from fieldmodels.exam.cases import Case
 from fieldmodels.exam.scoring import judged
 from fieldmodels.exam.sizes import Curve, curve_of, size_on
-from fieldmodels.exam.subjects import Outside, get_subject
 from fieldmodels.files import write_text
-from fieldmodels.model import Model, ModelError
+from fieldmodels.model import EffectValues, Model, ModelError
 from fieldmodels.recording import Recording
 
 Row = dict[str, Any]
@@ -34,14 +35,16 @@ TEST = 500_000
 """Added to a case's seed for the record on which its gain is measured."""
 
 
-def sit(cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progress | None = None) -> list[Row]:
-    """Sit the exam, or what is left of it.
+def run_cases(
+    cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progress | None = None
+) -> list[Row]:
+    """Run the cases, or what is left of them.
 
     ``sizes.json`` keeps how large each fault must be, ``cases.jsonl`` one line a finished case. Both are kept
     with a hash of the code that they depend on; a case whose code has changed is done again.
 
     Args:
-        cases: What is asked.
+        cases: The cases.
         out: Folder of the results; earlier ones in it are used.
         workers: Processes, each of one thread.
         progress: Called with what is being done and the share done.
@@ -49,7 +52,7 @@ def sit(cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progres
     Returns:
         One row a case, in the order of ``cases``.
     """
-    tell = progress or (lambda _what, _share: None)
+    report = progress or (lambda _what, _share: None)
     out.mkdir(parents=True, exist_ok=True)
     log = out / "cases.jsonl"
     codes = {name: code_hash(name) for name in {case.model for case in cases}}
@@ -59,9 +62,10 @@ def sit(cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progres
     # Mixed, so that the rows of an interrupted exam are a sample of the whole.
     left = sorted((c for c in cases if c.key not in done), key=lambda case: crc32(case.key.encode()))
     with _pool(workers) as pool:
-        curves = _curves(left, out / "sizes.json", pool, tell)
+        curves = _curves(left, out / "sizes.json", pool, report)
         futures = {
-            pool.submit(examine, case, {f: curves[case.model, f] for f in case.hidden}): case for case in left
+            pool.submit(run_case, case, {f: curves[case.model, f] for f in case.hidden}): case
+            for case in left
         }
         with log.open("a", encoding="utf-8") as lines:
             for number, future in enumerate(as_completed(futures)):
@@ -70,12 +74,12 @@ def sit(cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progres
                 done[case.key] = row
                 lines.write(json.dumps(row, allow_nan=False) + "\n")
                 lines.flush()
-                tell(f"{case.model}: {case.kind}", 0.1 + 0.9 * (number + 1) / len(left))
+                report(f"{case.model}: {case.kind}", 0.1 + 0.9 * (number + 1) / len(left))
     return [done[case.key] for case in cases]
 
 
-def examine(case: Case, curves: dict[str, Curve]) -> Row:
-    """Hide what a case asks for, diagnose, and judge.
+def run_case(case: Case, curves: dict[str, Curve]) -> Row:
+    """Hide what a case says, diagnose, and judge.
 
     Args:
         case: The case.
@@ -85,43 +89,68 @@ def examine(case: Case, curves: dict[str, Curve]) -> Row:
         The case with the values that were hidden and the outcome, beside those of ``scoring``: ``out of
         reach`` if no size adds the percentage, ``failed`` if the diagnosis ended in an error.
     """
-    subject = get_subject(case.model)
+    benchmark = get_benchmark(case.model)
     row: Row = case.to_json() | {"percents": [], "values": {}}
-    hidden: dict[str, dict[str, float]] = {}
+    effects: dict[str, dict[str, float]] = {}
     outside = None
-    seeds = (case.seed, case.seed + TEST)
     for name, percent, sign in case.drawn():
-        size, added = size_on(subject, name, percent, seeds, sign, curves[name])
+        size, added = size_on(benchmark, name, percent, (case.seed, case.seed + TEST), sign, curves[name])
         row["percents"].append(round(added, 2))
         if size is None:
-            most = f"{name} adds {added:.1f} % at most, not {percent:.1f} %"
-            return row | {"outcome": "out of reach", "seconds": 0.0, "summary": most}
+            return row | _out_of_reach(f"{name} adds {added:.1f} % at most, not {percent:.1f} %")
         if case.kind == "outside":
             outside = Outside(name, size)
             row["values"][name] = {"size": size}
         else:
-            hidden[name] = subject.values(name, size, sign if subject.signed(name) else 1)
-            row["values"][name] = hidden[name]
-    coloured = subject.wander if case.size == "coloured" else 0.0
+            effects[name] = benchmark.values(name, size, sign if benchmark.signed(name) else 1)
+            row["values"][name] = effects[name]
+    coloured = benchmark.coloured_share if case.size == "coloured" else 0.0
     try:
-        train, test = (subject.record(hidden, seed, coloured=coloured, outside=outside) for seed in seeds)
+        pair = records(benchmark, effects, case.seed, coloured, outside, case.without)
     except ModelError as error:
-        return row | {"outcome": "out of reach", "seconds": 0.0, "summary": str(error)}
-    if not (_finite(subject.model, train) and _finite(subject.model, test)):
-        fault = " and ".join(case.hidden)
-        return row | {
-            "outcome": "out of reach",
-            "seconds": 0.0,
-            "summary": f"{fault} lets the machine run away",
-        }
+        return row | _out_of_reach(str(error))
     began = time.process_time()  # of one thread: other work on the machine does not count
     try:
-        found = diagnose(subject.model, [train], [test], fixed=subject.fixed(hidden))
+        found = diagnose(benchmark.model, pair[:1], pair[1:], fixed=benchmark.fixed(effects))
     except Exception as error:  # a fault of the diagnosis counts as a case that it did not get right
         what = f"{case.key}: {type(error).__name__}: {error}"
         return row | {"outcome": "failed", "seconds": time.process_time() - began, "summary": what}
     seconds = time.process_time() - began
-    return row | judged(case, hidden, found) | {"seconds": round(seconds, 3)}
+    return row | judged(case, effects, found) | {"seconds": round(seconds, 3)}
+
+
+def records(
+    benchmark: Benchmark,
+    effects: EffectValues,
+    seed: int,
+    coloured: float = 0.0,
+    outside: Outside | None = None,
+    without: Iterable[str] = (),
+) -> list[Recording]:
+    """A record to fit and one to measure the gain on.
+
+    Args:
+        benchmark: The machine.
+        effects: Effects of its model that are hidden.
+        seed: Of the first record.
+        coloured: Share of the noise's variance that wanders slowly.
+        outside: A fault that its model does not list.
+        without: Signals that are not measured.
+
+    Raises:
+        ModelError: If the machine does not stand what is hidden.
+    """
+    pair = [benchmark.record(effects, one, coloured=coloured, outside=outside) for one in (seed, seed + TEST)]
+    if not all(_finite(benchmark.model, recording) for recording in pair):
+        raise ModelError(f"{' and '.join(effects) or outside} lets the machine run away")
+    return [
+        replace(one, signals={name: v for name, v in one.signals.items() if name not in set(without)})
+        for one in pair
+    ]
+
+
+def _out_of_reach(why: str) -> Row:
+    return {"outcome": "out of reach", "seconds": 0.0, "summary": why}
 
 
 def _finite(model: Model, recording: Recording) -> bool:
@@ -144,7 +173,7 @@ def read_rows(log: Path) -> list[Row]:
 
 
 def _curves(
-    cases: Sequence[Case], path: Path, pool: ProcessPoolExecutor, tell: Progress
+    cases: Sequence[Case], path: Path, pool: ProcessPoolExecutor, report: Progress
 ) -> dict[tuple[str, str], Curve]:
     """How large each fault must be: as kept, or sought now."""
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -155,12 +184,12 @@ def _curves(
         pair = futures[future]
         kept[keys[pair]] = future.result().to_json()
         write_text(path, json.dumps(kept, indent=1) + "\n")
-        tell(f"{pair[0]}: how large {pair[1]} must be", 0.1 * (number + 1) / len(futures))
+        report(f"{pair[0]}: how large {pair[1]} must be", 0.1 * (number + 1) / len(futures))
     return {pair: Curve.from_json(kept[keys[pair]]) for pair in wanted}
 
 
 def _curve(model: str, fault: str) -> Curve:
-    return curve_of(get_subject(model), fault)
+    return curve_of(get_benchmark(model), fault)
 
 
 @contextmanager
@@ -182,13 +211,13 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 @cache
 def physics_hash(model: str) -> str:
-    """Hash of the code of a model and of its subject."""
-    subject = get_subject(model)
-    owners = [*type(subject.model).__mro__, *type(subject).__mro__]
+    """Hash of the code of a model and of its benchmark."""
+    benchmark = get_benchmark(model)
+    owners = [*type(benchmark.model).__mro__, *type(benchmark).__mro__]
     names = {owner.__module__ for owner in owners if owner.__module__.startswith("fieldmodels.")}
     files = {Path(str(import_module(name).__file__)) for name in names}
     # A model in a room of its own depends on the whole room.
-    rooms = [f.parent for f in files if f.parent.name not in ("fieldmodels", "subjects")]
+    rooms = [f.parent for f in files if f.parent.name not in ("fieldmodels", "benchmarks")]
     files |= {f for room in rooms for f in room.glob("*.py")}
     here = Path(__file__).parent
     files |= {here.parent / "synthesis.py", here / "sizes.py"}

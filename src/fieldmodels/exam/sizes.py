@@ -17,7 +17,7 @@ from fieldmodels.diagnosis.gain import NONE, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.diagnosis.stages import held
-from fieldmodels.exam.subjects import Outside, Subject, get_subject
+from fieldmodels.exam.benchmarks import Benchmark, Outside, get_benchmark
 from fieldmodels.model import EffectValues, ModelError, Stage
 
 PROBES = (7, 507)
@@ -76,33 +76,33 @@ class Probe:
     output the error is its root mean deviance.
     """
 
-    def __init__(self, subject: Subject, fault: str, seeds: tuple[int, int], sign: int = 1) -> None:
+    def __init__(self, benchmark: Benchmark, fault: str, seeds: tuple[int, int], sign: int = 1) -> None:
         """Measure the error without the fault.
 
         Args:
-            subject: Where it is hidden.
-            fault: One of the model's effects, or of the subject's faults from outside.
+            benchmark: Where it is hidden.
+            fault: One of the model's effects, or of the benchmark's faults from outside.
             seeds: Of the two records.
             sign: -1 for the other direction of an effect that has two.
         """
-        self.subject, self.fault, self.seeds = subject, fault, seeds
-        self.sign = sign if fault not in subject.outside and subject.signed(fault) else 1
-        self._fixed = subject.fixed([fault])
-        self._base = _base_errors(subject.name, seeds)
-        chance = subject.model.random_force or any(output.event for output in subject.model.outputs)
+        self.benchmark, self.fault, self.seeds = benchmark, fault, seeds
+        self.sign = sign if fault not in benchmark.outside and benchmark.signed(fault) else 1
+        self._fixed = benchmark.fixed([fault])
+        self._base = _base_errors(benchmark.name, seeds)
+        chance = benchmark.model.random_force or any(output.event for output in benchmark.model.outputs)
         self._quiet = None
-        if fault in subject.outside or not chance:
-            self._quiet = Pair(subject, seeds, {}, None).errors(self._fixed, self._base)
+        if fault in benchmark.outside or not chance:
+            self._quiet = Pair(benchmark, seeds, {}, None).errors(self._fixed, self._base)
 
     def added(self, size: float) -> float:
         """Error that the fault adds, in units of the error without it; infinite if the machine fails."""
         if self.fault.endswith("quantisation"):  # a coarse step q of the first signal: q^2 / 12 of variance
-            step = self.subject.values(self.fault, size)["step"]
+            step = self.benchmark.values(self.fault, size)["step"]
             return float(step / math.sqrt(12.0) / self._base[0])
-        outside = Outside(self.fault, size) if self.fault in self.subject.outside else None
-        hidden = {} if outside else {self.fault: self.subject.values(self.fault, size, self.sign)}
+        outside = Outside(self.fault, size) if self.fault in self.benchmark.outside else None
+        hidden = {} if outside else {self.fault: self.benchmark.values(self.fault, size, self.sign)}
         try:
-            pair = Pair(self.subject, self.seeds, hidden, outside)
+            pair = Pair(self.benchmark, self.seeds, hidden, outside)
         except ModelError:
             return math.inf
         if self._quiet is None:
@@ -112,13 +112,13 @@ class Probe:
         return float(np.sqrt(np.nanmax(np.maximum(growth, 0.0) / self._base**2)))
 
 
-def curve_of(subject: Subject, fault: str) -> Curve:
+def curve_of(benchmark: Benchmark, fault: str) -> Curve:
     """Find the curve of one of the model's effects or of a fault from outside, on the probes' records."""
-    return _searched(Probe(subject, fault, PROBES).added)
+    return _searched(Probe(benchmark, fault, PROBES).added)
 
 
 def size_on(
-    subject: Subject, fault: str, percent: float, seeds: tuple[int, int], sign: int, curve: Curve
+    benchmark: Benchmark, fault: str, percent: float, seeds: tuple[int, int], sign: int, curve: Curve
 ) -> tuple[float | None, float]:
     """The size that adds a percentage on a case's own records, which another excitation makes another one.
 
@@ -126,7 +126,7 @@ def size_on(
         The size, None if none was found; and what it adds there, or the most that was seen [%].
     """
     target = float(_added(percent))
-    probe = Probe(subject, fault, seeds, sign)
+    probe = Probe(benchmark, fault, seeds, sign)
     seen: dict[float, float] = {}
     size = curve.size(percent) or (curve.sizes[-1] if curve.sizes else 1.0)
     for _ in range(TRIES):
@@ -200,7 +200,7 @@ def _between(below: float, above: float, least: float, most: float, target: floa
 @cache
 def _noisy(model: str, seeds: tuple[int, int]) -> Pair:
     """Records with all noise and without a fault."""
-    return Pair(get_subject(model), seeds, {}, None, noise=True)
+    return Pair(get_benchmark(model), seeds, {}, None, noise=True)
 
 
 @cache
@@ -214,21 +214,21 @@ class Pair:
 
     def __init__(
         self,
-        subject: Subject,
+        benchmark: Benchmark,
         seeds: tuple[int, int],
         reality: EffectValues,
         outside: Outside | None,
         noise: bool = False,
     ) -> None:
-        self.subject, self.seeds = subject, seeds
+        self.benchmark, self.seeds = benchmark, seeds
         self.train, self.test = (
-            subject.record(reality, seed, noise=noise, outside=outside) for seed in seeds
+            benchmark.record(reality, seed, noise=noise, outside=outside) for seed in seeds
         )
 
     def errors(self, fixed: Mapping[str, float], scale: FloatArray | None) -> FloatArray:
         """Error of the refitted nominal model by output; NaN where nothing is compared."""
-        result = np.full(len(self.subject.model.outputs), np.nan)
-        for stage in self.subject.model.stages([self.train, self.test]):
+        result = np.full(len(self.benchmark.model.outputs), np.nan)
+        for stage in self.benchmark.model.stages([self.train, self.test]):
             testing, nominal = self._refitted(stage, fixed, scale)
             predicted = _predicted(testing, nominal, scale)
             measured = _where_measured(testing, _measured(testing))
@@ -243,8 +243,8 @@ class Pair:
 
     def apart(self, fixed: Mapping[str, float], scale: FloatArray, hidden: EffectValues) -> FloatArray:
         """How far the refitted nominal model and the true one predict apart by output."""
-        result = np.full(len(self.subject.model.outputs), np.nan)
-        for stage in self.subject.model.stages([self.train, self.test]):
+        result = np.full(len(self.benchmark.model.outputs), np.nan)
+        for stage in self.benchmark.model.stages([self.train, self.test]):
             testing, nominal = self._refitted(stage, fixed, scale)
             acting = {name: values for name, values in hidden.items() if name in stage.effects}
             base = {n: v for n, v in self.train.known.items() if n in stage.model.names}
@@ -265,7 +265,7 @@ class Pair:
         """The test windows of one stage, and its nominal model refitted to the training windows."""
         known = {**self.train.known, **held(stage), **fixed}
         # What is small and what is large is told by sensors with noise, whatever these records have.
-        noisy = self.train if scale is None else _noisy(self.subject.name, self.seeds).train
+        noisy = self.train if scale is None else _noisy(self.benchmark.name, self.seeds).train
         model = stage.model.scaled_to([noisy])
         horizon = main_horizon(model, [self.train])
         training = problems.build(model, [self.train], horizon)

@@ -1,4 +1,4 @@
-"""What the exam asks of a subject: records of a hidden reality, and values of an effect by its size."""
+"""What a benchmark offers: records of a machine with faults, and values of an effect by its size."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ class Outside(NamedTuple):
     """A fault that the model's library does not list.
 
     Attributes:
-        name: One of the subject's ``outside``.
-        size: In the unit in which the subject reads it.
+        name: One of the benchmark's ``outside``.
+        size: In the unit in which the benchmark reads it.
     """
 
     name: str
     size: float
 
 
-class Subject(ABC):
-    """A machine on which the diagnosis is examined.
+class Benchmark(ABC):
+    """A machine with simulated experiments on which the diagnosis is tested.
 
     Attributes:
         name: Name of the model.
         outside: Faults that the model does not list: name to one plain sentence.
         needs_base: Effects that a refitted base absorbs; in their cases the base is known.
         constants: Parameters of effects that do not grow with an effect's size, by full name.
-        alike: Pairs of effects that are one and the same in the data, or whose sum is; none is hidden with
-            the other.
-        wander: Share of the noise's variance that wanders slowly in records with coloured noise.
+        indistinguishable: Pairs of effects that are one and the same in the data, or whose sum is; none is
+            hidden with the other.
+        coloured_share: Share of the noise's variance that wanders slowly in records with coloured noise.
     """
 
     name: ClassVar[str]
     outside: ClassVar[Mapping[str, str]]
     needs_base: ClassVar[frozenset[str]] = frozenset()
     constants: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    alike: ClassVar[frozenset[frozenset[str]]] = frozenset()
-    wander: ClassVar[float] = 0.5
+    indistinguishable: ClassVar[frozenset[frozenset[str]]] = frozenset()
+    coloured_share: ClassVar[float] = 0.5
 
     @cached_property
     def model(self) -> Model:
@@ -103,7 +103,7 @@ class Subject(ABC):
         )
 
     def fixed(self, effects: Iterable[str]) -> dict[str, float]:
-        """Base parameters that a diagnosis is told, where it could not see an effect without."""
+        """Base parameters that a diagnosis is given, where it could not see an effect without."""
         if not self.needs_base & set(effects):
             return {}
         return {p.name: p.nominal for p in self.model.parameters}

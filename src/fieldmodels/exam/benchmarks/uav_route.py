@@ -10,8 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.subjects.base import Outside, Subject
-from fieldmodels.exam.subjects.noise import wandering
+from fieldmodels.exam.benchmarks.base import Benchmark, Outside
+from fieldmodels.exam.benchmarks.noise import wandering
 from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
@@ -21,7 +21,7 @@ CORRELATION = 20.0
 """Correlation time of noise that wanders [s]: ten samples."""
 
 
-class UavRoute(Subject):
+class UavRoute(Benchmark):
     """Four flights of 2000 s at 0.5 Hz from one random waypoint to the next, under a radar."""
 
     name = "uav_route"
@@ -34,7 +34,7 @@ class UavRoute(Subject):
         }
     )
 
-    alike = frozenset({frozenset({"signature_scale", "radar_range_scale"})})
+    indistinguishable = frozenset({frozenset({"signature_scale", "radar_range_scale"})})
 
     def record(
         self,
@@ -45,7 +45,7 @@ class UavRoute(Subject):
         coloured: float = 0.0,
         outside: Outside | None = None,
     ) -> Recording:
-        """See ``Subject.record``."""
+        """See ``Benchmark.record``."""
         fading = outside if outside and outside.name == "fading_radar" else None
         flight = record_flight(
             dict(reality),

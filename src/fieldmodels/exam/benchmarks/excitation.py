@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.subjects.base import Outside, Subject
+from fieldmodels.exam.benchmarks.base import Benchmark, Outside
 from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
@@ -17,7 +17,7 @@ from fieldmodels.recording import Recording
 DURATION = 4.0
 
 
-class Excitation(Subject):
+class Excitation(Benchmark):
     """One run of 4 s a mode, 100 Hz."""
 
     name = "excitation"
@@ -29,7 +29,7 @@ class Excitation(Subject):
             "force_bend": "A force sensor whose scale grows with the square of the force.",
         }
     )
-    wander = 0.3
+    coloured_share = 0.3
 
     def record(
         self,
@@ -40,7 +40,7 @@ class Excitation(Subject):
         coloured: float = 0.0,
         outside: Outside | None = None,
     ) -> Recording:
-        """See ``Subject.record``."""
+        """See ``Benchmark.record``."""
         applied = _gear_error(outside.size) if outside and outside.name == "gear_error" else None
         run = record_experiment(
             np.random.default_rng(seed), dict(reality), duration=DURATION, noise=noise, coloured=coloured,

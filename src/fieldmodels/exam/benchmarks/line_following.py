@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.subjects.base import Outside, Subject
-from fieldmodels.exam.subjects.noise import wandering
+from fieldmodels.exam.benchmarks.base import Benchmark, Outside
+from fieldmodels.exam.benchmarks.noise import wandering
 from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.recording import LAW, record_walk
 from fieldmodels.machines.line_following.tracks import Track, straight
@@ -25,7 +25,7 @@ CORRELATION = 6.0
 """Correlation time of noise that wanders [s]: five strides."""
 
 
-class LineFollowing(Subject):
+class LineFollowing(Benchmark):
     """A straight line of 1000 strides with random turns; yaw and slip stay random without noise too."""
 
     name = "line_following"
@@ -38,7 +38,7 @@ class LineFollowing(Subject):
         }
     )
 
-    alike = frozenset(
+    indistinguishable = frozenset(
         {frozenset({"foot_slip", "turn_gain"}), frozenset({"foot_slip", "actuator_delay"})}
     )  # slip without a shorter stride is a gain and a delay
 
@@ -51,7 +51,7 @@ class LineFollowing(Subject):
         coloured: float = 0.0,
         outside: Outside | None = None,
     ) -> Recording:
-        """See ``Subject.record``."""
+        """See ``Benchmark.record``."""
         white = math.sqrt(1.0 - coloured) if noise else 0.0
         levels = Noise(sensor=white * NOISE.sensor, yaw=NOISE.yaw, lateral=NOISE.lateral, bias=0.0)
         walk = record_walk(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.subjects.base import Outside, Subject
+from fieldmodels.exam.benchmarks.base import Benchmark, Outside
 from fieldmodels.machines.pose_reaching.recording import record_drive
 from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
@@ -19,7 +19,7 @@ RADIUS = 0.1
 """Of the wheel whose eccentricity makes the drive surge [m]."""
 
 
-class PoseReaching(Subject):
+class PoseReaching(Benchmark):
     """Two minutes at 20 Hz by random commands, with measured wheels."""
 
     name = "pose_reaching"
@@ -31,7 +31,7 @@ class PoseReaching(Subject):
             "compass": "A compass whose error depends on the heading (hard iron).",
         }
     )
-    alike = frozenset({frozenset({"actuator_lag", "actuator_delay"})})
+    indistinguishable = frozenset({frozenset({"actuator_lag", "actuator_delay"})})
     constants = MappingProxyType({"parameter_step.time": 0.45 * DURATION})
 
     def record(
@@ -43,7 +43,7 @@ class PoseReaching(Subject):
         coloured: float = 0.0,
         outside: Outside | None = None,
     ) -> Recording:
-        """See ``Subject.record``."""
+        """See ``Benchmark.record``."""
         applied = _drive(outside) if outside and outside.name != "compass" else None
         drive = record_drive(
             DURATION, np.random.default_rng(seed), reality, noise=float(noise), coloured=coloured,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from fieldmodels.exam.subjects.bench import DURATION, Bench
+from fieldmodels.exam.benchmarks.bench import DURATION, Bench
 
 
 class Rig(Bench):

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fieldmodels.exam.subjects.base import Outside, Subject
+from fieldmodels.exam.benchmarks.base import Benchmark, Outside
 from fieldmodels.model import EffectValues
 from fieldmodels.recording import Recording
 from fieldmodels.synthesis import synthesise
@@ -28,7 +28,7 @@ OUTSIDE = MappingProxyType(
 )
 
 
-class Bench(Subject):
+class Bench(Benchmark):
     """A bench of one axis.
 
     Attributes:
@@ -40,7 +40,7 @@ class Bench(Subject):
 
     outside = OUTSIDE
     needs_base = frozenset({"payload", "actuator_gain"})
-    alike = frozenset(
+    indistinguishable = frozenset(
         {
             frozenset({"actuator_lag", "actuator_delay"}),
             frozenset({"actuator_gain", "payload"}),
@@ -61,7 +61,7 @@ class Bench(Subject):
         coloured: float = 0.0,
         outside: Outside | None = None,
     ) -> Recording:
-        """See ``Subject.record``: half a minute at 100 Hz."""
+        """See ``Benchmark.record``: half a minute at 100 Hz."""
         forced = outside is not None and outside.name != "gear_error"
         recording = synthesise(
             self.model, reality, self.excitation, duration=DURATION, step=STEP, amplitude=self.amplitude,

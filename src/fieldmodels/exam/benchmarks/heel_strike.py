@@ -9,8 +9,8 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.subjects.base import Outside, Subject
-from fieldmodels.exam.subjects.noise import wandering
+from fieldmodels.exam.benchmarks.base import Benchmark, Outside
+from fieldmodels.exam.benchmarks.noise import wandering
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise
 from fieldmodels.machines.heel_strike.recording import record_walk
@@ -25,7 +25,7 @@ TEETH = 25.0
 """Periods of the cogging per radian, times 2 pi."""
 
 
-class HeelStrike(Subject):
+class HeelStrike(Benchmark):
     """Two minutes at 100 Hz on an even floor; the torque on the hinge stays random without noise too."""
 
     name = "heel_strike"
@@ -53,7 +53,7 @@ class HeelStrike(Subject):
         coloured: float = 0.0,
         outside: Outside | None = None,
     ) -> Recording:
-        """See ``Subject.record``."""
+        """See ``Benchmark.record``."""
         white = replace(NOISE, gyro=math.sqrt(1.0 - coloured) * NOISE.gyro)
         levels = white if noise else Noise(gyro=0.0, collision=0.0, process=NOISE.process, floor=0.0)
         cogging = (outside.size, TEETH) if outside and outside.name == "cogging" else (0.0, 1.0)

@@ -1,0 +1,124 @@
+"""What is found when not all outputs of a machine are measured, and what is then proposed to measure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fieldmodels.diagnosis import Diagnosis, diagnose
+from fieldmodels.diagnosis.next_measurement import LONGEST
+from fieldmodels.exam.benchmarks import Outside, get_benchmark
+from fieldmodels.exam.cases import cases_of
+from fieldmodels.exam.run import records
+from fieldmodels.machines.pose_reaching.recording import record_commands
+from fieldmodels.model import ModelError
+
+SLOW = pytest.mark.slow
+WITHOUT = {
+    "pose_reaching": ("left_wheel", "right_wheel"),
+    "line_following": ("offset", "heading"),
+    "uav_route": ("bank", "detected"),
+}
+"""Model to what is not measured: the pose, the camera, the tracked position are left."""
+INDISTINGUISHABLE = {"turn_gain": "yaw_slip", "yaw_slip": "turn_gain"}
+"""From the pose alone, whatever is commanded."""
+
+
+def diagnosed(model: str, effects: dict[str, dict[str, float]], seed: int, **how: object) -> Diagnosis:
+    """From one record, without the model's additional sensors."""
+    benchmark = get_benchmark(model)
+    train, _ = records(benchmark, effects, seed, without=WITHOUT[model], **how)  # type: ignore[arg-type]
+    return diagnose(benchmark.model, [train])
+
+
+def named(found: Diagnosis) -> list[set[str]]:
+    """Each cause with what cannot be distinguished from it."""
+    return [{cause.effect, *cause.alternatives} for cause in found.causes]
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("slope", {"x": 0.0085, "y": 0.0085}),
+        ("yaw_slip", {"share": 0.012}),
+        pytest.param("actuator_gain", {"gain": 0.988}, marks=SLOW),
+        pytest.param("unequal_wheels", {"difference": 0.0051}, marks=SLOW),
+        pytest.param("heading_bias", {"angle": 0.015}, marks=SLOW),
+    ],
+)
+def test_the_pose_alone_suffices_up_to_what_needs_the_wheels(effect: str, values: dict[str, float]):
+    found = diagnosed("pose_reaching", {effect: values}, 3)
+    other = INDISTINGUISHABLE.get(effect)
+    assert named(found) == [{effect, other} if other else {effect}]
+    if other:
+        assert found.next_measurement is not None
+        assert found.next_measurement.input["measure"] == ["left_wheel", "right_wheel"]
+
+
+@pytest.mark.parametrize("seed", [11, 12, *(pytest.param(k, marks=SLOW) for k in range(13, 21))])
+def test_nothing_is_named_from_the_pose_alone_where_nothing_is_hidden(seed: int):
+    found = diagnosed("pose_reaching", {}, seed, coloured=0.5 * (seed % 2))
+    assert found.verdict == "consistent", found.summary()
+
+
+def test_what_no_listed_effect_explains_is_unknown_from_the_pose_alone():
+    found = diagnosed("pose_reaching", {}, 21, outside=Outside("understeer", 0.15))
+    assert found.verdict == "unknown", found.summary()
+    assert found.unknown is not None
+    assert found.unknown.certain
+    assert "turn_rate" in found.unknown.direction
+
+
+def test_a_measurement_is_proposed_that_distinguishes_a_late_command_from_a_lag():
+    found = diagnosed("pose_reaching", {"actuator_delay": {"delay": 0.0051}}, 77)
+    assert found.verdict == "ambiguous"
+    assert found.next_measurement is not None
+    planned = found.next_measurement.input
+    assert planned["signal"] == ["speed", "turn_rate"]
+    assert planned["nats"] >= max(planned["compared"].values()) > 0.2
+    assert "It needs room: x " in found.next_measurement.why
+    # At 20 Hz a lag and a delay of 5 ms differ by little, and it says so.
+    assert planned["duration_s"] == LONGEST
+    assert planned["probability"] < 0.95
+    plan = found.next_measurement.plan
+    assert plan is not None
+    again = record_commands(
+        np.column_stack([plan["speed"], plan["turn_rate"]]), np.random.default_rng(78), wheels=False
+    )
+    np.testing.assert_array_equal(again["turn_rate"], plan["turn_rate"])
+    assert again["speed"].min() >= 0
+    assert again["speed"].max() <= 1
+
+
+def test_the_camera_alone_suffices_for_a_steering_bias():
+    found = diagnosed("line_following", {"steering_bias": {"turn": 0.015}}, 8)
+    assert found.causes[0].effect == "steering_bias"
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("wind", {"north": 4.0, "east": -3.0}), ("sensor_bias", {"north": 150.0, "east": -80.0})],
+)
+def test_the_position_alone_suffices_but_for_the_bank(effect: str, values: dict[str, float]):
+    assert [cause.effect for cause in diagnosed("uav_route", {effect: values}, 8).causes] == [effect]
+
+
+def test_a_weaker_bank_does_not_show_in_the_position():
+    """Legs are straight whatever the bank (4.1): without a logged bank nothing is seen, and none is named."""
+    assert diagnosed("uav_route", {"weaker_bank": {"factor": 0.85}}, 9).verdict == "consistent"
+
+
+def test_a_case_without_a_sensor_hides_the_same_under_a_key_of_its_own():
+    whole, less = (
+        cases_of(["pose_reaching", "rig"], ["single"], 1, 1000, without)
+        for without in ((), ("left_wheel", "right_wheel"))
+    )
+    assert [case.drawn() for case in whole] == [case.drawn() for case in less]
+    without = [case.without for case in less]
+    assert set(without) == {("left_wheel", "right_wheel"), ()}  # a rig has no such sensors
+    assert len({case.key for case in [*whole, *less]}) == len(whole) + without.count(without[0])
+
+
+def test_a_sensor_that_no_model_has_is_refused():
+    with pytest.raises(ModelError, match="did you mean 'left_wheel'"):
+        cases_of(["pose_reaching"], ["single"], 1, 1000, ["left_weel"])

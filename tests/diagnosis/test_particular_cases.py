@@ -1,0 +1,119 @@
+"""Faults that come from other physics than a model's own effects, or that are special to one machine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.exam.benchmarks import get_benchmark
+from fieldmodels.exam.run import records
+from fieldmodels.machines.line_following.body import Hardware
+from fieldmodels.machines.line_following.model import LineFollowing
+from fieldmodels.machines.line_following.parameters import Noise
+from fieldmodels.machines.line_following.recording import record_walk
+from fieldmodels.machines.line_following.tracks import oval, straight
+from fieldmodels.machines.line_following.walks import Scene
+from fieldmodels.machines.uav_route.recording import record_flight
+from fieldmodels.recording import Recording
+
+QUIET = Noise(bias=0.0)
+SLOW = pytest.mark.slow
+
+
+def walk(strides: int, seed: int, scene: Scene) -> Recording:
+    """A walk of a robot with no fault of the model's own."""
+    return record_walk(None, strides, scene=scene, rng=np.random.default_rng(seed))
+
+
+def flight(reality: object, seed: int, **how: object) -> Recording:
+    """Four flights of 2000 s."""
+    return record_flight(reality, 2000.0, episodes=4, rng=np.random.default_rng(seed), **how)  # type: ignore[arg-type]
+
+
+def test_a_walk_on_a_curved_line_is_consistent():
+    assert diagnose(LineFollowing(), [walk(600, 3, Scene(oval(), noise=QUIET))]).verdict == "consistent"
+
+
+def test_rigid_bodies_on_a_dry_floor_are_consistent_with_plane_kinematics():
+    scene = Scene(straight(700), plant="pymunk", noise=QUIET)
+    assert diagnose(LineFollowing(), [walk(700, 5, scene)]).verdict == "consistent"
+
+
+@pytest.mark.parametrize(
+    ("hardware", "effect"),
+    [(Hardware(friction=0.15), "foot_slip"), (Hardware(motor=0.15), "actuator_saturation")],
+)
+def test_what_rigid_bodies_suffer_is_named(hardware: Hardware, effect: str):
+    """Slip and a weak motor come from contact forces and a torque limit, not from this model's own terms."""
+    scene = Scene(straight(700), plant="pymunk", hardware=hardware, noise=QUIET)
+    found = diagnose(LineFollowing(), [walk(700, 6, scene)])
+    assert found.verdict in ("named", "ambiguous")
+    assert effect in (found.causes[0].effect, *found.causes[0].alternatives)
+
+
+@pytest.mark.parametrize("mass", [0.8, *(pytest.param(m, marks=SLOW) for m in (0.1, 0.3))])
+def test_a_payload_of_the_vehicle_is_named_alone_whatever_its_size(mass: float):
+    """Base parameters fitted without a large one are far off, and the way back is not a straight one."""
+    benchmark = get_benchmark("excitation")
+    found = diagnose(benchmark.model, records(benchmark, {"payload": {"mass": mass}}, 301)[:1])
+    assert [cause.effect for cause in found.causes] == ["payload"]
+    assert found.causes[0].parameters["mass"].value == pytest.approx(mass, rel=0.01)
+    assert found.unknown is None
+
+
+@pytest.mark.parametrize(
+    ("model", "parameter", "true"), [("excitation", "stiffness_pitch", 60.0), ("heel_strike", "length", 1.0)]
+)
+def test_base_parameters_are_refitted(model: str, parameter: str, true: float):
+    benchmark = get_benchmark(model)
+    found = diagnose(benchmark.model, records(benchmark, {}, 201)[:1])
+    assert found.parameters[parameter].value == pytest.approx(true, rel=0.01)
+
+
+def test_another_speed_of_the_aircraft_is_refitted_not_named():
+    model = get_benchmark("uav_route").model
+    assert diagnose(model, [flight({"parameters": {"speed": 243.0}}, 6)]).causes == ()
+
+
+def test_faults_of_both_stages_are_named_together():
+    benchmark = get_benchmark("pose_reaching")
+    hidden = {"yaw_slip": {"share": 0.1}, "actuator_lag": {"time_constant": 0.05}}
+    found = diagnose(benchmark.model, records(benchmark, hidden, 4)[:1])
+    assert [cause.effect for cause in found.causes] == ["yaw_slip", "actuator_lag"]
+    assert found.verdict == "named"
+    assert found.gain["heading"].gain.percent > 50
+    assert found.gain["left_wheel"].gain.percent > 50
+    assert set(found.extended()["effects"]) == {"yaw_slip", "actuator_lag"}
+    assert found.vector[benchmark.model.index("yaw_slip.share")] == pytest.approx(0.1, abs=0.005)
+    assert found.vector[benchmark.model.index("actuator_lag.time_constant")] == pytest.approx(0.05, abs=0.003)
+
+
+def test_each_cause_says_in_which_signal_it_shows():
+    both = {"turn_speed_loss": {"share": 0.08}, "radar_position": {"north": 20e3, "east": -15e3}}
+    found = diagnose(get_benchmark("uav_route").model, [flight(both, 7)])
+    signals = {cause.effect: cause.signal for cause in found.causes}
+    assert set(signals) == set(both)
+    assert signals["radar_position"] == "detected"
+    assert signals["turn_speed_loss"] != "detected"
+
+
+def test_a_speed_that_depends_on_the_place_is_unknown_and_its_shape_is_given():
+    """No listed effect: the aircraft is faster in the north than in the south."""
+    faster = flight(None, 21, added=lambda place: 6.0 * math.tanh(place.real / 50e3))
+    found = diagnose(get_benchmark("uav_route").model, [faster])
+    assert found.verdict == "unknown"
+    assert found.unknown.direction == "north"
+
+
+def test_a_radar_that_tires_is_unknown_and_given_against_time():
+    """No listed effect: its ranges shrink by half in the middle of each flight."""
+    tired = flight(None, 22, faded=lambda _, time: 1 - 0.3 * math.tanh((time - 1000) / 300))
+    found = diagnose(get_benchmark("uav_route").model, [tired])
+    assert found.verdict == "unknown"
+    assert not found.causes
+    assert found.unknown.direction == "time, in the log-odds of detected"
+    curve = np.array(found.unknown.curve)
+    assert curve[0, 1] > curve[-1, 1] + 1.0
