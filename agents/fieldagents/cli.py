@@ -250,7 +250,7 @@ def diagnose(
         Path | None,
         typer.Option(
             metavar="CONFIG",
-            help="Then design an agent anew in the extended simulation, and fly it beside the nominal one.",
+            help="Then tune an agent in the extended simulation, and test it beside the nominal one.",
         ),
     ] = None,
     as_json: Json = False,

@@ -1,4 +1,4 @@
-"""Closing the loop: what is designed in the right simulation is the oracle, and the share is what it says."""
+"""Closing the loop: what is tuned in the right simulation is the oracle, and the share is what it says."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from fieldagents.cli import app
 from fieldagents.config import ConfigError, EnvironmentConfig, load_config
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.retune import finish, load_loop, retune, won_back
+from fieldagents.retune import finish, load_loop, recovery, retune
 from fieldagents.retune.config import RetuneConfig
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import all_tasks, get_task
@@ -36,7 +36,7 @@ WALK = RetuneConfig(
 
 def measured(nominal, retuned, oracle, **how):
     how = {"lower_is_better": True, "rng": np.random.default_rng(0), **how}
-    return won_back(nominal, retuned, oracle, **how)
+    return recovery(nominal, retuned, oracle, **how)
 
 
 def test_share_is_the_part_of_the_mean_loss():
@@ -50,17 +50,17 @@ def test_share_is_the_part_of_the_mean_loss():
     assert higher.share == pytest.approx(0.75)
 
 
-def test_what_is_the_oracle_wins_all_back():
+def test_what_is_the_oracle_recovers_everything():
     rng = np.random.default_rng(1)
     nominal, oracle = rng.normal(3, 1, 40), rng.normal(1, 1, 40)
     found = measured(nominal, oracle, oracle)
     assert (found.share, found.ci95) == (1.0, (1.0, 1.0))
 
 
-def test_nothing_to_win_where_the_oracle_is_no_better():
+def test_nothing_to_recover_where_the_oracle_is_no_better():
     scores = np.random.default_rng(2).normal(3, 1, (3, 40))
-    assert measured(scores[0], scores[1], scores[0]).outcome == "nothing to win"
-    assert measured(scores[0], scores[1], scores[0] + 1).outcome == "nothing to win"
+    assert measured(scores[0], scores[1], scores[0]).outcome == "nothing to recover"
+    assert measured(scores[0], scores[1], scores[0] + 1).outcome == "nothing to recover"
 
 
 def test_no_interval_from_a_handful_of_episodes():
@@ -107,7 +107,7 @@ TINY = {
 
 
 @pytest.mark.parametrize("task", TINY)
-def test_what_is_designed_in_the_right_simulation_is_the_oracle_to_the_bit(task, tmp_path):
+def test_what_is_tuned_in_the_right_simulation_is_the_oracle_to_the_bit(task, tmp_path):
     name, options, settings, reality = TINY[task]
     tuner = get_task(task).tuners[name]
     extended = tmp_path / "extended.yaml"
@@ -118,19 +118,19 @@ def test_what_is_designed_in_the_right_simulation_is_the_oracle_to_the_bit(task,
     save_yaml({"schema": 1, "model": get_model(task).name, "parameters": {}, "effects": effects}, extended)
     effort = tuner.options.model_validate(options)
     where = EnvironmentConfig(settings=settings, reality=reality)
-    flown = [
+    tables = [
         run_episodes(tuner.tune(settings, source, effort), task, where, TEST_SEEDS[:4])
         for source in (reality, str(extended), None)
     ]
-    pd.testing.assert_frame_equal(flown[0], flown[1])
-    assert not flown[0].equals(flown[2]), "the reality makes no difference to the design"
+    pd.testing.assert_frame_equal(tables[0], tables[1])
+    assert not tables[0].equals(tables[2]), "the reality makes no difference to the tuning"
 
 
-def test_designing_for_a_biased_gyro_wins_back_what_it_costs(tmp_path):
+def test_tuning_for_a_biased_gyro_recovers_what_it_costs(tmp_path):
     """With the bias estimated 5 % too large."""
     result = retune(WALK, {"gyro_bias": {"rate": 0.0045}}, tmp_path)
-    assert result.won_back.outcome == "measured"
-    assert result.won_back.share > 0.9
+    assert result.recovered.outcome == "measured"
+    assert result.recovered.share > 0.9
     assert result.mean("nominal", "hidden reality") > 3 * result.mean("retuned", "hidden reality")
     assert result.mean("nominal", "nominal simulation") < result.mean("retuned", "nominal simulation")
     # the extended simulation foretells what the nominal agent loses
@@ -142,9 +142,9 @@ def test_designing_for_a_biased_gyro_wins_back_what_it_costs(tmp_path):
     for _, flight in episodes.groupby(["scenario", "agent"]):
         assert flight["seed"].tolist() == list(TEST_SEEDS[: WALK.episodes])
     said = json.loads((tmp_path / "retune.json").read_text())
-    flown = episodes[episodes["scenario"] == "hidden reality"].groupby("agent")["error_mm"].mean()
-    assert said["won_back"]["share"] == pytest.approx(
-        (flown["nominal"] - flown["retuned"]) / (flown["nominal"] - flown["oracle"])
+    scores = episodes[episodes["scenario"] == "hidden reality"].groupby("agent")["error_mm"].mean()
+    assert said["recovered"]["share"] == pytest.approx(
+        (scores["nominal"] - scores["retuned"]) / (scores["nominal"] - scores["oracle"])
     )
     assert said["summary"] in (tmp_path / "retune.html").read_text()
     rows = said["evaluation"]["scenarios"]["hidden reality"]
@@ -159,7 +159,7 @@ def test_without_a_hidden_reality_the_extended_simulation_says_that_it_is_a_fore
     config = WALK.model_copy(update={"hidden": None, "episodes": 4})
     result = retune(config, BIASED, tmp_path)
     assert result.agents == ("nominal", "retuned")
-    assert result.won_back is None
+    assert result.recovered is None
     assert "forecast" in result.sentence()
     assert json.loads((tmp_path / "retune.json").read_text())["hidden_known"] is False
 
@@ -217,8 +217,8 @@ def test_diagnosis_and_loop_in_one_command(tmp_path):
     text = run("diagnose", data, "--model", "line_following", "--then-retune", loop, "--out", out, "--json")
     said = json.loads(text)
     assert [cause["effect"] for cause in said["causes"]] == ["camera_yaw"]
-    assert said["retune"]["won_back"]["outcome"] == "measured"
-    assert said["retune"]["won_back"]["share"] > 0.9
+    assert said["retune"]["recovered"]["outcome"] == "measured"
+    assert said["retune"]["recovered"]["share"] > 0.9
     assert said["retune"] == json.loads((out / "retune.json").read_text())
     assert {path.name for path in out.iterdir()} >= {"extended.yaml", "retune.html", "retune.parquet"}
 
@@ -241,12 +241,12 @@ def test_routes_planned_again_are_tried_in_the_simulation_first():
     options = tuner.options(thresholds=(0.2, 0.1))
     where = EnvironmentConfig(settings={"lock_loss": False}, reality=reality)
     believing, knowing = (tuner.tune(where.settings, known, options) for known in (None, reality))
-    without, flown = (run_episodes(one, "uav_route", where, TEST_SEEDS[:6]) for one in (believing, knowing))
+    without, scores = (run_episodes(one, "uav_route", where, TEST_SEEDS[:6]) for one in (believing, knowing))
     promised = [knowing.seen(plan, layout) for layout, plan in knowing._answers.items()]
     undetected = np.array(promised) < 0.5
     assert undetected.sum() >= 4
-    assert (flown["time_over"] == 0).tolist() == undetected.tolist()
-    assert flown["largest_probability"][undetected].to_numpy() == pytest.approx(
+    assert (scores["time_over"] == 0).tolist() == undetected.tolist()
+    assert scores["largest_probability"][undetected].to_numpy() == pytest.approx(
         np.array(promised)[undetected], abs=0.02
     )
-    assert flown["success"].sum() > without["success"].sum()
+    assert scores["success"].sum() > without["success"].sum()

@@ -1,7 +1,7 @@
 """A fault hidden in a machine's records must be found; where nothing is hidden, nothing must be named.
 
-The exam's benchmarks at fixed sizes: most raise the error of the refitted nominal model by about a third, those
-of the walks and of the vehicle by more. Seeds are apart from those of development and from the reported ones.
+The exam's benchmarks at fixed sizes: most raise the error of the refitted nominal model by about a third,
+those of the walks and of the vehicle by more. Seeds are neither those of development nor the reported ones.
 """
 
 from __future__ import annotations

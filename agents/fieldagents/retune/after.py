@@ -43,7 +43,7 @@ def nothing_to_retune(diagnosis: Diagnosis) -> str | None:
     if diagnosis.verdict == "unknown":
         return (
             "Nothing to re-tune with: what is missing has no name, so there is no extended simulation to "
-            "design an agent in."
+            "tune an agent in."
         )
     return None
 
@@ -53,7 +53,7 @@ class Finish:
     """How a diagnosis with a loop ends.
 
     Attributes:
-        retuning: What re-tuning wins, or None if there is nothing to re-tune with.
+        retuning: What re-tuning recovers, or None if there is nothing to re-tune with.
         skipped: Why there is not; empty otherwise.
         files: What was written, by name.
     """

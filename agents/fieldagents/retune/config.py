@@ -23,14 +23,14 @@ from fieldmodels.names import did_you_mean
 
 
 class RetuneConfig(Config):
-    """What `fieldgym diagnose --then-retune` reads: which agent is designed anew, and where it is flown.
+    """What `fieldgym diagnose --then-retune` reads: which agent is tuned anew, and where it is tested.
 
     Attributes:
         name: Name of the loop.
         task: Name of the task.
-        agent: Name of a designer of the task: the agent that is made for each simulation.
-        options: Effort of the design; the designer says which keys there are.
-        settings: Keys of the task's settings, for designing and for flying.
+        agent: Name of a tuner of the task: the agent that is made for each simulation.
+        options: Effort of the tuning; the tuner says which keys there are.
+        settings: Keys of the task's settings, for tuning and for testing.
         hidden: The reality that the recording came from, where it is known (a simulated robot's): effects
             that are on, or a path. Without it the extended simulation stands for it.
         metric: Metric that the loss is counted in; by default the task's first.

@@ -1,4 +1,4 @@
-"""Closing the loop: an agent designed in three simulations, all flown in all of them on the same episodes."""
+"""Closing the loop: an agent tuned in three simulations, all tested in all of them on the same episodes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.evaluation.evaluate import check_pairs, written_out
 from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
 from fieldagents.retune.config import RetuneConfig
+from fieldagents.retune.recovery import Recovery, recovery
 from fieldagents.retune.report import write_report
 from fieldagents.retune.result import EXTENDED, HIDDEN, NOMINAL, ORACLE, RETUNED, SIMULATION, Retuning
-from fieldagents.retune.won_back import WonBack, won_back
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Metric, get_task
 from fieldmodels.files import replacing, write_text
@@ -36,9 +36,9 @@ def retune(
     out: Path,
     progress: Report = lambda _stage, _part: None,
 ) -> Retuning:
-    """Design the agent in each simulation, fly all, and write ``retune.json``, ``.html`` and ``.parquet``.
+    """Tune the agent in each simulation, test all, and write ``retune.json``, ``.html`` and ``.parquet``.
 
-    Tuning seeds alone are used for designing, published test seeds alone for flying; all agents meet the
+    Tuning seeds alone are used for tuning, published test seeds alone for testing; all agents meet the
     same noise on the same seed.
 
     Args:
@@ -65,11 +65,11 @@ def retune(
     agents: dict[str, Agent] = {}
     took: dict[str, float] = {}
     for number, (name, place) in enumerate(made_in.items()):
-        progress(f"Designing in the {place}", 0.6 * number / len(made_in))
+        progress(f"Tuning in the {place}", 0.6 * number / len(made_in))
         start = time.perf_counter()
         agents[name] = tuner.tune(config.settings, where[place], options)
         took[name] = round(time.perf_counter() - start, 1)
-    episodes = _fly(config, agents, environments, progress)
+    episodes = _test(config, agents, environments, progress)
     check_pairs(episodes, config.task)
     labels = {
         name: Labels("privileged" if name == ORACLE else agent.kind, _titled(agent, made_in[name]), False)
@@ -96,8 +96,8 @@ def retune(
         title=tuner.title,
         metric=metric,
         hidden=config.hidden is not None,
-        won_back=_won_back(episodes, metric) if config.hidden is not None else None,
-        design_seconds=took,
+        recovered=_recovered(episodes, metric) if config.hidden is not None else None,
+        tuning_seconds=took,
         evaluation=summary,
     )
     with replacing(out / "retune.parquet") as temporary:
@@ -108,10 +108,10 @@ def retune(
 
 
 def _titled(agent: Agent, place: str) -> str:
-    return f"{agent.title}; designed in the {place}"
+    return f"{agent.title}; tuned in the {place}"
 
 
-def _fly(
+def _test(
     config: RetuneConfig,
     agents: Mapping[str, Agent],
     environments: Mapping[str, EnvironmentConfig],
@@ -119,10 +119,10 @@ def _fly(
 ) -> pd.DataFrame:
     """Every agent in every simulation on the same test seeds; one row an episode."""
     seeds = TEST_SEEDS[: config.episodes]
-    flights = [(place, name) for place in environments for name in agents]
+    runs = [(place, name) for place in environments for name in agents]
     tables = []
-    for number, (place, name) in enumerate(flights):
-        progress(f"{name} in the {place}", 0.6 + 0.4 * number / len(flights))
+    for number, (place, name) in enumerate(runs):
+        progress(f"{name} in the {place}", 0.6 + 0.4 * number / len(runs))
         table = play_episodes(agents[name], config.task, environments[place], seeds).table
         table.insert(0, "scenario", place)
         table.insert(1, "agent", name)
@@ -131,10 +131,10 @@ def _fly(
     return pd.concat(tables, ignore_index=True)
 
 
-def _won_back(episodes: pd.DataFrame, metric: Metric) -> WonBack:
-    flown = episodes[episodes["scenario"] == HIDDEN].set_index("agent")[metric.name]
-    return won_back(
-        *(flown.loc[name].to_numpy(dtype=np.float64) for name in (NOMINAL, RETUNED, ORACLE)),
+def _recovered(episodes: pd.DataFrame, metric: Metric) -> Recovery:
+    scores = episodes[episodes["scenario"] == HIDDEN].set_index("agent")[metric.name]
+    return recovery(
+        *(scores.loc[name].to_numpy(dtype=np.float64) for name in (NOMINAL, RETUNED, ORACLE)),
         lower_is_better=metric.lower_is_better,
         binary=metric.binary,
         rng=np.random.default_rng(RESAMPLING_SEED),

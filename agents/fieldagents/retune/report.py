@@ -25,7 +25,7 @@ def write_report(result: Retuning, episodes: pd.DataFrame, path: Path) -> None:
     """Write a self-contained page."""
     body = [
         f'<p class="lead">{html.text(result.sentence())}</p>',
-        f"<p>Designed anew in each simulation: {html.text(result.title)}.</p>",
+        f"<p>Tuned in each simulation: {html.text(result.title)}.</p>",
         html.figure(draw(result, episodes), _caption(result)),
         f"<h2>Every agent in every simulation</h2>{report_section(result.evaluation, episodes)}",
         f"<h2>What the share means</h2>{_notes(result)}",
@@ -52,13 +52,13 @@ def draw(result: Retuning, episodes: pd.DataFrame) -> Figure:
             interval = mean_interval(one.to_numpy(), 2, binary=metric.binary)
             if interval is not None:
                 axes.plot([at, at], [scale * end for end in interval], color=INKS[agent], linewidth=2)
-    axes.set_xticks(range(len(places)), [f"flown in the\n{place}" for place in places])
+    axes.set_xticks(range(len(places)), [f"tested in the\n{place}" for place in places])
     axes.set_xlim(-0.5, len(places) - 0.5)
     axes.set_ylabel(metric.label)
     axes.margins(y=0.12)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="y", color="#e3e6ea")
-    axes.legend(frameon=False, title="designed in", loc="upper left", bbox_to_anchor=(1, 1))
+    axes.legend(frameon=False, title="tuned in", loc="upper left", bbox_to_anchor=(1, 1))
     figure.tight_layout()
     return figure
 
@@ -70,48 +70,47 @@ def show(result: Retuning, console: Console) -> None:
 
     places = list(result.evaluation.scenarios)
     table = Table(
-        "designed in the",
-        *(f"flown in the {place}" for place in places),
+        "tuned in the",
+        *(f"tested in the {place}" for place in places),
         title=escape(f"{result.metric.label}, {result.evaluation.episodes} episodes"),
         title_justify="left",
     )
     scale = 100.0 if result.metric.binary else 1.0
-    for agent, place in zip(result.agents, DESIGNED_IN, strict=False):
+    for agent, place in zip(result.agents, TUNED_IN, strict=False):
         means = [result.mean(agent, where) for where in places]
         table.add_row(place, *("none" if mean is None else f"{scale * mean:.4g}" for mean in means))
     console.print(table)
     console.print(result.sentence(), markup=False)
 
 
-DESIGNED_IN = ("nominal simulation", "extended simulation", "hidden reality (oracle)")
+TUNED_IN = ("nominal simulation", "extended simulation", "hidden reality (oracle)")
 
 
 def _caption(result: Retuning) -> str:
     better = "lower" if result.metric.lower_is_better else "higher"
     return (
         f"{result.metric.label}, mean and 95 % interval over the same {result.evaluation.episodes} episodes; "
-        f"{better} is better. The grey agent in the nominal simulation is what was promised; on the right is "
-        f"what counts."
+        f"{better} is better. The grey agent in the nominal simulation is what was predicted; what counts is "
+        f"on the right."
     )
 
 
 def _notes(result: Retuning) -> str:
     notes = [
-        "Each agent is designed with the same effort on the same tuning seeds; only the simulation differs. "
-        "Test seeds were used for nothing but these flights.",
+        "Each agent is tuned with the same effort on the same tuning seeds; only the simulation differs. "
+        "Test seeds were used for nothing but these tests.",
     ]
     if result.hidden:
         notes += [
-            "The share of the loss won back is (nominal - retuned) / (nominal - oracle) of the mean scores "
+            "The share of the loss recovered is (nominal - retuned) / (nominal - oracle) of the mean scores "
             "in the hidden reality, with a percentile bootstrap interval over episodes. It does not "
             "hold the chance of the tuning itself: a re-tuned agent can come out a little better than the "
             "oracle.",
-            "The oracle is designed in the hidden reality itself, which no robot is told: a bound, no "
-            "competitor.",
+            "The oracle is tuned in the hidden reality itself, which no robot knows: a bound, no competitor.",
         ]
     else:
         notes.append(
-            "No hidden reality is known here. What the extended simulation says of the agent designed in it "
+            "No hidden reality is known here. What the extended simulation says of the agent tuned in it "
             "is a forecast: it holds as far as the extended simulation does."
         )
     return "<ul>" + "".join(f"<li>{html.text(note)}</li>" for note in notes) + "</ul>"

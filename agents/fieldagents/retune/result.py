@@ -7,29 +7,29 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from fieldagents.evaluation.summary import Summary
-from fieldagents.retune.won_back import WonBack
+from fieldagents.retune.recovery import Recovery
 from fieldagents.task import Metric
 
 NOMINAL, RETUNED, ORACLE = "nominal", "retuned", "oracle"
-"""The agents: designed in the nominal simulation, in the extended one, in the hidden reality itself."""
+"""The agents: tuned in the nominal simulation, in the extended one, in the hidden reality itself."""
 HIDDEN, EXTENDED = "hidden reality", "extended simulation"
 SIMULATION = "nominal simulation"
-"""Where they are flown."""
+"""Where they are tested."""
 
 
 @dataclass(frozen=True)
 class Retuning:
-    """What an agent wins by being designed in the simulation that has learned.
+    """What an agent gains by being tuned in the extended simulation.
 
     Attributes:
         name: Name of the loop.
-        agent: Name of what is designed.
-        title: How it is designed.
+        agent: Name of what is tuned.
+        title: How it is tuned.
         metric: By which the loss is counted.
-        hidden: Whether the hidden reality is known, so that agents were flown in it and the oracle exists.
+        hidden: Whether the hidden reality is known, so that agents were tested in it and the oracle exists.
             Else the extended simulation stands for it, which is a forecast and no measurement.
-        won_back: Share of the loss won back; None without a hidden reality.
-        design_seconds: Agent to the time that its design took [s].
+        recovered: Share of the loss recovered; None without a hidden reality.
+        tuning_seconds: Agent to the time that its tuning took [s].
         evaluation: Every agent in every simulation, compared with the nominal agent; the first scenario is
             the one that counts.
     """
@@ -39,22 +39,22 @@ class Retuning:
     title: str
     metric: Metric
     hidden: bool
-    won_back: WonBack | None
-    design_seconds: Mapping[str, float]
+    recovered: Recovery | None
+    tuning_seconds: Mapping[str, float]
     evaluation: Summary
 
-    def mean(self, agent: str, flown_in: str) -> float | None:
+    def mean(self, agent: str, tested_in: str) -> float | None:
         """An agent's mean score in one of the simulations."""
-        rows = {row.agent: row for row in self.evaluation.scenarios[flown_in]}
+        rows = {row.agent: row for row in self.evaluation.scenarios[tested_in]}
         return rows[agent].means[self.metric.name]
 
     @property
     def agents(self) -> tuple[str, ...]:
-        """The agents, as they were designed."""
-        return tuple(self.design_seconds)
+        """The agents, as they were tuned."""
+        return tuple(self.tuning_seconds)
 
     @property
-    def flown_in(self) -> str:
+    def tested_in(self) -> str:
         """Where the agents are held against each other."""
         return next(iter(self.evaluation.scenarios))
 
@@ -69,12 +69,12 @@ class Retuning:
             "metric": asdict(self.metric),
             "summary": self.sentence(),
             "hidden_known": self.hidden,
-            "won_back": self.won_back and asdict(self.won_back),
+            "recovered": self.recovered and asdict(self.recovered),
             "means": {
                 agent: {where: self.mean(agent, where) for where in self.evaluation.scenarios}
                 for agent in self.agents
             },
-            "design_seconds": dict(self.design_seconds),
+            "tuning_seconds": dict(self.tuning_seconds),
             "evaluation": self.evaluation.to_json(),
         }
 
@@ -83,26 +83,26 @@ class Retuning:
         scale, unit = (100, " %") if self.metric.binary else (1, f" {self.metric.unit}".removesuffix(" 1"))
         said = {
             agent: "no value"
-            if (mean := self.mean(agent, self.flown_in)) is None
+            if (mean := self.mean(agent, self.tested_in)) is None
             else f"{scale * mean:.4g}{unit}"
             for agent in self.agents
         }
         begin = (
-            f"{self.agent} in the {self.flown_in}, {self.metric.title}: {said[NOMINAL]} designed in the "
-            f"nominal simulation, {said[RETUNED]} designed in the extended one"
+            f"{self.agent} in the {self.tested_in}, {self.metric.title}: {said[NOMINAL]} tuned in the "
+            f"nominal simulation, {said[RETUNED]} tuned in the extended one"
         )
-        if self.won_back is None:
+        if self.recovered is None:
             return (
                 f"{begin}. No hidden reality is known, so this is the extended simulation's forecast, "
                 "not a measurement: fly both on the machine."
             )
-        begin += f", {said[ORACLE]} designed in the hidden reality itself (the oracle)"
-        if self.won_back.outcome == "nothing to win":
-            return f"{begin}. Nothing to win: the oracle is not better than the nominal agent."
-        if self.won_back.share is None:
+        begin += f", {said[ORACLE]} tuned in the hidden reality itself (the oracle)"
+        if self.recovered.outcome == "nothing to recover":
+            return f"{begin}. Nothing to recover: the oracle is not better than the nominal agent."
+        if self.recovered.share is None:
             return f"{begin}. Too few episodes to say more."
-        share = f"{100 * self.won_back.share:.1f} % of the loss won back"
-        if self.won_back.ci95 is None:
+        share = f"{100 * self.recovered.share:.1f} % of the loss recovered"
+        if self.recovered.ci95 is None:
             return f"{begin}: {share}, of too few episodes for an interval."
-        low, high = self.won_back.ci95
+        low, high = self.recovered.ci95
         return f"{begin}: {share} (95 % interval {100 * low:.1f} to {100 * high:.1f})."

@@ -16,11 +16,11 @@ HEADER = (
     "agent",
     "hidden reality",
     "score",
-    "promised",
+    "predicted",
     "nominal",
     "re-tuned",
     "oracle",
-    "loss won back",
+    "loss recovered",
 )
 
 
@@ -47,11 +47,11 @@ def _row(loop: dict[str, Any]) -> list[str]:
         effects,
         f"{metric['title']} [{unit}]",
         *("none" if score is None else f"{scale * score:.3g}" for score in scores),
-        _won_back(loop["won_back"]),
+        _recovered(loop["recovered"]),
     ]
 
 
-def _won_back(found: dict[str, Any]) -> str:
+def _recovered(found: dict[str, Any]) -> str:
     if found["share"] is None:
         return str(found["outcome"])
     if found["ci95"] is None:
