@@ -199,20 +199,7 @@ def table_1(
     last = {"parameter": "average |error| %", "printed constant": PRINTED_AVERAGE[0],
             "printed variable": PRINTED_AVERAGE[1], **averages}  # fmt: skip
     table = pd.concat([table, pd.DataFrame([last])], ignore_index=True)
-    without = (TABLE1 != 0) & (np.array(NAMES) != "cg_z")
-    remarks = []
-    for title, column, claimed in (
-        ("constant", PRINTED_CONSTANT, PRINTED_AVERAGE[0]),
-        ("variable", PRINTED_VARIABLE, PRINTED_AVERAGE[1]),
-    ):
-        rows, (average, low, high) = printed_average(column)
-        _, (rest, _, _) = printed_average(column, without)
-        remarks.append(
-            f"Printed column {title}: its 20 nonzero rows average {average:.1f} %, by rounding anything from "
-            f"{low:.1f} to {high:.1f}; {claimed} is printed. Median {np.median(rows):.0f} %; without c.g. z "
-            f"the average is {rest:.0f} %."
-        )
-    remarks.append("Damping z is wrong by about 94 % in both printed columns: no effect of the excitation.")
+    remarks = _remarks_on_print()
     factors = [
         averages[f"constant, {kind} filter, |error| %"] / averages[f"{adaptive}, {kind} filter, |error| %"]
         for kind in ("naive", "compensated")
@@ -233,6 +220,25 @@ def table_1(
         },
         tuple(remarks),
     )
+
+
+def _remarks_on_print() -> list[str]:
+    """What is odd about Table I's own columns."""
+    without = (TABLE1 != 0) & (np.array(NAMES) != "cg_z")
+    remarks = []
+    for title, column, claimed in (
+        ("constant", PRINTED_CONSTANT, PRINTED_AVERAGE[0]),
+        ("variable", PRINTED_VARIABLE, PRINTED_AVERAGE[1]),
+    ):
+        rows, (average, low, high) = printed_average(column)
+        _, (rest, _, _) = printed_average(column, without)
+        remarks.append(
+            f"Printed column {title}: its 20 nonzero rows average {average:.1f} %, by rounding anything from "
+            f"{low:.1f} to {high:.1f}; {claimed} is printed. Median {np.median(rows):.0f} %; without c.g. z "
+            f"the average is {rest:.0f} %."
+        )
+    remarks.append("Damping z is wrong by about 94 % in both printed columns: no effect of the excitation.")
+    return remarks
 
 
 def table_2(

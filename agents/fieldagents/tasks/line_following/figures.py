@@ -6,7 +6,7 @@ Source: A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015, c
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -24,6 +24,9 @@ from fieldmodels.machines.line_following.firmware import calibrate, line_positio
 from fieldmodels.machines.line_following.parameters import Camera, Exposure, Lighting
 from fieldmodels.machines.line_following.renderer import Renderer, make_view
 from fieldmodels.machines.line_following.tracks import straight
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, "
 TAPE, FLOOR, INK = "#263240", "#e2b54d", "#0b6e99"
@@ -99,24 +102,24 @@ def figure_3_13(
     )
 
 
+GIVEN = {
+    "one band": ("printed", "tuned", "memory", "lqg"),
+    "two bands": ("two_bands",),
+    "place, curvature and bias": ("ceiling",),
+}
+"""What agents are given to the agents that are given it."""
+TRACKS = ("straight", "s", "oval")
+
+
 def information(
     out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     episodes: Annotated[int, Field(ge=20, le=10_000)] = 100,
 ) -> Reproduction:
-    """Distance from the line by what an agent is told: one band, two bands, everything."""
-    from matplotlib.figure import Figure
-
-    told = {
-        "one band": ("printed", "tuned", "memory", "lqg"),
-        "two bands": ("two_bands",),
-        "place, curvature and bias": ("ceiling",),
-    }
-    tracks = ("straight", "s", "oval")
-    known = get_task("line_following").agents
+    """Distance from the line by what an agent is given: one band, two bands, everything."""
     rows: list[dict[str, Any]] = []
-    runs = [(name, track) for names in told.values() for name in names for track in tracks]
+    runs = [(name, track) for names in GIVEN.values() for name in names for track in TRACKS]
     for k, (name, track) in enumerate(runs):
         progress(f"{name}, {track}", k / len(runs))
         environment = EnvironmentConfig(settings={"track": track})
@@ -126,7 +129,7 @@ def information(
         low, high = mean_interval(distances, 20) or (np.nan, np.nan)
         rows.append(
             {
-                "told": next(what for what, names in told.items() if name in names),
+                "given": next(what for what, names in GIVEN.items() if name in names),
                 "agent": name,
                 "line": track,
                 "mean distance [mm]": float(distances.mean()),
@@ -137,11 +140,32 @@ def information(
             }
         )
     found = pd.DataFrame(rows)
+    means = found.groupby("given")["mean distance [mm]"].min()
+    return Reproduction(
+        "What one band of the image does not hold",
+        SOURCE + "section 3.5.3; the question is ours",
+        found,
+        {"information": _information_figure(found)},
+        (
+            "One centroid mixes up offset, heading, curvature and bias: whatever is done with it, the robot "
+            "stays about as far from the line. A second band distinguishes curvature from offset, and here it "
+            "also has noise of its own; on images, where a swaying body moves both alike, it gains less.",
+            f"Best agent and line: {means['one band']:.0f} mm with one band, {means['two bands']:.0f} with "
+            f"two, {means['place, curvature and bias']:.0f} with everything.",
+        ),
+    )
+
+
+def _information_figure(found: pd.DataFrame) -> Figure:
+    """Mean distances by agent and line, grouped by what the agents are given."""
+    from matplotlib.figure import Figure
+
+    known = get_task("line_following").agents
     figure = Figure(figsize=(9, 4))
     axes = figure.subplots()
-    names = [name for group in told.values() for name in group]
+    names = [name for group in GIVEN.values() for name in group]
     width = 0.25
-    for j, track in enumerate(tracks):
+    for j, track in enumerate(TRACKS):
         part = found[found["line"] == track].set_index("agent").loc[names]
         mean = part["mean distance [mm]"].to_numpy()
         errors = np.abs(np.stack([mean - part["low"], part["high"] - mean]))
@@ -149,33 +173,20 @@ def information(
             np.arange(len(names)) + (j - 1) * width, mean, 0.9 * width, yerr=errors,
             color=("#0b6e99", "#e2b54d", "#b070b0")[j], label=track, error_kw={"linewidth": 0.8},
         )  # fmt: skip
-    edges = np.cumsum([len(group) for group in told.values()])[:-1] - 0.5
+    edges = np.cumsum([len(group) for group in GIVEN.values()])[:-1] - 0.5
     for edge in edges:
         axes.axvline(edge, color="#d9dee6")
     axes.set_xticks(range(len(names)), [f"{name}\n({known[name].sees})" for name in names], fontsize=8)
     axes.set_ylabel("mean distance from the line [mm]")
     axes.legend(frameon=False)
     figure.tight_layout()
-    means = found.groupby("told")["mean distance [mm]"].min()
-    return Reproduction(
-        "What one band of the image does not tell",
-        SOURCE + "section 3.5.3; the question is ours",
-        found,
-        {"information": figure},
-        (
-            "One centroid mixes up offset, heading, curvature and bias: whatever is done with it, the robot "
-            "stays about as far from the line. A second band tells curvature from offset, and here it also "
-            "has noise of its own; on images, where a swaying body moves both alike, it gains less.",
-            f"Best agent and line: {means['one band']:.0f} mm with one band, {means['two bands']:.0f} with "
-            f"two, {means['place, curvature and bias']:.0f} with everything.",
-        ),
-    )
+    return figure
 
 
 FIGURES = (
     Reproducible(
         "figure-3.13", "Levels of tape and floor by light, and the threshold between them", figure_3_13
     ),
-    Reproducible("information", "What one band of the image does not tell", information),
+    Reproducible("information", "What one band of the image does not hold", information),
 )
 """In the order of presentation."""

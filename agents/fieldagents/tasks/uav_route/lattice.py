@@ -213,12 +213,11 @@ def _search(
             total = cost[label] + length
             if length < 1e-9 or (length < least_leg and j != 1) or total + to_goal[j] >= best:
                 continue
-            old_cosine, old_sine = north, east
             if parent[label] >= 0:
                 origin = nodes[node[parent[label]]]
                 old_cosine, old_sine = nodes[here, 0] - origin[0], nodes[here, 1] - origin[1]
-            elif not math.isnan(before):
-                old_cosine, old_sine = math.cos(before), math.sin(before)
+            else:
+                old_cosine, old_sine = _first_course(before, north, east)
             if _beaten(newest[j], following, cost, timers, total, calm):
                 continue
             trial[:] = timers[label]
@@ -246,6 +245,12 @@ def _search(
             heapq.heappush(queue, (total + to_goal[j], count))
             count += 1
     return np.zeros(0, np.int64), count
+
+
+@compiled
+def _first_course(before: float, north: float, east: float) -> tuple[float, float]:
+    """Cosine and sine of the course before the first leg; with any, the leg's own."""
+    return (north, east) if math.isnan(before) else (math.cos(before), math.sin(before))
 
 
 @compiled
