@@ -1,4 +1,4 @@
-"""What constant excitation (24) tells of each unknown, for both presets: the table of the docs page.
+"""What constant excitation (24) says of each unknown, for both presets: the table of the docs page.
 
 python benchmarks/excitation_identifiability.py
 """

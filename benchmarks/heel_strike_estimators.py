@@ -30,7 +30,7 @@ def best(on: Walks, grid: FloatArray, rows: FloatArray | None = None) -> FloatAr
 
 
 def refined(on: Walks, start: FloatArray, rows: FloatArray | None = None) -> FloatArray:
-    """Coordinate search on log scales from a start; gains (4,), or (8, 4) told the regime."""
+    """Coordinate search on log scales from a start; gains (4,), or (8, 4) given the regime."""
     gains = start.copy()
     table = gains.reshape(-1, 4)
     for width in (4.0, 2.0, 1.4, 1.4):
@@ -64,8 +64,8 @@ def row(noise: Noise | Regimes) -> dict[str, float]:
     }
     result = {name: float(score_gains(test, gains[None])[0]) for name, gains in found.items()}
     if isinstance(noise, Regimes):
-        told = refined(tune, np.repeat(found["gated"][None], 8, axis=0), tune.regime)
-        result["oracle gains"] = float(score_gains(test, told[None], test.regime)[0])
+        given = refined(tune, np.repeat(found["gated"][None], 8, axis=0), tune.regime)
+        result["oracle gains"] = float(score_gains(test, given[None], test.regime)[0])
     for name, column in (("EKF", 3), ("IMM", 4)):
         if name == "EKF" or isinstance(noise, Regimes):
             result[name] = float(np.abs(test.estimator_mm[:, column]).mean())

@@ -35,7 +35,7 @@ class _Commands(TyperGroup):
 
 
 def _message(error: Exception) -> str | None:
-    """What to tell the user, or None for an error that is not the user's."""
+    """What to say to the user, or None for an error that is not the user's."""
     from fieldagents.config import ConfigError
 
     if isinstance(error, ConfigError) and len(error.problems) > 1:
@@ -64,7 +64,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
     help="""Field-robot problems as Gymnasium environments, the published algorithms as reference agents,
-learned agents trained from configs, and a diagnosis that tells from measured data what a simulation
+learned agents trained from configs, and a diagnosis that finds from measured data what a simulation
 gets wrong.
 
 Start with **fieldgym list**, or with **fieldgym demo** for everything in a few minutes.
@@ -255,7 +255,7 @@ def diagnose(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Tell from measured data what the simulation gets wrong, and by how much naming it helps.
+    """Find from measured data what the simulation gets wrong, and by how much naming it helps.
 
     DATA: a header line; `t` in seconds; optional `episode`; one column for each signal of the model.
     Writes `diagnosis.json`, `report.html` and `extended.yaml`, which `gym.make(..., reality=...)`,
@@ -410,8 +410,8 @@ def reproduce(
             pages.show_reproducible(known, _console())
         return
     folder = out or Path("results") / "reproduce" / what
-    with progress() as shown:
-        result = room.reproduce(what, folder, overrides or [], shown)
+    with progress() as report:
+        result = room.reproduce(what, folder, overrides or [], report)
     if as_json:
         _print_json(pages.to_json(result, folder))
     else:

@@ -81,8 +81,8 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
             f'<p class="lead">{_data_line(bench)}</p>',
             "<h2>1. Agents: a walking robot's heel-strike estimator</h2>",
             "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
-            "estimator's gains under noise whose level it is not told. The score is the error in the foot's "
-            "height at heel strike. All agents meet the same noise on the same episodes.</p>",
+            "estimator's gains under noise whose level it does not know. The score is the error in the "
+            "foot's height at heel strike. All agents meet the same noise on the same episodes.</p>",
             html.figure(_picture(), "The task as it is rendered: the leg, its traces and the strike errors."),
             _below(report_section(summary)),
             "<h2>2. Diagnosis: what does the simulation of this pendulum get wrong?</h2>",
@@ -112,7 +112,7 @@ def find_bench(pendulum: Model) -> Bench:
         ]
         about = (
             f"No real data could be had ({error}). Instead: two recordings of a simulated pendulum with a "
-            f"hidden reality, {HIDDEN}, of which the diagnosis is told nothing."
+            f"hidden reality, {HIDDEN}, of which the diagnosis knows nothing."
         )
         return Bench(records[0], records[1], about, real=False)
     sources = [get_dataset(name) for name in (TRAIN, TEST)]

@@ -65,7 +65,7 @@ def columns(model: Model, texts: Sequence[str]) -> dict[str, str]:
 SENTENCES = {
     "consistent": "Nothing significant is missing in the simulation.",
     "named": "The simulation lacks what is listed below.",
-    "ambiguous": "The simulation lacks something that these data cannot tell apart.",
+    "ambiguous": "The simulation lacks something that these data cannot distinguish.",
     "unknown": "The simulation lacks something that no listed effect explains; nothing is named.",
 }
 

@@ -57,7 +57,7 @@ def test_a_lost_line_is_met_by_holding_the_command():
 
 @pytest.mark.parametrize("track", ["straight", "s", "oval"])
 def test_ranks_of_the_agents(track):
-    """What is told decides: everything, two bands, one band; each gap is paired over 40 walks (p < 0.002)."""
+    """What is given decides: everything, two bands, one band; gaps are paired over 40 walks (p < 0.002)."""
     found = {name: distances(name, track=track) for name in ("ceiling", "two_bands", "memory", "printed")}
     names = list(found)
     for better, worse in pairwise(names):

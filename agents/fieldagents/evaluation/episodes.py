@@ -121,7 +121,7 @@ class Tally:
         self._bound = np.ones(batch)
 
     def begin(self, settings: Mapping[str, Any], info: Mapping[str, Any]) -> None:
-        """Take in what is told before the first step: ``settings`` other than the defaults, and ``info``."""
+        """Take in what is known before the first step: ``settings`` other than the defaults, and ``info``."""
         if self.metric.bound:
             self._bound = resolve_name(self.metric.bound)(settings, info)
 

@@ -171,11 +171,12 @@ def _lead(summary: Summary, metric: Metric) -> str:
     for scenario, rows in summary.scenarios.items():
         scored = [row for row in rows if row.first.mean is not None]
         only = [row for row in scored if row.kind == "observation"]
-        told = [row for row in scored if row.kind in ("observation", "model")]
+        informed = [row for row in scored if row.kind in ("observation", "model")]
         parts = []
-        if told and told[0].kind == "model":
+        if informed and informed[0].kind == "model":
             parts.append(
-                "of the agents that see the observation and the settings, " + _first(told, summary, metric)
+                "of the agents that see the observation and the settings, "
+                + _first(informed, summary, metric)
             )
         if only:
             parts.append("of the agents that see only the observation, " + _first(only, summary, metric))
@@ -203,8 +204,8 @@ def _against(paired: Comparison) -> str:
     return {
         "better": f"better{share} than",
         "worse": f"worse{share} than",
-        "cannot tell": "not to be told apart from",
-        "insufficient": "with too few episodes to tell it from",
+        "cannot tell": "indistinguishable from",
+        "insufficient": "with too few episodes to distinguish it from",
     }[paired.verdict]
 
 
@@ -213,7 +214,7 @@ def _explained(metric: Metric) -> str:
     better = "lower" if metric.lower_is_better else "higher"
     kind = "with its 95 % interval" if metric.binary else "± half the 95 % interval"
     pairs = (
-        "The column episodes tells in how many of them there is a value; the difference is paired, "
+        "The column episodes says in how many of them there is a value; the difference is paired, "
         "on the episodes in which both agents have one."
         if metric.may_miss
         else "The difference is paired, on the same episodes."

@@ -24,7 +24,7 @@ def outcome(case: Case, found: Diagnosis) -> Outcome:
     """Judge a diagnosis.
 
     ``right alone``: the hidden effects and no others are named. ``in a set of two`` or ``larger``: each named
-    cause holds another of the hidden effects among what the data cannot tell apart. ``in part``: one of a
+    cause holds another of the hidden effects among what the data cannot distinguish. ``in part``: one of a
     pair is named and nothing else. ``with a false one``: what is hidden is named, and something beside it.
     ``wrong``: a name that leads astray. ``abstained``: nothing is named. Where nothing listed is hidden:
     ``consistent`` or ``unknown``, and ``false name`` or ``misnamed`` if anything is named.
@@ -66,7 +66,7 @@ def deviations(hidden: EffectValues, found: Diagnosis) -> dict[str, float]:
 
 
 def named(found: Diagnosis) -> list[list[str]]:
-    """Each cause with what the data cannot tell from it, as plain data."""
+    """Each cause with what the data cannot distinguish from it, as plain data."""
     return [[cause.effect, *cause.alternatives] for cause in found.causes]
 
 

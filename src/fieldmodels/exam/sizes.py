@@ -264,7 +264,7 @@ class Pair:
     ) -> tuple[Problem, FloatArray]:
         """The test windows of one stage, and its nominal model refitted to the training windows."""
         known = {**self.train.known, **held(stage), **fixed}
-        # What is small and what is large is told by sensors with noise, whatever these records have.
+        # What is small and what is large is said by sensors with noise, whatever these records have.
         noisy = self.train if scale is None else _noisy(self.benchmark.name, self.seeds).train
         model = stage.model.scaled_to([noisy])
         horizon = main_horizon(model, [self.train])

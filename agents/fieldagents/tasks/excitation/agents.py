@@ -239,7 +239,7 @@ class PrintedOptimiser(ModelBased):
 
 
 def situation(info: Mapping[str, Any]) -> Situation:
-    """What is known, as the environment tells it."""
+    """What is known, as the environment gives it."""
     estimate, arm = info["estimate"], info["arm"]
     return Situation(
         mean=estimate["mean"],
@@ -336,7 +336,7 @@ AGENTS = (
         PLANNER,
     ),
     _schedule("schedule", "One schedule for all vehicles, by CMA-ES on vehicles drawn from the prior"),
-    _search("oracle_planner", "The planner, told the true vehicle", "relative_error", PLANNER, True),
+    _search("oracle_planner", "The planner, given the true vehicle", "relative_error", PLANNER, True),
     _schedule("oracle_schedule", "One schedule for the true vehicle, by CMA-ES", "privileged"),
 )
 """The reference agents, in the order of presentation."""

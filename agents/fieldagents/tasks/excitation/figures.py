@@ -102,7 +102,7 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
     agent.begin_episodes(np.ones(episodes, dtype=np.bool_))
     shaken, course, angles = shakers.look(), [shakers.look()], []
     for _ in range(settings.decisions):
-        action = agent.act(np.zeros((episodes, 0), dtype=np.float32), told(shaken))
+        action = agent.act(np.zeros((episodes, 0), dtype=np.float32), given(shaken))
         shaken = shakers.advance(to_command(action, limits), traces=True)
         assert shaken.motion is not None
         course.append(shaken)
@@ -116,8 +116,8 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
     )
 
 
-def told(shaken: Shaken) -> dict[str, Any]:
-    """What the environment's ``info`` tells a model-based agent."""
+def given(shaken: Shaken) -> dict[str, Any]:
+    """What the environment's ``info`` gives a model-based agent."""
     return {
         "estimate": {
             "mean": shaken.mean,

@@ -134,7 +134,7 @@ class RegimeFilter(Agent):
 
 
 class OracleGains(Agent):
-    """The best gains for the regime of each stride, which no robot is told.
+    """The best gains for the regime of each stride, which no robot knows.
 
     Args:
         name: The agent's name.
@@ -174,7 +174,7 @@ class Estimator(Agent):
         name: Its name.
         title: What it does.
         key: Its entry of ``info``.
-        sees: What it is told.
+        sees: What it is given.
         settings: Settings of the environment that compute it and change nothing else.
     """
 
@@ -230,9 +230,9 @@ ADAPTIVE = "Log gains linear in the observation, tuned by CMA-ES"
 REGIME_FILTER = (
     "Infers the hidden regime by a Gaussian hidden Markov model and mixes the gains tuned for each"
 )
-ORACLE = "The best gains for the regime of each stride, which it is told"
-EKF = "Extended Kalman filter with torque and collision states, told the typical noise levels"
-IMM = "Bank of eight such filters (interacting multiple models), told all levels and the dwell"
+ORACLE = "The best gains for the regime of each stride, which it is given"
+EKF = "Extended Kalman filter with torque and collision states, given the typical noise levels"
+IMM = "Bank of eight such filters (interacting multiple models), given all levels and the dwell"
 
 AGENTS = (
     _estimator("ranger", RANGER, "error_mm_ranger"),

@@ -94,7 +94,7 @@ class Steering(Agent):
         if observation.ndim == 4:
             if self._board is None:
                 self._board = _Board(len(observation), self._threshold)
-            seen = self._board.look(observation[..., 0])
+            seen = self._board.read(observation[..., 0])
         else:
             seen = np.asarray(observation, dtype=np.float64)
         asked = self.turn(seen, info) / self.limit
@@ -120,7 +120,7 @@ class _Board:
         """Begin anew."""
         self._seen[begun] = 0.0
 
-    def look(self, images: NDArray[np.uint8]) -> Floats:
+    def read(self, images: NDArray[np.uint8]) -> Floats:
         """What the other environment would have observed."""
         seen = self._seen
         for i, image in enumerate(images):
@@ -155,7 +155,7 @@ class Linear(Steering):
         self._entries = list(weights)
         scales = [self.limit if 4 <= entry < 8 else WIDTH_SCALE for entry in weights]
         self._weights = np.array(list(weights.values())) * scales
-        if max(self._entries) > 8:  # it looks at a second band, which changes nothing else
+        if max(self._entries) > 8:  # it reads a second band, which changes nothing else
             self.settings = {"bands": 2}
 
     def turn(self, observation: Floats, info: Mapping[str, Any]) -> Floats:  # noqa: ARG002
@@ -197,8 +197,8 @@ def walk_matrices(latency: int, memory: float, plant: Floats = NEUTRAL) -> tuple
     camera = Camera()
     tilted = replace(camera, pitch=camera.pitch + plant[PITCH_ERROR])
     ahead = tilted.look_ahead
-    shown = plant[SENSOR_GAIN] * camera.metres_per_pixel / tilted.metres_per_pixel
-    c = shown * np.array([[-1.0, -ahead, 0.5 * ahead**2, 0.0, 0.0, 0.0, 0.0]])
+    scale = plant[SENSOR_GAIN] * camera.metres_per_pixel / tilted.metres_per_pixel
+    c = scale * np.array([[-1.0, -ahead, 0.5 * ahead**2, 0.0, 0.0, 0.0, 0.0]])
     return a, b, c
 
 

@@ -148,8 +148,8 @@ def information(
         {"information": _information_figure(found)},
         (
             "One centroid mixes up offset, heading, curvature and bias: whatever is done with it, the robot "
-            "stays about as far from the line. A second band distinguishes curvature from offset, and here it "
-            "also has noise of its own; on images, where a swaying body moves both alike, it gains less.",
+            "stays about as far from the line. A second band distinguishes curvature from offset, and here "
+            "it also has noise of its own; on images, where a swaying body moves both alike, it gains less.",
             f"Best agent and line: {means['one band']:.0f} mm with one band, {means['two bands']:.0f} with "
             f"two, {means['place, curvature and bias']:.0f} with everything.",
         ),

@@ -38,7 +38,7 @@ from fieldmodels.machines.pose_reaching.parameters import FIELD, GOAL_HEADING, F
 PATHS, POINTS = 9, 14
 """Training paths and states of each: the 126 states of section 5.3.2, which does not say how many paths."""
 MIXED_PATHS = 200
-"""Training paths of the memories that tell headings apart, from anywhere with any heading."""
+"""Training paths of the memories that distinguish headings, from anywhere with any heading."""
 SEED = 10_000
 """Of what is random in training data: one of the training seeds."""
 
@@ -59,7 +59,7 @@ class Driver(Agent):
         settings: Of the environment.
         decide: Commands for poses.
         states: What it remembers, for drawing.
-        sees: What it is told.
+        sees: What it is given.
     """
 
     def __init__(
@@ -169,8 +169,8 @@ def _graceful(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
         limits = settings.limits
 
         def decide(poses: Floats) -> tuple[Floats, None]:
-            told = graceful_commands(poses, GOAL_HEADING, limits.max_speed, limits.max_rate)
-            return told, None
+            commands = graceful_commands(poses, GOAL_HEADING, limits.max_speed, limits.max_rate)
+            return commands, None
 
         return Driver(name, title, settings, decide)
 

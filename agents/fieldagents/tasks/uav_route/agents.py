@@ -245,7 +245,7 @@ def _straight(layout: Layout, world: World, heading: float | None) -> Plan:  # n
 
 
 def two_legs(layout: Layout, world: World, heading: float | None) -> Plan:
-    """The route that random layouts are drawn around; where there is none it is told so."""
+    """The route that random layouts are drawn around; where there is none it says so."""
     try:
         route = safe_route(layout, world.detection)
     except ModelError as error:

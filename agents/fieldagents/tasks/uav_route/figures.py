@@ -33,7 +33,7 @@ PRINTED_COUNTS = {"binaries (source)": 15363, "linear (source)": 72, "constraint
 
 
 @dataclass(frozen=True)
-class Shown:
+class Drawn:
     """A plan in a figure.
 
     Attributes:
@@ -55,27 +55,27 @@ def figures_4_4_to_4_6(
     time_limit: Annotated[float, Bounded(gt=0, le=3600)] = 300.0,
 ) -> Reproduction:
     """Plan the source's example as it does, in whole legs, and with lock loss; M is ``sides``."""
-    form, shown = Form(sides=sides), []
+    form, drawn = Form(sides=sides), []
     for i, threshold in enumerate(COLOURS):
         progress("planning", i / 4)
         world = World(detection=Detection(threshold=threshold))
         figure = "4.4" if threshold == 0.5 else "4.5"
-        shown.append(Shown(figure, threshold, printed_plan(EXAMPLE, world, form, time_limit=time_limit)))
-        shown.append(Shown(figure, threshold, leg_plan(EXAMPLE, world, time_limit=time_limit)))
+        drawn.append(Drawn(figure, threshold, printed_plan(EXAMPLE, world, form, time_limit=time_limit)))
+        drawn.append(Drawn(figure, threshold, leg_plan(EXAMPLE, world, time_limit=time_limit)))
     progress("planning", 3 / 4)
     lock_loss = replace(form, lock_loss=4)
-    shown.append(Shown("4.6", 0.5, printed_plan(EXAMPLE, form=lock_loss, time_limit=time_limit)))
-    shown.append(Shown("4.6", 0.5, lattice_plan(EXAMPLE, lock_loss=True)))
-    rows = [_row(s) for s in shown]
+    drawn.append(Drawn("4.6", 0.5, printed_plan(EXAMPLE, form=lock_loss, time_limit=time_limit)))
+    drawn.append(Drawn("4.6", 0.5, lattice_plan(EXAMPLE, lock_loss=True)))
+    rows = [_row(s) for s in drawn]
     rows[0] |= PRINTED_COUNTS
     return Reproduction(
         title="Paths under radar detection and lock loss: the source's program, and routes that hold",
         source=SOURCE,
         table=pd.DataFrame(rows),
         figures={
-            "figure-4.4": _figure(shown[:2], "Fig 4.4: probability of detection 0.5"),
-            "figure-4.5": _figure(shown[:6], "Fig 4.5: probabilities 0.5, 0.6, 0.7"),
-            "figure-4.6": _figure([*shown[:2], *shown[6:]], "Fig 4.6: with lock loss"),
+            "figure-4.4": _figure(drawn[:2], "Fig 4.4: probability of detection 0.5"),
+            "figure-4.5": _figure(drawn[:6], "Fig 4.5: probabilities 0.5, 0.6, 0.7"),
+            "figure-4.6": _figure([*drawn[:2], *drawn[6:]], "Fig 4.6: with lock loss"),
         },
         remarks=(
             "The source prints its paths as pictures without numbers; ours are drawn in their axes.",
@@ -87,21 +87,21 @@ def figures_4_4_to_4_6(
     )
 
 
-def _row(shown: Shown) -> dict[str, object]:
+def _row(drawn: Drawn) -> dict[str, object]:
     """A plan as a row of the table."""
-    s, c = shown.plan.search, shown.plan.verification
+    s, c = drawn.plan.search, drawn.plan.verification
     row: dict[str, object] = {
-        "figure": shown.figure,
-        "Pd": shown.threshold,
-        "planner": shown.plan.planner,
+        "figure": drawn.figure,
+        "Pd": drawn.threshold,
+        "planner": drawn.plan.planner,
         "status": s.status,
         "gap": s.gap,
         "seconds": s.seconds,
         "binaries": s.counts.integers,
         "linear": s.counts.continuous,
         "constraints": s.counts.constraints,
-        "length [km]": shown.plan.length,
-        "lower bound [km]": shown.plan.lower_bound,
+        "length [km]": drawn.plan.length,
+        "lower bound [km]": drawn.plan.lower_bound,
     }
     if c is not None:
         row |= {
@@ -113,20 +113,20 @@ def _row(shown: Shown) -> dict[str, object]:
     return row
 
 
-def _figure(shown: list[Shown], title: str) -> Figure:
+def _figure(drawn: list[Drawn], title: str) -> Figure:
     """Paths and the circles in which the side is seen, in the source's unequal axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 6.4), layout="constrained")
     axes = figure.subplots()
     bearing = np.linspace(-0.2, 0.7, 300)
-    for threshold in sorted({s.threshold for s in shown}):
+    for threshold in sorted({s.threshold for s in drawn}):
         circle = limits_of(World(detection=Detection(threshold=threshold))).side
         axes.plot(
             circle * np.cos(bearing), circle * np.sin(bearing), color=COLOURS[threshold], lw=0.8, ls=":",
             label=f"side seen at {threshold}",
         )  # fmt: skip
-    for s in shown:
+    for s in drawn:
         lost = "lock-loss" in s.plan.planner
         style = "o--" if s.plan.planner.startswith("printed") else "s-"
         axes.plot(

@@ -27,7 +27,7 @@ from fieldmodels.machines.uav_route.signature import aspect, signature
 from fieldmodels.model import ModelError
 
 STEP = 2.0
-"""Longest time between two looks at a leg [s]; it counts as detected between them if it is at either."""
+"""Longest time between two scans of a leg [s]; it counts as detected between them if it is at either."""
 LABELS = 400_000
 """Largest number of labels."""
 ALIKE = 5.0

@@ -61,7 +61,7 @@ SLANTS: tuple[tuple[Kind, float], ...] = tuple(
 )
 """How near to nose or tail the radar may stay in a bank [rad]."""
 LONG_SIDES = 12
-"""Directions along which a leg's length may be shown to be enough for a lock to be lost."""
+"""Directions along which a leg's length may be proved to be enough for a lock to be lost."""
 
 
 def leg_plan(
@@ -82,7 +82,7 @@ def leg_plan(
 
     The program chooses the modes and proves that no other choice of its form is shorter; then the waypoints
     move to their best places for these modes, with legs in a cone divided where that shortens the route.
-    Radars come into the program once they see its route; ``search`` tells of the last one.
+    Radars come into the program once they see its route; ``search`` describes the last one.
 
     Args:
         layout: Start, goal and radars.

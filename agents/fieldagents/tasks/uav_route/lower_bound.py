@@ -86,14 +86,14 @@ def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> Fl
 
 def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
     """The layout of each episode of a batch, from its ``info``."""
-    told = info["layout"]
+    known = info["layout"]
     return [
         Layout(
             (float(start[0]), float(start[1])),
             (float(goal[0]), float(goal[1])),
             tuple((float(x), float(y)) for x, y in radars),
         )
-        for start, goal, radars in zip(told["start"], told["goal"], told["radars"], strict=True)
+        for start, goal, radars in zip(known["start"], known["goal"], known["radars"], strict=True)
     ]
 
 

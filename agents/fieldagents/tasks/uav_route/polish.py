@@ -21,7 +21,7 @@ Span = tuple[float, float]
 """Shortest and longest length of a leg [km]."""
 
 SLACK = 0.05
-"""What legs that use lock loss keep from the radars' times [km]: detections begin and end between looks."""
+"""What legs that use lock loss keep from the radars' times [km]: detections begin and end between scans."""
 
 
 @dataclass(frozen=True)

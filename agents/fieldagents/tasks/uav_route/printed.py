@@ -29,7 +29,7 @@ from fieldmodels.model import ModelError
 
 Lookup = Literal["pairs", "sets"]
 ELEVATIONS = np.radians(np.arange(0.0, 90.0, 10.0))
-"""Lower edges of the elevations that the table of tangents tells apart [rad] (180 / 18, assumed)."""
+"""Lower edges of the elevations that the table of tangents distinguishes [rad] (180 / 18, assumed)."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def joint_printed_plans(
         time_limit: For the solver [s].
 
     Returns:
-        A plan for each aircraft; ``search`` tells of the common program, whose objective is the sum.
+        A plan for each aircraft; ``search`` describes the common program, whose objective is the sum.
 
     Raises:
         MissingSolverError: If PuLP or the solver is not installed.

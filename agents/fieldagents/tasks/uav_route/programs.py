@@ -97,7 +97,7 @@ def solve(program: Any, solver: Any, begun: float) -> Search:
         gap = 0.0
     status: Status
     if found:
-        # PuLP calls an incumbent at the time limit "Optimal": only the solution's own status tells
+        # PuLP calls an incumbent at the time limit "Optimal": only the solution's own status says it
         status = "optimal" if program.sol_status == pulp.LpSolutionOptimal else "feasible"
     else:
         # CBC's "Integer infeasible" reaches only the program's status, and stopped by the time limit in its

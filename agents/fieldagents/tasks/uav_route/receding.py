@@ -15,8 +15,8 @@ from fieldmodels.machines.uav_route.parameters import Layout, World
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
-LOOK = 1.0
-"""Length between two looks for new radars [km]."""
+SCAN = 1.0
+"""Length between two scans for new radars [km]."""
 
 
 def receding_plan(
@@ -29,7 +29,7 @@ def receding_plan(
     solver: Solver = "auto",
     time_limit: float | None = None,
 ) -> Plan:
-    """Fly part of a plan in whole legs, look which radars are in sight, and plan again.
+    """Fly part of a plan in whole legs, see which radars are in sight, and plan again.
 
     A new plan is made when a new radar comes into sight or the next ``advance`` is flown, and starts with the
     heading that the aircraft has. It replaces the old one if that is detected by the radars now known, or is
@@ -100,8 +100,8 @@ def _fly(
     for i in range(len(ahead) - 1):
         start, length = ahead[i], math.dist(ahead[i], ahead[i + 1])
         reach = min(length, advance)
-        for k in range(1, math.ceil(reach / LOOK) + 1):
-            way = min(k * LOOK, reach)
+        for k in range(1, math.ceil(reach / SCAN) + 1):
+            way = min(k * SCAN, reach)
             place = start + (ahead[i + 1] - start) * (way / length)
             if way < length and (way == advance or _in_sight(place, layout, sensing) - known):
                 return [*flown, place], np.concatenate([place[None], ahead[i + 1 :]])

@@ -61,8 +61,8 @@ class HeelStrike(Benchmark):
         walk = record_walk(DURATION, rng, levels, Reality(effects=reality), LEG, cogging)
         walk = wandering(walk, {"gyro": NOISE.gyro}, coloured, 0.5, seed)
         if outside and outside.name != "cogging":
-            shown = _faulty(outside, walk["gyro"], walk.time)
-            return replace(walk, signals={**walk.signals, "gyro": shown})
+            measured = _faulty(outside, walk["gyro"], walk.time)
+            return replace(walk, signals={**walk.signals, "gyro": measured})
         return walk
 
 

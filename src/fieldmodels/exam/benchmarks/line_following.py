@@ -34,7 +34,7 @@ class LineFollowing(Benchmark):
             "weak_left": "The robot turns less to the left than to the right.",
             "sideways_drift": "The robot slides sideways in its turns.",
             "bent_sensor": "A sensor whose scale grows towards its edges.",
-            "smeared_sensor": "A sensor that still shows a share of its last reading.",
+            "smeared_sensor": "A sensor that still holds a share of its last reading.",
         }
     )
 

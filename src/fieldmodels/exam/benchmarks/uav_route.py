@@ -58,7 +58,7 @@ class UavRoute(Benchmark):
         whole = {o.name: o.noise for o in self.model.outputs if o.name in ("north", "east")}
         flight = wandering(flight, whole, coloured, CORRELATION, seed)
         if outside and not fading:
-            places = {name: _shown(outside, flight, name) for name in ("north", "east")}
+            places = {name: _measured(outside, flight, name) for name in ("north", "east")}
             return replace(flight, signals={**flight.signals, **places})
         return flight
 
@@ -68,7 +68,7 @@ def _fading(size: float) -> Callable[[complex, float], float]:
     return lambda _place, time: math.exp(min(size, 2.0) * math.sin(2 * math.pi * time / 900.0))
 
 
-def _shown(outside: Outside, flight: Recording, name: str) -> FloatArray:
+def _measured(outside: Outside, flight: Recording, name: str) -> FloatArray:
     """A coordinate as a faulty tracker shows it [m]."""
     place = flight[name]
     if outside.name == "late_position":

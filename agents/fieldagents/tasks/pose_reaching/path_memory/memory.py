@@ -20,7 +20,7 @@ from fieldagents.tasks.pose_reaching.path_memory.reading import (
 
 @dataclass(frozen=True)
 class States:
-    """What a robot went through, and what it was told to do there: the source's p, before any rounding.
+    """What a robot went through, and what it was commanded there: the source's p, before any rounding.
 
     Attributes:
         poses: x [m], y [m], heading [rad], shape (states, 3).

@@ -30,7 +30,7 @@ LONGEST = 8.0
 
 @dataclass(frozen=True)
 class Bins:
-    """How relative poses are told apart.
+    """How relative poses are distinguished.
 
     Attributes:
         position: Width of a bin [m].

@@ -79,24 +79,24 @@ def _drive(
     poses, commands, free = [info["pose"]], [], []
     over = np.zeros(envs.num_envs, dtype=np.bool_)
     for k in range(len(random)):
-        told = random[k] if stray[k].all() else np.where(stray[k], random[k], learned.commands(poses[-1]))
-        told = np.stack(
+        command = random[k] if stray[k].all() else np.where(stray[k], random[k], learned.commands(poses[-1]))
+        command = np.stack(
             [
-                np.clip(told[:, 0], 0, settings.max_speed),
-                np.clip(told[:, 1], -settings.max_rate, settings.max_rate),
+                np.clip(command[:, 0], 0, settings.max_speed),
+                np.clip(command[:, 1], -settings.max_rate, settings.max_rate),
             ],
             axis=1,
         )
-        _, _, arrived, late, info = envs.step(to_action(told, settings))
+        _, _, arrived, late, info = envs.step(to_action(command, settings))
         pose = info["pose"]
         moved = np.hypot(*(pose - poses[-1])[:, :2].T)
-        half_turn = told[:, 1] * settings.tick / 2
-        meant = told[:, 0] * settings.tick * np.abs(np.sinc(half_turn / np.pi))
+        half_turn = command[:, 1] * settings.tick / 2
+        meant = command[:, 0] * settings.tick * np.abs(np.sinc(half_turn / np.pi))
         # A tick that a wall held, one cut short by the goal, and the jump to a new start teach nothing.
         free.append(~over & ~arrived & (moved >= 0.5 * meant))
-        commands.append(told)
+        commands.append(command)
         poses.append(pose)
         over = arrived | late
-    path, told, free_ticks = np.stack(poses, 1), np.stack(commands, 1), np.stack(free, 1)
+    path, driven, free_ticks = np.stack(poses, 1), np.stack(commands, 1), np.stack(free, 1)
     for robot in range(envs.num_envs):
-        learned.add(path[robot], told[robot], free_ticks[robot], settings.tick)
+        learned.add(path[robot], driven[robot], free_ticks[robot], settings.tick)

@@ -77,12 +77,12 @@ def graceful_commands(
     poses: FloatArray, goal_heading: float, max_speed: float, max_rate: float
 ) -> FloatArray:
     """Speed and turn rate of the smooth control law at each pose, shape (batch, 2)."""
-    told = np.empty((len(poses), 2))
+    commands = np.empty((len(poses), 2))
     for i in range(len(poses)):
-        told[i, 0], told[i, 1] = graceful_command(
+        commands[i, 0], commands[i, 1] = graceful_command(
             poses[i, 0], poses[i, 1], poses[i, 2], goal_heading, max_speed, max_rate
         )
-    return told
+    return commands
 
 
 def graceful_path(start: Floats, limits: Limits = LIMITS) -> Floats:
