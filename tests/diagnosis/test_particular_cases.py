@@ -18,6 +18,8 @@ from fieldmodels.machines.line_following.tracks import oval, straight
 from fieldmodels.machines.line_following.walks import Scene
 from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
 
 QUIET = Noise(bias=0.0)
 SLOW = pytest.mark.slow
@@ -89,6 +91,24 @@ def test_faults_of_both_stages_are_named_together():
     assert set(found.extended()["effects"]) == {"yaw_slip", "actuator_lag"}
     assert found.vector[benchmark.model.index("yaw_slip.share")] == pytest.approx(0.1, abs=0.005)
     assert found.vector[benchmark.model.index("actuator_lag.time_constant")] == pytest.approx(0.05, abs=0.003)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_detent_is_unknown_and_its_shape_is_given(seed: int):
+    """No listed effect: a notch pulls the pendulum towards one place."""
+    model = get_model("pendulum")
+    train, test = (
+        synthesise(
+            model, {}, "swing", duration=duration, amplitude=1.2, rng=np.random.default_rng([seed, k]),
+            outside=lambda _t, x, _v, _u: -0.8 * (x - 0.3) * math.exp(-(((x - 0.3) / 0.15) ** 2)),
+        )
+        for k, duration in enumerate((24.0, 12.0))
+    )  # fmt: skip
+    found = diagnose(model, [train], [test])
+    assert found.verdict == "unknown", found.summary()
+    assert found.unknown is not None
+    assert found.unknown.direction.split()[0] == "angle"
+    assert len(found.unknown.curve) > 3
 
 
 def test_each_cause_says_in_which_signal_it_shows():
