@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -93,22 +94,45 @@ def test_faults_of_both_stages_are_named_together():
     assert found.vector[benchmark.model.index("actuator_lag.time_constant")] == pytest.approx(0.05, abs=0.003)
 
 
+def detent(x: float) -> float:
+    """A notch that pulls the pendulum towards one place [N m]."""
+    return -0.8 * (x - 0.3) * math.exp(-(((x - 0.3) / 0.15) ** 2))
+
+
+def one_sided_stop(x: float) -> float:
+    """An elastic stop on one side of the rig [N]."""
+    return -20.0 * max(x - 0.03, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("model", "excitation", "amplitude", "force"),
+    [("rig", "mixed", 8.0, one_sided_stop), ("pendulum", "swing", 1.2, detent)],
+    ids=["rig, one-sided stop", "pendulum, detent"],
+)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_detent_is_unknown_and_its_shape_is_given(seed: int):
-    """No listed effect: a notch pulls the pendulum towards one place."""
-    model = get_model("pendulum")
+def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
+    model: str, excitation: str, amplitude: float, force: Callable[[float], float], seed: int
+):
+    bench = get_model(model)
     train, test = (
         synthesise(
-            model, {}, "swing", duration=duration, amplitude=1.2, rng=np.random.default_rng([seed, k]),
-            outside=lambda _t, x, _v, _u: -0.8 * (x - 0.3) * math.exp(-(((x - 0.3) / 0.15) ** 2)),
+            bench, {}, excitation, duration=duration, amplitude=amplitude,
+            rng=np.random.default_rng([seed, k]), outside=lambda _t, x, _v, _u: force(x),
         )
         for k, duration in enumerate((24.0, 12.0))
     )  # fmt: skip
-    found = diagnose(model, [train], [test])
+    found = diagnose(bench, [train], [test])
     assert found.verdict == "unknown", found.summary()
     assert found.unknown is not None
-    assert found.unknown.direction.split()[0] == "angle"
-    assert len(found.unknown.curve) > 3
+    assert found.unknown.direction.split()[0] in ("position", "angle")
+    assert 0.0 < found.unknown.percent <= 100.0
+    place, values = found.unknown.curve.T
+    assert len(place) > 3
+    # Its shape, up to what the refitted base takes up: a constant and a spring.
+    base = np.column_stack([np.ones_like(place), place])
+    truth = np.array([force(x) for x in place])
+    left = [y - base @ np.linalg.lstsq(base, y, rcond=None)[0] for y in (values, truth)]
+    assert np.corrcoef(left)[0, 1] > 0.8
 
 
 def test_each_cause_says_in_which_signal_it_shows():
