@@ -135,7 +135,7 @@ SIZES = {
 }
 """Model to effect to its size in typical steps; negative for the other direction."""
 PAIRS = {
-    "rig": ("coulomb_friction", "sensor_delay"),
+    "rig": ("quadratic_drag", "sensor_bias"),
     "pendulum": ("viscous_friction", "sensor_bias"),
     "heel_strike": ("gyro_bias", "viscous_friction"),
     "excitation": ("coulomb_friction", "accelerometer_gain"),
