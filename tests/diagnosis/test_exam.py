@@ -182,21 +182,21 @@ def rows(**counts: int) -> list[dict[str, Any]]:
 
 def test_rates_have_exact_intervals():
     """Clopper and Pearson's interval of 9 in 10 is 55.5 to 99.7 %."""
-    asked = rows(right_alone=8, in_a_set_of_two=1, wrong=1, out_of_reach=3)
-    rate = table.rate(asked, table.GOALS[0])
+    ran = rows(right_alone=8, in_a_set_of_two=1, wrong=1, out_of_reach=3)
+    rate = table.rate(ran, table.GOALS[0])
     assert (rate.count, rate.cases, rate.percent) == (9, 10, 90.0)
     assert rate.interval == pytest.approx((55.5, 99.75), abs=0.05)
 
 
 def test_the_table_says_what_was_missed_and_what_was_taken_for_what(tmp_path):
-    asked = rows(right_alone=19, wrong=1)
-    written = table.write(asked, tmp_path)
+    ran = rows(right_alone=19, wrong=1)
+    written = table.write(ran, tmp_path)
     data = json.loads(written["exam.json"].read_text())
     goals = {goal["name"]: goal for goal in data["goals"]["rig"]}
     assert goals["moderate singles right"]["met"]
     assert not goals["moderate singles wrong"]["met"]
     assert data["confusions"] == [
-        {"model": "rig", "hidden": "effect0", "named": "other", "cases": [asked[-1]["key"]]}
+        {"model": "rig", "hidden": "effect0", "named": "other", "cases": [ran[-1]["key"]]}
     ]
     text = written["exam.md"].read_text()
     assert "| moderate singles right | 20 | 19 | 95.0 % |" in text
@@ -214,7 +214,7 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     stale = cases[1].to_json() | {"outcome": "stale", "code": "of another day"}
     lines = [json.dumps(done), json.dumps(stale), json.dumps(done)[:20]]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines))
-    asked = []
+    ran = []
 
     class Here:
         """Works in this process."""
@@ -222,7 +222,7 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
         def submit(self, function: Any, case: Case, _curves: Any) -> Any:
             from concurrent.futures import Future
 
-            asked.append(case.key)
+            ran.append(case.key)
             future: Future[Any] = Future()
             future.set_result(case.to_json() | {"outcome": "consistent"})
             return future
@@ -235,12 +235,12 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr(run, "_pool", pool)
     found_rows = run_cases(cases, tmp_path)
-    assert asked == [case.key for case in cases[1:]]
+    assert ran == [case.key for case in cases[1:]]
     assert [row["outcome"] for row in found_rows] == ["consistent"] * 3
     assert len(run.read_rows(tmp_path / "cases.jsonl")) == 4
-    asked.clear()
+    ran.clear()
     run_cases(cases, tmp_path)
-    assert not asked
+    assert not ran
 
 
 @pytest.mark.parametrize("name", SAMPLE)
@@ -256,9 +256,9 @@ def test_a_sample_is_passed(name: str):
 @pytest.mark.slow
 def test_the_whole_exam(tmp_path):
     """All kinds on all models, a seed each: no goal is missed beyond what its interval allows."""
-    asked = cases_of(benchmark_names(), KINDS, 1, 21_000)
-    result = run_cases(asked, tmp_path, workers=2)
-    assert len(result) == len(asked)
+    ran = cases_of(benchmark_names(), KINDS, 1, 21_000)
+    result = run_cases(ran, tmp_path, workers=2)
+    assert len(result) == len(ran)
     for goal in table.GOALS:
         low, high = table.rate(result, goal).interval
         assert high >= goal.limit if goal.at_least else low <= goal.limit, goal.name

@@ -23,7 +23,7 @@ from fieldmodels.model import EffectValues, ModelError, Stage
 PROBES = (7, 507)
 """Seeds of the two records on which sizes are found: fitted on the first, measured on the second."""
 LOWEST, HIGHEST = 3.0, 40.0
-"""Percentages between which sizes are asked for."""
+"""Percentages between which sizes are sought."""
 SMALLEST, LARGEST = 1e-6, 1e5
 CLOSE = 0.08
 """Steps between neighbouring points of a curve are followed until so near a percentage (in its logarithm)."""

@@ -62,7 +62,7 @@ class Rate:
 
     Attributes:
         count: Cases that count.
-        cases: Cases asked; those that could not be made are left out.
+        cases: Cases counted; those that could not be made are left out.
         percent: Share [%]; NaN without a case.
         interval: Exact 95 % interval (Clopper and Pearson 1934) [%].
     """
@@ -75,14 +75,14 @@ class Rate:
 
 def rate(rows: Iterable[Row], goal: Goal) -> Rate:
     """How many cases of a goal's kind count."""
-    asked = [
+    counted = [
         r for r in rows if (r["kind"], r["size"]) == (goal.kind, goal.size) and r["outcome"] != "out of reach"
     ]
-    count = sum(r["outcome"] in goal.counts for r in asked)
-    if not asked:
+    count = sum(r["outcome"] in goal.counts for r in counted)
+    if not counted:
         return Rate(0, 0, float("nan"), (0.0, 100.0))
-    interval = binomtest(count, len(asked)).proportion_ci(method="exact")
-    return Rate(count, len(asked), 100 * count / len(asked), (100 * interval.low, 100 * interval.high))
+    interval = binomtest(count, len(counted)).proportion_ci(method="exact")
+    return Rate(count, len(counted), 100 * count / len(counted), (100 * interval.low, 100 * interval.high))
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
@@ -255,7 +255,7 @@ def _notes(found: dict[str, Any]) -> list[str]:
             f"Of {errors['count']} parameters of effects that were named alone, {one:.0f}, {two:.0f} and "
             f"{three:.0f} % are within 1, 2 and 3 standard errors of the truth."
         )
-    notes += [f"Could not be asked: {text}." for text in found["out_of_reach"]]
+    notes += [f"Out of reach: {text}." for text in found["out_of_reach"]]
     notes += [f"Ended in an error: {text}." for text in found["failed"]]
     return notes
 

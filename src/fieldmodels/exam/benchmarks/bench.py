@@ -23,7 +23,7 @@ OUTSIDE = MappingProxyType(
         "gear_error": "An eccentric gear of the position sensor: it errs by a wave over the range.",
         "end_stop": "An elastic stop that the axis presses on one side.",
         "place_damping": "Damping that grows with the square of the deflection.",
-        "progressive_actuator": "An actuator that gives more than in proportion when it is asked for much.",
+        "progressive_actuator": "An actuator that gives more than in proportion when it is commanded much.",
     }
 )
 
