@@ -33,6 +33,7 @@ from table import FOLDER, ROOT, Mutant, read_mutants
 COPIED = ("src", "envs", "agents", "tests", "configs", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
 WORK = ROOT / "results" / "mutants"
 TIMEOUT = 600.0  # seconds, for the tests of one mutant
+PATIENCE = 5400.0  # seconds, for all tests without any error, kernels compiled
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,9 @@ class Worker:
             elif source.exists():
                 shutil.copy(source, self.root / name)
 
-    def pytest(self, tests: Sequence[str], kernels: Path, *options: str) -> tuple[int, list[dict[str, Any]]]:
+    def pytest(
+        self, tests: Sequence[str], kernels: Path, *options: str, timeout: float = TIMEOUT
+    ) -> tuple[int, list[dict[str, Any]]]:
         """Exit status, and one entry for each test that ran."""
         self.report.write_text("")
         floors = [str(self.root / floor) for floor in ("src", "envs", "agents")]
@@ -85,7 +88,7 @@ class Worker:
         command = [sys.executable, "-m", "pytest", *fixed, *options, *tests]
         try:
             done = subprocess.run(
-                command, cwd=self.root, env=environment, capture_output=True, text=True, timeout=TIMEOUT
+                command, cwd=self.root, env=environment, capture_output=True, text=True, timeout=timeout
             )
             status = done.returncode
             if status == 70:
@@ -142,7 +145,7 @@ def warm_up(workers: Sequence[Worker], mutants: Sequence[Mutant], warm: Path) ->
     shares = [tests[k :: len(workers)] for k in range(len(workers))]
     with ThreadPoolExecutor(len(workers)) as pool:
         ran = pool.map(
-            lambda pair: pair[0].pytest(pair[1], warm) if pair[1] else (0, []),
+            lambda pair: pair[0].pytest(pair[1], warm, timeout=PATIENCE) if pair[1] else (0, []),
             zip(workers, shares, strict=True),
         )
         for status, lines in ran:

@@ -32,11 +32,11 @@ def asserted(error: BaseException) -> bool:
 def pytest_runtest_makereport(item, call):
     """Append one line for each test that ran."""
     report = yield
-    if report.outcome == "failed" or report.when == "call":
+    if report.outcome != "passed" or report.when == "call":
         error = call.excinfo.value if call.excinfo else None
         line = {
             "test": item.nodeid,
-            "outcome": report.outcome,
+            "outcome": "expected" if hasattr(report, "wasxfail") else report.outcome,
             "asserted": error is not None and asserted(error),
             "error": "" if error is None else f"{type(error).__name__}: {error}".splitlines()[0][:200],
             "seconds": round(report.duration, 2),
