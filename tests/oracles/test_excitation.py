@@ -46,6 +46,7 @@ PAIRS: list[Effects] = [
         ("actuator_lag", "inclinometer_delay"),
     )
 ]
+PAIRS.append({effect: cases[0] for effect, cases in SHAKEN.items()})  # and all of them at once
 REALITIES: list[Effects] = [*({e: own} for e, cases in SHAKEN.items() for own in cases[:2]), *PAIRS]
 
 ODD = {"inertia_xz": 0.013, "inertia_xy": -0.0071, "cg_x": 0.037, "damping_yaw": 3.7, "stiffness_x": 1137.0}
@@ -65,6 +66,8 @@ BEGAN = 0.713
 
 def name_of(effects: Effects) -> str:
     """Name of a test's case."""
+    if len(effects) > 2:
+        return "all"
     return "+".join(f"{e}:{','.join(f'{v:g}' for v in values.values())}" for e, values in effects.items())
 
 

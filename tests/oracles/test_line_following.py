@@ -51,6 +51,7 @@ PAIRS: list[Effects] = [
         ("camera_yaw", "sensor_gain"),
     )
 ]
+PAIRS.append({effect: cases[0] for effect, cases in WALKED.items()})  # and all of them at once
 REALITIES = [{}, *ALONE, *PAIRS]
 EXACT = 1e-12
 """On a straight and in the plane both are closed forms."""
@@ -67,6 +68,8 @@ BASE = {"stride": 0.713, "camera_height": 1.0371}
 
 def name_of(effects: Effects) -> str:
     """Name of a test's case."""
+    if len(effects) > 2:
+        return "all"
     return "+".join(f"{e}:{','.join(f'{v:g}' for v in values.values())}" for e, values in effects.items())
 
 

@@ -46,6 +46,7 @@ PAIRS: list[Effects] = [
         ("look_interval", "wind"),
     )
 ]
+PAIRS.append({effect: cases[0] for effect, cases in FAULTS.items()})  # and all of them at once
 REALITIES = [{}, *ALONE, *PAIRS]
 
 EXACT = 1e-9
@@ -57,6 +58,8 @@ RADAR = 31e3 - 17e3j
 
 def names(effects: Effects) -> str:
     """Name of a test's case."""
+    if len(effects) > 2:
+        return "all"
     return "+".join(f"{e}:{','.join(f'{v:g}' for v in values.values())}" for e, values in effects.items())
 
 
