@@ -1,0 +1,1 @@
+"""What runs a machine: its windows for a diagnosis, its batch for an environment."""

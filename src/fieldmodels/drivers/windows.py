@@ -1,0 +1,135 @@
+"""The driver of windows: a machine's predictions for a diagnosis, batched over parameter vectors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.drivers.generate import curve_places, driver_module, param_indices
+from fieldmodels.effects import actuators, changes, forces, sensors
+from fieldmodels.effects.curves import Curve
+from fieldmodels.effects.stock import Layout
+from fieldmodels.recording import Recording, Windows
+
+if TYPE_CHECKING:
+    from fieldmodels.machine import Machine
+
+BRISTLE = forces.ROW.column("hysteresis_force")
+FAST = 2.0  # times the usual speed: faster than nearly all of a recording
+PLAY = 0.02  # of the largest command, over which play is crossed
+
+
+class Rows:
+    """A machine's parameter vectors as the rows that drivers take, one for each place of stock effects."""
+
+    def __init__(self, machine: Machine) -> None:
+        """Find where each number goes."""
+        self.base = np.array(param_indices(machine), dtype=np.int64)
+        places = {
+            "actuator": ([s.name for s in machine.inputs], actuators.ROW),
+            "force": ([f.velocity for f in machine.forces], forces.ROW),
+            "sensor": ([s.name for s in machine.outputs], sensors.ROW),
+            "change": ([p.name for p in machine.parameters], changes.ROW),
+        }
+        self.layouts: dict[str, tuple[int, Layout]] = {
+            place: (len(signals), layout) for place, (signals, layout) in places.items()
+        }
+        # A change acts on all of p, own effects' numbers included.
+        self.layouts["change"] = (len(self.base), changes.ROW)
+        self.moves: dict[str, list[tuple[int, int, int]]] = {place: [] for place in places}
+        for e in machine.stock:
+            if isinstance(e, Curve):
+                continue
+            signals, layout = places[e.place]
+            start = machine.slice_of(e.name).start
+            slots = layout.slots(e.kind)
+            self.moves[e.place] += [(signals.index(e.signal), slot, start + k) for k, slot in enumerate(slots)]
+        self.curves = np.array(
+            [i for c, _, _ in curve_places(machine) for i in range(*_bounds(machine, c))], dtype=np.int64
+        )
+
+    def of(self, place: str, parameters: FloatArray) -> FloatArray:
+        """Rows of one place, shape (batch, signals, len(layout))."""
+        count, layout = self.layouts[place]
+        rows = np.tile(layout.neutral, (len(parameters), count, 1))
+        for signal, slot, index in self.moves[place]:
+            rows[:, signal, slot] = parameters[:, index]
+        return rows
+
+
+class WindowDriver:
+    """Simulates windows of a recording for a batch of parameter vectors of one machine."""
+
+    def __init__(self, machine: Machine) -> None:
+        """Compile the driver, or load it."""
+        self.machine = machine
+        self.rows = Rows(machine)
+        self.module = driver_module(machine, "windows.py.j2")
+
+    def __call__(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
+        machine, recording, rows = self.machine, windows.recording, self.rows
+        parameters = np.ascontiguousarray(parameters, dtype=np.float64)
+        first, last = episode_edges(recording)
+        command = machine.commands(recording, last)
+        force_rows = rows.of("force", parameters)
+        out = np.full((len(parameters), len(windows), windows.samples, len(machine.outputs)), np.nan)
+        if not len(windows):
+            return out
+        states = np.ascontiguousarray(windows.states, dtype=np.float64)
+        sizes = np.std(states, axis=0)
+        self.module.simulate(
+            np.ascontiguousarray(parameters[:, rows.base]),
+            rows.of("actuator", parameters),
+            force_rows,
+            rows.of("sensor", parameters),
+            rows.of("change", parameters),
+            np.ascontiguousarray(parameters[:, rows.curves]),
+            command,
+            np.zeros(0) if windows.disturbance is None else np.ascontiguousarray(windows.disturbance),
+            first,
+            last,
+            recording.step,
+            machine.hold == "interpolated",
+            PLAY * float(np.max(np.abs(command[:, :1]), initial=0.0)) or 1.0,
+            np.array([s.name in recording for s in machine.outputs]),
+            windows.starts,
+            windows.lengths,
+            states,
+            self._paths(recording, bool(force_rows[:, :, BRISTLE].any())),
+            np.array([FAST * speed for speed in machine.speeds()]),
+            np.where(sizes > 0.0, sizes, 1.0),
+            machine.substeps,
+            out,
+        )
+        return out
+
+    def _paths(self, recording: Recording, bent: bool) -> FloatArray:
+        """Measured position along each force, freed of noise, shape (forces, n); (forces, 0) if not needed."""
+        positions = [f.position for f in self.machine.forces]
+        if not bent:
+            return np.zeros((len(positions), 0))
+        return np.array(
+            [without_noise(recording, p) if p in recording else np.zeros(len(recording)) for p in positions]
+        )
+
+
+def _bounds(machine: Machine, c: Curve) -> tuple[int, int]:
+    part = machine.slice_of(c.name)
+    return int(part.start), int(part.stop)
+
+
+def episode_edges(recording: Recording) -> tuple[IntArray, IntArray]:
+    """First and last sample of the episode that each sample belongs to."""
+    counts = np.diff(recording.bounds, axis=1)[:, 0]
+    return np.repeat(recording.bounds[:, 0], counts), np.repeat(recording.bounds[:, 1] - 1, counts)
+
+
+def without_noise(recording: Recording, name: str) -> FloatArray:
+    """A signal smoothed by a parabola through nine samples, episode by episode, shape (n,)."""
+    parts = [recording[name][a:b] for a, b in recording.bounds]
+    smooth = [savgol_filter(part, 9, 2) if len(part) >= 9 else part for part in parts]
+    return np.ascontiguousarray(np.concatenate(smooth), dtype=np.float64)

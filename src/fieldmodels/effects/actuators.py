@@ -1,0 +1,332 @@
+"""Stock effects between a command and what the machine is driven by, in the order in which they act.
+
+    a = g u + b;   a (1 + d/2) if a > 0, a (1 - d/2) if a < 0;   input play;   dead zone;   saturation;   a jump
+    T dF/dt = a - F, |dF/dt| <= r;   delay
+
+Static effects act on the samples of a command; lag and rate limit are carried on exactly between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.effects.curves import on_curve
+from fieldmodels.effects.stock import (
+    LARGE,
+    NO_LIMIT,
+    Declare,
+    Layout,
+    Names,
+    Sizes,
+    Stock,
+    choose,
+    effect,
+    late,
+    positive,
+    signed,
+)
+from fieldmodels.model import Effect, Parameter
+
+
+class Row(NamedTuple):
+    """Numbers of an input's stock effects; the defaults switch them off."""
+
+    gain_gain: float = 1.0
+    bias_bias: float = 0.0
+    asymmetry_difference: float = 0.0
+    play_width: float = 0.0
+    dead_zone_width: float = 0.0
+    saturation_limit: float = NO_LIMIT
+    parameter_step_time: float = 0.0
+    parameter_step_factor: float = 1.0
+    rate_limit_rate: float = NO_LIMIT
+    lag_time_constant: float = 0.0
+    delay_delay: float = 0.0
+
+
+ROW = Layout(Row)
+unpack = ROW.unpack
+
+
+@inlined
+def is_static(r: Row) -> bool:
+    """Whether an effect acts on the samples of the command."""
+    return bool(
+        r.gain_gain != 1.0
+        or r.bias_bias != 0.0
+        or r.asymmetry_difference != 0.0
+        or r.play_width > 0.0
+        or r.dead_zone_width > 0.0
+        or r.saturation_limit < NO_LIMIT
+        or r.parameter_step_factor != 1.0
+    )
+
+
+@inlined
+def has_dynamics(r: Row) -> bool:
+    """Whether the actuator follows its target with a lag or at a limited rate."""
+    return bool(r.lag_time_constant > 0.0 or r.rate_limit_rate < NO_LIMIT)
+
+
+@inlined
+def target(
+    command: float, engaged: float, after: float, r: Row, curve: FloatArray
+) -> tuple[float, float]:
+    """What the actuator aims at for a command, and what its play then transmits.
+
+    Args:
+        command: The command.
+        engaged: What the play transmitted before.
+        after: Share of the sampling interval after the moment of the jump.
+        r: The input's row.
+        curve: Row of a curve of the command, or empty.
+    """
+    u = r.gain_gain * command + r.bias_bias
+    if len(curve) > 0:
+        u += on_curve(u, curve)
+    if r.asymmetry_difference != 0.0:
+        u *= 1.0 + 0.5 * r.asymmetry_difference if u > 0.0 else 1.0 - 0.5 * r.asymmetry_difference
+    if r.play_width > 0.0:
+        engaged = min(max(engaged, u - 0.5 * r.play_width), u + 0.5 * r.play_width)
+        u = engaged
+    if r.dead_zone_width > 0.0:
+        u = math.copysign(max(abs(u) - r.dead_zone_width, 0.0), u)
+    if abs(u) > r.saturation_limit:
+        u = math.copysign(r.saturation_limit, u)
+    if r.parameter_step_factor != 1.0:
+        u *= 1.0 + (r.parameter_step_factor - 1.0) * after
+    return u, engaged
+
+
+@inlined
+def is_curved(curve: FloatArray) -> bool:
+    """Whether a curve of the command is on."""
+    for value in curve[2:]:  # noqa: SIM110 - compiled
+        if value != 0.0:
+            return True
+    return False
+
+
+@compiled
+def actuate(
+    command: FloatArray, first: IntArray, step: float, r: Row, curve: FloatArray, out: FloatArray
+) -> None:
+    """What the actuator aims at on each sample of a recording.
+
+    Args:
+        command: Commands, shape (n,).
+        first: First sample of each sample's episode, shape (n,).
+        step: Sampling interval [s].
+        r: The input's row.
+        curve: Row of a curve of the command, or empty.
+        out: Receives the target, shape (n,).
+    """
+    engaged = 0.0
+    for i in range(len(command)):
+        if i == first[i]:
+            engaged = r.gain_gain * command[i] + r.bias_bias
+        after = min(max((i + 1) - r.parameter_step_time / step, 0.0), 1.0)
+        out[i], engaged = target(command[i], engaged, after, r, curve)
+
+
+@inlined
+def ramp_time(force: float, aim: float, r: Row) -> float:
+    """How long the actuator moves at its rate limit towards a held target [s]; negative if not at all."""
+    return float(abs(aim - force) / r.rate_limit_rate - r.lag_time_constant) if r.rate_limit_rate < NO_LIMIT else -1.0
+
+
+@inlined
+def follow(force: float, aim: float, h: float, r: Row) -> float:
+    """The actuator's force a time ``h`` later: a ramp, then a first-order lag (exact for a held target)."""
+    ramp = ramp_time(force, aim, r)
+    if ramp > 0.0:
+        if h <= ramp:
+            return float(force + math.copysign(r.rate_limit_rate * h, aim - force))
+        force += math.copysign(r.rate_limit_rate * ramp, aim - force)
+        h -= ramp
+    if r.lag_time_constant > 0.0:
+        return float(aim + (force - aim) * math.exp(-h / r.lag_time_constant))
+    return aim
+
+
+@inlined
+def follow_line(force: float, begin: float, end: float, h: float, r: Row) -> float:
+    """As ``follow``, for a target that goes along a line; the rate limit then holds for its mean."""
+    if begin == end or r.rate_limit_rate < NO_LIMIT:
+        return follow(force, 0.5 * (begin + end), h, r)
+    if r.lag_time_constant <= 0.0:
+        return end
+    behind = (end - begin) / h * r.lag_time_constant
+    return float(end - behind + (force - begin + behind) * math.exp(-h / r.lag_time_constant))
+
+
+@compiled
+def respond(
+    aims: FloatArray, first: IntArray, step: float, interpolated: bool, r: Row, out: FloatArray
+) -> None:
+    """The actuator's force along every episode, from rest at its first command.
+
+    Args:
+        aims: What the actuator aims at, shape (n,).
+        first: First sample of each sample's episode, shape (n,).
+        step: Sampling interval [s].
+        interpolated: Whether the target goes along lines from sample to sample, instead of being held.
+        r: The input's row.
+        out: Receives the force at the sample times, shape (n,).
+    """
+    for i in range(len(aims)):
+        if i == first[i]:
+            out[i] = aims[i]
+        elif interpolated:
+            out[i] = follow_line(out[i - 1], aims[i - 1], aims[i], step, r)
+        else:
+            out[i] = follow(out[i - 1], aims[i - 1], step, r)
+
+
+@inlined
+def lag_shape(z: float) -> tuple[float, float, float]:
+    """Values of exp(-z s) at s = 0, 1/2, 1 for a Runge-Kutta step, with the moments that the curve has.
+
+    Pointwise values would make the start of a step count for a sixth of it, however short the lag is. These
+    give the integrals of 1, 1 - s and s^2 times the curve exactly, so that a force that decays within the
+    step gives the right impulse, at the right time; for a long lag they tend to the pointwise values.
+    """
+    if z < 0.02:
+        return 1.0, math.exp(-0.5 * z), math.exp(-z)
+    kept = math.exp(-z)
+    whole = -math.expm1(-z) / z
+    early = (1.0 - whole) / z
+    square = (2.0 * (whole - kept) / z - kept) / z
+    middle = 6.0 * (whole - square - early)
+    return 6.0 * early - 2.0 * middle, middle, 6.0 * square - middle
+
+
+def _gain(names: Names, _: Sizes) -> Effect:
+    return effect(
+        "actuator_gain", "actuator", f"The actuator gives more or less {names.force} than commanded.",
+        "F = g u",
+        Parameter("gain", "1", 1.0, 0.05, 20.0, 0.05, starts=(0.8, 1.25)),
+    )  # fmt: skip
+
+
+def _bias(names: Names, s: Sizes) -> Effect:
+    return effect(
+        "actuator_bias", "actuator", f"The actuator gives a constant {names.force} beside what is commanded.",
+        "F = u + b",
+        signed("bias", names.force_unit, 0.1 * s.force),
+    )  # fmt: skip
+
+
+def _asymmetry(_: Names, __: Sizes) -> Effect:
+    return effect(
+        "actuator_asymmetry", "actuator", "The actuator is stronger in one direction than in the other.",
+        "F = (1 + d/2) u for u > 0, (1 - d/2) u for u < 0",
+        Parameter("difference", "1", 0.0, -1.8, 1.8, 0.05, starts=(0.1,)),
+    )  # fmt: skip
+
+
+def _play(names: Names, s: Sizes) -> Effect:
+    starts = tuple(s.high_forces[0] * k for k in (0.05, 0.2))
+    return effect(
+        "actuator_play", "actuator",
+        "The command acts through play: when it turns back, nothing follows until the play is crossed.",
+        "F stays while |u - F| < width/2, else follows u at width/2",
+        Parameter("width", names.force_unit, 0.0, 0.0, LARGE, 0.02 * s.high_forces[0], starts=starts),
+    )  # fmt: skip
+
+
+def _dead_zone(names: Names, s: Sizes) -> Effect:
+    starts = tuple(s.high_forces[0] * k for k in (0.02, 0.1, 0.3))
+    return effect(
+        "actuator_dead_zone", "actuator", "Small commands have no effect.",
+        "F = 0 for |u| < width, else u - width sign(u)",
+        Parameter("width", names.force_unit, 0.0, 0.0, LARGE, 0.02 * s.high_forces[0], starts=starts),
+    )  # fmt: skip
+
+
+def _saturation(names: Names, s: Sizes) -> Effect:
+    return effect(
+        "actuator_saturation", "actuator", f"The actuator cannot give more than a certain {names.force}.",
+        "|F| <= limit",
+        Parameter(
+            "limit", names.force_unit, NO_LIMIT, 1e-9, NO_LIMIT, 0.05 * s.high_forces[0],
+            starts=s.high_forces,
+        ),
+    )  # fmt: skip
+
+
+def _rate_limit(names: Names, s: Sizes) -> Effect:
+    return effect(
+        "actuator_rate_limit", "actuator", f"The {names.force} cannot change faster than at a certain rate.",
+        "|dF/dt| <= rate",
+        Parameter(
+            "rate", f"{names.force_unit}/s", NO_LIMIT, 1e-9, NO_LIMIT, 0.05 * s.rate,
+            starts=tuple(s.rate / k for k in (0.5, 1.5, 4.0, 10.0, 25.0)),
+        ),
+    )  # fmt: skip
+
+
+def _lag(names: Names, s: Sizes) -> Effect:
+    return effect(
+        "actuator_lag", "actuator",
+        f"The {names.force} follows the command with a first-order lag (motor winding, valve).",
+        "T dF/dt = u - F",
+        late("time_constant", s.step, 10.0),
+    )  # fmt: skip
+
+
+def _delay(_: Names, s: Sizes) -> Effect:
+    return effect(
+        "actuator_delay", "actuator", "The command acts late (bus, computing time).", "F(t) = u(t - T)",
+        late("delay", s.step, 2.0),
+    )  # fmt: skip
+
+
+def _step(_: Names, s: Sizes) -> Effect:
+    return effect(
+        "parameter_step", "change",
+        "The actuator's strength jumps during the record (a voltage drops, a coupling slips).",
+        "F = factor u from time on",
+        Parameter(
+            "time", "s", 0.0, 0.0, 1e5, 0.02 * s.duration,
+            starts=tuple(float(t) for t in np.linspace(0.1, 0.9, 17) * s.duration), smooth=False,
+        ),
+        Parameter("factor", "1", 1.0, 0.05, 20.0, 0.05, starts=(0.9,)),
+    )  # fmt: skip
+
+
+LIBRARY: dict[str, Declare] = {
+    "gain": _gain,
+    "bias": _bias,
+    "asymmetry": _asymmetry,
+    "play": _play,
+    "lag": _lag,
+    "rate_limit": _rate_limit,
+    "delay": _delay,
+    "saturation": _saturation,
+    "dead_zone": _dead_zone,
+    "parameter_step": _step,
+}
+
+
+def actuator(
+    signal: str, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = "actuator_"
+) -> tuple[Stock, ...]:
+    """Stock effects of an input: all of them, or some kinds.
+
+    Args:
+        signal: Name of the input.
+        only: The kinds that are wanted; by default all.
+        without: Kinds that are not.
+        prefix: Beginning of their names, to be chosen where a machine has several inputs.
+
+    Raises:
+        ModelError: For a kind that there is none of.
+    """
+    return choose(LIBRARY, "actuator", signal, only, without, prefix)

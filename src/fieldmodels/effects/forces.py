@@ -1,0 +1,344 @@
+"""Stock effects in an equation of motion: forces on one of a machine's velocities.
+
+    F = -c v - d v |v| - k_3 x^3 + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t)
+        + B_s sin(2 pi x/p) + B_c cos(2 pi x/p) - k_e max(|x| - x_e, 0) sign(x) - k_o max(x - x_o, 0)
+        - (F_c + mu |u| + F_s exp(-(v/v_s)^2)) sign(v) - F_h,          dF_h/dx = (F_m - F_h sign(v))/delta
+
+Friction that falls with speed is Stribeck's curve in its Gaussian form (Armstrong-Helouvry, Dupont and
+Canudas de Wit 1994, Automatica 30(7)); hysteresis is Dahl's bristle (A solid friction model, The Aerospace
+Corporation, 1968), whose force depends on the path alone and is carried on along it exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.effects.stock import (
+    LARGE,
+    Declare,
+    Layout,
+    Names,
+    Sizes,
+    Stock,
+    choose,
+    effect,
+    positive,
+    signed,
+    span,
+)
+from fieldmodels.model import Effect, Parameter
+
+
+class Row(NamedTuple):
+    """Numbers of the stock forces on a velocity; the defaults switch them off."""
+
+    viscous_friction_coefficient: float = 0.0
+    coulomb_friction_force: float = 0.0
+    stribeck_friction_force: float = 0.0
+    stribeck_friction_velocity: float = 1.0
+    load_friction_share: float = 0.0
+    hysteresis_force: float = 0.0
+    hysteresis_distance: float = 1.0
+    cogging_sine: float = 0.0
+    cogging_cosine: float = 0.0
+    cogging_period: float = 1.0
+    quadratic_drag_coefficient: float = 0.0
+    cubic_stiffness_coefficient: float = 0.0
+    elastic_stop_stiffness: float = 0.0
+    elastic_stop_place: float = 1.0
+    one_sided_spring_stiffness: float = 0.0
+    one_sided_spring_place: float = 0.0
+    constant_force_force: float = 0.0
+    periodic_force_sine: float = 0.0
+    periodic_force_cosine: float = 0.0
+    periodic_force_frequency: float = 1.0
+
+
+ROW = Layout(Row)
+unpack = ROW.unpack
+
+FRICTION_STEPS = 32
+"""Integration steps within a sampling interval, at most, that dry friction and cogging ask for."""
+
+
+@inlined
+def has_dry_friction(r: Row) -> bool:
+    """Whether a force depends on the direction of motion."""
+    return bool(r.coulomb_friction_force != 0.0 or r.stribeck_friction_force != 0.0 or r.hysteresis_force != 0.0 or r.load_friction_share != 0.0)
+
+
+@inlined
+def is_coulomb(r: Row) -> bool:
+    """Whether Coulomb friction is on, and nothing else."""
+    return bool(
+        r.coulomb_friction_force != 0.0
+        and r.stribeck_friction_force == 0.0
+        and r.load_friction_share == 0.0
+        and r.hysteresis_force == 0.0
+        and has_no_smooth(r)
+    )
+
+
+@inlined
+def is_off(r: Row) -> bool:
+    """Whether no force is on."""
+    return bool(not has_dry_friction(r) and has_no_smooth(r))
+
+
+@inlined
+def has_no_smooth(r: Row) -> bool:
+    """Whether all forces but dry friction and hysteresis are off."""
+    return bool(
+        r.viscous_friction_coefficient == 0.0
+        and r.cogging_sine == 0.0
+        and r.cogging_cosine == 0.0
+        and r.quadratic_drag_coefficient == 0.0
+        and r.cubic_stiffness_coefficient == 0.0
+        and r.elastic_stop_stiffness == 0.0
+        and r.one_sided_spring_stiffness == 0.0
+        and r.constant_force_force == 0.0
+        and r.periodic_force_sine == 0.0
+        and r.periodic_force_cosine == 0.0
+    )
+
+
+@inlined
+def smooth(x: float, v: float, t: float, r: Row) -> float:
+    """All forces but dry friction and hysteresis."""
+    total = r.constant_force_force - r.viscous_friction_coefficient * v
+    if r.quadratic_drag_coefficient != 0.0:
+        total -= r.quadratic_drag_coefficient * v * abs(v)
+    if r.cubic_stiffness_coefficient != 0.0:
+        total -= r.cubic_stiffness_coefficient * x * x * x
+    if r.periodic_force_sine != 0.0 or r.periodic_force_cosine != 0.0:
+        phase = 2.0 * math.pi * r.periodic_force_frequency * t
+        total += r.periodic_force_sine * math.sin(phase) + r.periodic_force_cosine * math.cos(phase)
+    if r.cogging_sine != 0.0 or r.cogging_cosine != 0.0:
+        phase = 2.0 * math.pi * x / r.cogging_period
+        total += r.cogging_sine * math.sin(phase) + r.cogging_cosine * math.cos(phase)
+    if r.elastic_stop_stiffness != 0.0:
+        total -= r.elastic_stop_stiffness * math.copysign(max(abs(x) - r.elastic_stop_place, 0.0), x)
+    if r.one_sided_spring_stiffness != 0.0:
+        total -= r.one_sided_spring_stiffness * max(x - r.one_sided_spring_place, 0.0)
+    return float(total)
+
+
+@inlined
+def holding(load: float, r: Row) -> float:
+    """What dry friction holds at rest."""
+    return float(r.coulomb_friction_force + r.stribeck_friction_force + r.load_friction_share * abs(load))
+
+
+@inlined
+def bend(bristle: float, moved: float, r: Row) -> float:
+    """Dahl's bristle after a motion in one direction: it approaches its largest force along the path."""
+    level = math.copysign(r.hysteresis_force, moved)
+    return float(level + (bristle - level) * math.exp(-abs(moved) / r.hysteresis_distance))
+
+
+@inlined
+def resistance(moved: float, v: float, sign: float, bristle: float, load: float, r: Row) -> float:
+    """Dry friction and hysteresis while the axis moves in direction ``sign``, ``moved`` from its start."""
+    total = sign * (r.coulomb_friction_force + r.load_friction_share * abs(load))
+    if r.stribeck_friction_force != 0.0:
+        ratio = v / r.stribeck_friction_velocity
+        total += sign * r.stribeck_friction_force * math.exp(-ratio * ratio)
+    if r.hysteresis_force != 0.0:
+        total += bend(bristle, moved, r)
+    return float(total)
+
+
+@compiled
+def bend_along(path: FloatArray, first: IntArray, r: Row, out: FloatArray) -> None:
+    """The bristle's force along a measured path, unbent at the start of every episode.
+
+    Args:
+        path: Measured position, freed of noise, shape (n,).
+        first: First sample of each sample's episode, shape (n,).
+        r: The force's row.
+        out: Receives the bristle's force, shape (n,).
+    """
+    for i in range(len(path)):
+        out[i] = 0.0 if i == first[i] else bend(out[i - 1], path[i] - path[i - 1], r)
+
+
+@inlined
+def slope_of_friction(inertia: float, speed: float, r: Row) -> float:
+    """How fast [1/s] friction, bristle and cogging change a motion of a high speed, for its step's length."""
+    fastest = 0.0
+    if r.stribeck_friction_force != 0.0:
+        fastest += r.stribeck_friction_force / (r.stribeck_friction_velocity * inertia)
+    if r.hysteresis_force != 0.0:
+        fastest += math.sqrt(r.hysteresis_force / (r.hysteresis_distance * inertia))
+    if r.cogging_sine != 0.0 or r.cogging_cosine != 0.0:
+        fastest += 0.4 * 2.0 * math.pi * speed / r.cogging_period  # half a radian a step is fine enough
+    if r.elastic_stop_stiffness != 0.0:
+        fastest += math.sqrt(abs(r.elastic_stop_stiffness) / inertia)
+    if r.one_sided_spring_stiffness != 0.0:
+        fastest += math.sqrt(abs(r.one_sided_spring_stiffness) / inertia)
+    return fastest
+
+
+def _viscous(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "viscous_friction", "force", "Friction grows in proportion to the speed; the simulation has none.",
+        "-c v",
+        positive("coefficient", _per(n.force_unit, n.velocity_unit), 0.1 * s.force / s.velocity),
+    )  # fmt: skip
+
+
+def _coulomb(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "coulomb_friction", "force",
+        f"Dry friction: a {n.force} of constant size opposes motion and holds the axis at rest.",
+        "-F_c sign(v)",
+        positive(n.force, n.force_unit, 0.1 * s.force),
+    )  # fmt: skip
+
+
+def _stribeck(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "stribeck_friction", "force",
+        f"Dry friction falls with speed: to break away takes more {n.force} than to keep sliding.",
+        "-F_s exp(-(v/v_s)^2) sign(v), beside Coulomb friction",
+        positive(n.force, n.force_unit, 0.1 * s.force),
+        span("velocity", n.velocity_unit, s.velocity, 0.03, 0.1, 0.3),
+    )  # fmt: skip
+
+
+def _load(n: Names, _: Sizes) -> Effect:
+    return effect(
+        "load_friction", "force",
+        f"Dry friction grows with the {n.force} that the drive transmits, as in a worm gear.",
+        "-mu |u| sign(v)",
+        Parameter("share", "1", 0.0, 0.0, 10.0, 0.05, starts=(0.1,)),
+    )  # fmt: skip
+
+
+def _hysteresis(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "hysteresis", "force",
+        f"The axis bends before it slips (cable, seal, belt, gear): the {n.force} depends on the way it came.",
+        "dF_h/dx = (F_m - F_h sign(v)) / distance",
+        positive(n.force, n.force_unit, 0.1 * s.force),
+        span("distance", n.position_unit, s.position, 0.03, 0.1, 0.3, 1.0),
+    )  # fmt: skip
+
+
+def _cogging(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "cogging", "force",
+        f"A {n.force} that repeats along the way: magnets, teeth or an eccentric pulley.",
+        "B_s sin(2 pi x/p) + B_c cos(2 pi x/p)",
+        signed("sine", n.force_unit, 0.1 * s.force),
+        signed("cosine", n.force_unit, 0.1 * s.force),
+        span("period", n.position_unit, 4.0 * s.position, *(1.0 / np.arange(1.0, 15.1, 0.5))),
+    )  # fmt: skip
+
+
+def _drag(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "quadratic_drag", "force", "Drag grows with the square of the speed, as of air or a fluid.",
+        "-d v |v|",
+        positive("coefficient", _per(n.force_unit, n.velocity_unit, 2), 0.1 * s.force / s.velocity**2),
+    )  # fmt: skip
+
+
+def _cubic(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "cubic_stiffness", "force",
+        "A spring that gets stiffer (or softer) with deflection acts on the axis.", "-k_3 x^3",
+        signed("coefficient", f"{n.force_unit}/{n.position_unit}^3", 0.1 * s.force / s.position**3),
+    )  # fmt: skip
+
+
+def _stop(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "elastic_stop", "force", "The axis runs against elastic stops on both sides.",
+        "-k max(|x| - place, 0) sign(x)",
+        positive("stiffness", f"{n.force_unit}/{n.position_unit}", s.force / s.position),
+        span("place", n.position_unit, s.position, 1.0, 1.5, 2.0),
+    )  # fmt: skip
+
+
+def _one_sided(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "one_sided_spring", "force", "A spring or rope acts on one side only.", "-k max(x - place, 0)",
+        signed("stiffness", f"{n.force_unit}/{n.position_unit}", 0.3 * s.force / s.position),
+        Parameter("place", n.position_unit, 0.0, -LARGE, LARGE, 0.2 * s.position, starts=(0.0, s.position)),
+    )  # fmt: skip
+
+
+def _constant(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "constant_force", "force",
+        f"A constant {n.force} acts on the axis, or the actuator gives a constant {n.force} too much: "
+        "a tilted or unbalanced bench, a preload, or a bias of the drive.",
+        "+F_0",
+        signed(n.force, n.force_unit, 0.1 * s.force),
+    )  # fmt: skip
+
+
+def _periodic(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "periodic_force", "force", f"A {n.force} that swings at one frequency shakes the axis.",
+        "A_s sin(2 pi f t) + A_c cos(2 pi f t)",
+        signed("sine", n.force_unit, 0.1 * s.force),
+        signed("cosine", n.force_unit, 0.1 * s.force),
+        Parameter("frequency", "Hz", 1.0, 0.01, 1e3, 0.05 / s.duration, starts=s.frequencies),
+    )  # fmt: skip
+
+
+def _per(force: str, velocity: str, power: int = 1) -> str:
+    """Unit of a force by a velocity: ``N s/m``."""
+    if velocity.endswith("/s"):
+        metre, seconds = velocity[:-2], "s" if power == 1 else f"s^{power}"
+        return f"{force} {seconds}/{metre}" + ("" if power == 1 else f"^{power}")
+    return f"{force}/({velocity})" + ("" if power == 1 else f"^{power}")
+
+
+LIBRARY: dict[str, Declare] = {
+    "viscous_friction": _viscous,
+    "coulomb_friction": _coulomb,
+    "stribeck_friction": _stribeck,
+    "load_friction": _load,
+    "hysteresis": _hysteresis,
+    "cogging": _cogging,
+    "quadratic_drag": _drag,
+    "cubic_stiffness": _cubic,
+    "elastic_stop": _stop,
+    "one_sided_spring": _one_sided,
+    "constant_force": _constant,
+    "periodic_force": _periodic,
+}
+FRICTION = ("viscous_friction", "coulomb_friction", "stribeck_friction", "load_friction", "quadratic_drag")
+PLACED = ("hysteresis", "cogging", "cubic_stiffness", "elastic_stop", "one_sided_spring")
+"""Kinds that need to know where the axis is."""
+
+
+def force(
+    velocity: str, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
+) -> tuple[Stock, ...]:
+    """Stock effects of a force on a velocity: all of them, or some kinds.
+
+    Args:
+        velocity: Name of the state on whose rate they act; ``Machine.forces`` may say more of it.
+        only: The kinds that are wanted; by default all that a machine can have.
+        without: Kinds that are not.
+        prefix: Beginning of their names, to be chosen where a machine has several such states.
+
+    Raises:
+        ModelError: For a kind that there is none of.
+    """
+    return choose(LIBRARY, "force", velocity, only, without, prefix)
+
+
+def friction(velocity: str, prefix: str = "") -> tuple[Stock, ...]:
+    """The kinds of friction and drag on a velocity, and a constant force; see ``force``."""
+    return force(velocity, (*FRICTION, "constant_force"), prefix=prefix)

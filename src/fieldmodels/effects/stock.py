@@ -1,0 +1,164 @@
+"""What every stock effect is made of: names and units of what it acts on, typical sizes, a row of numbers.
+
+A stock effect is written once and applied to any machine by naming the machine's signals. Its parameters
+stand in a *row*, one row for each place of a machine where stock effects act (an input, a force, an output), in
+the order of the place's `Layout`. An effect that a machine does not declare keeps its neutral values there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Effect, ModelError, Parameter, Where
+from fieldmodels.names import did_you_mean
+
+LARGE = 1e12
+"""A bound that no bench reaches, in any unit of the library."""
+NO_LIMIT = 1e9
+"""A saturation or rate limit from this on means none."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names and units of what a stock effect acts on.
+
+    Attributes:
+        force: Name of the generalised force or of the input.
+        force_unit: Its unit.
+        position: Name of the generalised position or of the output; empty if the machine has none.
+        position_unit: Its unit.
+        velocity_unit: Unit of the position's rate.
+    """
+
+    force: str = "force"
+    force_unit: str = "N"
+    position: str = "position"
+    position_unit: str = "m"
+    velocity_unit: str = "m/s"
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Typical sizes, from which fits take their steps and starts.
+
+    Attributes:
+        force: Root mean square of the force, in its unit.
+        high_forces: Sizes that 0.5, 3, 10 and 30 % of the commands exceed.
+        rate: Largest rate of the command from one sample to the next, in its unit a second.
+        position: Root mean square of the position about its mean.
+        velocity: Root mean square of the velocity.
+        duration: Length of the longest recording [s].
+        step: Sampling interval [s].
+        frequencies: Where a periodic force is sought [Hz].
+    """
+
+    force: float = 1.0
+    high_forces: tuple[float, ...] = (2.0, 1.5, 1.0, 0.5)
+    rate: float = 100.0
+    position: float = 1.0
+    velocity: float = 1.0
+    duration: float = 30.0
+    step: float = 0.01
+    frequencies: tuple[float, ...] = (1.0,)
+
+
+Declare = Callable[[Names, Sizes], Effect]
+
+
+class Layout:
+    """How a place's numbers stand in an array row: in the order of a named tuple, whose defaults are neutral.
+
+    Attributes:
+        names: Fields of the named tuple, ``effect_parameter``.
+        neutral: Values that switch everything off, shape (len(names),).
+        unpack: Makes the named tuple from an array row, in compiled code.
+    """
+
+    def __init__(self, kind: Any) -> None:
+        self.names: tuple[str, ...] = kind._fields
+        self.neutral: FloatArray = np.array([kind._field_defaults[name] for name in self.names])
+        entries = ", ".join(f"r[{k}]" for k in range(len(self.names)))
+        scope: dict[str, Any] = {"kind": kind}
+        exec(f"def unpack(r):\n    return kind({entries})", scope)  # noqa: S102 - compiled code has no loop over fields
+        self.unpack: Callable[[FloatArray], Any] = numba.njit(
+            nogil=True, error_model="numpy", forceinline=True
+        )(scope["unpack"])
+
+    def __len__(self) -> int:
+        """Length of the row."""
+        return len(self.names)
+
+    def slots(self, kind: str) -> list[int]:
+        """Where a stock effect's numbers stand, in the order of its parameters."""
+        return [k for k, name in enumerate(self.names) if name.startswith(f"{kind}_")]
+
+    def column(self, name: str) -> int:
+        """Where one number stands."""
+        return self.names.index(name)
+
+
+@dataclass(frozen=True)
+class Stock:
+    """A stock effect at a place of a machine, before its sizes are known.
+
+    Attributes:
+        kind: Which one, by its name in the library.
+        name: Its name in the machine.
+        place: ``actuator``, ``force``, ``sensor``, ``change`` or ``curve``.
+        signal: Name of the input, force or output (of ``change``, of the parameter) that it acts on.
+        declare: Makes the effect for names and sizes.
+    """
+
+    kind: str
+    name: str
+    place: str
+    signal: str
+    declare: Declare
+
+
+def choose(
+    library: dict[str, Declare], place: str, signal: str, only: Sequence[str], without: Sequence[str], prefix: str
+) -> tuple[Stock, ...]:
+    """Some stock effects of a place's library.
+
+    Raises:
+        ModelError: For a kind that the library does not have.
+    """
+    for kind in (*only, *without):
+        if kind not in library:
+            raise ModelError(f"no stock effect {kind!r} for a {place}{did_you_mean(kind, library)}")
+    kinds = [kind for kind in (only or library) if kind not in without]
+    return tuple(Stock(kind, f"{prefix}{kind}", place, signal, library[kind]) for kind in kinds)
+
+
+def effect(name: str, where: Where, cause: str, equation: str, *parameters: Parameter) -> Effect:
+    """An effect, its parameters last."""
+    return Effect(name=name, cause=cause, where=where, parameters=parameters, equation=equation)
+
+
+def positive(name: str, unit: str, size: float) -> Parameter:
+    """A size from 0, sought from a typical one."""
+    return Parameter(name, unit, 0.0, 0.0, LARGE, 0.5 * size, starts=(size,))
+
+
+def signed(name: str, unit: str, size: float) -> Parameter:
+    """A number about 0, sought from a typical size."""
+    return Parameter(name, unit, 0.0, -LARGE, LARGE, 0.5 * size, starts=(size,))
+
+
+def span(name: str, unit: str, size: float, *shares: float) -> Parameter:
+    """A width that shapes an effect but does not switch it: sought from several shares of a size."""
+    starts = tuple(float(size * share) for share in shares)
+    return Parameter(name, unit, 1.0, 1e-9, LARGE, 0.5 * starts[0], starts=starts)
+
+
+def late(name: str, step: float, upper: float) -> Parameter:
+    """A delay or lag [s], sought from half a sample on."""
+    starts = tuple(step * k for k in (0.5, 3.0, 10.0))
+    return Parameter(name, "s", 0.0, 0.0, upper, step, starts=starts)
