@@ -15,7 +15,6 @@ A driver runs it: ``drivers.windows`` for a diagnosis, ``drivers.batch`` for an 
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,7 +26,7 @@ from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.forces import PLACED
 from fieldmodels.effects.stock import Names, Sizes, Stock
-from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
+from fieldmodels.model import Effect, Model, ModelError, Parameter
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, Windows
 
@@ -86,7 +85,8 @@ class Force:
         velocity: Name of the state whose rate it changes.
         position: Name of the state that is its integral; empty if the machine has none.
         unit: Unit of the force; by default that of the velocity's rate.
-        inertia: Name of the base parameter that it is divided by, or of a method ``(self, p)``; empty for one.
+        inertia: Name of the base parameter that it is divided by, or of a method ``(self, p)``; empty for
+            one.
         name: Name of the force in effects.
         input: Name of the input that loads the friction, if there is one; by default the first.
     """
@@ -102,11 +102,12 @@ class Force:
 class Machine(Model):
     """A machine in as few lines as it takes to say what it is.
 
-    Declare ``inputs``, ``states`` and ``outputs``; each base parameter as a ``number``; ``effects``: stock effects
-    around it, and own ``Effect``s, whose parameters reach the methods below as ``p.<effect>_<parameter>``. Give
+    Declare ``inputs``, ``states`` and ``outputs``; each base parameter as a ``number``; ``effects``: stock
+    effects around it, and own ``Effect``s, whose parameters reach the methods below as
+    ``p.<effect>_<parameter>``. Give
 
-    - ``derivative(self, state, input, p)``: rates of the states, in their order (one number for one state); or
-      ``step(self, state, input, p, dt)``: the states a time ``dt`` later;
+    - ``derivative(self, state, input, p)``: rates of the states, in their order (one number for one state);
+      or ``step(self, state, input, p, dt)``: the states a time ``dt`` later;
     - ``observe(self, state, p)``: the true outputs, in their order; by default the states of the same names;
     - ``pace(self, p)``: the fastest mode [rad/s], by which steps are chosen; by default from the derivative.
 
@@ -128,12 +129,13 @@ class Machine(Model):
     hold: Hold = "held"
     stock: tuple[Stock, ...] = ()
     numbers: ClassVar[tuple[Number, ...]] = ()
-    own_effects: ClassVar[tuple[Effect | Stock, ...]] = ()
+    own_effects: tuple[Effect | Stock, ...] = ()
+    effects: tuple[Any, ...]
     derivative: ClassVar[Callable[..., Any] | None] = None
     step: ClassVar[Callable[..., Any] | None] = None
     observe: ClassVar[Callable[..., Any] | None] = None
     pace: ClassVar[Callable[..., Any] | None] = None
-    horizons = ()
+    horizons: tuple[float, ...] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Collect the declared numbers and effects.
@@ -201,7 +203,9 @@ class Machine(Model):
             choices = known.get(e.place, [name for names in known.values() for name in names])
             if e.signal not in choices:
                 where = f"{self.name}: stock effect {e.name!r}"
-                raise ModelError(f"{where}: no {e.place} signal {e.signal!r}{did_you_mean(e.signal, choices)}")
+                raise ModelError(
+                    f"{where}: no {e.place} signal {e.signal!r}{did_you_mean(e.signal, choices)}"
+                )
             if e.place == "force" and e.kind in PLACED and not self._force(e.signal).position:
                 raise ModelError(
                     f"{self.name}: {e.kind!r} needs a position; declare forces = (Force({e.signal!r}, "
@@ -241,11 +245,11 @@ class Machine(Model):
 
     def inertia_of(self, f: Force) -> float:
         """What a force is divided by, at the nominal parameters."""
-        from fieldmodels.drivers.generate import param_names, params_of
+        from fieldmodels.drivers.generate import named, param_names, params_of
 
         if not f.inertia:
             return 1.0
-        p = namedtuple("Params", param_names(self))(*params_of(self, self.nominal))  # type: ignore[misc]
+        p = named("Params", param_names(self), params_of(self, self.nominal))
         found = getattr(p, f.inertia, None)
         return float(getattr(type(self), f.inertia)(None, p) if found is None else found)
 

@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.one_axis import kernel
+from fieldmodels.drivers.generate import params_of
 from fieldmodels.machines.one_axis.free import respond_to
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal
@@ -88,11 +88,12 @@ def swing(model: OneAxis, duration: float, step: float, peak: float, rng: np.ran
     waves = np.sin(2 * np.pi * np.outer(time + 0.5 * step, frequencies) + phases) / np.sqrt(frequencies)
     path = peak * _peak_one(waves.sum(axis=1) * envelope * np.sin(0.5 * np.pi * np.minimum(time, 1.0)) ** 4)
     velocity = np.gradient(path, step)
-    q = model.rows(model.nominal[None, :])[0]
-    inertia, damping = q[kernel.INERTIA], q[kernel.DAMPING]
-    restoring = q[kernel.STIFFNESS] * path + q[kernel.GRAVITY] * np.sin(path)
-    command: FloatArray = inertia * np.gradient(velocity, step) + damping * velocity + restoring
-    return command
+    module, inertia = model.driver.module, model.inertia_of(model.forces[0])
+    p = module.Params(*params_of(model, model.nominal))
+    free = [
+        module.rates_plain(0.0, x, v, 0.0, 0.0, p, 0.0, 0.0)[1] for x, v in zip(path, velocity, strict=True)
+    ]
+    return np.asarray(inertia * (np.gradient(velocity, step) - np.array(free)))
 
 
 def excitation(name: str, duration: float, step: float, rng: np.random.Generator) -> FloatArray:
@@ -178,7 +179,7 @@ def synthesise(
     if outside is None:
         result = model.simulate(parameters, windows)[0]
     elif isinstance(model, OneAxis):
-        result = respond_to(model.rows(parameters)[0], held, fine, outside, episodes)
+        result = respond_to(model, parameters, held, fine, outside, episodes)
     else:
         raise ModelError(f"model {model.name!r} takes no force from outside its library")
     signals = {signal.name: np.concatenate(commands)[:, i] for i, signal in enumerate(model.inputs)}

@@ -180,7 +180,7 @@ def test_window_states_are_what_the_sensors_show(name):
 @pytest.mark.parametrize("name", BENCHES)
 def test_coulomb_friction_holds_and_slides(name):
     model = bench(name)
-    f = model.axis.force_name
+    f = model.forces[0].name
     restless = run(model, np.full(200, 0.099), {"coulomb_friction": {f: 0.1}})
     np.testing.assert_array_equal(restless, 0.0)
     # Sliding at F_c below the command equals no friction under the difference, until it turns.
@@ -196,7 +196,7 @@ def test_coulomb_friction_holds_and_slides(name):
 @pytest.mark.parametrize("name", BENCHES)
 def test_sampling_finer_does_not_change_coulomb_motion(name):
     model = bench(name)
-    f = model.axis.force_name
+    f = model.forces[0].name
     command = wave(model, 200)
     effects = {"coulomb_friction": {f: 0.3 * float(np.abs(command).max())}}
     coarse = run(model, command, effects)
@@ -209,7 +209,7 @@ def test_sampling_finer_does_not_change_coulomb_motion(name):
 def test_hysteresis_remembers_the_path_before_a_window(name):
     model = bench(name)
     command = wave(model)
-    values = {model.axis.force_name: 0.3 * float(np.abs(command).max()), "distance": 0.05}
+    values = {model.forces[0].name: 0.3 * float(np.abs(command).max()), "distance": 0.05}
     whole = run(model, command, {"hysteresis": values})
     later = replace(
         one_window(model, command),
@@ -231,7 +231,7 @@ def test_hysteresis_remembers_the_path_before_a_window(name):
 @pytest.mark.parametrize("name", BENCHES)
 def test_stribeck_friction_holds_and_is_coulomb_friction_where_its_speed_is_never_reached(name):
     model = bench(name)
-    f = model.axis.force_name
+    f = model.forces[0].name
     size = float(np.abs(wave(model)).max())
     friction = {f: 0.2 * size, "velocity": 0.3 * model.nominal_scales.velocity}
     held = run(model, np.full(50, 0.19 * size), {"stribeck_friction": friction})
@@ -245,7 +245,7 @@ def test_stribeck_friction_holds_and_is_coulomb_friction_where_its_speed_is_neve
 def test_friction_that_differs_by_direction_is_coulomb_friction_with_a_constant_force(name):
     """So the library has no effect of its own for it; here it is integrated for itself, with sticking."""
     model = bench(name)
-    f = model.axis.force_name
+    f = model.forces[0].name
     command = wave(model, 200)
     forwards, backwards = (share * float(np.abs(command).max()) for share in (0.35, 0.1))
     inertia, rest = nominal_rest(model)

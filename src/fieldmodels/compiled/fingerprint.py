@@ -38,14 +38,14 @@ class _Part:
         ]
         for name, cell in zip(plain.__code__.co_freevars, plain.__closure__ or (), strict=True):
             described.append(f"{name}={self._value(cell.cell_contents)}")
-        for name in sorted(names & plain.__globals__.keys()):
+        # An attribute may have the name of a global that the function does not read.
+        for name in sorted(_globals_read(plain.__code__) & plain.__globals__.keys()):
             try:
                 described.append(f"{name}={self._value(plain.__globals__[name], names)}")
             except UnknownConstantError as error:
-                if name in _globals_read(plain.__code__):  # else it is an attribute of the same name
-                    raise UnknownConstantError(
-                        f"{plain.__module__}.{plain.__qualname__} reads '{name}', {error}"
-                    ) from None
+                raise UnknownConstantError(
+                    f"{plain.__module__}.{plain.__qualname__} reads '{name}', {error}"
+                ) from None
         self.digest = hashlib.sha256("\n".join(described).encode()).digest()
 
     def _code(self, code: types.CodeType, doc: str | None = None) -> str:

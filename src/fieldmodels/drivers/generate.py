@@ -1,32 +1,30 @@
-"""Compiled drivers of a machine: a module written from its declaration, kept by a hash of all that it depends on.
+"""Compiled drivers of a machine: a module written from its declaration.
 
-The file's name holds a hash of the driver's text, of the machine's own functions and whatever they call, and of the
-stock effects; so a changed equation is another file, and Numba's cache of the old one is never met.
+The module's name holds a hash of its text and of the machine's own functions with all that they call, so
+two machines of one name in one process do not meet; its kernels are kept on disk like any other.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import inspect
 import re
 import sys
-import tempfile
 import warnings
-from collections.abc import Callable, Iterator
-from functools import cache
-from importlib.metadata import version
+from collections import namedtuple
+from collections.abc import Iterator
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import jinja2
 import numba
 import numpy as np
 
+from fieldmodels.compiled import fingerprint, inlined
 from fieldmodels.contract import ModelWarning
 from fieldmodels.effects.curves import Curve
-from fieldmodels.files import write_text
+from fieldmodels.effects.stock import Stock
 
 if TYPE_CHECKING:
     from fieldmodels.machine import Machine
@@ -39,113 +37,57 @@ AS_IT_IS = "def compiled(f):\n    return f\n\n\ninlined = compiled\n"
 
 
 def driver_module(machine: Machine, template: str) -> ModuleType:
-    """The module of a driver, compiled; or as it is, with a warning, if Numba cannot compile the machine.
+    """The module of a driver, to be compiled when it is first called.
 
     Args:
         machine: The machine.
         template: File name of the driver's template.
     """
-    text = driver_text(machine, template)
-    functions = {own: getattr(type(machine), name) for name, own in METHODS.items() if _has(machine, name)}
-    functions |= {f"inertia_{f.inertia}": getattr(type(machine), f.inertia) for f in _methods(machine)}
+    functions = {own: inlined(function) for own, function in _functions(machine).items()}
+    return _module(driver_text(machine, template), machine.name, functions)
+
+
+def plain_module(machine: Machine, template: str) -> ModuleType | None:
+    """The same, run as it is, with a warning, if Numba cannot compile the machine; None if it can."""
+    functions = _functions(machine)
     trouble = _uncompilable(machine, functions)
-    if trouble:
-        warnings.warn(
-            f"model {machine.name!r}: Numba cannot compile it, so it runs about a thousand times slower; "
-            f"use plain arithmetic and math in it: {trouble}",
-            ModelWarning,
-            stacklevel=2,
-        )
-        return _module(text.replace(JIT, AS_IT_IS), machine.name, functions)
-    # Without a cache of their own: their types are those of one generated module.
-    inline = numba.njit(nogil=True, error_model="numpy", forceinline=True)
-    return _module(text, machine.name, {name: inline(function) for name, function in functions.items()})
+    if not trouble:
+        return None
+    warnings.warn(
+        f"model {machine.name!r}: Numba cannot compile it, so it runs about a thousand times slower; "
+        f"use plain arithmetic and math in it: {trouble}",
+        ModelWarning,
+        stacklevel=2,
+    )
+    return _module(driver_text(machine, template).replace(JIT, AS_IT_IS), machine.name, functions)
+
+
+def _functions(machine: Machine) -> dict[str, Any]:
+    """A machine's own functions by the names under which drivers call them."""
+    functions = {own: getattr(type(machine), name) for name, own in METHODS.items() if _has(machine, name)}
+    return functions | {f"inertia_{f.inertia}": getattr(type(machine), f.inertia) for f in _methods(machine)}
 
 
 def driver_text(machine: Machine, template: str) -> str:
     """Source of a driver for a machine."""
-    env = jinja2.Environment(trim_blocks=True, undefined=jinja2.StrictUndefined, autoescape=False)  # noqa: S701
+    env = jinja2.Environment(trim_blocks=True, undefined=jinja2.StrictUndefined, autoescape=False)
     source = (HERE / template).read_text(encoding="utf-8")
     rendered = env.from_string(source).render(**_declaration(machine))
     return re.sub(r"\n{4,}", "\n\n\n", rendered)
 
 
-def fingerprint(function: Callable[..., Any]) -> str:
-    """Everything that a function's result depends on: its code, its constants, and all that it calls."""
-    seen: set[int] = set()
-    return hashlib.sha256("\n".join(_parts(function, seen)).encode()).hexdigest()
-
-
-def _parts(value: Any, seen: set[int]) -> Iterator[str]:
-    value = getattr(value, "py_func", value)
-    if not isinstance(value, FunctionType):
-        yield value.tobytes().hex() if isinstance(value, np.ndarray) else repr(value)
-        return
-    if id(value) in seen:
-        return
-    seen.add(id(value))
-    yield from _code(value.__code__)
-    yield repr(value.__defaults__)
-    for cell in value.__closure__ or ():
-        yield from _parts(cell.cell_contents, seen)
-    for name in sorted(_names(value.__code__)):
-        found = value.__globals__.get(name)
-        if found is not None and not isinstance(found, (ModuleType, type)):
-            yield name
-            yield from _parts(found, seen)
-
-
-def _code(code: CodeType) -> Iterator[str]:
-    yield code.co_code.hex()
-    yield repr(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _code(constant)
-        else:
-            yield repr(constant)
-
-
-def _names(code: CodeType) -> set[str]:
-    inner = (c for c in code.co_consts if isinstance(c, CodeType))
-    return set(code.co_names).union(*(_names(c) for c in inner))
-
-
 def _module(text: str, name: str, functions: dict[str, Any]) -> ModuleType:
-    """Write the module where it does not stand yet, and run it with the machine's functions in it."""
-    parts = [text, _stock_sources(), numba.__version__, version("llvmlite"), np.__version__]
-    parts += [f"{own} {fingerprint(function)}" for own, function in sorted(functions.items())]
+    """Run the text as a module that has the machine's functions."""
+    parts = [text, *(f"{own} {fingerprint(function)}" for own, function in sorted(functions.items()))]
     digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:20]
     title = f"fieldgym_driver_{re.sub(r'[^0-9A-Za-z_]', '_', name)}_{digest}"
     if title in sys.modules:
         return sys.modules[title]
-    path = _folder() / f"{title}.py"
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
-        write_text(path, text)
-    spec = importlib.util.spec_from_file_location(title, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(title)
     vars(module).update(functions)
-    sys.modules[title] = module  # cached kernels look it up
-    spec.loader.exec_module(module)
+    sys.modules[title] = module  # kernels that are loaded from the disk look it up
+    exec(compile(text, f"<driver of {name}>", "exec"), vars(module))
     return module
-
-
-@cache
-def _folder() -> Path:
-    """Where generated modules are kept: beside the compiled kernels, or for this process only."""
-    try:
-        from fieldmodels.compiled import cache_folder
-    except ImportError:
-        return Path(tempfile.gettempdir()) / "fgdrv"
-    return cache_folder() or Path(tempfile.mkdtemp(prefix="fieldgym-"))
-
-
-@cache
-def _stock_sources() -> str:
-    """Hash of the sources that every driver inlines."""
-    files = sorted((HERE.parent / "effects").glob("*.py"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def _has(machine: Machine, name: str) -> bool:
@@ -160,14 +102,9 @@ def _methods(machine: Machine) -> Iterator[Any]:
 
 def _uncompilable(machine: Machine, functions: dict[str, Any]) -> str:
     """Why Numba cannot compile a machine's functions; empty if it can."""
-    from collections import namedtuple
-
-    state, given = (
-        namedtuple(title, [s.name for s in signals])(*([0.0] * len(signals))) if signals else None
-        for title, signals in (("State", machine.states), ("Input", machine.inputs))
-    )
-    names = param_names(machine)
-    p = namedtuple("Params", names)(*params_of(machine, machine.nominal)) if names else None
+    state = named("State", [x.name for x in machine.states], [0.0] * len(machine.states))
+    given = named("Input", [x.name for x in type(machine).inputs], [0.0] * len(machine.inputs))
+    p = named("Params", param_names(machine), params_of(machine, machine.nominal))
     arguments = {
         "derivative": (None, state, given, p),
         "advance": (None, state, given, p, 0.01),
@@ -186,18 +123,20 @@ def _uncompilable(machine: Machine, functions: dict[str, Any]) -> str:
     return ""
 
 
+def named(title: str, names: list[str], values: list[float]) -> Any:
+    """A named tuple; None for one without fields, which Numba does not know."""
+    make: Any = namedtuple
+    return make(title, names)(*values) if names else None
+
+
 def param_names(machine: Machine) -> list[str]:
     """Names of ``p``: base parameters, then own effects' as ``effect_parameter``."""
-    from fieldmodels.effects.stock import Stock
-
     own = [e for e in machine.own_effects if not isinstance(e, Stock)]
     return [p.name for p in machine.parameters] + [f"{e.name}_{p.name}" for e in own for p in e.parameters]
 
 
 def param_indices(machine: Machine) -> list[int]:
     """Where the numbers of ``p`` stand in the parameter vector."""
-    from fieldmodels.effects.stock import Stock
-
     own = [e for e in machine.own_effects if not isinstance(e, Stock)]
     return [machine.index(p.name) for p in machine.parameters] + [
         machine.index(f"{e.name}.{p.name}") for e in own for p in e.parameters
@@ -222,7 +161,7 @@ def curve_places(machine: Machine) -> list[tuple[Curve, int, int]]:
 def _declaration(machine: Machine) -> dict[str, Any]:
     """What templates are filled with."""
     states = [s.name for s in machine.states]
-    inputs = [s.name for s in machine.inputs]
+    inputs = [s.name for s in type(machine).inputs]  # an instance may read them from other columns
     outputs = [s.name for s in machine.outputs]
     params = param_names(machine)
     forces = [
@@ -282,7 +221,7 @@ def _curve(machine: Machine, c: Curve, start: int, stop: int) -> dict[str, Any]:
     names = {name: f"u{i}" for i, name in enumerate(inputs)} | {n: f"s{i}" for i, n in enumerate(states)}
     names["time"] = "t"
     words = [" * ".join(names[word.strip()] for word in over.split("*")) for over in c.over]
-    call = f"K.{'on_curve' if len(words) == 1 else 'on_table'}({', '.join(words)}, crv[{start}:{stop}])"
+    call = f"curve_{'on_curve' if len(words) == 1 else 'on_table'}({', '.join(words)}, crv[{start}:{stop}])"
     velocities = [f.velocity for f in machine.forces]
     places = {"actuator": inputs, "force": velocities, "sensor": outputs, "parameter": param_names(machine)}
     place = next(p for p in ("actuator", "force", "sensor", "parameter") if p == c.where)

@@ -45,7 +45,9 @@ def measured_horizons(machine: Machine, recordings: Sequence[Recording]) -> tupl
              for s in machine.outputs if any(s.name in r for r in recordings)]  # fmt: skip
     pace = max([p for p in paces if p > 0.0 and math.isfinite(p)], default=0.0)
     longest = max(len(r) for r in recordings) * step
-    found = [min(max(share * 2 * pace, n * step), longest / 8) for share, n in zip(SHARES, STEPS, strict=True)]
+    found = [
+        min(max(share * 2 * pace, n * step), longest / 8) for share, n in zip(SHARES, STEPS, strict=True)
+    ]
     return tuple(float(f"{h:.2g}") for h in found)
 
 
@@ -61,7 +63,9 @@ def _sizes(machine: Machine, e: Stock, recordings: Sequence[Recording]) -> Sizes
         change = max(float(np.max(np.abs(np.diff(r[e.signal])), initial=0.0)) / r.step for r in recordings)
         size = _rms(command) or 1.0
         low = high if min(high) > 0 else (2 * size, 1.5 * size, size, 0.5 * size)
-        return replace(result, force=size, high_forces=low, rate=change or 100.0 * size, position=max(high) or 1.0)
+        return replace(
+            result, force=size, high_forces=low, rate=change or 100.0 * size, position=max(high) or 1.0
+        )
     if e.place == "change" or e.signal in {p.name for p in machine.parameters}:
         nominal = next(p for p in machine.parameters if p.name == e.signal)
         reach = duration if getattr(e, "over", ()) == ("time",) else _reach(machine, e, recordings)
@@ -151,9 +155,9 @@ def _peaks(machine: Machine, recordings: Sequence[Recording], count: int = 4) ->
 def white_noise(values: FloatArray) -> float:
     """Standard deviation of white noise on a smooth signal, from its fourth differences.
 
-    A fourth difference of white noise has the variance 70 sigma^2; of a smooth signal it is small. Signals that
-    only change by jumps of a coarse sensor give their root mean square instead of the median, which would be
-    zero.
+    A fourth difference of white noise has the variance 70 sigma^2; of a smooth signal it is small. Signals
+    that only change by jumps of a coarse sensor give their root mean square instead of the median, which
+    would be zero.
     """
     differences = np.diff(values, 4)
     if len(differences) == 0:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.drivers.generate import curve_places, driver_module, param_indices
+from fieldmodels.drivers.generate import curve_places, driver_module, param_indices, plain_module
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.stock import Layout
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fieldmodels.machine import Machine
 
 BRISTLE = forces.ROW.column("hysteresis_force")
+TEMPLATE = "windows.py.j2"
 FAST = 2.0  # times the usual speed: faster than nearly all of a recording
 PLAY = 0.02  # of the largest command, over which play is crossed
 
@@ -46,7 +47,9 @@ class Rows:
             signals, layout = places[e.place]
             start = machine.slice_of(e.name).start
             slots = layout.slots(e.kind)
-            self.moves[e.place] += [(signals.index(e.signal), slot, start + k) for k, slot in enumerate(slots)]
+            self.moves[e.place] += [
+                (signals.index(e.signal), slot, start + k) for k, slot in enumerate(slots)
+            ]
         self.curves = np.array(
             [i for c, _, _ in curve_places(machine) for i in range(*_bounds(machine, c))], dtype=np.int64
         )
@@ -67,7 +70,7 @@ class WindowDriver:
         """Compile the driver, or load it."""
         self.machine = machine
         self.rows = Rows(machine)
-        self.module = driver_module(machine, "windows.py.j2")
+        self.module = driver_module(machine, TEMPLATE)
 
     def __call__(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
@@ -81,7 +84,7 @@ class WindowDriver:
             return out
         states = np.ascontiguousarray(windows.states, dtype=np.float64)
         sizes = np.std(states, axis=0)
-        self.module.simulate(
+        arguments = (
             np.ascontiguousarray(parameters[:, rows.base]),
             rows.of("actuator", parameters),
             force_rows,
@@ -105,10 +108,18 @@ class WindowDriver:
             machine.substeps,
             out,
         )
+        try:
+            self.module.simulate(*arguments)
+        except Exception:
+            plain = plain_module(machine, TEMPLATE)
+            if plain is None:
+                raise
+            self.module = plain
+            self.module.simulate(*arguments)
         return out
 
     def _paths(self, recording: Recording, bent: bool) -> FloatArray:
-        """Measured position along each force, freed of noise, shape (forces, n); (forces, 0) if not needed."""
+        """Measured position along each force, freed of noise, shape (forces, n); or (forces, 0)."""
         positions = [f.position for f in self.machine.forces]
         if not bent:
             return np.zeros((len(positions), 0))

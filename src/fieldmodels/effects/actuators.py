@@ -1,6 +1,6 @@
 """Stock effects between a command and what the machine is driven by, in the order in which they act.
 
-    a = g u + b;   a (1 + d/2) if a > 0, a (1 - d/2) if a < 0;   input play;   dead zone;   saturation;   a jump
+    a = g u + b;   a (1 + d/2) if a > 0, a (1 - d/2) if a < 0;   play;   dead zone;   saturation;   a jump
     T dF/dt = a - F, |dF/dt| <= r;   delay
 
 Static effects act on the samples of a command; lag and rate limit are carried on exactly between them.
@@ -28,7 +28,6 @@ from fieldmodels.effects.stock import (
     choose,
     effect,
     late,
-    positive,
     signed,
 )
 from fieldmodels.model import Effect, Parameter
@@ -75,9 +74,7 @@ def has_dynamics(r: Row) -> bool:
 
 
 @inlined
-def target(
-    command: float, engaged: float, after: float, r: Row, curve: FloatArray
-) -> tuple[float, float]:
+def target(command: float, engaged: float, after: float, r: Row, curve: FloatArray) -> tuple[float, float]:
     """What the actuator aims at for a command, and what its play then transmits.
 
     Args:
@@ -138,7 +135,11 @@ def actuate(
 @inlined
 def ramp_time(force: float, aim: float, r: Row) -> float:
     """How long the actuator moves at its rate limit towards a held target [s]; negative if not at all."""
-    return float(abs(aim - force) / r.rate_limit_rate - r.lag_time_constant) if r.rate_limit_rate < NO_LIMIT else -1.0
+    return (
+        float(abs(aim - force) / r.rate_limit_rate - r.lag_time_constant)
+        if r.rate_limit_rate < NO_LIMIT
+        else -1.0
+    )
 
 
 @inlined

@@ -1,8 +1,8 @@
 """Curves: a piecewise-linear function that a machine's model lacks, neutral where all its values are zero.
 
-A curve of one signal has ``knots`` values, equally spaced from ``low`` to ``high``, and goes on at its last value
-beyond. A table of two signals is the same over a grid, bilinear in between. Where it acts: an actuator's command,
-a force, a sensor, or a base parameter.
+A curve of one signal has ``knots`` values, equally spaced from ``low`` to ``high``, and goes on at its last
+value beyond. A table of two signals is the same over a grid, bilinear in between. It acts on an
+actuator's command, a force, a sensor, or a base parameter.
 """
 
 from __future__ import annotations
@@ -17,7 +17,12 @@ from fieldmodels.model import Effect, ModelError, Parameter, Where
 
 KNOTS = 8
 GRID = 4
-WHERE: dict[str, Where] = {"actuator": "actuator", "force": "force", "sensor": "sensor", "parameter": "change"}
+WHERE: dict[str, Where] = {
+    "actuator": "actuator",
+    "force": "force",
+    "sensor": "sensor",
+    "parameter": "change",
+}
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ class Curve(Stock):
     @property
     def length(self) -> int:
         """Numbers in its row: low and high of each variable, then the values."""
-        return 2 * len(self.over) + self.knots ** len(self.over)
+        return 2 * len(self.over) + int(self.knots ** len(self.over))
 
 
 def curve(
@@ -65,13 +70,28 @@ def curve(
     if place == "parameter" and over is None:
         raise ModelError(f"say what parameter {signal!r} is a curve of: over='time', or a signal")
     if place == "actuator" and variables != (signal,):
-        raise ModelError(f"an actuator's curve is one of its command {signal!r}; a force may depend on others")
+        raise ModelError(
+            f"an actuator's curve is one of its command {signal!r}; a force may depend on others"
+        )
     count = knots or (KNOTS if len(variables) == 1 else GRID)
     if count < 2:
         raise ModelError(f"a curve needs at least two knots, not {count}")
     own = variables == (signal,)
-    title = name or (f"{signal}_curve" if own else f"{signal}_over_{'_and_'.join(variables)}".replace("*", "_"))
-    return (Curve("curve", title, "curve", signal, _declare(place, signal, variables, count), place, variables, count),)
+    title = name or (
+        f"{signal}_curve" if own else f"{signal}_over_{'_and_'.join(variables)}".replace("*", "_")
+    )
+    return (
+        Curve(
+            "curve",
+            title,
+            "curve",
+            signal,
+            _declare(place, signal, variables, count),
+            place,
+            variables,
+            count,
+        ),
+    )
 
 
 def _declare(place: str, signal: str, over: tuple[str, ...], knots: int) -> Declare:
@@ -106,7 +126,7 @@ def on_curve(x: float, row: FloatArray) -> float:
     """A curve's value: linear between its knots, constant beyond."""
     low, high, last = row[0], row[1], len(row) - 3
     at = min(max((x - low) / (high - low) * last, 0.0), float(last))
-    k = min(int(math.floor(at)), last - 1)
+    k = min(math.floor(at), last - 1)
     return float(row[2 + k] + (at - k) * (row[3 + k] - row[2 + k]))
 
 
@@ -117,7 +137,7 @@ def on_table(x: float, y: float, row: FloatArray) -> float:
     last = count - 1
     at = min(max((x - row[0]) / (row[1] - row[0]) * last, 0.0), float(last))
     across = min(max((y - row[2]) / (row[3] - row[2]) * last, 0.0), float(last))
-    i, j = min(int(math.floor(at)), last - 1), min(int(math.floor(across)), last - 1)
+    i, j = min(math.floor(at), last - 1), min(math.floor(across), last - 1)
     a, b = at - i, across - j
     near = row[4 + i * count + j] + b * (row[5 + i * count + j] - row[4 + i * count + j])
     far = row[4 + (i + 1) * count + j]

@@ -70,7 +70,12 @@ FRICTION_STEPS = 32
 @inlined
 def has_dry_friction(r: Row) -> bool:
     """Whether a force depends on the direction of motion."""
-    return bool(r.coulomb_friction_force != 0.0 or r.stribeck_friction_force != 0.0 or r.hysteresis_force != 0.0 or r.load_friction_share != 0.0)
+    return bool(
+        r.coulomb_friction_force != 0.0
+        or r.stribeck_friction_force != 0.0
+        or r.hysteresis_force != 0.0
+        or r.load_friction_share != 0.0
+    )
 
 
 @inlined
@@ -224,7 +229,8 @@ def _load(n: Names, _: Sizes) -> Effect:
 def _hysteresis(n: Names, s: Sizes) -> Effect:
     return effect(
         "hysteresis", "force",
-        f"The axis bends before it slips (cable, seal, belt, gear): the {n.force} depends on the way it came.",
+        "The axis bends before it slips (cable, seal, belt, gear): "
+        f"the {n.force} depends on the way it came.",
         "dF_h/dx = (F_m - F_h sign(v)) / distance",
         positive(n.force, n.force_unit, 0.1 * s.force),
         span("distance", n.position_unit, s.position, 0.03, 0.1, 0.3, 1.0),

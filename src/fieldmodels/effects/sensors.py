@@ -1,7 +1,8 @@
 """Stock effects between what a machine does and what a sensor measures of it, in the order in which they act.
 
-    y(t) = true(t - delay),  T dy/dt = true - y;   measured = g y + b2 y |y| + E_s sin(2 pi y/p) + E_c cos(2 pi y/p)
-                                                              + bias + rate t + play;   clipped;   quantised
+y(t) = true(t - delay),   T dy/dt = true - y
+measured = g y + b2 y |y| + E_s sin(2 pi y/p) + E_c cos(2 pi y/p) + bias + rate t + play
+clipped;   quantised
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
 from fieldmodels.effects.stock import (
     LARGE,
@@ -87,7 +87,11 @@ def measured(true: float, time: float, play: float, r: Row) -> float:
     value = r.gain_gain * true + r.bias_bias + r.drift_rate * time + play
     if not is_linear(r):
         phase = 2.0 * math.pi * true / r.eccentricity_period
-        value += r.bend_curvature * true * abs(true) + r.eccentricity_sine * math.sin(phase) + r.eccentricity_cosine * math.cos(phase)
+        value += (
+            r.bend_curvature * true * abs(true)
+            + r.eccentricity_sine * math.sin(phase)
+            + r.eccentricity_cosine * math.cos(phase)
+        )
     if abs(value) > r.clipping_limit:
         value = math.copysign(r.clipping_limit, value)
     if r.quantisation_step > 0.0:
@@ -102,7 +106,9 @@ def slope(true: float, r: Row) -> float:
     if not is_linear(r):
         wave = 2.0 * math.pi / r.eccentricity_period
         value += 2.0 * r.bend_curvature * abs(true)
-        value += wave * (r.eccentricity_sine * math.cos(wave * true) - r.eccentricity_cosine * math.sin(wave * true))
+        value += wave * (
+            r.eccentricity_sine * math.cos(wave * true) - r.eccentricity_cosine * math.sin(wave * true)
+        )
     return float(value)
 
 
@@ -114,7 +120,11 @@ def inverted(value: float, time: float, play: float, r: Row) -> float:
     if not is_linear(r):
         for _ in range(ITERATIONS):
             phase = 2.0 * math.pi * true / r.eccentricity_period
-            bent = r.bend_curvature * true * abs(true) + r.eccentricity_sine * math.sin(phase) + r.eccentricity_cosine * math.cos(phase)
+            bent = (
+                r.bend_curvature * true * abs(true)
+                + r.eccentricity_sine * math.sin(phase)
+                + r.eccentricity_cosine * math.cos(phase)
+            )
             steep = slope(true, r)
             if abs(steep) < 0.1 * abs(r.gain_gain):
                 break  # a sensor that shows several values alike
@@ -124,7 +134,7 @@ def inverted(value: float, time: float, play: float, r: Row) -> float:
 
 @inlined
 def play(force: float, scale: float, r: Row) -> float:
-    """Displacement of a motor's sensor against the load: the force pushes one flank of the gap or the other."""
+    """Displacement of a motor's sensor against the load: the force pushes one flank or the other."""
     return float(0.5 * r.backlash_gap * math.tanh(force / scale)) if r.backlash_gap != 0.0 else 0.0
 
 

@@ -1,8 +1,9 @@
 """What every stock effect is made of: names and units of what it acts on, typical sizes, a row of numbers.
 
 A stock effect is written once and applied to any machine by naming the machine's signals. Its parameters
-stand in a *row*, one row for each place of a machine where stock effects act (an input, a force, an output), in
-the order of the place's `Layout`. An effect that a machine does not declare keeps its neutral values there.
+stand in a *row*, one row for each place of a machine where stock effects act (an input, a force, an
+output), in the order of the place's `Layout`. An effect that a machine does not declare keeps its neutral
+values there.
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import inlined
 from fieldmodels.model import Effect, ModelError, Parameter, Where
 from fieldmodels.names import did_you_mean
 
@@ -84,11 +85,9 @@ class Layout:
         self.names: tuple[str, ...] = kind._fields
         self.neutral: FloatArray = np.array([kind._field_defaults[name] for name in self.names])
         entries = ", ".join(f"r[{k}]" for k in range(len(self.names)))
-        scope: dict[str, Any] = {"kind": kind}
-        exec(f"def unpack(r):\n    return kind({entries})", scope)  # noqa: S102 - compiled code has no loop over fields
-        self.unpack: Callable[[FloatArray], Any] = numba.njit(
-            nogil=True, error_model="numpy", forceinline=True
-        )(scope["unpack"])
+        scope: dict[str, Any] = {"kind": kind, "__name__": kind.__module__}
+        exec(f"def unpack(r):\n    return kind({entries})", scope)
+        self.unpack: Callable[[FloatArray], Any] = inlined(scope["unpack"])
 
     def __len__(self) -> int:
         """Length of the row."""
@@ -123,7 +122,12 @@ class Stock:
 
 
 def choose(
-    library: dict[str, Declare], place: str, signal: str, only: Sequence[str], without: Sequence[str], prefix: str
+    library: dict[str, Declare],
+    place: str,
+    signal: str,
+    only: Sequence[str],
+    without: Sequence[str],
+    prefix: str,
 ) -> tuple[Stock, ...]:
     """Some stock effects of a place's library.
 

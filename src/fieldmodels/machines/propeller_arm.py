@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.one_axis import kernel
-from fieldmodels.machines.one_axis.axis import Axis
+from fieldmodels.effects import actuator, force
+from fieldmodels.machine import Force, number
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.machines.one_axis.scales import Scales
-from fieldmodels.machines.pendulum import Pendulum
+from fieldmodels.machines.pendulum import PERIPHERY, SHAFT, Pendulum
 from fieldmodels.model import Effect, Parameter, Signal
 from fieldmodels.recording import Windows
 
 BENCH = "identified on the quarter-drone bench"
-NOT_SCALED = ("payload",)
-"""Effects in kg and m, which have no meaning where moments are in units of the thrust's."""
 THRUST_CURVE = Effect(
     name="thrust_curve",
     cause="Thrust grows with a power of the command (with the square, if the command sets a propeller's "
@@ -39,34 +38,43 @@ class PropellerArm(OneAxis):
     to the command.
     """
 
-    name = "propeller_arm"
     inputs = (Signal("command", "1"),)
     outputs = Pendulum.outputs
     states = Pendulum.states
-    parameters = (
-        Parameter("inertia", "s^2", 0.01, 1e-9, 1e6, 1e-3, source=BENCH),
-        Parameter("damping", "s", 0.02, 0.0, 1e4, 0.005, source=BENCH),
-        Parameter("gravity_moment", "1", 0.4, 0.0, 1e4, 0.04, source=BENCH),
+    inertia = number("s^2", 0.01, 1e-9, 1e6, source=BENCH)
+    damping = number("s", 0.02, 0.0, 1e4, scale=0.005, source=BENCH)
+    gravity_moment = number("1", 0.4, 0.0, 1e4, source=BENCH)
+    forces = (Force("velocity", "angle", "1", "inertia", name="torque"),)
+    effects = (
+        *SHAFT,
+        *force("velocity", ("constant_force", "periodic_force")),
+        *actuator("command", without=("bias", "play", "parameter_step")),
+        *PERIPHERY,
+        *actuator("command", ("parameter_step",), prefix=""),
+        THRUST_CURVE,
     )
     horizons = (0.5, 1.0, 2.0)
-    disturbance_unit = "1"
-    axis = Axis(True, True, "torque", "1", "angle", "rad")
+    rotary = True
+    damped = True
     nominal_scales = Scales(
         base=(0.01, 0.02, 0.4), force=0.35, high_forces=(0.5, 0.45, 0.42, 0.4), rate=10.0,
         position=0.4, velocity=1.0,
         duration=100.0, step=0.01, position_noise=2e-4, velocity_noise=5e-2, frequencies=(1.0,),
     )  # fmt: skip
-    slots = MappingProxyType(
-        {name: slot for name, slot in Pendulum.slots.items() if not name.startswith("viscous_friction")}
-        | {"damping": kernel.DAMPING}
-    )
 
     def __init__(self, scales: Scales | None = None, driven_by_measured: bool = False) -> None:
         """Declare parameters and effects for an arm of these scales (default: nominal)."""
         super().__init__(scales, driven_by_measured)
         self.measured_inputs = ()  # thrust on a bench is not measured
-        library = tuple(effect for effect in self.effects if effect.name not in NOT_SCALED)
-        self.effects = (*library, THRUST_CURVE)
+
+    def derivative(self, state: Any, input: Any, p: Any) -> Any:  # noqa: A002
+        """Rates of angle and velocity."""
+        left = input.command - p.damping * state.velocity - p.gravity_moment * math.sin(state.angle)
+        return state.velocity, left / p.inertia
+
+    def pace(self, p: Any) -> Any:
+        """The frequency of its small swings, and the rate of its damping [1/s]."""
+        return math.sqrt(abs(p.gravity_moment) / p.inertia) + p.damping / p.inertia
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Simulate every window with the thrust that the command gives; see ``Model.simulate``."""

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from types import MappingProxyType
+import math
+from dataclasses import replace
+from typing import Any
 
-from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.one_axis import kernel
-from fieldmodels.machines.one_axis.axis import LINEAR
+from fieldmodels.effects import actuator, force, sensor
+from fieldmodels.effects.stock import LARGE
+from fieldmodels.machine import Force, number
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.machines.one_axis.scales import Scales
-from fieldmodels.model import Parameter, Signal
+from fieldmodels.model import Effect, Parameter, Signal
+
+PAYLOAD = Effect(
+    "payload",
+    "The axis carries an additional load.",
+    "force",
+    (Parameter("mass", "kg", 0.0, 0.0, LARGE, 0.1, starts=(0.2,)),),
+    "M + m",
+)
 
 
 class Rig(OneAxis):
@@ -20,38 +30,51 @@ class Rig(OneAxis):
     Nominal values are an ordinary table-top bench; a diagnosis refits them, whatever the bench.
     """
 
-    name = "rig"
     inputs = (Signal("force", "N"),)
     outputs = (Signal("position", "m", noise=2e-4), Signal("velocity", "m/s", noise=5e-3, optional=True))
     states = (Signal("position", "m"), Signal("velocity", "m/s"))
-    parameters = (
-        Parameter("mass", "kg", 2.0, 1e-6, 1e6, 0.2),
-        Parameter("damping", "N s/m", 4.0, 0.0, 1e8, 0.4),
-        Parameter("stiffness", "N/m", 80.0, 0.0, 1e10, 8.0),
+    mass = number("kg", 2.0, 1e-6, 1e6)
+    damping = number("N s/m", 4.0, 0.0, 1e8)
+    stiffness = number("N/m", 80.0, 0.0, 1e10)
+    forces = (Force("velocity", "position", "N", "inertia", name="force"),)
+    effects = (
+        *force("velocity", ("coulomb_friction", "stribeck_friction", "hysteresis", "cogging")),
+        *force("velocity", ("quadratic_drag", "cubic_stiffness")),
+        *sensor("position", ("backlash",), prefix=""),
+        PAYLOAD,
+        *force("velocity", ("constant_force", "periodic_force")),
+        *actuator("force", without=("bias", "play", "parameter_step")),
+        *sensor("velocity", ("bias",)),
+        *sensor("position", ("drift", "gain", "delay", "quantisation")),
+        *actuator("force", ("parameter_step",), prefix=""),
     )
     horizons = (0.2, 0.5, 1.0)
-    disturbance_unit = "N"
-    axis = LINEAR
+    rotary = False
+    damped = True
     nominal_scales = Scales(
         base=(2.0, 4.0, 80.0), force=3.0, high_forces=(8.0, 6.0, 4.0, 2.0), rate=800.0, position=0.05,
         velocity=0.2, duration=30.0, step=0.01, position_noise=2e-4, velocity_noise=5e-3, frequencies=(1.0,),
     )  # fmt: skip
-    slots = MappingProxyType(
-        {
-            "mass": kernel.INERTIA,
-            "damping": kernel.DAMPING,
-            "stiffness": kernel.STIFFNESS,
-            "coulomb_friction.force": kernel.COULOMB,
-            "stribeck_friction.force": kernel.STRIBECK,
-            "hysteresis.force": kernel.BRISTLE,
-            "constant_force.force": kernel.CONSTANT,
-            "sensor_bias.bias": kernel.VELOCITY_BIAS,
-            **kernel.SHARED_SLOTS,
-        }
-    )
 
-    def rows(self, parameters: FloatArray) -> FloatArray:
-        """Kernel rows; a payload adds to the mass."""
-        rows = super().rows(parameters)
-        rows[:, kernel.INERTIA] += parameters[:, self.index("payload.mass")]
-        return rows
+    def inertia(self, p: Any) -> Any:
+        """Moved mass [kg]; a payload adds to it."""
+        return p.mass + p.payload_mass
+
+    def derivative(self, state: Any, input: Any, p: Any) -> Any:  # noqa: A002
+        """Rates of position and velocity."""
+        left = input.force - p.damping * state.velocity - p.stiffness * state.position
+        return state.velocity, left / (p.mass + p.payload_mass)
+
+    def pace(self, p: Any) -> Any:
+        """Its natural frequency, and the rate of its damping [1/s]."""
+        mass = p.mass + p.payload_mass
+        return math.sqrt(p.stiffness / mass) + p.damping / mass
+
+    def suited(self, effect: Effect) -> Effect:
+        """A payload is sought from a tenth of the mass on."""
+        return replace(effect, parameters=(light(effect.parameters[0], 0.1 * self.scales.base[0]),))
+
+
+def light(mass: Parameter, size: float) -> Parameter:
+    """A payload's mass that is sought from a size on."""
+    return replace(mass, scale=0.5 * size, starts=(size,))

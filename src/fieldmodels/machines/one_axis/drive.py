@@ -9,9 +9,10 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.compiled import compiled
-from fieldmodels.machines.one_axis import kernel
-from fieldmodels.machines.one_axis.model import OneAxis, episode_edges
-from fieldmodels.machines.one_axis.scales import white_noise
+from fieldmodels.drivers.sizes import white_noise
+from fieldmodels.drivers.windows import Rows, episode_edges
+from fieldmodels.effects.actuators import actuate, follow, has_dynamics, respond, unpack
+from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, Windows
 
@@ -53,7 +54,7 @@ class Drive(Model):
         recording = windows.recording
         first, _ = episode_edges(recording)
         command = np.ascontiguousarray(recording[self.inputs[0].name], dtype=np.float64)
-        rows = self.whole.rows(np.atleast_2d(parameters))
+        rows = Rows(self.whole).of("actuator", np.atleast_2d(parameters))[:, 0]
         force = np.empty((len(rows), len(command)))
         give(rows, command, first, recording.step, force)
         samples = np.minimum(windows.starts[:, None] + np.arange(windows.samples), len(command) - 1)
@@ -69,7 +70,7 @@ def give(q: FloatArray, command: FloatArray, first: IntArray, step: float, out: 
     """Force right after every command, for every row of parameters.
 
     Args:
-        q: Parameters, shape (batch, kernel.SLOTS).
+        q: The input's rows, shape (batch, numbers of actuators.Row).
         command: Commanded force, shape (n,).
         first: First sample of each sample's episode, shape (n,).
         step: Sampling interval [s].
@@ -77,11 +78,12 @@ def give(q: FloatArray, command: FloatArray, first: IntArray, step: float, out: 
     """
     target, stored = np.empty(len(command)), np.empty(len(command))
     for p in range(len(q)):
-        kernel.actuate(command, step, q[p], target)
-        slow = kernel.has_dynamics(q[p])
+        r = unpack(q[p])
+        actuate(command, first, step, r, q[p, :0], target)
+        slow = has_dynamics(r)
         if slow:
-            kernel.respond(target, first, step, q[p], stored)
-        shift = q[p, kernel.DELAY] / step
+            respond(target, first, step, False, r, stored)
+        shift = r.delay_delay / step
         for i in range(len(command)):
             if not slow:
                 whole = int(np.floor(shift))
@@ -90,4 +92,4 @@ def give(q: FloatArray, command: FloatArray, first: IntArray, step: float, out: 
                 continue
             at = max(i - first[i] + READ - shift, 0.0)
             row = first[i] + int(np.floor(at))
-            out[p, i] = kernel.follow(stored[row], target[row], (at - np.floor(at)) * step, q[p])
+            out[p, i] = follow(stored[row], target[row], (at - np.floor(at)) * step, r)

@@ -7,12 +7,15 @@ from collections.abc import Callable
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.one_axis import kernel
+from fieldmodels.drivers.generate import params_of
+from fieldmodels.effects import actuators, sensors
+from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import ModelError
 
 
 def respond_to(
-    q: FloatArray,
+    model: OneAxis,
+    parameters: FloatArray,
     command: FloatArray,
     step: float,
     force: Callable[[float, float, float, float], float],
@@ -21,7 +24,8 @@ def respond_to(
     """Simulate from rest, step by step, with an additional force held over each step.
 
     Args:
-        q: Kernel row, shape (kernel.SLOTS,); sensor effects must be off.
+        model: The axis.
+        parameters: One parameter vector; sensor effects must be off.
         command: Commands of all episodes, each equally long, shape (episodes * n,) or (episodes * n, 1).
         step: Step of integration [s].
         force: Additional force f(t, position, velocity, command).
@@ -33,30 +37,28 @@ def respond_to(
     Raises:
         ModelError: If a sensor effect is on.
     """
-    sensor = [
-        kernel.BIAS,
-        kernel.VELOCITY_BIAS,
-        kernel.DRIFT,
-        kernel.SENSOR_DELAY,
-        kernel.GAP,
-        kernel.QUANTUM,
-    ]
-    if np.any(q[sensor] != 0.0) or q[kernel.SENSOR_GAIN] != 1.0:
+    driver = model.driver
+    vector = np.atleast_2d(parameters)
+    if np.any(driver.rows.of("sensor", vector) != sensors.ROW.neutral):
         raise ModelError("a force from outside the library cannot be combined with an effect of a sensor")
+    rows, forces = driver.rows.of("actuator", vector)[0], driver.rows.of("force", vector)[0]
+    r = actuators.Row(*rows[0])
+    p = driver.module.Params(*params_of(model, vector[0]))
     commands = command.reshape(episodes, -1)
     out = np.empty((*commands.shape, 2))
-    shift = round(float(q[kernel.DELAY]) / step)
+    shift = round(r.delay_delay / step)
+    nothing = np.zeros(0)
     for episode, u in enumerate(commands):
         target = np.empty(len(u))
-        kernel.actuate(np.ascontiguousarray(u), step, q, target)
-        lagged = target.copy()
-        if kernel.has_dynamics(q):
-            kernel.respond(target, np.zeros(len(u), dtype=np.int64), step, q, lagged)
+        first = np.zeros(len(u), dtype=np.int64)
+        actuators.actuate(np.ascontiguousarray(u), first, step, r, nothing, target)
         x = v = bristle = 0.0
+        given = float(target[0])
         for i in range(len(u)):
             out[episode, i] = x, v
-            source = max(i - shift, 0)
-            extra = force(i * step, x, v, float(u[i])) + q[kernel.CONSTANT]
-            aim, now = float(target[source] + extra), float(lagged[source] + extra)
-            x, v, bristle = kernel.advance_past_ramp(x, v, i * step, step, aim, now, bristle, q)
+            aim = float(target[max(i - shift, 0)])
+            extra = float(force(i * step, x, v, float(u[i])))
+            x, v, given, bristle = driver.module.advance_past_ramps(
+                i * step, step, x, v, given, aim, 0.0, extra, p, rows, forces, nothing, bristle
+            )
     return out

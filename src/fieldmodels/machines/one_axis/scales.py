@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.one_axis.axis import Axis
+from fieldmodels.drivers.sizes import white_noise
+from fieldmodels.effects import Sizes
 from fieldmodels.recording import Recording
 
 USUAL_PACE = 4.0  # times slower or faster than the nominal bench: from there on horizons follow
@@ -47,9 +47,29 @@ class Scales:
     velocity_noise: float
     frequencies: tuple[float, ...]
 
+    @property
+    def sizes(self) -> Sizes:
+        """What stock effects need to know of them."""
+        return Sizes(
+            force=self.force,
+            high_forces=self.high_forces,
+            rate=self.rate,
+            position=self.position,
+            velocity=self.velocity,
+            duration=self.duration,
+            step=self.step,
+            frequencies=self.frequencies,
+        )
+
 
 def measure_scales(
-    recordings: Sequence[Recording], command: str, position: str, velocity: str, axis: Axis, nominal: Scales
+    recordings: Sequence[Recording],
+    command: str,
+    position: str,
+    velocity: str,
+    rotary: bool,
+    damped: bool,
+    nominal: Scales,
 ) -> Scales:
     """Measure a bench's scales.
 
@@ -58,7 +78,8 @@ def measure_scales(
         command: Name of the command.
         position: Name of the position.
         velocity: Name of the velocity, which recordings may lack.
-        axis: Linear (spring and damper) or rotary (gravity).
+        rotary: Under gravity, or on a spring.
+        damped: Whether the nominal machine has viscous friction.
         nominal: Scales that hold where the data cannot tell.
     """
     force = np.concatenate([r[command] for r in recordings])
@@ -68,7 +89,7 @@ def measure_scales(
     noise = float(np.median([white_noise(r[position]) for r in recordings]))
     with_velocity = [r for r in recordings if velocity in r]
     high = np.quantile(np.abs(force), [0.995, 0.97, 0.9, 0.7])
-    base, frequencies = _regress(recordings, command, position, axis, noise, nominal)
+    base, frequencies = _regress(recordings, command, position, rotary, damped, noise, nominal)
     return Scales(
         base=base,
         force=float(np.sqrt(np.mean(force**2))) or nominal.force,
@@ -99,20 +120,6 @@ def horizons_for(horizons: tuple[float, ...], scales: Scales, nominal: Scales) -
     return tuple(float(f"{factor * h:.2g}") for h in horizons) if factor != 1.0 else horizons
 
 
-def white_noise(values: FloatArray) -> float:
-    """Standard deviation of white noise on a smooth signal, from its fourth differences.
-
-    A fourth difference of white noise has the variance 70 sigma^2; of a smooth signal it is small.
-    Signals that only change by jumps of a coarse sensor give their root mean square instead of the
-    median, which would be zero.
-    """
-    differences = np.diff(values, 4)
-    if len(differences) == 0:
-        return 0.0
-    robust = 1.4826 * float(np.median(np.abs(differences)))
-    return (robust or float(np.sqrt(np.mean(differences**2)))) / math.sqrt(70.0)
-
-
 def _slopes(recording: Recording, position: str) -> FloatArray:
     """Slopes of the position over about a fiftieth of the recording, at most 20 samples."""
     span = max(1, min(20, len(recording) // 50))
@@ -138,7 +145,7 @@ class WeakForm:
     noise: FloatArray
 
 
-def weak_form(recording: Recording, command: str, position: str, axis: Axis, span: float) -> WeakForm:
+def weak_form(recording: Recording, command: str, position: str, rotary: bool, span: float) -> WeakForm:
     """Multiply the equation of motion by bumps and integrate by parts.
 
     The bumps vanish with their slopes at both ends, so that no measured signal is differentiated:
@@ -149,7 +156,7 @@ def weak_form(recording: Recording, command: str, position: str, axis: Axis, spa
         recording: The measured data.
         command: Name of the command.
         position: Name of the position.
-        axis: Linear or rotary.
+        rotary: Under gravity, or on a spring.
         span: Length of a bump [s]; bumps overlap by half.
     """
     count = max(round(span / recording.step), 16)
@@ -166,7 +173,7 @@ def weak_form(recording: Recording, command: str, position: str, axis: Axis, spa
     held = 0.5 * (u[rows] + u[np.maximum(rows - 1, 0)])  # a held command acts half a sample later
     smooth = np.convolve(recording[position], np.full(9, 1 / 9), mode="same")
     sign = np.sign(np.gradient(smooth)) if len(smooth) > 9 else np.zeros_like(u)
-    back = np.sin(x) if axis.rotary else x
+    back = np.sin(x) if rotary else x
     columns = [x @ curvature, -(x @ slope), back @ bump, sign[rows] @ bump, np.full(len(starts), bump.sum())]
     weight = 1.0 / float(bump.sum())
     kernels = np.array([curvature, -slope, bump, 0.0 * bump, 0.0 * bump])
@@ -179,14 +186,20 @@ def weak_form(recording: Recording, command: str, position: str, axis: Axis, spa
 
 
 def _regress(
-    recordings: Sequence[Recording], command: str, position: str, axis: Axis, noise: float, nominal: Scales
+    recordings: Sequence[Recording],
+    command: str,
+    position: str,
+    rotary: bool,
+    damped: bool,
+    noise: float,
+    nominal: Scales,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Estimate the base parameters, and the frequencies at which a force is left over.
 
     An offset and a Coulomb column keep the commonest unmodelled forces out of the estimates.
     """
     forms = [
-        weak_form(r, command, position, axis, span)
+        weak_form(r, command, position, rotary, span)
         for r in recordings
         for span in (0.2, 0.4, 1.0)
         if (np.diff(r.bounds, axis=1) * r.step > span).all()
@@ -203,7 +216,7 @@ def _regress(
     )
     right = sum(form.columns.T @ form.forces for form in forms)
     solution = np.linalg.lstsq(square / np.outer(size, size), right / size, rcond=1e-9)[0] / size
-    chosen = solution[:3] if axis.damped else solution[[0, 2]]
+    chosen = solution[:3] if damped else solution[[0, 2]]
     base = tuple(
         float(c) if np.isfinite(c) and c > 0 else f for c, f in zip(chosen, nominal.base, strict=True)
     )
