@@ -161,7 +161,7 @@ def test_a_late_position_beside_a_velocity_that_is_not(machine, delay, agree_on_
 SHOWING = ["sensor_bias", "sensor_drift", "sensor_gain", "backlash"]
 LATE = [
     ("sensor_delay",),
-    *(("sensor_delay", effect) for effect in (*SHOWING, "actuator_delay", "actuator_lag")),
+    *(("sensor_delay", effect) for effect in (*SHOWING, "actuator_delay", "actuator_lag", "periodic_force")),
 ]
 
 
