@@ -162,7 +162,7 @@ BEHIND_THE_WHEELS = [e for e in DRIVE if e not in BEFORE_THE_RIMS]
 @pytest.mark.parametrize("effect", BEHIND_THE_WHEELS)
 @pytest.mark.parametrize("machine", CASES)
 def test_a_pose_driven_by_measured_wheels(machine, effect, rng, agree):
-    """What a diagnosis compares where the wheels are measured, whatever was commanded."""
+    """What a diagnosis compares where the wheels are measured: whatever acts before them does nothing."""
     model, commands, horizon = get_model(machine), commands_for(machine, rng), 0.5
     effects = {effect: DRIVE[effect][-1], "actuator_gain": {"gain": 0.83}}
     simulate = find_oracle(machine).simulate
@@ -170,7 +170,8 @@ def test_a_pose_driven_by_measured_wheels(machine, effect, rng, agree):
     columns = [*(s.name for s in model.inputs), *(s.name for s in model.outputs)]
     signals = dict(zip(columns, np.column_stack([commands, on]).T, strict=True))
     windows = model.windows(Recording(time=np.arange(COUNT) * STEP, signals=signals), horizon)
-    got = model.simulate(model.vector(effects={effect: effects[effect]}), windows)[0]
+    before = {e: DRIVE[e][-1] for e in BEFORE_THE_RIMS}
+    got = model.simulate(model.vector(effects={**before, effect: effects[effect]}), windows)[0]
     assert windows.lengths.sum() == COUNT
     shown = got.reshape(COUNT, -1)[:, :3]
     shown[:, 2] -= 2 * np.pi * np.round((shown[:, 2] - on[:, 2]) / (2 * np.pi))
