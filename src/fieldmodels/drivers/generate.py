@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from fieldmodels.machine import Machine
 
 HERE = Path(__file__).parent
+EQUATIONS = "equations.py.j2"
+"""What every driver begins with: the machine's equations with the stock effects, and single steps."""
 METHODS = {"derivative": "derivative", "step": "advance", "observe": "observe", "pace": "fastest"}
 """A machine's methods, and what drivers call them."""
 JIT = "from fieldmodels.compiled import compiled, inlined\n"
@@ -71,7 +73,7 @@ def _functions(machine: Machine) -> dict[str, Any]:
 def driver_text(machine: Machine, template: str) -> str:
     """Source of a driver for a machine."""
     env = jinja2.Environment(trim_blocks=True, undefined=jinja2.StrictUndefined, autoescape=False)
-    source = (HERE / template).read_text(encoding="utf-8")
+    source = "".join((HERE / file).read_text(encoding="utf-8") for file in (EQUATIONS, template))
     rendered = env.from_string(source).render(**_declaration(machine))
     return re.sub(r"\n{4,}", "\n\n\n", rendered)
 
