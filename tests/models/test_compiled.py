@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numba
@@ -220,6 +221,16 @@ def test_old_versions_do_not_pile_up(lab):
     assert not forgotten.exists()
     lab.edit("deep.py", f"x + {number + 2}.0", f"x + {number + 1}.0")  # back to the version before
     assert lab.run("reaches") == [f"reaches {10.0 * (number + 2) + 1.0} hit"]
+
+
+def test_all_kernels_together_have_a_largest_size(tmp_path, monkeypatch):
+    for age in range(6):
+        path = tmp_path / f"lab.kernel{age}-0-0{cache.SUFFIX}"
+        path.write_bytes(bytes(1000))
+        os.utime(path, (time.time() - 60 * age,) * 2)
+    monkeypatch.setattr(cache, "MOST_BYTES", 3500)
+    cache._remove_unused(tmp_path)
+    assert sorted(path.name[10] for path in tmp_path.iterdir()) == ["0", "1", "2"]  # those used last
 
 
 @pytest.fixture

@@ -1,11 +1,12 @@
 """Apply each listed mutant to a copy of the project and run the tests that ought to notice it.
 
-    python tests/mutants/run.py [--only TEXT ...] [--workers 2] [--fresh] [--publish]
+    python tests/mutants/run.py [--only TEXT ...] [--workers 2] [--keep | --fresh] [--publish]
 
 A mutant is *killed* if a test fails by an assertion, *survives* if all pass, and is *broken* if the program
 falls over before any test can say no (it does not import, or does not compile): that proves nothing of the
 tests. Results are kept in results/mutants/ as long as the project stays as it is, so that a run that was
-interrupted goes on where it ended.
+interrupted goes on where it ended. While tests are written, ``--keep`` keeps every result whose own file and
+tests have not changed.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from page import PAGE, page
 from table import FOLDER, ROOT, Mutant, read_mutants
 
+from fieldmodels.files import write_text
+
 COPIED = ("src", "envs", "agents", "tests", "configs", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
 WORK = ROOT / "results" / "mutants"
+STORE = WORK / "results.json"
 TIMEOUT = 600.0  # seconds, for the tests of one mutant
 PATIENCE = 5400.0  # seconds, for all tests without any error, kernels compiled
 
@@ -45,12 +49,16 @@ class Result:
         test: The test that failed first; empty if none did.
         error: What it said.
         seconds: Time that the tests took, compiling included.
+        tree: Hash of the project that it was found in.
+        own: Hash of the changed file and of its tests.
     """
 
     status: str
     test: str
     error: str
     seconds: float
+    tree: str = ""
+    own: str = ""
 
 
 class Worker:
@@ -78,7 +86,6 @@ class Worker:
         environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join([*floors, str(FOLDER)]),
-            "PYTHONDONTWRITEBYTECODE": "1",
             "NUMBA_CACHE_DIR": str(kernels),
             "OMP_NUM_THREADS": "1",
             "MUTANT_REPORT": str(self.report),
@@ -127,14 +134,27 @@ class Worker:
 
 def tree_hash() -> str:
     """Hash of all that a result depends on, the tables apart: each result is kept under its mutant's key."""
-    total = hashlib.sha256()
+    files: list[Path] = []
     for name in COPIED:
-        if name == "docs":
-            continue
         source = ROOT / name
-        for path in sorted(source.rglob("*")) if source.is_dir() else [source]:
-            if path.is_file() and "__pycache__" not in path.parts and path.parent != FOLDER:
-                total.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
+        files += sorted(source.rglob("*")) if source.is_dir() else [source]
+    return hash_of(
+        [path for path in files if FOLDER not in path.parents and ROOT / "docs" not in path.parents]
+    )
+
+
+def own_hash(mutant: Mutant, root: Path) -> str:
+    """Hash of what a result depends on above all: the changed file, and the tests."""
+    names = (mutant.file, *sorted({test.split("::")[0] for test in mutant.tests}))
+    return hash_of([root / name for name in names], root)
+
+
+def hash_of(files: Sequence[Path], root: Path) -> str:
+    """Hash of the names and contents of files."""
+    total = hashlib.sha256()
+    for path in files:
+        if path.is_file() and "__pycache__" not in path.parts:
+            total.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return total.hexdigest()
 
 
@@ -157,15 +177,21 @@ def warm_up(workers: Sequence[Worker], mutants: Sequence[Mutant], warm: Path) ->
                 )
 
 
-def run(mutants: Sequence[Mutant], count: int, fresh: bool) -> dict[str, Result]:
-    """Results by mutant's key; those of the same tree are taken from the last run."""
-    store = WORK / "results.json"
-    tree = tree_hash()
-    known: dict[str, Result] = {}
-    if store.exists() and not fresh:
-        kept = json.loads(store.read_text())
-        if kept["tree"] == tree:
-            known = {key: Result(**value) for key, value in kept["results"].items()}
+def earlier(mutants: Sequence[Mutant], tree: str, keep: bool) -> dict[str, Result]:
+    """Results of earlier runs that still hold, by mutant's key."""
+    if not STORE.exists():
+        return {}
+    stored = {key: Result(**value) for key, value in json.loads(STORE.read_text()).items()}
+    return {
+        mutant.key: result
+        for mutant in mutants
+        if (result := stored.get(mutant.key))
+        and (result.tree == tree or (keep and result.own == own_hash(mutant, ROOT)))
+    }
+
+
+def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: str) -> dict[str, Result]:
+    """Results by mutant's key; those that are known are not found again."""
     waiting = [mutant for mutant in mutants if mutant.key not in known]
     if not waiting:
         return known
@@ -182,7 +208,8 @@ def run(mutants: Sequence[Mutant], count: int, fresh: bool) -> dict[str, Result]
     def one(mutant: Mutant) -> Result:
         worker = idle.get()
         try:
-            return worker.judge(mutant, WORK / "warm")
+            own = own_hash(mutant, worker.root)
+            return replace(worker.judge(mutant, WORK / "warm"), tree=tree, own=own)
         finally:
             idle.put(worker)
 
@@ -191,9 +218,7 @@ def run(mutants: Sequence[Mutant], count: int, fresh: bool) -> dict[str, Result]
         for number, job in enumerate(as_completed(jobs), 1):
             mutant, result = jobs[job], job.result()
             known[mutant.key] = result
-            text = json.dumps({"tree": tree, "results": {key: asdict(r) for key, r in known.items()}})
-            store.with_suffix(".new").write_text(text)
-            store.with_suffix(".new").replace(store)
+            write_text(STORE, json.dumps({key: asdict(one) for key, one in known.items()}))
             said = "" if result.status == "killed" else f"  {result.test} {result.error}"
             print(
                 f"{number:3}/{len(waiting)} {result.status:8} {result.seconds:5.1f} s  "
@@ -212,6 +237,7 @@ def main() -> None:
         "--only", nargs="*", default=[], help="mutants whose file, area or error holds a text"
     )
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--keep", action="store_true", help="keep results whose file and tests are unchanged")
     parser.add_argument("--fresh", action="store_true", help="forget the results of earlier runs")
     parser.add_argument("--publish", action="store_true", help="write docs/mutants.md")
     options = parser.parse_args()
@@ -225,7 +251,9 @@ def main() -> None:
         mutant.applied(ROOT)
         mutant.check_tests(ROOT)
     began = time.perf_counter()
-    results = run(mutants, options.workers, options.fresh)
+    tree = tree_hash()
+    known = {} if options.fresh else earlier(everything, tree, options.keep)
+    results = run(mutants, known, options.workers, tree)
     minutes = (time.perf_counter() - began) / 60
     found = [results[m.key].status for m in mutants]
     print(

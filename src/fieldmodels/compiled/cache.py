@@ -27,6 +27,7 @@ SUFFIX = ".kernel"
 # Versions of one kernel that stay on disk: those last used, so that several checkouts can share the folder.
 VERSIONS = 4
 UNUSED_DAYS = 60.0
+MOST_BYTES = 1 << 30  # of all kernels together
 # Numba's own way to take a compiled kernel apart and to put it together.
 _dumps: Any = serialize.dumps
 _rebuild: Any = compiler.CompileResult._rebuild
@@ -152,11 +153,24 @@ def _write(path: Path, content: bytes) -> None:
 
 @functools.cache
 def _remove_unused(folder: Path) -> None:
-    """Once per process: remove what nothing has used for long, so that renamed kernels do not pile up."""
+    """Once per process: remove what nothing has used for long, and the oldest where all is too much.
+
+    So kernels that are renamed, or generated anew for every change of a machine, do not pile up.
+    """
     oldest = time.time() - UNUSED_DAYS * 86400.0
-    for path in folder.iterdir():
-        if 0.0 < _last_use(path) < oldest and path.name.endswith((SUFFIX, ".tmp")):
+    room = MOST_BYTES
+    paths = [path for path in folder.iterdir() if path.name.endswith((SUFFIX, ".tmp"))]
+    for used, path in sorted(((_last_use(path), path) for path in paths), reverse=True):
+        room -= _size(path)
+        if used > 0.0 and (used < oldest or room < 0):
             _remove(path)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # another process removed it
+        return 0
 
 
 def _last_use(path: Path) -> float:
