@@ -149,7 +149,7 @@ class _ExcitationTask(BatchTask):
     def shaken(self) -> Shaken:
         """Where the experiments stand."""
         if self._shaken is None:
-            self._shaken = self.shakers.look()
+            self._shaken = self.shakers.observe()
         return self._shaken
 
     def step(self, actions: Floats) -> Outcome:

@@ -7,6 +7,7 @@ costs nothing and a wrong one does not compile, and as ``q["actuator_lag"]["time
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,14 +20,20 @@ from fieldmodels.model import Effect, ModelError, Parameter, Where
 RowType = np.dtype[np.void]
 
 
-def row_type(parameters: Sequence[Parameter], effects: Sequence[Effect]) -> RowType:
+def row_type(parameters: Sequence[Parameter], effects: Sequence[Effect], *, grouped: bool = False) -> RowType:
     """The type of one parameter vector as a record.
 
     Args:
         parameters: Base parameters, each a field of its own.
         effects: Effects, each a nested record of its parameters.
+        grouped: True makes one array of neighbouring base parameters whose names differ in their last part
+            only: ``damping_x``, ``damping_y``, ``damping_z`` are read as ``q.damping[axis]``.
     """
-    fields: list[tuple[str, Any]] = [(p.name, np.float64) for p in parameters]
+    names = [p.name.rpartition("_")[0] if grouped and "_" in p.name else p.name for p in parameters]
+    fields: list[tuple[Any, ...]] = []
+    for name, group in itertools.groupby(names):
+        count = len(list(group))
+        fields.append((name, np.float64, (count,)) if count > 1 else (name, np.float64))
     fields += [(effect.name, [(p.name, np.float64) for p in effect.parameters]) for effect in effects]
     return np.dtype(fields)
 

@@ -9,8 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from fieldmodels.compiled import compiled
 from fieldmodels.machines.excitation import dynamics
-from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode, simulate
+from fieldmodels.machines.excitation.declaration import as_vehicles
+from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, advance_mode, simulate
+from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
 from fieldmodels.machines.excitation.parameters import PRESETS, SAMPLE, SOFT, TABLE1, UNKNOWNS, Arm
 from fieldmodels.machines.excitation.regression import (
@@ -199,9 +202,13 @@ def run_free(x: np.ndarray, state: np.ndarray, samples: int) -> np.ndarray:
     row = ARM.row()
     row[dynamics.GRAVITY] = 1e-12
     out = np.empty((samples, 24))
-    vehicle = np.concatenate([x, np.zeros(VEHICLE - UNKNOWNS)])
-    advance_mode(vehicle, row, 0, still, 0.0, SAMPLE, SUBSTEPS, 0.0, state, out)
+    shake(as_vehicles([x]), row, 0, still, 0.0, state, out)
     return out
+
+
+@compiled
+def shake(vehicles, row, mode, motion, rest, state, out):
+    advance_mode(vehicles[0], row, mode, motion, rest, SAMPLE, SUBSTEPS, 0.0, state, out)
 
 
 def energy(x: np.ndarray, signals: np.ndarray) -> np.ndarray:
@@ -247,31 +254,29 @@ def test_a_batch_is_equal_to_the_bit() -> None:
 
 def test_a_run_in_pieces_is_the_run() -> None:
     whole = simulate(SOFT, motion(), ARM.row(), SAMPLE)[0, 1]
-    vehicle = np.concatenate([SOFT, np.zeros(VEHICLE - UNKNOWNS)])
     state, pieces, moved = np.zeros(STATE), np.empty((320, 24)), motion()
     for k in range(4):
         part = moved[k * 320 : (k + 1) * 320 + 1]
         rest = moved[0, 0]
-        advance_mode(
-            vehicle, ARM.row(), 1, part, rest, SAMPLE, SUBSTEPS, 0.0, state, pieces[k * 80 : k * 80 + 80]
-        )
+        shake(as_vehicles([SOFT]), ARM.row(), 1, part, rest, state, pieces[k * 80 : k * 80 + 80])
     assert pieces == pytest.approx(whole, abs=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("slot", "value"),
+    "effects",
     [
-        (dynamics.PAYLOAD, 0.05),
-        (dynamics.CUBIC_TORQUE, 5.0),
-        (dynamics.COULOMB_TORQUE, 0.1),
-        (dynamics.DRIFT, 0.02),
-        (dynamics.SOIL, 0.2),
+        {"payload": {"mass": 0.05}},
+        {"cubic_stiffness": {"torque": 5.0}},
+        {"coulomb_friction": {"torque": 0.1}},
+        {"stiffness_drift": {"rate": 0.02}},
+        {"soil_compliance": {"share": 0.2}},
     ],
 )
-def test_an_effect_changes_the_motion_and_converges_with_the_step(slot: int, value: float) -> None:
-    vehicle = np.concatenate([SOFT, np.zeros(VEHICLE - UNKNOWNS)])
-    plain = simulate(vehicle, motion(), ARM.row(), SAMPLE)[0, 0]
-    vehicle[slot] = value
+def test_an_effect_changes_the_motion_and_converges_with_the_step(
+    effects: dict[str, dict[str, float]],
+) -> None:
+    plain = simulate(SOFT, motion(), ARM.row(), SAMPLE)[0, 0]
+    vehicle = ExcitationModel("soft").vector(effects=effects)
     usual = simulate(vehicle, motion(), ARM.row(), SAMPLE)[0, 0]
     fine = simulate(vehicle, motion(32), ARM.row(), SAMPLE, 32)[0, 0]
     change = np.abs(usual[:, ANGLE] - plain[:, ANGLE]).max()

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.machines.excitation.declaration import NUMBERS
 from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
 from fieldmodels.machines.excitation.model import ExcitationModel, with_derivatives
 from fieldmodels.machines.excitation.motion import arm_motion
 from fieldmodels.machines.excitation.parameters import NAMES, SAMPLE, SOFT, TABLE1
 from fieldmodels.machines.excitation.recording import record_experiment, shaking
-from fieldmodels.machines.excitation.simulation import PARAMETERS
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.registry import get_model
 
@@ -35,7 +35,7 @@ def predicted(recording: Recording, effects: dict[str, dict[str, float]] | None 
 def test_it_is_registered_with_table_ones_unknowns() -> None:
     model = get_model("excitation")
     assert tuple(p.name for p in model.parameters) == NAMES
-    assert len(model.names) == PARAMETERS
+    assert len(model.names) == len(NUMBERS)
     assert model.nominal[:22] == pytest.approx(SOFT)
     assert ExcitationModel("table1").nominal[:22] == pytest.approx(TABLE1)
     assert sum(p.refitted for p in model.parameters) == 12

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmodels.information import fast
-from fieldmodels.machines.excitation.dynamics import VEHICLE, simulate
+from fieldmodels.machines.excitation.dynamics import simulate
 from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
 from fieldmodels.machines.excitation.parameters import (
     CG,
@@ -57,7 +57,7 @@ def midway():
     rng = np.random.default_rng(5)
     for _ in range(6):
         shakers.advance(rng.uniform(*shakers.ranges, (BATCH, 3)))
-    return situation(shakers.look()), predictor
+    return situation(shakers.observe()), predictor
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_the_expected_bits_are_those_that_come(preset, noise, estimator, variant
     rng = np.random.default_rng(1)
     for decision in range(12):
         command = rng.uniform(*shakers.ranges, (BATCH, 3))
-        expected = predictor.outlook(situation(shakers.look()), command[:, None, None]).covariance[:, 0]
+        expected = predictor.outlook(situation(shakers.observe()), command[:, None, None]).covariance[:, 0]
         got = shakers.advance(command).covariance
         if decision >= 4:
             difference = bits(expected, shakers.estimated) - bits(got, shakers.estimated)
@@ -89,7 +89,7 @@ def test_several_decisions_ahead_are_foreseen_as_one_after_the_other_come():
     for _ in range(6):
         shakers.advance(rng.uniform(*shakers.ranges, (BATCH, 3)))
     plan = rng.uniform(*shakers.ranges, (BATCH, 4, 3))
-    expected = predictor.outlook(situation(shakers.look()), plan[:, None]).covariance[:, 0]
+    expected = predictor.outlook(situation(shakers.observe()), plan[:, None]).covariance[:, 0]
     for k in range(4):
         got = shakers.advance(plan[:, k]).covariance
     difference = bits(expected, shakers.estimated) - bits(got, shakers.estimated)
@@ -157,8 +157,7 @@ def test_any_estimate_makes_a_vehicle_that_can_be_shaken():
     motion, _ = arm_motion(np.tile([1.5, 12.0, 0.5], (3, 1)), 25.0)
     for _ in range(50):
         mean = rng.normal(0.5 * (LOWER + UPPER), 2.0 * (UPPER - LOWER))
-        vehicle = np.empty(VEHICLE)
-        make_physical(mean, LOWER, UPPER, vehicle)
+        (vehicle,) = make_physical(mean[None])
         xx, yy, zz, xz, yz, xy = vehicle[INERTIA:CG]
         assert np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0] > 0
         assert np.isfinite(simulate(vehicle[None], motion, arm.row(), SAMPLE, substeps=1)).all()
@@ -166,9 +165,7 @@ def test_any_estimate_makes_a_vehicle_that_can_be_shaken():
 
 def test_a_physical_estimate_stays_as_it_is():
     for truth in PRESETS.values():
-        vehicle = np.empty(VEHICLE)
-        make_physical(truth, LOWER, UPPER, vehicle)
-        np.testing.assert_array_equal(vehicle[:22], truth)
+        np.testing.assert_array_equal(make_physical(truth[None])[0], truth)
 
 
 def test_bad_candidates_are_refused(midway):

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fieldmodels.compiled import compiled
+from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
-from fieldmodels.machines.excitation.faults import HISTORY, TURNS, lag_on, spoil
 from fieldmodels.machines.excitation.model import ExcitationModel
-from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
+from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion, lag_motion
 from fieldmodels.machines.excitation.parameters import (
     CG,
     INERTIA,
@@ -23,6 +24,7 @@ from fieldmodels.machines.excitation.parameters import (
     SensorNoise,
 )
 from fieldmodels.machines.excitation.regression import ANGLE, POSITION, SIGNALS
+from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS, measure_with_effects
 from fieldmodels.machines.excitation.sensors import corrupt, first_draw, full_scale, mean_draws
 from fieldmodels.machines.excitation.shaker import (
     FACTORS,
@@ -31,7 +33,6 @@ from fieldmodels.machines.excitation.shaker import (
     drawn_around,
     normalised_percent,
 )
-from fieldmodels.machines.excitation.simulation import lag_motion
 from fieldmodels.model import ModelError
 
 EVERY = np.ones(22, dtype=bool)
@@ -167,7 +168,7 @@ def test_table_2_estimates_five_of_pitch():
     names = [name for name, flag in zip(NAMES, shakers.estimated, strict=True) if flag]
     assert names == ["inertia_x", "cg_y", "cg_z", "damping_pitch", "stiffness_pitch"]
     known = ~shakers.estimated
-    before = shakers.look().bits.sum(axis=1)
+    before = shakers.observe().bits.sum(axis=1)
     for wanted in commands(10, 2):
         shaken = shakers.advance(wanted)
     assert np.array_equal(shaken.mean[:, known], np.tile(TABLE1[known], (2, 1)))
@@ -227,28 +228,40 @@ def test_gain_of_the_force_torque_sensor_scales_the_vehicle_but_for_its_lever_ar
 
 def test_lag_goes_on_from_decision_to_decision():
     whole, _ = arm_motion(commands(5, 1)[:, 0], 25.0)
-    late = np.empty_like(whole)
+    late = np.zeros_like(whole)
+    late[0, 0] = whole[0, 0]
     lag_motion(whole, SAMPLE, 0.03, late)
-    last = late[0].copy()
+    part = np.empty((SAMPLES + 1, 3))
+    part[-1] = late[0]
     for k in range(5):
-        part = np.empty((SAMPLES + 1, 3))
-        lag_on(whole[SAMPLES * k : SAMPLES * (k + 1) + 1], SAMPLE, 0.03, last, part)
+        part[0] = part[-1]
+        lag_motion(whole[SAMPLES * k : SAMPLES * (k + 1) + 1], SAMPLE, 0.03, part)
         np.testing.assert_allclose(part, late[SAMPLES * k : SAMPLES * (k + 1) + 1], atol=1e-12)
+
+
+@compiled
+def measured(vehicles, gravity, history, signals):
+    measure_with_effects(vehicles[0], gravity, history, signals)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.002, 0.005, 0.0125, 0.2])
 def test_delay_goes_on_from_decision_to_decision(delay):
-    """Of signals that are zero until the start, then grow as straight lines."""
+    """Of turns that are zero until the start, then cubics: what lies between samples is exact."""
     time = SAMPLE * np.arange(1, 3 * SAMPLES + 1)
-    slopes = np.linspace(-1, 1, TURNS) * 1e-3
+
+    def turns(t):
+        t = np.maximum(t, 0.0)[:, None]
+        jerk = np.array([[-0.02, 0.01, 0.03]])
+        return np.hstack([jerk * t**3 / 6, jerk * t**2 / 2, jerk * t])
+
     history = np.zeros((HISTORY, TURNS))
+    vehicles = as_vehicles([vector(inclinometer_delay={"delay": delay})])
     for k in range(3):
         signals = np.zeros((SAMPLES, 24))
         now = time[SAMPLES * k : SAMPLES * (k + 1)]
-        signals[:, ANGLE : ANGLE + TURNS] = now[:, None] * slopes
-        spoil(vector(inclinometer_delay={"delay": delay}), 9.81, history, signals)
-        expected = np.maximum(now - delay, 0.0)[:, None] * slopes
-        np.testing.assert_allclose(signals[:, ANGLE : ANGLE + TURNS], expected, atol=1e-15)
+        signals[:, ANGLE : ANGLE + TURNS] = turns(now)
+        measured(vehicles, 9.81, history, signals)
+        np.testing.assert_allclose(signals[:, ANGLE : ANGLE + TURNS], turns(now - delay), atol=1e-15)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -274,7 +287,7 @@ def test_vehicles_differ_only_where_a_spread_is_asked_for():
 
 
 def test_before_the_first_decision_the_prior_is_known():
-    shaken = started(1).look()
+    shaken = started(1).observe()
     assert np.array_equal(shaken.mean[0], PRIOR_MEAN)
     assert np.array_equal(shaken.command[0], CONSTANT)
     assert shaken.phase[0] == 0.0

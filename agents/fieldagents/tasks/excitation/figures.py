@@ -100,7 +100,7 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
     shakers.restart(range(episodes), [np_random(seed)[0] for seed in TEST_SEEDS[:episodes]])
     agent.reset(TEST_SEEDS.start)
     agent.begin_episodes(np.ones(episodes, dtype=np.bool_))
-    shaken, course, angles = shakers.look(), [shakers.look()], []
+    shaken, course, angles = shakers.observe(), [shakers.observe()], []
     for _ in range(settings.decisions):
         action = agent.act(np.zeros((episodes, 0), dtype=np.float32), given(shaken))
         shaken = shakers.advance(to_command(action, limits), traces=True)

@@ -1,4 +1,4 @@
-"""The excitation model: an arm's command in, what the vehicle's sensors show out."""
+"""The excitation model: an arm's command in, what the vehicle's sensors measure out."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.excitation.effects import EFFECTS
+from fieldmodels.machines.excitation.declaration import EFFECTS, as_vehicles
 from fieldmodels.machines.excitation.parameters import DAMPING, VEHICLE, Arm, preset
-from fieldmodels.machines.excitation.simulation import OUTPUTS, simulate_runs
+from fieldmodels.machines.excitation.simulation import OUTPUTS, Runs, simulate_runs
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, RecordingError, Windows, uniform_windows
 
@@ -66,24 +66,23 @@ class ExcitationModel(Model):
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Simulate every run from rest, and cut the windows out of it; see ``Model.simulate``."""
         recording = windows.recording if RATE in windows.recording else with_derivatives(windows.recording)
-        parameters = np.atleast_2d(np.asarray(parameters, dtype=np.float64))
+        vehicles = as_vehicles(np.atleast_2d(parameters))
         bounds = recording.bounds
         ends = windows.starts + windows.lengths
         # No run is simulated beyond its last window.
         last = [ends[(windows.starts >= a) & (windows.starts < b)].max(initial=a) for a, b in bounds]
-        runs = np.column_stack([bounds[:, 0], np.array(last, dtype=np.int64)])
-        values = np.empty((len(parameters), len(recording), OUTPUTS))
-        simulate_runs(
-            parameters,
-            runs,
-            np.rint(recording["arm_axis"][runs[:, 0]]).astype(np.int64) - 1,
-            recording.time[runs[:, 0]],
-            np.column_stack([recording[name] for name in ("arm_angle", RATE, ACCELERATION)]),
-            self.arm.row(),
-            recording.step,
-            max(1, round(recording.step / STEP)),
-            values,
+        first = bounds[:, 0]
+        runs = Runs(
+            bounds=np.column_stack([first, np.array(last, dtype=np.int64)]),
+            modes=np.rint(recording["arm_axis"][first]).astype(np.int64) - 1,
+            times=recording.time[first],
+            motion=np.column_stack([recording[name] for name in ("arm_angle", RATE, ACCELERATION)]),
+            arm=self.arm.row(),
+            step=recording.step,
+            substeps=max(1, round(recording.step / STEP)),
         )
+        values = np.empty((len(vehicles), len(recording), OUTPUTS))
+        simulate_runs(vehicles, runs, values)
         rows = windows.starts[:, None] + np.arange(windows.samples)
         result = values[:, np.minimum(rows, len(recording) - 1)]
         result[:, np.arange(windows.samples) >= windows.lengths[:, None]] = np.nan

@@ -140,6 +140,25 @@ def fill_motion(previous: FloatArray, phase: float, following: FloatArray, out: 
         )  # fmt: skip
 
 
+@inlined
+def lag_motion(commanded: FloatArray, step: float, time_constant: float, lagged: FloatArray) -> None:
+    """First-order lag of f, f' and f'' alike, exact for commands that are linear over a step.
+
+    Args:
+        commanded: Commanded motion, shape (n, 3).
+        step: Time between its rows [s].
+        time_constant: Lag [s], positive.
+        lagged: The arm's motion, shape (n, 3): its first row as it is at the beginning; receives the others.
+    """
+    ratio = time_constant / step
+    kept = math.exp(-1.0 / ratio)
+    late = 1.0 - (1.0 - kept) * ratio
+    early = (1.0 - kept) * ratio - kept
+    for i in range(1, len(commanded)):
+        for k in range(3):
+            lagged[i, k] = kept * lagged[i - 1, k] + early * commanded[i - 1, k] + late * commanded[i, k]
+
+
 @compiled
 def _schedule(
     commands: FloatArray,

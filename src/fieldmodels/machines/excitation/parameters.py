@@ -64,7 +64,9 @@ the arm's base joint (r2). The rotational units are kg m2/s and kg m2/s2; Table 
 
 NAMES = tuple(p.name for p in VEHICLE)
 UNKNOWNS = len(VEHICLE)
-MASS, INERTIA, CG, DAMPING, STIFFNESS = 0, 1, 7, 10, 16
+MASS, INERTIA, CG, DAMPING, STIFFNESS = (
+    NAMES.index(name) for name in ("mass", "inertia_x", "cg_x", "damping_x", "stiffness_x")
+)
 """Where the groups begin; inertia in the order x, y, z, xz, yz, xy."""
 
 TABLE1: FloatArray = np.array([p.nominal for p in VEHICLE])

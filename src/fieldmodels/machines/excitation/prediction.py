@@ -9,8 +9,8 @@ next decision. One kernel, batched over experiments and candidates, over one or 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.estimation.parameter_filter import METHODS, Terms, accumulate, accumulate_noise, estimate
-from fieldmodels.machines.excitation.dynamics import STATE, VEHICLE, advance_mode
+from fieldmodels.machines.excitation.declaration import as_vehicles
+from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
 from fieldmodels.machines.excitation.motion import (
     AMPLITUDE,
     CONSTANT,
@@ -109,26 +110,37 @@ class Outlook:
     gram: FloatArray
 
 
-@inlined
-def make_physical(mean: FloatArray, lower: FloatArray, upper: FloatArray, vehicle: FloatArray) -> None:
-    """The vehicle nearest to an estimate that can be simulated; its effects are off.
+class Known(NamedTuple):
+    """A ``Situation`` as the kernel takes it."""
+
+    mean: FloatArray
+    covariance: FloatArray
+    moments: FloatArray
+    noise: FloatArray
+    samples: FloatArray
+    command: FloatArray
+    phase: FloatArray
+    variances: FloatArray
+
+
+def make_physical(means: ArrayLike) -> FloatArray:
+    """The vehicles nearest to estimates that can be simulated.
 
     Args:
-        mean: The 22 estimates, of any value.
-        lower: Ends of the prior's ranges, shape (22,).
-        upper: The same.
-        vehicle: Receives the vehicle, shape (29,).
+        means: The 22 estimates, of any value, shape (batch, 22).
+
+    Returns:
+        Of that shape: within the prior's ranges, positive where they must be, their inertia physical.
     """
-    vehicle[:] = 0.0
-    for i in range(UNKNOWNS):
-        least = lower[i]
-        if i == MASS or INERTIA <= i < INERTIA + 3 or i >= DAMPING:
-            least += LEAST * (upper[i] - lower[i])
-        vehicle[i] = min(max(mean[i], least), upper[i])
+    least = LOWER.copy()
+    positive = [MASS, *range(INERTIA, INERTIA + 3), *range(DAMPING, UNKNOWNS)]
+    least[positive] += LEAST * (UPPER - LOWER)[positive]
+    vehicles = np.clip(np.asarray(means, dtype=np.float64), least, UPPER)
     for k, (i, j) in enumerate(((0, 2), (1, 2), (0, 1))):
-        most = PRODUCTS_MOST * math.sqrt(vehicle[INERTIA + i] * vehicle[INERTIA + j])
-        product = INERTIA + 3 + k
-        vehicle[product] = min(max(vehicle[product], -most), most)
+        most = PRODUCTS_MOST * np.sqrt(vehicles[:, INERTIA + i] * vehicles[:, INERTIA + j])
+        product = vehicles[:, INERTIA + 3 + k]
+        vehicles[:, INERTIA + 3 + k] = np.clip(product, -most, most)
+    return vehicles
 
 
 @inlined
@@ -158,116 +170,175 @@ def add_gram(
                 gram[i, j] += scale * moments[low, high]
 
 
+class Setup(NamedTuple):
+    """What is the same in all predictions.
+
+    Attributes:
+        terms: Of the regressor.
+        active: Equations in use, shape (3, 6).
+        deviation: Of the prior, 0 for what is known, shape (22,).
+        arm: ``Arm.row()``, shape (5,).
+        acceleration: Largest |f''| of the arm [rad/s2].
+        substeps: Integration steps a sampling interval.
+        average: Neighbouring samples that the filter averages.
+        compensated: Whether it compensates its bias.
+        fraction: Share of the maximum sensed value that noise reaches.
+        running: Whether noise follows the running maximum.
+    """
+
+    terms: Terms
+    active: NDArray[np.bool_]
+    deviation: FloatArray
+    arm: FloatArray
+    acceleration: float
+    substeps: int
+    average: int
+    compensated: bool
+    fraction: float
+    running: bool
+
+
+class Sums(NamedTuple):
+    """What a candidate changes, kept in one place for all of them.
+
+    Attributes:
+        state: States of the modes, shape (3, 24).
+        moments: Sums of y y', shape (3, 30, 30).
+        noise: Sums of the features' noise, of that shape.
+        variances: Of the noise on each signal, shape (3, 24).
+        command: In force, shape (3,).
+    """
+
+    state: FloatArray
+    moments: FloatArray
+    noise: FloatArray
+    variances: FloatArray
+    command: FloatArray
+
+
+class Buffers(NamedTuple):
+    """Room for one decision.
+
+    Attributes:
+        motion: Of the arm, shape (80 * substeps + 1, 3).
+        signals: Shape (3, 80, 24).
+        features: Of one mode, shape (80, 30).
+        spread: Sum of their noise's covariances, shape (30, 30).
+        exact: Variances of signals without noise, shape (24,): zeros.
+    """
+
+    motion: FloatArray
+    signals: FloatArray
+    features: FloatArray
+    spread: FloatArray
+    exact: FloatArray
+
+
 @compiled
-def _shake(
-    vehicle: FloatArray,
-    arm: FloatArray,
-    motion: FloatArray,
-    rest: float,
-    substeps: int,
-    state: FloatArray,
-    signals: FloatArray,
-) -> None:
-    """Advance all modes by one decision, in place of ``state``, shape (3, 24); see ``advance_mode``."""
+def _shake(q: Any, setup: Setup, state: FloatArray, buffers: Buffers) -> None:
+    """Advance all modes, state of shape (3, 24), by the decision whose motion is in the buffers."""
     for mode in range(MODES):
-        advance_mode(vehicle, arm, mode, motion, rest, SAMPLE, substeps, 0.0, state[mode], signals[mode])
+        advance_mode(
+            q, setup.arm, mode, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, 0.0, state[mode],
+            buffers.signals[mode],
+        )  # fmt: skip
+
+
+@inlined
+def raise_variances(signals: FloatArray, share: float, variances: FloatArray) -> None:
+    """Let the noise follow the running maxima: a sensor is the same in all modes, and so is its maximum.
+
+    Args:
+        signals: Of the decision, whose own maxima count, shape (3, 80, 24).
+        share: Variance of the noise over the square of the maximum.
+        variances: Shape (3, 24), raised in place.
+    """
+    for i in range(SIGNALS):
+        largest = 0.0
+        for mode in range(MODES):
+            largest = max(largest, variances[mode, i])
+            for k in range(SAMPLES):
+                largest = max(largest, share * signals[mode, k, i] ** 2)
+        variances[:, i] = largest
+
+
+@inlined
+def add_decision(setup: Setup, sums: Sums, buffers: Buffers) -> None:
+    """Add what the filter will have of the decision in the buffers to its sums."""
+    gravity, y, spread = setup.arm[GRAVITY], buffers.features, buffers.spread
+    if setup.running:
+        raise_variances(buffers.signals, setup.fraction * setup.fraction / 3.0, sums.variances)
+    for mode in range(MODES):
+        spread[:, :] = 0.0
+        for k in range(SAMPLES):
+            fill_features(buffers.signals[mode, k], buffers.exact, gravity, y[k])
+            add_feature_noise(buffers.signals[mode, k], sums.variances[mode], gravity, spread)
+        accumulate(y, setup.average, sums.moments[mode])
+        # Measured features carry noise, which the filter's sums will hold on average.
+        accumulate_noise(spread, setup.average, sums.moments[mode])
+        accumulate_noise(spread, setup.average, sums.noise[mode])
+
+
+@inlined
+def follow(
+    q: Any, setup: Setup, wanted: FloatArray, phase: float, sums: Sums, after: FloatArray, buffers: Buffers
+) -> None:
+    """Shake a vehicle by a candidate's commands, shape (decisions, 3), from a phase [rad] on."""
+    for h in range(len(wanted)):
+        attainable(sums.command, phase, wanted[h], setup.acceleration, after)
+        fill_motion(sums.command, phase, after, buffers.motion)
+        phase = phase_after(phase, sums.command, after)
+        sums.command[:] = after
+        _shake(q, setup, sums.state, buffers)
+        add_decision(setup, sums, buffers)
 
 
 @compiled
 def _predict(
-    terms: Terms,
-    arm: FloatArray,
-    rest: float,
-    acceleration: float,
-    substeps: int,
-    average: int,
-    compensated: bool,
-    fraction: float,
-    running: bool,
-    active: NDArray[np.bool_],
-    deviation: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    vehicles: FloatArray,
-    mean: FloatArray,
-    covariance: FloatArray,
-    moments: FloatArray,
-    noise: FloatArray,
-    samples: FloatArray,
-    command: FloatArray,
-    phase: FloatArray,
-    variances: FloatArray,
+    setup: Setup,
+    situation: Known,
+    vehicles: NDArray[Any],
     wanted: FloatArray,
     covariances: FloatArray,
     grams: FloatArray,
 ) -> None:
     """Fill covariances and grams after each candidate; see ``Predictor.outlook``."""
-    exact = np.zeros(SIGNALS)
-    share = fraction * fraction / 3.0  # of a square: the variance of noise up to that fraction
-    vehicle = np.empty(VEHICLE)
-    motion = np.empty((SAMPLES * substeps + 1, 3))
-    signals = np.empty((MODES, SAMPLES, SIGNALS))
-    y = np.empty((SAMPLES, FEATURES))
-    spread = np.empty((FEATURES, FEATURES))
-    shaken = np.empty((MODES, STATE))
-    state = np.empty((MODES, STATE))
-    variance = np.empty((MODES, SIGNALS))
-    sums, noises = np.empty_like(moments[0]), np.empty_like(noise[0])
-    before, after, believed = np.empty(3), np.empty(3), np.empty(UNKNOWNS)
-    for b in range(len(mean)):
-        make_physical(vehicles[b], lower, upper, vehicle)
-        fill_past(command[b], phase[b], motion)
+    buffers = Buffers(
+        np.empty((SAMPLES * setup.substeps + 1, 3)),
+        np.empty((MODES, SAMPLES, SIGNALS)),
+        np.empty((SAMPLES, FEATURES)),
+        np.empty((FEATURES, FEATURES)),
+        np.zeros(SIGNALS),
+    )
+    sums = Sums(
+        np.empty((MODES, STATE)),
+        np.empty_like(situation.moments[0]),
+        np.empty_like(situation.noise[0]),
+        np.empty((MODES, SIGNALS)),
+        np.empty(3),
+    )
+    shaken, after, believed = np.empty((MODES, STATE)), np.empty(3), np.empty(UNKNOWNS)
+    for b in range(len(situation.mean)):
+        fill_past(situation.command[b], situation.phase[b], buffers.motion)
         shaken[:, :] = 0.0
-        _shake(vehicle, arm, motion, rest, substeps, shaken, signals)
+        _shake(vehicles[b], setup, shaken, buffers)
+        samples = situation.samples[b] + wanted.shape[2] * SAMPLES / setup.average
         for c in range(wanted.shape[1]):
-            state[:, :] = shaken
-            sums[:, :, :] = moments[b]
-            noises[:, :, :] = noise[b]
-            variance[:, :] = variances[b]
-            before[:] = command[b]
-            angle = phase[b]
-            for h in range(wanted.shape[2]):
-                attainable(before, angle, wanted[b, c, h], acceleration, after)
-                fill_motion(before, angle, after, motion)
-                angle = phase_after(angle, before, after)
-                before[:] = after
-                _shake(vehicle, arm, motion, rest, substeps, state, signals)
-                if running:
-                    # A sensor is the same in all modes, and so is its maximum; the decision's own counts.
-                    for i in range(SIGNALS):
-                        largest = 0.0
-                        for mode in range(MODES):
-                            largest = max(largest, variance[mode, i])
-                            for k in range(SAMPLES):
-                                largest = max(largest, share * signals[mode, k, i] ** 2)
-                        variance[:, i] = largest
-                for mode in range(MODES):
-                    spread[:, :] = 0.0
-                    for k in range(SAMPLES):
-                        fill_features(signals[mode, k], exact, arm[4], y[k])
-                        add_feature_noise(signals[mode, k], variance[mode], arm[4], spread)
-                    accumulate(y, average, sums[mode])
-                    # Measured features carry noise, which the filter's sums will hold on average.
-                    accumulate_noise(spread, average, sums[mode])
-                    accumulate_noise(spread, average, noises[mode])
+            sums.state[:, :] = shaken
+            sums.moments[:, :, :] = situation.moments[b]
+            sums.noise[:, :, :] = situation.noise[b]
+            sums.variances[:, :] = situation.variances[b]
+            sums.command[:] = situation.command[b]
+            follow(vehicles[b], setup, wanted[b, c], situation.phase[b], sums, after, buffers)
             grams[b, c] = 0.0
             for mode in range(MODES):
-                add_gram(terms, active[mode], deviation, sums[mode], grams[b, c])
-            believed[:] = mean[b]
-            covariances[b, c] = covariance[b]
+                add_gram(setup.terms, setup.active[mode], setup.deviation, sums.moments[mode], grams[b, c])
+            believed[:] = situation.mean[b]
+            covariances[b, c] = situation.covariance[b]
             estimate(
-                terms,
-                sums,
-                noises,
-                samples[b] + wanted.shape[2] * SAMPLES / average,
-                active,
-                mean[b],
-                deviation,
-                compensated,
-                1,
-                believed,
-                covariances[b, c],
-            )
+                setup.terms, sums.moments, sums.noise, samples, setup.active, situation.mean[b],
+                setup.deviation, setup.compensated, 1, believed, covariances[b, c],
+            )  # fmt: skip
 
 
 class Predictor:
@@ -297,15 +368,19 @@ class Predictor:
         """
         if method not in METHODS:
             raise ModelError(f"the method must be one of {', '.join(METHODS)}, not {method!r}")
-        self._arm = (arm or Arm()).row()
-        self._acceleration = limits.acceleration
-        self._noise = noise or SensorNoise()
-        self._method = METHODS[method]
-        self._substeps = substeps
-        row, column, feature, coefficient = TERMS
-        self._terms = Terms(row, column, feature, coefficient)
-        self._active = variant.rows.reshape(MODES, EQUATIONS)
-        self._deviation = np.sqrt(np.where(variant.unknowns, PRIOR_VARIANCE, 0.0))
+        noise = noise or SensorNoise()
+        self._setup = Setup(
+            terms=Terms(*TERMS),
+            active=variant.rows.reshape(MODES, EQUATIONS),
+            deviation=np.sqrt(np.where(variant.unknowns, PRIOR_VARIANCE, 0.0)),
+            arm=(arm or Arm()).row(),
+            acceleration=limits.acceleration,
+            substeps=substeps,
+            average=METHODS[method].average,
+            compensated=METHODS[method].compensated,
+            fraction=noise.fraction,
+            running=noise.kind == "running_max",
+        )
 
     def outlook(
         self, situation: Situation, commands: ArrayLike, vehicles: ArrayLike | None = None
@@ -334,31 +409,7 @@ class Predictor:
             raise ModelError("commands must be finite")
         shape = (*wanted.shape[:2], UNKNOWNS, UNKNOWNS)
         result = Outlook(np.empty(shape), np.empty(shape))
-        _predict(
-            self._terms,
-            self._arm,
-            float(CONSTANT[OFFSET]),
-            self._acceleration,
-            self._substeps,
-            self._method.average,
-            self._method.compensated,
-            self._noise.fraction,
-            self._noise.kind == "running_max",
-            self._active,
-            self._deviation,
-            LOWER,
-            UPPER,
-            situation.mean if vehicles is None else np.ascontiguousarray(vehicles, dtype=np.float64),
-            situation.mean,
-            situation.covariance,
-            situation.moments,
-            situation.noise,
-            situation.samples,
-            situation.command,
-            situation.phase,
-            situation.variances,
-            wanted,
-            result.covariance,
-            result.gram,
-        )
+        known = Known(**{name: getattr(situation, name) for name in Known._fields})
+        shaken = as_vehicles(make_physical(situation.mean if vehicles is None else vehicles))
+        _predict(self._setup, known, shaken, wanted, result.covariance, result.gram)
         return result

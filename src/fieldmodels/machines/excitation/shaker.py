@@ -1,6 +1,6 @@
 """Vehicles that are shaken decision by decision: dynamics, sensors, filters and bits in one place.
 
-The working surface of environments and evaluations.
+What environments and evaluations work with.
 """
 
 from __future__ import annotations
@@ -13,20 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled
+from fieldmodels.declared import any_on, as_rows
 from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.information import BITS, fast
-from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, VEHICLE, advance_mode
-from fieldmodels.machines.excitation.faults import HISTORY, TURNS, lag_on, spoil
-from fieldmodels.machines.excitation.motion import (
-    AMPLITUDE,
-    CONSTANT,
-    FREQUENCY,
-    OFFSET,
-    attainable,
-    fill_motion,
-    phase_after,
-)
+from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
+from fieldmodels.machines.excitation.dynamics import STATE
+from fieldmodels.machines.excitation.kernel import BASE, Experiments, Setup, shake
+from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, FREQUENCY, OFFSET
 from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
@@ -37,45 +30,28 @@ from fieldmodels.machines.excitation.parameters import (
     MODES,
     PRIOR_MEAN,
     PRIOR_VARIANCE,
-    SAMPLE,
     SAMPLES,
     TABLE1,
     UNKNOWNS,
     UPPER,
+    VEHICLE,
     Arm,
     Limits,
     SensorNoise,
 )
-from fieldmodels.machines.excitation.regression import (
-    ANGLE,
-    FEATURES,
-    POSITION,
-    RATE,
-    SIGNALS,
-    TERMS,
-    VELOCITY,
-    add_feature_noise,
-    fill_features,
-)
+from fieldmodels.machines.excitation.regression import FEATURES, SIGNALS, TERMS
+from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS
 from fieldmodels.machines.excitation.sensors import (
     FULL,
     TABLE2,
     Variant,
-    corrupt,
-    first_draw,
     full_scale,
     mean_draws,
     variances,
 )
-from fieldmodels.machines.excitation.simulation import ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN, LAG, PARAMETERS
 from fieldmodels.model import ModelError
 
-SOUND: FloatArray = np.zeros(PARAMETERS)
-"""A vector of ``ExcitationModel`` without faults, but for the vehicle itself."""
-SOUND[[ACCELEROMETER_GAIN, FORCE_TORQUE_GAIN]] = 1.0
 VARIANTS: Mapping[str, Variant] = {"full": FULL, "table2": TABLE2}
-BASE = 12
-"""Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
 
 
 def normalised_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> FloatArray:
@@ -226,13 +202,12 @@ class Shakers:
         if not 0.0 <= spread < 1.0:
             raise ModelError(f"spread must be in [0, 1), not {spread}")
         vector = np.asarray(vehicle, dtype=np.float64)
-        if vector.shape not in ((UNKNOWNS,), (PARAMETERS,)) or not np.isfinite(vector).all():
+        if vector.shape not in ((UNKNOWNS,), NUMBERS.shape) or not np.isfinite(vector).all():
             raise ModelError(
-                f"a vehicle has {UNKNOWNS} or {PARAMETERS} finite numbers, not shape {vector.shape}"
+                f"a vehicle has {UNKNOWNS} or {len(NUMBERS)} finite numbers, not shape {vector.shape}"
             )
-        self._center = SOUND.copy()
-        self._center[: len(vector)] = vector
-        self._faulty = not np.array_equal(self._center[VEHICLE:], SOUND[VEHICLE:])
+        self._center = with_effects(vector)
+        sensor_effects = bool(any_on(self._center, VEHICLE, EFFECTS, "sensor"))
         nominal = np.array(self._center[:UNKNOWNS] if preset is None else preset, dtype=np.float64)
         self.arm = arm or Arm()
         self.estimated = VARIANTS[variant].unknowns.copy()
@@ -240,7 +215,7 @@ class Shakers:
             np.array(ends)
             for ends in zip((0.0, limits.amplitude), limits.frequency, limits.offset, strict=True)
         )
-        self._limits, self._spread, self._bits = limits, spread, bits
+        self._spread, self._bits = spread, bits
         self._noise = noise or SensorNoise()
         self._full_scale = full_scale(nominal, self.arm, per_mode=self._noise.per_mode)
         self._nominal = nominal
@@ -255,7 +230,15 @@ class Shakers:
             methods=tuple(dict.fromkeys((estimator, "naive"))),
             active=VARIANTS[variant].rows,
         )
-        self._vehicles = np.zeros((batch, PARAMETERS))
+        self._setup = Setup(
+            acceleration=limits.acceleration,
+            arm=self.arm.row(),
+            sensor_effects=sensor_effects,
+            running=self._noise.kind == "running_max",
+            per_mode=self._noise.per_mode,
+            fraction=self._noise.fraction,
+        )
+        self._vehicles = np.zeros((batch, len(NUMBERS)))
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._factors = np.zeros((batch, FACTORS))
         self._counts = np.full(batch, -1, dtype=np.int64)
@@ -265,7 +248,11 @@ class Shakers:
         self._maxima = np.zeros((batch, MODES, SIGNALS))
         self._base = np.zeros((batch, MODES, BASE))
         self._arm_motion = np.zeros((batch, 3))
-        self._history = np.zeros((batch, MODES, HISTORY if self._faulty else 0, TURNS))
+        self._history = np.zeros((batch, MODES, HISTORY if sensor_effects else 0, TURNS))
+        self._experiments = Experiments(
+            vehicles=as_rows(self._vehicles, ROW),
+            **{name: getattr(self, f"_{name}") for name in Experiments._fields if name != "vehicles"},
+        )
 
     def __len__(self) -> int:
         """Number of experiments."""
@@ -314,7 +301,8 @@ class Shakers:
         self._base[rows] = 0.0
         # A lagging arm is behind its command already: (24) begins at its largest speed, unaccelerated.
         rate = CONSTANT[AMPLITUDE] * CONSTANT[FREQUENCY]
-        self._arm_motion[rows] = CONSTANT[OFFSET] - self._center[LAG] * rate, rate, 0.0
+        lag = float(as_rows(self._center, ROW)["actuator_lag"]["time_constant"])
+        self._arm_motion[rows] = CONSTANT[OFFSET] - lag * rate, rate, 0.0
         self._history[rows] = 0.0
         self._filters.restart(rows)
 
@@ -338,35 +326,14 @@ class Shakers:
             raise ModelError("restart every experiment before the first decision")
         features = np.zeros((batch, MODES, SAMPLES, FEATURES))
         noise = np.zeros((batch, MODES, FEATURES, FEATURES))
-        shown = batch if traces else 0
-        motion, bodies = np.empty((shown, SAMPLES + 1, 3)), np.empty((shown, MODES, SAMPLES, 6))
-        _shake(
-            np.clip(wanted, *self.ranges),
-            self._limits.acceleration,
-            self.arm.row(),
-            self._vehicles,
-            self._faulty,
-            self._keys,
-            self._noise.kind == "running_max",
-            self._noise.per_mode,
-            self._noise.fraction,
-            self._counts,
-            self._command,
-            self._phase,
-            self._states,
-            self._maxima,
-            self._base,
-            self._arm_motion,
-            self._history,
-            features,
-            noise,
-            motion,
-            bodies,
-        )
+        traced = batch if traces else 0
+        motion, bodies = np.empty((traced, SAMPLES + 1, 3)), np.empty((traced, MODES, SAMPLES, 6))
+        clipped = np.clip(wanted, *self.ranges)
+        shake(self._experiments, self._setup, clipped, features, noise, motion, bodies)
         self._filters.update(features, noise)
         return self._shaken(motion if traces else None, bodies if traces else None)
 
-    def look(self) -> Shaken:
+    def observe(self) -> Shaken:
         """Where the experiments stand."""
         return self._shaken(None, None)
 
@@ -427,80 +394,3 @@ _STATE = (
     "arm_motion",
     "history",
 )
-
-
-@compiled
-def _shake(
-    wanted: FloatArray,
-    acceleration: float,
-    arm: FloatArray,
-    vehicles: FloatArray,
-    faulty: bool,
-    keys: NDArray[np.uint64],
-    running: bool,
-    per_mode: bool,
-    fraction: float,
-    counts: NDArray[np.int64],
-    command: FloatArray,
-    phase: FloatArray,
-    states: FloatArray,
-    maxima: FloatArray,
-    base: FloatArray,
-    arm_motion: FloatArray,
-    history: FloatArray,
-    features: FloatArray,
-    noise: FloatArray,
-    motion: FloatArray,
-    bodies: FloatArray,
-) -> None:
-    """Advance every experiment by one decision, in place."""
-    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
-    signals = np.empty((MODES, SAMPLES, SIGNALS))
-    measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
-    following = np.empty(3)
-    rest = CONSTANT[OFFSET]
-    for b in range(len(wanted)):
-        attainable(command[b], phase[b], wanted[b], acceleration, following)
-        fill_motion(command[b], phase[b], following, path)
-        phase[b] = phase_after(phase[b], command[b], following)
-        command[b] = following
-        moved = path
-        if vehicles[b, LAG] > 1e-9:
-            lag_on(path, SAMPLE / SUBSTEPS, vehicles[b, LAG], arm_motion[b], late)
-            moved = late
-        time = counts[b] * SAMPLE
-        for mode in range(MODES):
-            advance_mode(
-                vehicles[b, :VEHICLE], arm, mode, moved, rest, SAMPLE, SUBSTEPS, time, states[b, mode],
-                signals[mode],
-            )  # fmt: skip
-        if len(motion) > 0:
-            motion[b] = moved[::SUBSTEPS]
-            for mode in range(MODES):
-                bodies[b, mode, :, 0:3] = signals[mode, :, POSITION : POSITION + 3]
-                bodies[b, mode, :, 3:6] = signals[mode, :, ANGLE : ANGLE + 3]
-        if faulty:
-            for mode in range(MODES):
-                spoil(vehicles[b], arm[4], history[b, mode], signals[mode])
-        for k in range(SAMPLES):
-            if running:
-                for mode in range(MODES):
-                    for i in range(SIGNALS):
-                        size = abs(signals[mode, k, i])
-                        for other in range(MODES):
-                            if (mode == other or not per_mode) and size > maxima[b, other, i]:
-                                maxima[b, other, i] = size
-            for mode in range(MODES):
-                counter = first_draw(counts[b] + k, mode)
-                corrupt(signals[mode, k], maxima[b, mode], False, fraction, keys[b], counter, measured)
-                for i in range(SIGNALS):
-                    size = fraction * maxima[b, mode, i]
-                    variance[i] = size * size / 3.0
-                fill_features(measured, variance, arm[4], features[b, mode, k])
-                add_feature_noise(measured, variance, arm[4], noise[b, mode])
-                if k == SAMPLES - 1:
-                    base[b, mode, 0:3] = measured[POSITION : POSITION + 3]
-                    base[b, mode, 3:6] = measured[VELOCITY : VELOCITY + 3]
-                    base[b, mode, 6:9] = measured[ANGLE : ANGLE + 3]
-                    base[b, mode, 9:12] = measured[RATE : RATE + 3]
-        counts[b] += SAMPLES

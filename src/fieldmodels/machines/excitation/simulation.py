@@ -1,35 +1,46 @@
-"""Runs of the experiment, for a batch of parameter vectors: what the sensors would show."""
+"""Runs of the experiment, for a batch of parameter vectors: what the sensors measure, without noise."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.machines.excitation.dynamics import STATE, VEHICLE, advance_mode
-from fieldmodels.machines.excitation.regression import (
-    ACCELERATION,
-    ANGLE,
-    FORCE,
-    RATE,
-    SIGNALS,
-    gravity_change,
-)
-
-LAG = VEHICLE
-ACCELEROMETER_BIAS = VEHICLE + 1
-ACCELEROMETER_GAIN = VEHICLE + 4
-INCLINOMETER_BIAS = VEHICLE + 5
-INCLINOMETER_DELAY = VEHICLE + 7
-FORCE_TORQUE_GAIN = VEHICLE + 8
-PARAMETERS = VEHICLE + 9
-"""Length of a parameter vector of ``ExcitationModel``."""
+from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
+from fieldmodels.machines.excitation.motion import lag_motion
+from fieldmodels.machines.excitation.regression import ANGLE, FORCE, SIGNALS
+from fieldmodels.machines.excitation.sensor_effects import accelerometer, late_turn
 
 OUTPUTS = 11
 """Accelerometer x, y, z; pitch, roll; force x, y, z; torque x, y, z."""
+TILT, FORCES = 3, 5
+"""Where these begin among the outputs."""
+
+
+class Runs(NamedTuple):
+    """Runs of one recording.
+
+    Attributes:
+        bounds: First sample and end of each run, shape (runs, 2).
+        modes: Axis of each run, 0 to 2, shape (runs,).
+        times: Time of each run's first sample [s], shape (runs,).
+        motion: Commanded f, f', f'' of every sample, shape (n, 3).
+        arm: ``Arm.row()``, shape (5,).
+        step: Sampling interval [s].
+        substeps: Integration steps within it.
+    """
+
+    bounds: NDArray[np.int64]
+    modes: NDArray[np.int64]
+    times: FloatArray
+    motion: FloatArray
+    arm: FloatArray
+    step: float
+    substeps: int
 
 
 @inlined
@@ -64,105 +75,68 @@ def fill_between(motion: FloatArray, step: float, fine: FloatArray) -> None:
 
 
 @inlined
-def lag_motion(fine: FloatArray, step: float, time_constant: float, lagged: FloatArray) -> None:
-    """First-order lag of f, f' and f'' alike, exact for commands that are linear over a step.
-
-    Args:
-        fine: Commanded motion, shape (n, 3).
-        step: Time between its rows [s].
-        time_constant: Lag [s].
-        lagged: Receives the arm's motion, shape (n, 3); it starts at rest where the command starts.
-    """
-    ratio = time_constant / step
-    kept = math.exp(-1.0 / ratio)
-    late = 1.0 - (1.0 - kept) * ratio
-    early = (1.0 - kept) * ratio - kept
-    lagged[0, 0], lagged[0, 1], lagged[0, 2] = fine[0, 0], 0.0, 0.0
-    for i in range(1, len(fine)):
-        for k in range(3):
-            lagged[i, k] = kept * lagged[i - 1, k] + early * fine[i - 1, k] + late * fine[i, k]
-
-
-@inlined
-def tilt_before(signals: FloatArray, n: int, axis: int, delay: float, step: float) -> float:
-    """Tilt a delay before sample ``n``, by the cubic through angles and rates; zero before the run."""
+def tilt_measured(signals: FloatArray, n: int, axis: int, delay: float, step: float) -> float:
+    """Tilt a delay before sample ``n``; zero before the run."""
     position = n - delay / step
     whole = math.floor(position)
     if whole < 0:
         return 0.0
-    s = position - whole
+    share = position - whole
+    if share > 0.0:
+        return late_turn(signals[whole, ANGLE:], signals[whole + 1, ANGLE:], axis, share, step)
     value: float = signals[whole, ANGLE + axis]
-    if s > 0.0:
-        p1 = signals[whole + 1, ANGLE + axis]
-        v0, v1 = signals[whole, RATE + axis] * step, signals[whole + 1, RATE + axis] * step
-        d = p1 - value
-        value += s * (v0 + s * (3.0 * d - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * d)))
     return value
 
 
+@inlined
+def measure_run(q: Any, gravity: float, step: float, signals: FloatArray, out: FloatArray) -> None:
+    """What the sensors measure of a run's true signals, shape (samples, 11), see ``OUTPUTS``."""
+    for n in range(len(out)):
+        s = signals[n]
+        out[n, 0], out[n, 1], out[n, 2] = accelerometer(s, gravity, q)
+        delay = q.inclinometer_delay.delay
+        out[n, TILT] = tilt_measured(signals, n, 0, delay, step) + q.inclinometer_bias.pitch
+        out[n, TILT + 1] = tilt_measured(signals, n, 1, delay, step) + q.inclinometer_bias.roll
+        for k in range(SIGNALS - FORCE):
+            out[n, FORCES + k] = q.force_torque_gain.gain * s[FORCE + k]
+
+
 @compiled
-def simulate_runs(
-    parameters: FloatArray,
-    bounds: NDArray[np.int64],
-    modes: NDArray[np.int64],
-    times: FloatArray,
-    motion: FloatArray,
-    arm: FloatArray,
-    step: float,
-    substeps: int,
-    result: FloatArray,
-) -> None:
+def simulate_runs(vehicles: NDArray[Any], runs: Runs, result: FloatArray) -> None:
     """Simulate every run from rest.
 
     Args:
-        parameters: Vectors of ``ExcitationModel``, shape (batch, 38).
-        bounds: First sample and end of each run, shape (runs, 2).
-        modes: Axis of each run, 0 to 2, shape (runs,).
-        times: Time of each run's first sample [s], shape (runs,).
-        motion: Commanded f, f', f'' of every sample, shape (n, 3).
-        arm: ``Arm.row()``, shape (5,).
-        step: Sampling interval [s].
-        substeps: Integration steps within it.
-        result: Receives what the sensors show without noise, shape (batch, n, 11).
+        vehicles: Numbers of vehicle, arm and sensors, shape (batch,), dtype ``ROW``.
+        runs: The runs.
+        result: Receives what the sensors measure without noise, shape (batch, n, 11).
     """
     longest = 0
-    for r in range(len(bounds)):
-        longest = max(longest, bounds[r, 1] - bounds[r, 0])
+    for r in range(len(runs.bounds)):
+        longest = max(longest, runs.bounds[r, 1] - runs.bounds[r, 0])
+    step, substeps = runs.step, runs.substeps
     state = np.empty(STATE)
     signals = np.empty((longest, SIGNALS))
     commanded = np.empty(((longest - 1) * substeps + 1, 3))
     lagged = np.empty_like(commanded)
-    gravity = arm[4]
-    for r in range(len(bounds)):
-        first, count = bounds[r, 0], bounds[r, 1] - bounds[r, 0]
+    for r in range(len(runs.bounds)):
+        first, count = runs.bounds[r, 0], runs.bounds[r, 1] - runs.bounds[r, 0]
         if count < 2:
             result[:, first : first + count] = 0.0
             continue
         fine = commanded[: (count - 1) * substeps + 1]
         late = lagged[: len(fine)]
-        fill_between(motion[first : first + count], step, fine)
-        for p in range(len(parameters)):
-            q = parameters[p]
-            arm_motion = fine
-            if q[LAG] > 1e-9:
-                lag_motion(fine, step / substeps, q[LAG], late)
-                arm_motion = late
+        fill_between(runs.motion[first : first + count], step, fine)
+        for p in range(len(vehicles)):
+            q = vehicles[p]
+            moved = fine
+            if q.actuator_lag.time_constant > 0.0:
+                late[0, 0], late[0, 1], late[0, 2] = fine[0, 0], 0.0, 0.0
+                lag_motion(fine, step / substeps, q.actuator_lag.time_constant, late)
+                moved = late
             state[:] = 0.0
             signals[0] = 0.0
             advance_mode(
-                q[:VEHICLE], arm, modes[r], arm_motion, fine[0, 0], step, substeps, times[r], state,
+                q, runs.arm, runs.modes[r], moved, fine[0, 0], step, substeps, runs.times[r], state,
                 signals[1:count],
             )  # fmt: skip
-            for n in range(count):
-                s = signals[n]
-                out = result[p, first + n]
-                gx, gy, gz = gravity_change(s[ANGLE], s[ANGLE + 1], s[ANGLE + 2], gravity)
-                gain = q[ACCELEROMETER_GAIN]
-                out[0] = gain * (s[ACCELERATION] - gx) + q[ACCELEROMETER_BIAS]
-                out[1] = gain * (s[ACCELERATION + 1] - gy) + q[ACCELEROMETER_BIAS + 1]
-                out[2] = gain * (s[ACCELERATION + 2] - gz) + q[ACCELEROMETER_BIAS + 2]
-                for k in range(2):
-                    tilt = tilt_before(signals, n, k, q[INCLINOMETER_DELAY], step)
-                    out[3 + k] = tilt + q[INCLINOMETER_BIAS + k]
-                for k in range(6):
-                    out[5 + k] = q[FORCE_TORQUE_GAIN] * s[FORCE + k]
+            measure_run(q, runs.arm[GRAVITY], step, signals, result[p, first : first + count])

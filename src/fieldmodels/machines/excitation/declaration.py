@@ -1,12 +1,20 @@
-"""What may be missing from the nominal vehicle, arm and sensors: the effects of ``ExcitationModel``.
+"""The numbers of vehicle, arm and sensors beside the 22 unknowns (``parameters``), each declared once.
 
-The first seven parameters stand in the order of ``dynamics``; the rest act on what goes in and comes out.
-Left out, since these data cannot tell it from others: slip of the wheels (beside the soil's compliance, which
-lies in series with the same springs), a tilted rest (the force/torque sensor is zeroed there).
+Left out of the effects, since these data cannot distinguish it from others: slip of the wheels (beside the
+soil's compliance, which lies in series with the same springs), a tilted rest (the force/torque sensor is
+zeroed there).
 """
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.declared import as_rows, neutral, row_type
+from fieldmodels.machines.excitation.parameters import UNKNOWNS, VEHICLE
 from fieldmodels.model import Effect, Parameter
 
 EFFECTS: tuple[Effect, ...] = (
@@ -97,3 +105,24 @@ EFFECTS: tuple[Effect, ...] = (
         "gain * (force, torque)",
     ),
 )
+"""What may be missing from the nominal vehicle, arm and sensors."""
+
+ROW = row_type(VEHICLE, EFFECTS, grouped=True)
+"""Type of a vehicle's numbers as kernels read them: ``q.mass``, ``q.stiffness[axis]``, ``q.payload.mass``."""
+NUMBERS = neutral(VEHICLE, EFFECTS)
+"""Table I's vehicle with all effects off, as a vector of ``ExcitationModel``."""
+NUMBERS.setflags(write=False)
+
+
+def with_effects(vectors: ArrayLike) -> FloatArray:
+    """Vectors of ``ExcitationModel``, shape (..., numbers), from such or from the 22 unknowns alone."""
+    array = np.asarray(vectors, dtype=np.float64)
+    if array.shape[-1:] == (UNKNOWNS,):
+        rest = NUMBERS[UNKNOWNS:]
+        array = np.concatenate([array, np.broadcast_to(rest, (*array.shape[:-1], len(rest)))], axis=-1)
+    return array
+
+
+def as_vehicles(vectors: ArrayLike) -> NDArray[Any]:
+    """Vectors of ``ExcitationModel``, or the 22 unknowns with all effects off, as records of ``ROW``."""
+    return as_rows(with_effects(vectors), ROW)

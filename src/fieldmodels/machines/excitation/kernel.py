@@ -1,0 +1,190 @@
+"""The kernel of shaken vehicles: one decision of every experiment, moved, sensed and turned into features."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled, inlined
+from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
+from fieldmodels.machines.excitation.motion import (
+    CONSTANT,
+    OFFSET,
+    attainable,
+    fill_motion,
+    lag_motion,
+    phase_after,
+)
+from fieldmodels.machines.excitation.parameters import MODES, SAMPLE, SAMPLES
+from fieldmodels.machines.excitation.regression import (
+    ANGLE,
+    POSITION,
+    RATE,
+    SIGNALS,
+    VELOCITY,
+    add_feature_noise,
+    fill_features,
+)
+from fieldmodels.machines.excitation.sensor_effects import measure_with_effects
+from fieldmodels.machines.excitation.sensors import corrupt, first_draw
+
+BASE = 12
+"""Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
+
+
+class Setup(NamedTuple):
+    """What is the same in all experiments.
+
+    Attributes:
+        acceleration: Largest |f''| of the arm [rad/s2].
+        arm: ``Arm.row()``, shape (5,).
+        sensor_effects: Whether the sensors have effects.
+        running: Whether a sensor's noise follows its running maximum.
+        per_mode: Whether each mode has maxima of its own.
+        fraction: Share of the maximum that the noise reaches.
+    """
+
+    acceleration: float
+    arm: FloatArray
+    sensor_effects: bool
+    running: bool
+    per_mode: bool
+    fraction: float
+
+
+class Experiments(NamedTuple):
+    """State of a batch of experiments.
+
+    Attributes:
+        vehicles: Numbers of vehicle, arm and sensors, shape (batch,), dtype ``ROW``.
+        keys: Random streams, shape (batch,).
+        counts: Samples so far, shape (batch,).
+        command: Command in force, shape (batch, 3).
+        phase: Phase of the arm [rad], shape (batch,).
+        states: States of the modes, shape (batch, 3, 24).
+        maxima: Maximum sensed values, shape (batch, 3, 24).
+        base: Measured base state at the latest sample, shape (batch, 3, 12).
+        arm_motion: f, f', f'' of a lagging arm, shape (batch, 3).
+        history: Latest turns for a late inclinometer, shape (batch, 3, 41, 9), or (batch, 3, 0, 9).
+    """
+
+    vehicles: NDArray[Any]
+    keys: NDArray[np.uint64]
+    counts: NDArray[np.int64]
+    command: FloatArray
+    phase: FloatArray
+    states: FloatArray
+    maxima: FloatArray
+    base: FloatArray
+    arm_motion: FloatArray
+    history: FloatArray
+
+
+@inlined
+def move_arm(
+    e: Experiments, b: int, wanted: FloatArray, acceleration: float, path: FloatArray, late: FloatArray
+) -> bool:
+    """Move experiment ``b``'s arm towards a command: commanded along ``path``, lagging along ``late``.
+
+    Returns:
+        Whether it lags; ``late`` is only filled then.
+    """
+    following = np.empty(3)
+    attainable(e.command[b], e.phase[b], wanted, acceleration, following)
+    fill_motion(e.command[b], e.phase[b], following, path)
+    e.phase[b] = phase_after(e.phase[b], e.command[b], following)
+    e.command[b] = following
+    lag = e.vehicles[b].actuator_lag.time_constant
+    if lag > 0.0:
+        late[0] = e.arm_motion[b]
+        lag_motion(path, SAMPLE / SUBSTEPS, lag, late)
+        e.arm_motion[b] = late[-1]
+        return True
+    return False
+
+
+@inlined
+def raise_maxima(signals: FloatArray, k: int, per_mode: bool, maxima: FloatArray) -> None:
+    """Let the maximum sensed values, shape (3, 24), follow sample ``k`` of the signals, shape (3, n, 24)."""
+    for mode in range(MODES):
+        for i in range(SIGNALS):
+            size = abs(signals[mode, k, i])
+            for other in range(MODES):
+                if (mode == other or not per_mode) and size > maxima[other, i]:
+                    maxima[other, i] = size
+
+
+@inlined
+def keep_base(measured: FloatArray, base: FloatArray) -> None:
+    """The measured base state of a sample, shape (12,)."""
+    base[0:3] = measured[POSITION : POSITION + 3]
+    base[3:6] = measured[VELOCITY : VELOCITY + 3]
+    base[6:9] = measured[ANGLE : ANGLE + 3]
+    base[9:12] = measured[RATE : RATE + 3]
+
+
+@inlined
+def sense(
+    e: Experiments, b: int, setup: Setup, signals: FloatArray, features: FloatArray, noise: FloatArray
+) -> None:
+    """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features."""
+    measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
+    gravity, maxima = setup.arm[GRAVITY], e.maxima[b]
+    for k in range(SAMPLES):
+        if setup.running:
+            raise_maxima(signals, k, setup.per_mode, maxima)
+        for mode in range(MODES):
+            counter = first_draw(e.counts[b] + k, mode)
+            corrupt(signals[mode, k], maxima[mode], False, setup.fraction, e.keys[b], counter, measured)
+            for i in range(SIGNALS):
+                size = setup.fraction * maxima[mode, i]
+                variance[i] = size * size / 3.0
+            fill_features(measured, variance, gravity, features[mode, k])
+            add_feature_noise(measured, variance, gravity, noise[mode])
+            if k == SAMPLES - 1:
+                keep_base(measured, e.base[b, mode])
+
+
+@compiled
+def shake(
+    e: Experiments,
+    setup: Setup,
+    wanted: FloatArray,
+    features: FloatArray,
+    noise: FloatArray,
+    motion: FloatArray,
+    bodies: FloatArray,
+) -> None:
+    """Advance every experiment by one decision, in place.
+
+    Args:
+        e: The experiments.
+        setup: What is the same in all.
+        wanted: Commands that the agents want, shape (batch, 3).
+        features: Receives the features, shape (batch, 3, 80, 30).
+        noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
+        motion: Receives f, f', f'' of the arm, shape (batch, 81, 3), or (0, 81, 3).
+        bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
+    """
+    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
+    signals = np.empty((MODES, SAMPLES, SIGNALS))
+    for b in range(len(wanted)):
+        moved = late if move_arm(e, b, wanted[b], setup.acceleration, path, late) else path
+        time = e.counts[b] * SAMPLE
+        for mode in range(MODES):
+            advance_mode(
+                e.vehicles[b], setup.arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time,
+                e.states[b, mode], signals[mode],
+            )  # fmt: skip
+        if len(motion) > 0:
+            motion[b] = moved[::SUBSTEPS]
+            bodies[b, :, :, 0:3] = signals[:, :, POSITION : POSITION + 3]
+            bodies[b, :, :, 3:6] = signals[:, :, ANGLE : ANGLE + 3]
+        if setup.sensor_effects:
+            for mode in range(MODES):
+                measure_with_effects(e.vehicles[b], setup.arm[GRAVITY], e.history[b, mode], signals[mode])
+        sense(e, b, setup, signals, features[b], noise[b])
+        e.counts[b] += SAMPLES

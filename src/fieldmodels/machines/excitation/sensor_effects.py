@@ -1,0 +1,124 @@
+"""What the sensors' effects make of true signals: one description for predicted runs and running experiments.
+
+Integrals of the accelerometer are zeroed at rest: its bias reaches dr'' alone, its gain dr' and dr too. What
+the inclinometer measures late or biased, its derivatives show late.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import inlined
+from fieldmodels.machines.excitation.parameters import SAMPLE
+from fieldmodels.machines.excitation.regression import (
+    ACCELERATION,
+    ANGLE,
+    FORCE,
+    POSITION,
+    SIGNALS,
+    TURNING,
+    gravity_change,
+)
+from fieldmodels.machines.excitation.vectors import Vector
+
+TURNS = 9
+"""Signals that come from the inclinometer: dtheta, w, w'."""
+HISTORY = 41
+"""Samples that a delayed inclinometer needs, the latest last: 0.2 s and one."""
+
+
+@inlined
+def accelerometer(s: FloatArray, gravity: float, q: Any) -> Vector:
+    """Specific force that the accelerometer measures, less that at rest [m/s2].
+
+    Args:
+        s: True signals of a sample, shape (24,).
+        gravity: Acceleration of free fall [m/s2].
+        q: The vehicle and its effects, dtype ``ROW``.
+    """
+    gx, gy, gz = gravity_change(s[ANGLE], s[ANGLE + 1], s[ANGLE + 2], gravity)
+    gain, bias = q.accelerometer_gain.gain, q.accelerometer_bias
+    return (
+        gain * (s[ACCELERATION] - gx) + bias.x,
+        gain * (s[ACCELERATION + 1] - gy) + bias.y,
+        gain * (s[ACCELERATION + 2] - gz) + bias.z,
+    )
+
+
+@inlined
+def between(p0: float, v0: float, p1: float, v1: float, share: float) -> float:
+    """The cubic through two samples and their slopes, these per sample, at a share of the way."""
+    d = p1 - p0
+    return p0 + share * (v0 + share * (3.0 * d - 2.0 * v0 - v1 + share * (v0 + v1 - 2.0 * d)))
+
+
+@inlined
+def late_turn(then: FloatArray, after: FloatArray, k: int, share: float, step: float) -> float:
+    """Number ``k`` of dtheta, w, w' between two samples: by cubics as far as their slopes are measured.
+
+    Args:
+        then: dtheta, w, w' of a sample, shape (9,).
+        after: The same of the next one.
+        k: Which number.
+        share: Share of the way from one to the other.
+        step: Time between them [s].
+    """
+    if k < TURNING - ANGLE:
+        return between(then[k], step * then[3 + k], after[k], step * after[3 + k], share)
+    value: float = then[k] + share * (after[k] - then[k])
+    return value
+
+
+@inlined
+def delay_inclinometer(signals: FloatArray, before: FloatArray, q: Any) -> None:
+    """Let the inclinometer's signals come late, in place.
+
+    Args:
+        signals: Of consecutive samples, shape (samples, 24).
+        before: True dtheta, w, w' before them, the latest last, shape (41, 9).
+        q: The vehicle and its effects.
+    """
+    late = q.inclinometer_delay.delay / SAMPLE
+    # From the end, so that earlier samples are still true when they are read.
+    for n in range(len(signals) - 1, -1, -1):
+        whole = math.floor(n - late)
+        share = n - late - whole
+        then = before[HISTORY + whole] if whole < 0 else signals[whole, ANGLE : ANGLE + TURNS]
+        after = before[HISTORY + whole + 1] if whole < -1 else signals[whole + 1, ANGLE : ANGLE + TURNS]
+        # Slopes stand behind what they are the slopes of, so these are still true here too.
+        for k in range(TURNS):
+            signals[n, ANGLE + k] = late_turn(then, after, k, share, SAMPLE)
+
+
+@inlined
+def measure_with_effects(q: Any, gravity: float, history: FloatArray, signals: FloatArray) -> None:
+    """Turn a decision's true signals into those of sensors with effects, before noise, in place.
+
+    Args:
+        q: The vehicle and its effects, dtype ``ROW``.
+        gravity: Acceleration of free fall [m/s2].
+        history: Latest true dtheta, w, w' before the decision, shape (41, 9); receives those at its end.
+        signals: Shape (samples, 24), at least 41 samples.
+    """
+    before = history.copy()
+    history[:, :] = signals[len(signals) - HISTORY :, ANGLE : ANGLE + TURNS]
+    for n in range(len(signals)):
+        s = signals[n]
+        s[ACCELERATION], s[ACCELERATION + 1], s[ACCELERATION + 2] = accelerometer(s, gravity, q)
+    if q.inclinometer_delay.delay > 0.0:
+        delay_inclinometer(signals, before, q)
+    for n in range(len(signals)):
+        s = signals[n]
+        s[ANGLE] += q.inclinometer_bias.pitch
+        s[ANGLE + 1] += q.inclinometer_bias.roll
+        # The robot takes gravity's share out of the specific force, by the tilt that it measures.
+        gx, gy, gz = gravity_change(s[ANGLE], s[ANGLE + 1], s[ANGLE + 2], gravity)
+        s[ACCELERATION] += gx
+        s[ACCELERATION + 1] += gy
+        s[ACCELERATION + 2] += gz
+        for k in range(POSITION, ACCELERATION):
+            s[k] *= q.accelerometer_gain.gain
+        for k in range(FORCE, SIGNALS):
+            s[k] *= q.force_torque_gain.gain
