@@ -252,13 +252,16 @@ def test_a_batch_is_equal_to_the_bit() -> None:
         assert (simulate(vehicles[k], motion(), ARM.row(), SAMPLE)[0] == together[k]).all()
 
 
-def test_a_run_in_pieces_is_the_run() -> None:
-    whole = simulate(SOFT, motion(), ARM.row(), SAMPLE)[0, 1]
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_a_run_in_pieces_is_the_run(share: float) -> None:
+    """On firm ground and on soft, which goes on passing on what it was loaded with."""
+    vehicle = ExcitationModel("soft").vector(effects={"soil_compliance": {"share": share}})
+    whole = simulate(vehicle, motion(), ARM.row(), SAMPLE)[0, 1]
     state, pieces, moved = np.zeros(STATE), np.empty((320, 24)), motion()
     for k in range(4):
         part = moved[k * 320 : (k + 1) * 320 + 1]
         rest = moved[0, 0]
-        shake(as_vehicles([SOFT]), ARM.row(), 1, part, rest, state, pieces[k * 80 : k * 80 + 80])
+        shake(as_vehicles([vehicle]), ARM.row(), 1, part, rest, state, pieces[k * 80 : k * 80 + 80])
     assert pieces == pytest.approx(whole, abs=1e-12)
 
 

@@ -36,9 +36,9 @@ from fieldmodels.machines.excitation.regression import (
 from fieldmodels.machines.excitation.suspension import (
     Resistance,
     Soil,
-    firm_soil,
     load_soil,
     pass_on,
+    resting_soil,
     suspension,
 )
 from fieldmodels.machines.excitation.vectors import ZERO, Vector, cross, dot, minus, plus, solve3, vector_at
@@ -337,7 +337,7 @@ def advance_mode(
     half = 0.5 * h
     system = system_of(q, arm, mode, rest)
     drift, soft = q.stiffness_drift.rate, q.soil_compliance.share != 0.0
-    soil: Soil = firm_soil(state[SOIL_FORCE:])
+    soil: Soil = resting_soil(state[SOIL_FORCE:])
     now = Place(
         vector_at(state, POSITION),
         vector_at(state, VELOCITY),

@@ -17,6 +17,7 @@ from fieldmodels.machines.excitation.regression import (
     ANGLE,
     FORCE,
     POSITION,
+    RATE,
     SIGNALS,
     TURNING,
     gravity_change,
@@ -48,27 +49,30 @@ def accelerometer(s: FloatArray, gravity: float, q: Any) -> Vector:
 
 
 @inlined
-def between(p0: float, v0: float, p1: float, v1: float, share: float) -> float:
-    """The cubic through two samples and their slopes, these per sample, at a share of the way."""
+def between(p0: float, v0: float, p1: float, v1: float, share: float) -> tuple[float, float]:
+    """The cubic through two samples and their slopes, these per sample: value and slope at a share."""
     d = p1 - p0
-    return p0 + share * (v0 + share * (3.0 * d - 2.0 * v0 - v1 + share * (v0 + v1 - 2.0 * d)))
+    second, third = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+    value = p0 + share * (v0 + share * (second + share * third))
+    return value, v0 + share * (2.0 * second + 3.0 * share * third)
 
 
 @inlined
-def late_turn(then: FloatArray, after: FloatArray, k: int, share: float, step: float) -> float:
-    """Number ``k`` of dtheta, w, w' between two samples: by cubics as far as their slopes are measured.
+def late_turn(then: FloatArray, after: FloatArray, axis: int, share: float, step: float) -> Vector:
+    """Rotation, its rate and w' about an axis between two samples, by cubics through angles, rates and w'.
 
     Args:
         then: dtheta, w, w' of a sample, shape (9,).
         after: The same of the next one.
-        k: Which number.
+        axis: 0 pitch, 1 roll, 2 yaw.
         share: Share of the way from one to the other.
         step: Time between them [s].
     """
-    if k < TURNING - ANGLE:
-        return between(then[k], step * then[3 + k], after[k], step * after[3 + k], share)
-    value: float = then[k] + share * (after[k] - then[k])
-    return value
+    angle, _ = between(then[axis], step * then[3 + axis], after[axis], step * after[3 + axis], share)
+    rate, slope = between(
+        then[3 + axis], step * then[6 + axis], after[3 + axis], step * after[6 + axis], share
+    )
+    return angle, rate, slope / step
 
 
 @inlined
@@ -87,9 +91,13 @@ def delay_inclinometer(signals: FloatArray, before: FloatArray, q: Any) -> None:
         share = n - late - whole
         then = before[HISTORY + whole] if whole < 0 else signals[whole, ANGLE : ANGLE + TURNS]
         after = before[HISTORY + whole + 1] if whole < -1 else signals[whole + 1, ANGLE : ANGLE + TURNS]
-        # Slopes stand behind what they are the slopes of, so these are still true here too.
-        for k in range(TURNS):
-            signals[n, ANGLE + k] = late_turn(then, after, k, share, SAMPLE)
+        for axis in range(3):
+            angle, rate, turning = late_turn(then, after, axis, share, SAMPLE)
+            signals[n, ANGLE + axis], signals[n, RATE + axis], signals[n, TURNING + axis] = (
+                angle,
+                rate,
+                turning,
+            )
 
 
 @inlined

@@ -83,7 +83,7 @@ def tilt_measured(signals: FloatArray, n: int, axis: int, delay: float, step: fl
         return 0.0
     share = position - whole
     if share > 0.0:
-        return late_turn(signals[whole, ANGLE:], signals[whole + 1, ANGLE:], axis, share, step)
+        return late_turn(signals[whole, ANGLE:], signals[whole + 1, ANGLE:], axis, share, step)[0]
     value: float = signals[whole, ANGLE + axis]
     return value
 

@@ -88,9 +88,9 @@ def implicit_resistance(
 
 
 @inlined
-def firm_soil(passed: FloatArray) -> Soil:
-    """Soil that passes on these forces, shape (6,)."""
-    return Soil(passed.copy(), np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6))
+def resting_soil(passed: FloatArray) -> Soil:
+    """Soil that passes on these forces, shape (6,), until it is loaded."""
+    return Soil(passed.copy(), np.zeros(6), np.ones(6), np.zeros(6), np.zeros(6))
 
 
 @inlined
