@@ -156,7 +156,7 @@ class _LineFollowingTask(BatchTask):
         self.reality = read_reality(reality, model)
         truth = self.reality.vector(model)
         self._look_ahead = scene.camera.look_ahead
-        self.walks = Walks(batch, scene, truth[2:], stride=truth[0], height=truth[1])
+        self.walks = Walks(batch, scene, truth)
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._start = np.zeros(batch)
         self._overshoot = np.zeros(batch)

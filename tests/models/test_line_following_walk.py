@@ -4,26 +4,11 @@ import numpy as np
 import pytest
 
 from fieldmodels.machines.line_following.body import Body, Hardware
+from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.firmware import line_position
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Camera, Noise
-from fieldmodels.machines.line_following.plant import (
-    CAMERA_YAW,
-    LATENCY,
-    MOTOR_LIMIT,
-    NEUTRAL,
-    PARAMETERS,
-    PITCH_ERROR,
-    QUANTUM,
-    SENSOR_GAIN,
-    SLIP_STEP,
-    SLIP_TURN,
-    SLIP_TWIST,
-    STEERING_BIAS,
-    TURN_GAIN,
-    measured,
-    turn_of,
-)
+from fieldmodels.machines.line_following.plant import measured, turn_of
 from fieldmodels.machines.line_following.sensor import make_optics, see_line
 from fieldmodels.machines.line_following.tracks import TRACKS, nearest, straight
 from fieldmodels.machines.line_following.walks import Scene, Walks
@@ -34,8 +19,16 @@ QUIET = Noise(0, 0, 0, 0)
 GAINS = (-0.3, 0.8, 0.2)
 
 
-def walks(batch=1, track="straight", seed=3, plant=None, **options):
-    result = Walks(batch, Scene(TRACKS[track](), **options), plant)
+def vector(effects):
+    return LineFollowing().vector(effects=effects)
+
+
+def plant(effects):
+    return as_plants(vector(effects))[()]
+
+
+def walks(batch=1, track="straight", seed=3, effects=None, **options):
+    result = Walks(batch, Scene(TRACKS[track](), **options), vector(effects) if effects else None)
     result.restart(range(batch), [np.random.default_rng(seed + i) for i in range(batch)])
     return result
 
@@ -153,38 +146,31 @@ def test_finer_steps_of_the_bodies_agree():
 def test_every_plant_parameter_turns_as_it_says():
     commands = np.array([0.1, 0.05, 0.0, 0.0])
 
-    def turn(**changes):
-        plant = NEUTRAL.copy()
-        for index, value in changes.items():
-            plant[int(index[1:])] = value
-        return turn_of(commands, plant, 0.0, 0.15)
+    def turn(**effects):
+        return turn_of(commands, plant(effects), 0.0, 0.15)
 
     assert turn() == 0.1
-    assert math.isclose(turn(**{f"_{STEERING_BIAS}": 0.01}), 0.11)
-    assert math.isclose(turn(**{f"_{TURN_GAIN}": 0.8}), 0.08)
-    assert math.isclose(turn(**{f"_{LATENCY}": 1.0}), 0.05)
-    assert math.isclose(turn(**{f"_{LATENCY}": 0.25}), 0.0875)
-    assert math.isclose(turn(**{f"_{MOTOR_LIMIT}": 0.07}), 0.07)
-    assert math.isclose(turn(**{f"_{SLIP_TURN}": 0.2}), 0.08)
-    assert math.isclose(turn(**{f"_{SLIP_TWIST}": 0.1}), 0.1 + 0.1 * 0.05)  # of the stride before
+    assert math.isclose(turn(steering_bias={"turn": 0.01}), 0.11)
+    assert math.isclose(turn(turn_gain={"factor": 0.8}), 0.08)
+    assert math.isclose(turn(actuator_delay={"strides": 1.0}), 0.05)
+    assert math.isclose(turn(actuator_delay={"strides": 0.25}), 0.0875)
+    assert math.isclose(turn(actuator_saturation={"turn": 0.07}), 0.07)
+    assert math.isclose(turn(foot_slip={"turn": 0.2}), 0.08)
+    assert math.isclose(turn(foot_slip={"twist": 0.1}), 0.1 + 0.1 * 0.05)  # of the stride before
     # A gain is of what is commanded: neither the steering's bias nor that of the walk is multiplied by it.
-    assert math.isclose(turn(**{f"_{TURN_GAIN}": 0.8, f"_{STEERING_BIAS}": 0.01}), 0.8 * 0.1 + 0.01)
-    weak = NEUTRAL.copy()
-    weak[TURN_GAIN] = 0.8
+    assert math.isclose(turn(turn_gain={"factor": 0.8}, steering_bias={"turn": 0.01}), 0.8 * 0.1 + 0.01)
+    weak = plant({"turn_gain": {"factor": 0.8}})
     assert math.isclose(turn_of(commands, weak, 0.02, 0.15), 0.8 * 0.1 + 0.02)
 
 
 def test_a_coarse_and_scaled_sensor_shows_the_nearest_step():
-    plant = NEUTRAL.copy()
-    plant[SENSOR_GAIN], plant[QUANTUM] = 2.0, 0.02
-    assert math.isclose(measured(0.0376, plant), 0.08)  # 0.0752, between 0.06 and 0.08
-    assert math.isclose(measured(-0.0376, plant), -0.08)
+    coarse = plant({"sensor_gain": {"factor": 2.0}, "sensor_quantisation": {"step": 0.02}})
+    assert math.isclose(measured(0.0376, coarse), 0.08)  # 0.0752, between 0.06 and 0.08
+    assert math.isclose(measured(-0.0376, coarse), -0.08)
 
 
 def test_a_slipping_step_is_shorter():
-    plant = NEUTRAL.copy()
-    plant[SLIP_STEP] = 0.1
-    walk = walks(noise=QUIET, offset=0.0, misalignment=0.0, plant=plant)
+    walk = walks(noise=QUIET, offset=0.0, misalignment=0.0, effects={"foot_slip": {"step": 0.1}})
     walk.advance([0.0])
     assert walk.walks["x"][0] == pytest.approx(0.9 * 0.7)
 
@@ -238,14 +224,11 @@ def test_the_prediction_on_a_circle_is_plane_geometry(bend):
 
 def test_predicted_sight_is_that_of_the_walk():
     """Two ways to see a straight line, by one who walks and by one who predicts, which share no code."""
-    plant = NEUTRAL.copy()
-    plant[CAMERA_YAW], plant[PITCH_ERROR] = 0.05, 0.03
-    walk = walks(16, noise=QUIET, offset=0.2, misalignment=0.1, plant=plant)
-    model = LineFollowing()
-    vector = np.concatenate([model.nominal[:2], plant])
+    askew = {"camera_yaw": {"angle": 0.05}, "camera_pitch": {"angle": 0.03}}
+    walk = walks(16, noise=QUIET, offset=0.2, misalignment=0.1, effects=askew)
     for one in walk.walks:
         states = one["offset"], one["misalignment"]
-        place = predicted(states, np.zeros(4), np.zeros(4), vector)[0, 0]
+        place = predicted(states, np.zeros(4), np.zeros(4), vector(askew))[0, 0]
         assert one["lines"][0, 0] == pytest.approx(place, abs=2e-3)
 
 
@@ -266,9 +249,8 @@ def test_latency_delays_every_command():
 
 def test_latency_and_delay_and_slip_together_reach_no_further_than_the_memory():
     """Three strides of waiting, and a twist by the stride before: the oldest command stands for that one."""
-    plant = NEUTRAL.copy()
-    plant[LATENCY], plant[SLIP_TWIST] = 2.0, 0.5
-    late = walks(noise=QUIET, latency=1, plant=plant)
+    effects = {"actuator_delay": {"strides": 2.0}, "foot_slip": {"twist": 0.5}}
+    late = walks(noise=QUIET, latency=1, effects=effects)
     late.walks["lines"][:] = 7.0  # what lies behind the commands in memory
     turns, before = [], float(late.walks["heading"][0])
     for command in (0.1, 0.0, 0.0, 0.0, 0.0):
@@ -280,9 +262,8 @@ def test_latency_and_delay_and_slip_together_reach_no_further_than_the_memory():
 
 def test_picture_without_images_shows_what_the_camera_reads():
     """Also of a camera that is askew, tilted and turns with the inner legs."""
-    plant = NEUTRAL.copy()
-    plant[CAMERA_YAW], plant[PITCH_ERROR] = 0.05, 0.04
-    walk = walks(1, "oval", plant=plant, camera_yaws_with_inner=True, noise=Noise(bias=0.0))
+    askew = {"camera_yaw": {"angle": 0.05}, "camera_pitch": {"angle": 0.04}}
+    walk = walks(1, "oval", effects=askew, camera_yaws_with_inner=True, noise=Noise(bias=0.0))
     for _ in range(6):
         walk.advance(law(walk))
         place, found = line_position(walk.image(0), walk.scene.camera, 90.0)
@@ -322,8 +303,13 @@ def test_bad_options_are_refused():
         Scene(straight(), latency=2)
     with pytest.raises(ModelError, match="at least one walk"):
         Walks(0, Scene(straight()))
-    with pytest.raises(ModelError, match=f"shape \\({PARAMETERS},\\)"):
+    with pytest.raises(ModelError, match="parameter vector of this machine has"):
         Walks(1, Scene(straight()), np.zeros(3))
+    with pytest.raises(ModelError, match="takes one reality or 2"):
+        Walks(2, Scene(straight()), np.tile(LineFollowing().nominal, (3, 1)))
+    two = [LineFollowing().vector({"stride": stride}) for stride in (0.6, 0.7)]
+    with pytest.raises(ModelError, match="share the length of their stride"):
+        Walks(2, Scene(straight()), two)
 
 
 def test_sight_by_image_agrees_with_sight_by_geometry():

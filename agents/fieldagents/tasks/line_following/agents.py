@@ -27,20 +27,10 @@ from fieldagents.agent import Agent, Sees
 from fieldagents.task import ReferenceAgent
 from fieldgym.line_following import WIDTH_SCALE, LineFollowingSettings
 from fieldgym.settings import read_settings
+from fieldmodels.machines.line_following.declaration import nominal_plant
 from fieldmodels.machines.line_following.firmware import line_position
 from fieldmodels.machines.line_following.parameters import Camera, Gait
-from fieldmodels.machines.line_following.plant import (
-    CAMERA_YAW,
-    MEMORY,
-    MOTOR_LIMIT,
-    NEUTRAL,
-    PITCH_ERROR,
-    QUANTUM,
-    SENSOR_GAIN,
-    SLIP_STEP,
-    STEERING_BIAS,
-    turn_of,
-)
+from fieldmodels.machines.line_following.plant import MEMORY, turn_of
 
 Floats = NDArray[np.float64]
 
@@ -172,18 +162,22 @@ class PurePursuit(Steering):
         return np.asarray(2.0 * place / (LOOK_AHEAD**2 + place**2) * STRIDE)
 
 
-def walk_matrices(latency: int, memory: float, plant: Floats = NEUTRAL) -> tuple[Floats, Floats, Floats]:
+def walk_matrices(
+    latency: int, memory: float, plant: NDArray[Any] | None = None
+) -> tuple[Floats, Floats, Floats]:
     """The walk near its line: state offset, heading, curvature, bias and the last three commands.
 
     Args:
         latency: Strides that a command waits.
         memory: Share of the curvature that is left after a stride.
-        plant: The plant's parameter vector; its bias and its camera's yaw shift the walk and are not here.
+        plant: The plant, shape (), dtype ``PLANT``; its bias and its camera's yaw shift the walk and are not
+            here. None is nominal.
 
     Returns:
         Matrices A (7, 7), B (7, 1) and C (1, 7) of z' = A z + B theta, x = C z.
     """
-    stride = STRIDE * (1.0 - plant[SLIP_STEP])
+    plant = nominal_plant() if plant is None else plant
+    stride = STRIDE * (1.0 - float(plant["foot_slip"]["step"]))
     turns = turns_of(latency, plant)
     a = np.zeros((7, 7))
     a[0, :3] = 1.0, stride, -0.5 * stride**2
@@ -195,20 +189,20 @@ def walk_matrices(latency: int, memory: float, plant: Floats = NEUTRAL) -> tuple
     b = np.zeros((7, 1))
     b[1, 0], b[4, 0] = turns[0], 1.0
     camera = Camera()
-    tilted = replace(camera, pitch=camera.pitch + plant[PITCH_ERROR])
+    tilted = replace(camera, pitch=camera.pitch + float(plant["camera_pitch"]["angle"]))
     ahead = tilted.look_ahead
-    scale = plant[SENSOR_GAIN] * camera.metres_per_pixel / tilted.metres_per_pixel
+    scale = float(plant["sensor_gain"]["factor"]) * camera.metres_per_pixel / tilted.metres_per_pixel
     c = scale * np.array([[-1.0, -ahead, 0.5 * ahead**2, 0.0, 0.0, 0.0, 0.0]])
     return a, b, c
 
 
-def turns_of(latency: int, plant: Floats) -> Floats:
+def turns_of(latency: int, plant: NDArray[Any]) -> Floats:
     """What a stride's turn has of this stride's command and of each of the three before, shape (4,)."""
     unbiased = plant.copy()
-    unbiased[STEERING_BIAS] = 0.0
+    unbiased["steering_bias"]["turn"] = 0.0
     small = 1e-6  # no motor gives way
     commands = small * np.eye(MEMORY)
-    return np.array([turn_of(one[latency:], unbiased, 0.0, 1.0) for one in commands]) / small
+    return np.array([turn_of(one[latency:], unbiased[()], 0.0, 1.0) for one in commands]) / small
 
 
 class Lqg(Steering):
@@ -217,7 +211,7 @@ class Lqg(Steering):
     Args:
         bend: Standard deviation of the curvature's change in a stride [1/m].
         effort: Weight of a turn's change against the offset.
-        plant: The plant's parameter vector, as the designer knows it.
+        plant: The plant as the designer knows it, shape (), dtype ``PLANT``; None is nominal.
     """
 
     def __init__(
@@ -227,13 +221,14 @@ class Lqg(Steering):
         settings: Mapping[str, Any],
         bend: float,
         effort: float,
-        plant: Floats = NEUTRAL,
+        plant: NDArray[Any] | None = None,
     ) -> None:
         super().__init__(name, title, settings, sees="model")
         read = read_settings(dict(settings), LineFollowingSettings)
+        plant = nominal_plant() if plant is None else plant
         self._a, self._b, self._c = walk_matrices(read.latency_strides, 0.97, plant)
-        self._shift = self._c[0, 1] * plant[CAMERA_YAW]
-        self._most = min(self.limit, plant[MOTOR_LIMIT])
+        self._shift = self._c[0, 1] * float(plant["camera_yaw"]["angle"])
+        self._most = min(self.limit, float(plant["actuator_saturation"]["turn"]))
         cost = np.zeros((7, 7))
         cost[0, 0] = 1.0
         cost[4, 4] = effort
@@ -246,12 +241,13 @@ class Lqg(Steering):
         self._process = np.diag(
             [max(read.lateral, 1e-4) ** 2, max(read.yaw, 1e-4) ** 2, bend**2, 1e-10, 0.0, 0.0, 0.0]
         )
-        self._noise = (plant[SENSOR_GAIN] * max(read.sensor, 1e-3)) ** 2 + plant[QUANTUM] ** 2 / 12
+        gain, step = float(plant["sensor_gain"]["factor"]), float(plant["sensor_quantisation"]["step"])
+        self._noise = (gain * max(read.sensor, 1e-3)) ** 2 + step**2 / 12
         self._first = np.diag(
             [read.offset**2 / 3, read.misalignment**2 / 3, 0.06**2, max(read.bias, 1e-4) ** 2 / 3, 0, 0, 0]
         ) + 1e-9 * np.eye(7)
         self._start = np.zeros(7)
-        self._start[3] = plant[STEERING_BIAS]
+        self._start[3] = plant["steering_bias"]["turn"]
         self._mean = np.zeros((0, 7))
         self._covariance = np.zeros((0, 7, 7))
 

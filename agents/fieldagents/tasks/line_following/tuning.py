@@ -14,8 +14,8 @@ from fieldagents.tasks.line_following import search as tuning
 from fieldagents.tasks.line_following.agents import TITLES, Linear, Lqg, tuned
 from fieldgym.line_following import LineFollowingSettings
 from fieldgym.settings import read_settings
+from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.model import LineFollowing
-from fieldmodels.machines.line_following.plant import PARAMETERS
 from fieldmodels.reality import read_reality
 
 
@@ -61,7 +61,7 @@ def _searched(
 
 def lqg(settings: Mapping[str, Any], reality: Any, options: Walks) -> Lqg:
     """Filter and regulator for a reality's plant, its two free numbers searched in that reality."""
-    plant = read_reality(reality, LineFollowing()).vector(LineFollowing())[-PARAMETERS:]
+    plant = as_plants(read_reality(reality, LineFollowing()).vector(LineFollowing()))
     trials = _trials(1, settings, reality, options)
 
     def make(bend: float, effort: float) -> Lqg:

@@ -1,14 +1,31 @@
-"""What may be missing from the nominal walk: the effects, in the order of a plant's parameter vector."""
+"""The numbers of the walk and of its camera: each is declared here and nowhere else."""
 
 from __future__ import annotations
 
-from fieldmodels.machines.line_following.plant import NO_LIMIT
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmodels.declared import as_rows, neutral, row_type
+from fieldmodels.machines.line_following.parameters import Camera, Gait
 from fieldmodels.model import Effect, Parameter
+
+NO_LIMIT = 10.0
+"""A turn that no motor limits [rad]."""
+
+
+def base_parameters(gait: Gait, camera: Camera) -> tuple[Parameter, ...]:
+    """The numbers that a nominal walk depends on."""
+    return (
+        Parameter("stride", "m", gait.stride, 0.01, 10.0, 0.02, "chapter 2", refitted=False),
+        Parameter("camera_height", "m", camera.height, 0.05, 10.0, 0.02, refitted=False),
+    )
+
 
 EFFECTS = (
     Effect(
         "steering_bias",
-        "The robot turns a little in every stride, also when told to go straight.",
+        "The robot turns a little in every stride, also when commanded to go straight.",
         "actuator",
         (Parameter("turn", "rad", 0.0, -0.5, 0.5, 0.005),),
         "turn + bias in every stride, whatever gain, limit and slip make of the command",
@@ -76,4 +93,17 @@ EFFECTS = (
         "|command| <= limit, after its delay, before slip, gain and bias",
     ),
 )
-"""All effects; their parameters in turn are the plant's."""
+"""What may be missing from the nominal walk."""
+
+PLANT = row_type(base_parameters(Gait(), Camera()), EFFECTS)
+"""Type of a plant: what walk and camera truly are, as kernels read it."""
+
+
+def as_plants(vectors: ArrayLike) -> NDArray[Any]:
+    """Parameter vectors of ``LineFollowing``, shape (..., numbers), as plants, shape (...)."""
+    return as_rows(vectors, PLANT)
+
+
+def nominal_plant(gait: Gait | None = None, camera: Camera | None = None) -> NDArray[Any]:
+    """The plant of a gait and a camera with all effects off, shape ()."""
+    return as_plants(neutral(base_parameters(gait or Gait(), camera or Camera()), EFFECTS))

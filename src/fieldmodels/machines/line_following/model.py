@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.line_following.effects import EFFECTS
+from fieldmodels.machines.line_following.declaration import EFFECTS, as_plants, base_parameters
 from fieldmodels.machines.line_following.parameters import Camera, Gait
-from fieldmodels.machines.line_following.plant import PARAMETERS
 from fieldmodels.machines.line_following.sensor import make_optics
-from fieldmodels.machines.line_following.simulation import simulate
-from fieldmodels.model import Model, Parameter, Signal
+from fieldmodels.machines.line_following.simulation import Log, simulate
+from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, Windows
 
 IntArray = NDArray[np.int64]
@@ -58,38 +57,37 @@ class LineFollowing(Model):
         Args:
             gait: The gait.
             camera: The camera.
-            tracked: Whether recordings tell offset and heading; if not, windows start from less certain
+            tracked: Whether recordings hold offset and heading; if not, windows start from less certain
                 states.
         """
         if not tracked:
             self.states = tuple(replace(state, noise=UNTRACKED) for state in self.states)
         self.gait, self.camera = gait or Gait(), camera or Camera()
-        self.parameters = (
-            Parameter("stride", "m", self.gait.stride, 0.01, 10.0, 0.02, "chapter 2", refitted=False),
-            Parameter("camera_height", "m", self.camera.height, 0.05, 10.0, 0.02, refitted=False),
-        )
+        self.parameters = base_parameters(self.gait, self.camera)
         self.horizons = tuple(self.gait.stride_time * strides for strides in (3, 7, 15))
         self._optics = make_optics(self.camera)
-        assert len(self.names) == PARAMETERS + 2
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
-        """The same model, told whether the robot's place is measured; see ``Model.scaled_to``."""
+        """The same model for data in which the robot's place is measured or not; see ``Model.scaled_to``."""
         tracked = all("offset" in one and "heading" in one for one in recordings)
         return type(self)(self.gait, self.camera, tracked)
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
         recording, force = windows.recording, windows.disturbance
-        parameters = np.ascontiguousarray(np.atleast_2d(parameters), dtype=np.float64)
+        plants = as_plants(np.atleast_2d(parameters))
         counts = np.diff(recording.bounds, axis=1)[:, 0]
-        out = np.full((len(parameters), len(windows), windows.samples, len(self.outputs)), np.nan)
+        out = np.full((len(plants), len(windows), windows.samples, len(self.outputs)), np.nan)
+        log = Log(
+            steering=np.ascontiguousarray(recording["steering"], dtype=np.float64),
+            curvature=np.ascontiguousarray(recording["curvature"], dtype=np.float64),
+            first=np.repeat(recording.bounds[:, 0], counts),
+            last=np.repeat(recording.bounds[:, 1] - 1, counts),
+            force=np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+        )
         simulate(
-            parameters,
-            np.ascontiguousarray(recording["steering"], dtype=np.float64),
-            np.ascontiguousarray(recording["curvature"], dtype=np.float64),
-            np.repeat(recording.bounds[:, 0], counts),
-            np.repeat(recording.bounds[:, 1] - 1, counts),
-            np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+            plants,
+            log,
             windows.starts,
             windows.lengths,
             np.ascontiguousarray(windows.states),

@@ -21,32 +21,12 @@ from fieldmodels.machines.line_following.sensor import Optics, see_line
 from fieldmodels.machines.line_following.tracks import nearest
 from fieldmodels.streams import gaussian, symmetric
 
-(
-    STEERING_BIAS,
-    TURN_GAIN,
-    LATENCY,
-    SLIP_TURN,
-    SLIP_TWIST,
-    SLIP_STEP,
-    CAMERA_YAW,
-    PITCH_ERROR,
-    SENSOR_GAIN,
-    QUANTUM,
-    MOTOR_LIMIT,
-) = range(11)
-"""Entries of a plant's parameter vector."""
-PARAMETERS = 11
 MEMORY = 4
 """Strides whose commands, turns and line positions are remembered; the newest first."""
 BANDS = 2
 """Bands of rows that can be looked at."""
 BODIES = 19
 """Numbers that hold the state of the rigid bodies, where they are the plant."""
-
-NO_LIMIT = 10.0
-"""A turn that no motor limits [rad]."""
-NEUTRAL = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, NO_LIMIT])
-"""The plant as the nominal simulation has it."""
 
 DRAWS = 8
 """Random draws that are set aside for each stride: yaw, lateral, two bands, pixels."""
@@ -76,12 +56,12 @@ sent, as long as it sees the line, else what it sent last [m]."""
 
 
 @inlined
-def turn_of(commands: FloatArray, plant: FloatArray, bias: float, limit: float) -> float:
+def turn_of(commands: FloatArray, plant: Any, bias: float, limit: float) -> float:
     """Turn of the body in this stride, before noise [rad]; ``commands`` hold the newest first."""
-    late = min(max(plant[LATENCY], 0.0), MEMORY - 2.0)
+    late = min(max(plant.actuator_delay.strides, 0.0), MEMORY - 2.0)
     whole = min(int(late), MEMORY - 3)
     part = late - whole
-    most = min(limit, plant[MOTOR_LIMIT])
+    most = min(limit, plant.actuator_saturation.turn)
     now = (1.0 - part) * commands[whole] + part * commands[whole + 1]
     earliest = min(whole + 2, len(commands) - 1)  # a robot of its own latency remembers one command less
     before = (1.0 - part) * commands[whole + 1] + part * commands[earliest]
@@ -89,8 +69,8 @@ def turn_of(commands: FloatArray, plant: FloatArray, bias: float, limit: float) 
     before = min(max(before, -most), most)
     # feet that slip lose a part of the turn; as the inner legs straighten in the air, the body goes on
     # turning over the slipping outer feet
-    asked = (1.0 - plant[SLIP_TURN]) * now + plant[SLIP_TWIST] * before
-    return float(plant[TURN_GAIN] * asked + plant[STEERING_BIAS] + bias)
+    asked = (1.0 - plant.foot_slip.turn) * now + plant.foot_slip.twist * before
+    return float(plant.turn_gain.factor * asked + plant.steering_bias.turn + bias)
 
 
 @inlined
@@ -106,12 +86,11 @@ def remember(walks: Any, i: int, band: int, place: float, found: bool) -> None:
 
 
 @inlined
-def measured(place: float, plant: FloatArray) -> float:
+def measured(place: float, plant: Any) -> float:
     """The place that a wrongly scaled and coarse sensor gives for the true one [m]."""
-    place *= plant[SENSOR_GAIN]
-    if plant[QUANTUM] > 0.0:
-        place = plant[QUANTUM] * math.floor(place / plant[QUANTUM] + 0.5)
-    return place
+    place *= plant.sensor_gain.factor
+    step = plant.sensor_quantisation.step
+    return step * math.floor(place / step + 0.5) if step > 0.0 else place
 
 
 @inlined
@@ -121,9 +100,9 @@ def draw_of(walks: Any, i: int, draw: int) -> float:
 
 
 @inlined
-def viewing(walks: Any, i: int, plant: FloatArray, with_inner: bool) -> float:
+def viewing(walks: Any, i: int, plant: Any, with_inner: bool) -> float:
     """Direction in which the camera looks [rad]."""
-    heading = walks[i]["heading"] + plant[CAMERA_YAW]
+    heading = walks[i]["heading"] + plant.camera_yaw.angle
     # the inner feet still point where the last stride came from
     return float(heading - walks[i]["turned"] if with_inner else heading)
 
@@ -173,7 +152,7 @@ def start(
 
 
 @inlined
-def ordered(walks: Any, i: int, command: float, plant: FloatArray, latency: int, limit: float) -> float:
+def ordered(walks: Any, i: int, command: float, plant: Any, latency: int, limit: float) -> float:
     """Take in a command; the turn that it and its forerunners make, before noise [rad]."""
     for k in range(MEMORY - 1, 0, -1):
         walks[i]["commands"][k] = walks[i]["commands"][k - 1]
@@ -196,7 +175,7 @@ def locate(walks: Any, i: int, table: FloatArray, spacing: float, closed: bool, 
 @compiled
 def move(
     walks: Any, commands: FloatArray, table: FloatArray, spacing: float, closed: bool, latency: int,
-    plants: FloatArray, yaw: float, lateral: float, stride: float, limit: float,
+    plants: NDArray[Any], yaw: float, lateral: float, stride: float, limit: float,
 ) -> None:  # fmt: skip
     """Take every walk through one stride.
 
@@ -207,7 +186,7 @@ def move(
         spacing: Arc length between them [m].
         closed: Whether the track is closed.
         latency: Strides that a command waits beside the gait's own delay.
-        plants: Parameter vectors, shape (batch, PARAMETERS).
+        plants: What each walk truly is, shape (batch,), dtype ``PLANT``.
         yaw: Standard deviation of a stride's turn [rad].
         lateral: Standard deviation of a stride's sideways slip [m].
         stride: Length of a stride [m].
@@ -218,7 +197,7 @@ def move(
         turn = ordered(walks, i, commands[i], plant, latency, limit) + yaw * draw_of(walks, i, 0)
         sideways = lateral * draw_of(walks, i, 1)
         cosine, sine = math.cos(walks[i]["heading"]), math.sin(walks[i]["heading"])
-        length = stride * (1.0 - plant[SLIP_STEP])
+        length = stride * (1.0 - plant.foot_slip.step)
         walks[i]["x"] += length * cosine - sideways * sine
         walks[i]["y"] += length * sine + sideways * cosine
         walks[i]["heading"] += turn
@@ -228,22 +207,22 @@ def move(
 
 
 @compiled
-def look(
+def scan(
     walks: Any, which: NDArray[np.int64], table: FloatArray, spacing: float, closed: bool, width: float,
-    bands: tuple[Optics, ...], with_inner: bool, plants: FloatArray, noise: float,
+    bands: tuple[Optics, ...], with_inner: bool, plants: NDArray[Any], noise: float,
 ) -> None:  # fmt: skip
-    """Let walks read their cameras, by geometry.
+    """Let walks scan the floor with their cameras, by geometry.
 
     Args:
         walks: All walks, dtype ``WALK``.
-        which: Indices of those that look.
+        which: Indices of those that scan.
         table: The track's points and tangents.
         spacing: Arc length between them [m].
         closed: Whether the track is closed.
         width: Width of the tape [m].
         bands: Optics of each band.
         with_inner: Whether the camera turns with the inner legs.
-        plants: Parameter vectors, shape (batch, PARAMETERS).
+        plants: What each walk truly is, shape (batch,), dtype ``PLANT``.
         noise: Standard deviation of the line's place [m].
     """
     for i in which:
@@ -253,19 +232,19 @@ def look(
         for b in range(len(bands)):
             place, found = see_line(
                 table, spacing, closed, width, walks[i]["x"], walks[i]["y"], forward_x, forward_y,
-                walks[i]["arc"], plant[PITCH_ERROR], bands[b],
+                walks[i]["arc"], plant.camera_pitch.angle, bands[b],
             )  # fmt: skip
             remember(walks, i, b, measured(place + noise * draw_of(walks, i, 2 + b), plant), found)
 
 
 @compiled
-def take_in(walks: Any, i: int, band: int, place: float, found: bool, plant: FloatArray) -> None:
+def take_in(walks: Any, i: int, band: int, place: float, found: bool, plant: Any) -> None:
     """Let one walk take in what its camera board read from an image."""
     remember(walks, i, band, measured(place, plant), found)
 
 
 @compiled
-def order(walks: Any, i: int, command: float, plant: FloatArray, latency: int, limit: float) -> float:
+def order(walks: Any, i: int, command: float, plant: Any, latency: int, limit: float) -> float:
     """Let one walk take in a command; gives the turn that is asked of the bodies [rad]."""
     return ordered(walks, i, command, plant, latency, limit)
 

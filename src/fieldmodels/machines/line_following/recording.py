@@ -55,7 +55,7 @@ def record_walk(
         # a bias of the walk itself would be an effect that nobody has switched on
         scene = Scene(straight(strides * model.gait.stride + 10.0), noise=Noise(bias=0.0))
     gait = scene.gait
-    walks = robot(1, scene, truth[2:], stride=truth[0], height=truth[1])
+    walks = robot(1, scene, truth)
     walks.restart([0], [rng])
     a, b, c = law
     log: dict[str, list[float]] = {name: [] for name in ("steering", "arc", "line", "offset", "heading")}

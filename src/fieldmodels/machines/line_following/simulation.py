@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.machines.line_following.plant import (
-    CAMERA_YAW,
-    MEMORY,
-    PITCH_ERROR,
-    SLIP_STEP,
-    measured,
-    turn_of,
-)
+from fieldmodels.machines.line_following.plant import MEMORY, measured, turn_of
 from fieldmodels.machines.line_following.sensor import NODES, Optics
 
+LINE, OFFSET, HEADING = range(3)
+"""Outputs of a prediction, in the order of ``LineFollowing.outputs``."""
 STRAIGHT = 1e-9
 """Curvature below which a line counts as straight [1/m]."""
 
@@ -38,14 +34,13 @@ def follow(offset: float, misalignment: float, length: float, curvature: float) 
 
 
 @inlined
-def seen(
-    offset: float, misalignment: float, near: float, far: float, stride: float,
-    plant: FloatArray, height: float, optics: Optics,
-) -> float:  # fmt: skip
+def line_in_view(
+    offset: float, misalignment: float, near: float, far: float, stride: float, plant: Any, optics: Optics
+) -> float:
     """Where the line appears in the band [m], for a line that bends by ``near``, a stride on by ``far``."""
-    heading = misalignment + plant[CAMERA_YAW]
+    heading = misalignment + plant.camera_yaw.angle
     cosine, sine = math.cos(heading), math.sin(heading)
-    pitch = optics.pitch + plant[PITCH_ERROR]
+    pitch = optics.pitch + plant.camera_pitch.angle
     down, level = math.sin(pitch), math.cos(pitch)
     total = 0.0
     moment = 0.0
@@ -54,7 +49,7 @@ def seen(
         drop = down + slope * level
         if drop <= 1e-3:
             continue
-        depth = height / drop
+        depth = plant.camera_height / drop
         ahead = depth * (level - slope * down)
         # the line in its own frame: y = bend(x); the robot stands at (0, offset)
         place = -(offset + ahead * sine) / cosine
@@ -69,21 +64,34 @@ def seen(
     return moment / max(total, 1e-12) * optics.scale
 
 
-@compiled
-def simulate(
-    parameters: FloatArray, steering: FloatArray, curvature: FloatArray, first: NDArray[np.int64],
-    last: NDArray[np.int64], force: FloatArray, starts: NDArray[np.int64], lengths: NDArray[np.int64],
-    states: FloatArray, optics: Optics, limit: float, out: FloatArray,
-) -> None:  # fmt: skip
-    """Predict every window with every parameter vector.
+class Log(NamedTuple):
+    """What a recording holds, stride by stride.
 
-    Args:
-        parameters: Stride [m], camera height [m], then the plant's; shape (batch, 13).
-        steering: Commanded turns of the recording [rad], shape (n,).
+    Attributes:
+        steering: Commanded turns [rad], shape (n,).
         curvature: The line's curvature [1/m], shape (n,).
         first: First sample of each sample's episode, shape (n,).
         last: Last sample of each sample's episode, shape (n,).
         force: Turn that is added in each stride [rad], shape (n,), or empty.
+    """
+
+    steering: FloatArray
+    curvature: FloatArray
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    force: FloatArray
+
+
+@compiled
+def simulate(
+    plants: NDArray[Any], log: Log, starts: NDArray[np.int64], lengths: NDArray[np.int64],
+    states: FloatArray, optics: Optics, limit: float, out: FloatArray,
+) -> None:  # fmt: skip
+    """Predict every window with every plant.
+
+    Args:
+        plants: What walk and camera truly are, shape (batch,), dtype ``PLANT``.
+        log: The recording.
         starts: First sample of each window.
         lengths: Samples of each window.
         states: Offset [m] and misalignment [rad] at each window's start.
@@ -92,23 +100,22 @@ def simulate(
         out: Filled with line [m], offset [m], heading [rad]; shape (batch, windows, samples, 3).
     """
     commands = np.zeros(MEMORY)
-    for p in range(len(parameters)):
-        length, height = parameters[p, 0], parameters[p, 1]
-        plant = parameters[p, 2:]
-        stride = length * (1.0 - plant[SLIP_STEP])
+    for p in range(len(plants)):
+        plant = plants[p]
+        stride = plant.stride * (1.0 - plant.foot_slip.step)
         for w in range(len(starts)):
             offset, misalignment = states[w, 0], states[w, 1]
             for k in range(lengths[w]):
                 i = starts[w] + k
-                near, far = curvature[i], curvature[min(i + 1, last[i])]
-                place = seen(offset, misalignment, near, far, stride, plant, height, optics)
-                out[p, w, k, 0] = measured(place, plant)
-                out[p, w, k, 1] = offset
-                out[p, w, k, 2] = misalignment
+                near, far = log.curvature[i], log.curvature[min(i + 1, log.last[i])]
+                place = line_in_view(offset, misalignment, near, far, stride, plant, optics)
+                out[p, w, k, LINE] = measured(place, plant)
+                out[p, w, k, OFFSET] = offset
+                out[p, w, k, HEADING] = misalignment
                 for m in range(MEMORY):
-                    commands[m] = steering[i - m] if i - m >= first[i] else 0.0
+                    commands[m] = log.steering[i - m] if i - m >= log.first[i] else 0.0
                 turn = turn_of(commands, plant, 0.0, limit)
-                if len(force):
-                    turn += force[i]
+                if len(log.force) > 0:
+                    turn += log.force[i]
                 offset, misalignment = follow(offset, misalignment, stride, near)
                 misalignment += turn

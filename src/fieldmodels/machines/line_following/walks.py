@@ -1,4 +1,4 @@
-"""Walks that advance stride by stride on a track: the working surface of environments and evaluations."""
+"""Walks that advance stride by stride on a track: what environments and evaluations work with."""
 
 from __future__ import annotations
 
@@ -11,20 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.machines.line_following.body import Body, Hardware
+from fieldmodels.machines.line_following.declaration import as_plants, nominal_plant
 from fieldmodels.machines.line_following.firmware import centroid
 from fieldmodels.machines.line_following.parameters import Camera, Exposure, Gait, Lighting, Noise, Tape
 from fieldmodels.machines.line_following.plant import (
     BANDS,
-    CAMERA_YAW,
-    NEUTRAL,
-    PARAMETERS,
-    PITCH_ERROR,
     WALK,
     draw,
     land,
-    look,
     move,
     order,
+    scan,
     start,
     take_in,
 )
@@ -101,7 +98,7 @@ class Walks:
     Attributes:
         scene: What they walk on and see with.
         walks: All state, shape (batch,), dtype ``WALK``.
-        plants: Parameter vectors of the plants, shape (batch, PARAMETERS).
+        plants: What each walk and camera truly is, shape (batch,), dtype ``PLANT``.
         images: What each camera saw last, shape (batch, rows, columns), uint8; only if the sight is
             ``image``.
     """
@@ -110,43 +107,40 @@ class Walks:
         self,
         batch: int,
         scene: Scene,
-        plant: ArrayLike | None = None,
-        *,
-        stride: float | None = None,
-        height: float | None = None,
+        reality: ArrayLike | None = None,
     ) -> None:
         """Make walks; restart each before the first stride.
 
         Args:
             batch: Number of walks.
             scene: What they walk on and see with.
-            plant: Parameter vector of the plant, shape (11,) or (batch, 11); None is nominal.
-            stride: True length of a stride [m]; None is the gait's.
-            height: True height of the camera [m]; None is as calibrated.
+            reality: Parameter vector of ``LineFollowing``, shape (n,) or (batch, n), with one stride and
+                one camera's height; None is nominal.
 
         Raises:
-            ModelError: If the batch is empty or the parameters have the wrong shape.
+            ModelError: If the batch is empty, the parameters have the wrong shape, or strides or heights
+                differ.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one walk, not {batch}")
-        vector = np.asarray(NEUTRAL if plant is None else plant, dtype=np.float64)
-        if vector.shape not in ((PARAMETERS,), (batch, PARAMETERS)):
-            raise ModelError(
-                f"a plant has shape ({PARAMETERS},) or ({batch}, {PARAMETERS}), not {vector.shape}"
-            )
+        plants = nominal_plant(scene.gait, scene.camera) if reality is None else as_plants(reality)
+        if plants.shape not in ((), (batch,)):
+            raise ModelError(f"a batch of {batch} takes one reality or {batch}, not {plants.shape}")
+        if np.ptp(plants["stride"]) > 0 or np.ptp(plants["camera_height"]) > 0:
+            raise ModelError("walks of one batch share the length of their stride and their camera's height")
         self.scene = scene
-        self.plants = np.array(np.broadcast_to(vector, (batch, PARAMETERS)))
+        self.plants = np.array(np.broadcast_to(plants, (batch,)))
+        stride, height = (float(self.plants[name][0]) for name in ("stride", "camera_height"))
         self.walks: NDArray[Any] = np.zeros(batch, dtype=WALK)
         one, track = scene.camera, scene.track
         above = (2 * one.first_row - one.last_row, one.first_row)
         self._rows = ((one.first_row, one.last_row), above)[: scene.bands]
-        true = one if height is None else replace(one, height=height)
-        self._bands = tuple(make_optics(one, *rows)._replace(height=true.height) for rows in self._rows)
-        self._gait = scene.gait if stride is None else replace(scene.gait, step=stride / 2.0)
+        self._bands = tuple(make_optics(one, *rows)._replace(height=height) for rows in self._rows)
+        self._gait = replace(scene.gait, step=stride / 2.0)
         self._track = (track.table, track.spacing, track.closed)
         self._begun = np.zeros(batch, dtype=np.bool_)
         self._body = Body(self._gait, scene.hardware) if scene.plant == "pymunk" else None
-        self._camera = true
+        self._camera = replace(one, height=height)
         self.images: Image | None = None
         if scene.sight == "image":
             self.images = np.zeros((batch, one.rows, one.width), dtype=np.uint8)
@@ -178,10 +172,10 @@ class Walks:
                 self._body.place(*(float(self.walks[name][i]) for name in ("x", "y", "heading")))
                 self.walks["bodies"][i] = self._body.state
         self._begun[rows] = True
-        self._look(np.array(rows, dtype=np.int64))
+        self._scan(np.array(rows, dtype=np.int64))
 
     def advance(self, commands: ArrayLike) -> None:
-        """Take every walk through one stride and look again.
+        """Take every walk through one stride and scan again.
 
         Args:
             commands: Turns [rad], left positive, shape (batch,); limited to the gait's limit.
@@ -203,7 +197,7 @@ class Walks:
                 self.walks, values, *self._track, scene.latency, self.plants,
                 scene.noise.yaw, scene.noise.lateral, self._gait.stride, self._gait.limit,
             )  # fmt: skip
-        self._look(np.arange(len(self)))
+        self._scan(np.arange(len(self)))
 
     def _walk_bodies(self, body: Body, i: int, command: float) -> None:
         """Take one walk through a stride of rigid bodies."""
@@ -217,11 +211,11 @@ class Walks:
         self.walks["bodies"][i] = body.state
         land(self.walks, i, *body.pose, *self._track, gait.stride)
 
-    def _look(self, which: NDArray[np.int64]) -> None:
+    def _scan(self, which: NDArray[np.int64]) -> None:
         """Let some walks read their cameras."""
         scene = self.scene
         if self.images is None:
-            look(
+            scan(
                 self.walks, which, *self._track, scene.tape.width, self._bands,
                 scene.camera_yaws_with_inner, self.plants, scene.noise.sensor,
             )  # fmt: skip
@@ -254,12 +248,14 @@ class Walks:
         """Render what one walk's camera sees; a swaying body makes the line's noise."""
         one, plant, scene = self.walks[i], self.plants[i], self.scene
         sway = scene.noise.sensor / scene.camera.look_ahead * draw(self.walks, i, SENSOR)
-        heading = float(one["heading"]) + plant[CAMERA_YAW] - sway
+        heading = float(one["heading"]) + float(plant["camera_yaw"]["angle"]) - sway
         if scene.camera_yaws_with_inner:
             heading -= float(one["turned"])
         key = (int(one["key"]) + PIXELS + 8 * int(one["count"])) % 2**64
         pose = (float(one["x"]), float(one["y"]), heading)
-        return self._renderer.image(pose, float(one["arc"]), key, image, float(plant[PITCH_ERROR]))
+        return self._renderer.image(
+            pose, float(one["arc"]), key, image, float(plant["camera_pitch"]["angle"])
+        )
 
     def state(self) -> NDArray[Any]:
         """An exact snapshot of all walks: a plain structured array, shape (batch,)."""

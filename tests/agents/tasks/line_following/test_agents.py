@@ -19,8 +19,8 @@ from fieldagents.tasks.line_following.agents import (
     walk_matrices,
 )
 from fieldagents.tasks.line_following.search import one_loss
+from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.model import LineFollowing
-from fieldmodels.machines.line_following.plant import CAMERA_YAW
 from fieldmodels.reality import read_reality
 
 TASK = "line_following"
@@ -108,9 +108,9 @@ def test_matrices_of_the_regulator_are_the_walk(latency, reality):
     env = gymnasium.make("fieldgym/LineFollowing-v0", settings=settings, reality=reality)
     observation, info = env.reset(seed=3)
     model = LineFollowing()
-    plant = read_reality(reality, model).vector(model)[2:]
+    plant = as_plants(read_reality(reality, model).vector(model))
     a, b, c = walk_matrices(latency, 1.0, plant)
-    shift = c[0, 1] * plant[CAMERA_YAW]
+    shift = c[0, 1] * float(plant["camera_yaw"]["angle"])
     truth = info["privileged"]
     state = np.array([truth["offset"], truth["heading"], 0.0, 0.0, 0.0, 0.0, 0.0])
     for turn in (0.01, -0.004, 0.006, 0.003, -0.005):
