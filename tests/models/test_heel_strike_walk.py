@@ -234,4 +234,3 @@ def test_bad_input_is_refused():
 
 def test_gains_row():
     assert Gains(0.1, 0.2, 0.3).as_row() == pytest.approx((0.1, 0.2, 0.3, 1000 / 3))
-    assert HeelStrikeModel().nominal.shape == (15,)

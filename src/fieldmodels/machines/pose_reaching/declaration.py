@@ -126,6 +126,7 @@ def _rim_effects(scales: Scales) -> tuple[Effect, ...]:
 
 
 def _ground_effects() -> tuple[Effect, ...]:
+    """What acts between the wheels' turning and the body's motion."""
     return (
         Effect(
             "unequal_wheels",
@@ -199,5 +200,9 @@ def _parameter_step(scales: Scales) -> Effect:
 
 BASE = base_parameters(ROBOCUP)
 EFFECTS = drive_effects(Scales())
+AFTER_THE_WHEELS = tuple(
+    effect.name for effect in (*_ground_effects(), *_sensor_effects(Scales(), (Scales().step,)))
+)
+"""Effects that act between the wheels' turning and the pose that is measured; all others act before."""
 ROW = row_type(BASE, EFFECTS)
 """Type of a robot's numbers as kernels read them."""

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.declared import as_rows
-from fieldmodels.machines.pose_reaching.declaration import ROW, Scales, base_parameters, drive_effects
+from fieldmodels.machines.pose_reaching.declaration import (
+    AFTER_THE_WHEELS,
+    ROW,
+    Scales,
+    base_parameters,
+    drive_effects,
+)
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, Wheels
 from fieldmodels.machines.pose_reaching.simulation import Log, simulate
 from fieldmodels.model import Model, Signal, Stage
@@ -25,8 +31,6 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 IntArray = NDArray[np.int64]
 
 POSE, WHEELS = ("x", "y", "heading"), ("left_wheel", "right_wheel")
-AFTER_THE_WHEELS = ("unequal_wheels", "yaw_slip", "sideways_slip", "slope", "sensor_delay", "heading_bias")
-"""Effects that act between the wheels' turning and the pose that is measured; all others act before."""
 DRIVEN_BY_WHEELS = "driven by measured wheels"
 """Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
 
