@@ -260,6 +260,17 @@ class Machine(Model):
         }
         return [by_velocity.get(f.velocity, 1.0) for f in self.forces]
 
+    def typical(self, output: str) -> tuple[float, float]:
+        """A large command, and the typical size of an output.
+
+        Args:
+            output: Name of the output.
+        """
+        pairs = list(zip(self.stock, self.sizes, strict=True))
+        commands = [s.high_forces[0] for e, s in pairs if e.place == "actuator"]
+        sizes = [s.position for e, s in pairs if e.place == "sensor" and e.signal == output]
+        return max(commands, default=1.0), max(sizes, default=1.0)
+
     def commands(self, recording: Recording, last: IntArray) -> FloatArray:
         """What drives the machine on every sample of a recording, shape (n, inputs).
 

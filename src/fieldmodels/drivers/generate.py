@@ -233,7 +233,7 @@ def _curve(machine: Machine, c: Curve, start: int, stop: int) -> dict[str, Any]:
         "state": states.index(c.signal) if c.signal in states else -1,
         "start": start,
         "stop": stop,
-        "values": 2 * len(c.over),
+        "head": 2 * len(c.over),
         "call": call,
         "sensed": states.index(c.signal) if place == "sensor" and c.signal in states else None,
         "call_at_start": call.replace("(t,", "(clock,"),

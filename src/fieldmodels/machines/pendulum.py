@@ -77,7 +77,7 @@ class Pendulum(OneAxis):
         """Inertia [kg m^2]; a payload is a point mass at some distance from the axis."""
         return p.inertia + p.payload_mass * p.payload_length**2
 
-    def derivative(self, state: Any, input: Any, p: Any) -> Any:  # noqa: A002
+    def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of angle and velocity."""
         gravity = p.gravity_moment + p.payload_mass * p.payload_length * STANDARD_GRAVITY
         inertia = p.inertia + p.payload_mass * p.payload_length**2

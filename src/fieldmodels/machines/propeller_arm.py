@@ -67,7 +67,7 @@ class PropellerArm(OneAxis):
         super().__init__(scales, driven_by_measured)
         self.measured_inputs = ()  # thrust on a bench is not measured
 
-    def derivative(self, state: Any, input: Any, p: Any) -> Any:  # noqa: A002
+    def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of angle and velocity."""
         left = input.command - p.damping * state.velocity - p.gravity_moment * math.sin(state.angle)
         return state.velocity, left / p.inertia

@@ -60,7 +60,7 @@ class Rig(OneAxis):
         """Moved mass [kg]; a payload adds to it."""
         return p.mass + p.payload_mass
 
-    def derivative(self, state: Any, input: Any, p: Any) -> Any:  # noqa: A002
+    def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of position and velocity."""
         left = input.force - p.damping * state.velocity - p.stiffness * state.position
         return state.velocity, left / (p.mass + p.payload_mass)
