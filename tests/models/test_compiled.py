@@ -1,5 +1,6 @@
 """Compiled kernels on disk: never stale, never in the way, shared by processes, bounded."""
 
+import dis
 import hashlib
 import importlib
 import os
@@ -18,6 +19,7 @@ from numba.core import config
 import fieldagents
 import fieldmodels
 from fieldmodels.compiled import cache, cache_folder, compiled, fingerprint, folder
+from fieldmodels.compiled.fingerprint import _globals_read
 
 LAB = {
     "__init__.py": "",
@@ -276,6 +278,20 @@ def test_every_kernel_of_the_project_has_a_fingerprint_of_its_own():
     assert len(found) > 150
     assert all(type(kernel._cache) is cache.KernelCache for kernel in found.values())
     assert len({fingerprint(kernel) for kernel in found.values()}) == len(found)
+
+
+def test_the_globals_that_a_kernel_reads_are_those_of_the_disassembler():
+    def told(code):
+        yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
+        for constant in code.co_consts:
+            if hasattr(constant, "co_code"):
+                yield from told(constant)
+
+    # Some of them with hundreds of names, and one with a function inside.
+    codes = [kernel.py_func.__code__ for _, kernel in kernels_of(fieldmodels)]
+    codes += [fieldmodels.compiled.fingerprint.__code__, told.__code__, Lab.finish.__code__]
+    for code in codes:
+        assert _globals_read(code) == frozenset(told(code))
 
 
 def test_closures_defaults_options_and_libraries_are_told_apart():

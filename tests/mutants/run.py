@@ -138,9 +138,8 @@ def tree_hash() -> str:
     for name in COPIED:
         source = ROOT / name
         files += sorted(source.rglob("*")) if source.is_dir() else [source]
-    return hash_of(
-        [path for path in files if FOLDER not in path.parents and ROOT / "docs" not in path.parents]
-    )
+    docs = ROOT / "docs"
+    return hash_of([path for path in files if not {FOLDER, docs} & set(path.parents)], ROOT)
 
 
 def own_hash(mutant: Mutant, root: Path) -> str:
