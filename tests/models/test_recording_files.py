@@ -360,7 +360,7 @@ def test_microseconds_are_recognised(write):
 
 def test_an_accelerometer_in_g_is_suspected(write):
     class Accelerometer(type(RIG)):
-        outputs = (Signal("position", "m"), Signal("acceleration", "m/s^2"))
+        outputs = (*type(RIG).outputs, Signal("acceleration", "m/s^2"))
 
     columns = {**bench(), "acceleration": 1.0 + 0.05 * np.sin(np.arange(100.0))}
     with pytest.warns(RecordingWarning, match="'acceleration' is usually 1.0.*'acceleration=acceleration:g'"):
