@@ -6,7 +6,7 @@ import json
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
@@ -242,6 +242,13 @@ def diagnose(
             help="Which column of the file holds a signal, as in `angle=position:deg`; repeatable.",
         ),
     ] = None,
+    hold: Annotated[
+        Literal["held", "interpolated"] | None,
+        typer.Option(
+            help="What the inputs do between samples: `held`, as a controller commands them, or "
+            "`interpolated`, as sampled analogue signals (default: as the model says)."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
@@ -275,11 +282,14 @@ def diagnose(
         fieldgym diagnose log.csv --model my_bench.py
     """
     from fieldagents import findings
+    from fieldmodels.machine import held_inputs
     from fieldmodels.model_files import is_model_file
     from fieldmodels.recording.datasets import open_recording
     from fieldmodels.registry import get_model
 
     chosen = get_model(model)
+    if hold is not None:
+        chosen = held_inputs(chosen, hold)
     held = findings.fixed_parameters(chosen, fixed or [])
     loop = None
     if then_retune is not None:

@@ -16,6 +16,7 @@ A driver runs it: ``drivers.windows`` for a diagnosis, ``drivers.batch`` for an 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
@@ -31,6 +32,24 @@ from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, Windows
 
 Hold = Literal["held", "interpolated"]
+"""What an input does between samples."""
+
+
+def held_inputs(model: Model, hold: Hold) -> Model:
+    """The same machine with inputs that behave otherwise between samples.
+
+    Args:
+        model: A machine.
+        hold: What they do.
+
+    Raises:
+        ModelError: If the model is no `Machine`: then its own simulation says what its inputs do.
+    """
+    if not isinstance(model, Machine):
+        raise ModelError(f"model {model.name!r} says itself what its inputs do between samples; leave it out")
+    result = copy(model)
+    result.hold = hold
+    return result
 
 
 class Number:

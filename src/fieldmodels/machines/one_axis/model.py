@@ -120,7 +120,9 @@ class OneAxis(Machine):
             return super().stages(recordings)
         drive = tuple(e.name for e in self.effects if e.where in DRIVE)
         motion = tuple(e.name for e in self.effects if e.where not in DRIVE)
-        return Stage(type(self)(self.scales, True), motion), Stage(Drive(self), drive)
+        motor = type(self)(self.scales, True)
+        motor.hold = self.hold
+        return Stage(motor, motion), Stage(Drive(self), drive)
 
     def commands(self, recording: Recording, last: IntArray) -> FloatArray:
         """What is held over each step: the command, or what was measured of it, shape (n, 1)."""
