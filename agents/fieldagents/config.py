@@ -67,7 +67,8 @@ class EnvironmentConfig(Config):
 
     Attributes:
         settings: Keys of the task's settings; what is not named keeps its default.
-        reality: Effects that are on, or the path of an ``extended.yaml`` written by a diagnosis.
+        reality: Effects that are on, or the path of an ``extended.yaml`` written by a diagnosis. In both, a
+            sampler such as ``{uniform: [0, 0.1]}`` may stand in the place of a value.
     """
 
     settings: dict[str, Any] = Field(default_factory=dict)
@@ -81,11 +82,14 @@ def check_environment(task: str, environment: EnvironmentConfig) -> None:
         ProblemsError: With every unknown key, wrong value and unknown effect.
     """
     from fieldgym import TASKS
+    from fieldgym.settings import take_samplers
 
     problems: list[tuple[Location, str]] = []
     kind = TASKS[task].settings
+    fixed, _, wrong = take_samplers(environment.settings, kind)
+    problems += [(("settings", name), message) for name, message in wrong]
     try:
-        TypeAdapter(kind).validate_python(environment.settings)
+        TypeAdapter(kind).validate_python(fixed)
     except ValidationError as error:
         problems += [(("settings", *at), message) for at, message in readable(error, kind)]
     try:

@@ -22,6 +22,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fieldgym.info import InfoLike, complete, merged, row
+from fieldgym.randomisation import Drawn
 from fieldmodels.compiled import compiled
 from fieldmodels.reality import Reality
 
@@ -53,12 +54,14 @@ class BatchTask(ABC):
     Attributes:
         settings: The task's settings.
         reality: What the simulation truly is.
+        drawn: What of both is drawn for each episode.
         options: Names of the options that ``reset`` takes.
         keyed_once: True if one key serves all episodes of a row's generator, not one each.
     """
 
     settings: Any
     reality: Reality
+    drawn: Drawn
     options: ClassVar[tuple[str, ...]] = ()
     keyed_once: ClassVar[bool] = False
 
@@ -88,10 +91,29 @@ class BatchTask(ABC):
         for i, generator in zip(rows, generators, strict=True):
             if not self.keyed_once or i in fresh:
                 self.draw_key(i, generator)
+        if self.drawn.random:
+            self.drawn.draw(rows, generators)
+            self.set_drawn(rows)
         if options:
             self.begin_with(rows, options)
         else:
             self.begin(rows)
+
+    def set_drawn(self, rows: list[int]) -> None:
+        """Put in force what has been drawn for some rows."""
+        if self.drawn.parameters_random:
+            self.set_reality(rows, self.drawn.vectors[rows])
+        if self.drawn.settings_random:
+            for i in rows:
+                self.set_settings(i, self.drawn.settings[i])
+
+    @abstractmethod
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """Give some rows other true parameters, shape (len(rows), n), before their next episode."""
+
+    def set_settings(self, row: int, settings: Any) -> None:
+        """Give one row other settings before its next episode; only those that may be drawn differ."""
+        raise NotImplementedError
 
     @abstractmethod
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
@@ -155,6 +177,13 @@ class BatchTask(ABC):
         Raises:
             ValueError: If an entry does not fit.
         """
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Return to an environment's snapshot, whose entries have been checked."""
+        if self.drawn.random:
+            self.drawn.set_state(state)
+            self.set_drawn(list(range(len(state["generators"]))))
+        self.set_state({key: state[key] for key in self.state()})
 
     @abstractmethod
     def frame(self, i: int) -> Frame:
@@ -220,14 +249,12 @@ def check_state(state: Mapping[str, Any], own: Mapping[str, Any]) -> None:
     """
     if not set(own) <= set(state):
         raise ValueError("not a snapshot of this environment; get_state makes one")
+    if set(state) - set(own):
+        extra = ", ".join(sorted(set(state) - set(own)))
+        raise ValueError(f"the snapshot is of an environment with other effects or samplers: it has {extra}")
     count = len(state["generators"])
     if count != len(own["generators"]):
         raise ValueError(f"the state is one of {count} environments; make it with that num_envs")
-
-
-def task_state(state: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of a snapshot that are the task's."""
-    return {key: value for key, value in state.items() if key not in ("generators", "finished")}
 
 
 def row_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
@@ -341,6 +368,7 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
         return {
             **self._task.state(),
+            **self._task.drawn.state(),
             "generators": [self.np_random.bit_generator.state],
             "finished": np.array([self._over]),
         }
@@ -352,7 +380,7 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
             ValueError: If it is no snapshot, or one of another number of environments.
         """
         check_state(state, self.get_state())
-        self._task.set_state(task_state(state))
+        self._task.restore(state)
         self.np_random.bit_generator.state = state["generators"][0]
         self._ready, self._over = True, bool(state["finished"][0])
 
@@ -469,6 +497,7 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
         return {
             **self._task.state(),
+            **self._task.drawn.state(),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "finished": self._finished.copy(),
         }
@@ -480,7 +509,7 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
             ValueError: If it is no snapshot, or one of another number of environments.
         """
         check_state(state, self.get_state())
-        self._task.set_state(task_state(state))
+        self._task.restore(state)
         for generator, own in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = own
         self._finished = np.array(state["finished"], dtype=np.bool_)

@@ -18,7 +18,8 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
-from fieldgym.settings import read_settings
+from fieldgym.randomisation import Drawn
+from fieldgym.settings import read_random_settings
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
 from fieldmodels.machines.excitation.parameters import (
@@ -97,8 +98,10 @@ DIAGNOSED = "soft"
 class _ExcitationTask(BatchTask):
     """The task on a batch of vehicles."""
 
+    settings: ExcitationSettings
+
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
-        self.settings = read_settings(settings, ExcitationSettings)
+        self.settings, samplers = read_random_settings(settings, ExcitationSettings)
         model = ExcitationModel(self.settings.preset)
         self.reality = read_reality(reality, model)
         if isinstance(reality, str | Path) and self.reality.base and self.settings.preset != DIAGNOSED:
@@ -106,9 +109,11 @@ class _ExcitationTask(BatchTask):
                 f"{reality}: its base parameters are of the vehicle {DIAGNOSED!r}, the one diagnosed, but "
                 f"the environment's is {self.settings.preset!r}; set preset: {DIAGNOSED}"
             )
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
         self.shakers = Shakers(
             batch,
-            self.reality.vector(model),
+            self.reality.typical(model),
+            possible=self.reality.extremes(model),
             preset=PRESETS[self.settings.preset],
             limits=LIMITS[self.settings.limits],
             noise=SensorNoise(self.settings.noise, self.settings.noise_fraction),
@@ -130,6 +135,10 @@ class _ExcitationTask(BatchTask):
         high = np.r_[np.full(UNKNOWNS, MEAN_BOUND), np.full(UNKNOWNS, LOG_HIGH), [1, 1, 1, 1, 1, 1]]
         seen = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         return Box(-1.0, 1.0, (3,), np.float32), seen
+
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.set_reality``."""
+        self.shakers.set_reality(rows, vectors)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a vehicle and its noise."""
@@ -223,7 +232,7 @@ class _ExcitationTask(BatchTask):
             "arm": {"command": shaken.command, "phase": shaken.phase},
             "base": shaken.base,
             "variances": shaken.variances,
-            "privileged": {"truth": truth.copy(), "error": shaken.mean - truth},
+            "privileged": {"truth": truth.copy(), "error": shaken.mean - truth, **self.drawn.info},
         }
 
     def state(self) -> dict[str, Any]:

@@ -18,7 +18,8 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
-from fieldgym.settings import read_settings
+from fieldgym.randomisation import Drawn
+from fieldgym.settings import read_random_settings
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.strides import StrideResult, Strides
@@ -128,26 +129,36 @@ SettingsLike = HeelStrikeSettings | Mapping[str, Any] | None
 class _HeelStrikeTask(BatchTask):
     """The task on a batch of walkers: what the scalar and the vector environment share."""
 
+    settings: HeelStrikeSettings
+
     def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, drawing: bool) -> None:
-        self.settings: HeelStrikeSettings = read_settings(settings, HeelStrikeSettings)
+        self.settings, samplers = read_random_settings(settings, HeelStrikeSettings)
         model = HeelStrikeModel(self.settings.leg)
         self.reality = read_reality(reality, model)
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
         self.strides = Strides(
             batch,
             self.settings.leg,
             self.settings.regimes,
-            self.reality.vector(model),
+            self.reality.typical(model),
             bank=self.settings.bank,
             tuned_reset=self.settings.ranger_reset,
         )
+        for extreme in self.reality.extremes(model):
+            self.strides.set_reality([0], extreme[None])
+        self.strides.set_reality([0], self.reality.typical(model)[None])
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._tracing = drawing
-        self.drawn: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
+        self.kept: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
 
     def spaces(self) -> tuple[Box, Box]:
         """Three gains; the features of the reference filter."""
         action = Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)
         return action, Box(FEATURE_LOW, FEATURE_HIGH, (len(FEATURES),), np.float32)
+
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.set_reality``."""
+        self.strides.set_reality(rows, vectors)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a walk."""
@@ -157,7 +168,7 @@ class _HeelStrikeTask(BatchTask):
         """Begin new episodes of some walkers."""
         self.elapsed[rows] = 0
         for i in rows:
-            self.drawn[i].clear()
+            self.kept[i].clear()
 
     def observation(self) -> Observation:
         """The reference filter's features within the bounds of the space, shape (batch, 6)."""
@@ -166,7 +177,7 @@ class _HeelStrikeTask(BatchTask):
     def reset_info(self) -> dict[str, Any]:
         """The info that ``reset`` returns."""
         levels = self.strides.levels
-        return {"privileged": {"levels": levels, "previous_levels": levels.copy()}}
+        return {"privileged": {"levels": levels, "previous_levels": levels.copy(), **self.drawn.info}}
 
     def gains(self, actions: NDArray[Any]) -> Floats:
         """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
@@ -202,6 +213,7 @@ class _HeelStrikeTask(BatchTask):
                     "previous_levels": result.levels,
                     "signed_error_mm": result.signed_mm[:, 0].copy(),
                     "floor_mm": result.floor_mm,
+                    **self.drawn.info,
                 },
             },
         )
@@ -214,7 +226,7 @@ class _HeelStrikeTask(BatchTask):
         """Return to a snapshot."""
         self.strides.set_state(state["walkers"])
         self.elapsed[:] = state["elapsed"]
-        for strides in self.drawn:
+        for strides in self.kept:
             strides.clear()
 
     def _draw_later(self, result: StrideResult, gains: Floats, error: Mapping[str, Floats]) -> None:
@@ -223,7 +235,7 @@ class _HeelStrikeTask(BatchTask):
 
         assert result.traces is not None
         column = {name: i for i, name in enumerate(TRACES)}
-        for i, strides in enumerate(self.drawn):
+        for i, strides in enumerate(self.kept):
             trace = result.traces[i, : result.samples[i]]
             strides.append(
                 Stride(
@@ -248,7 +260,7 @@ class _HeelStrikeTask(BatchTask):
         from fieldgym.rendering.heel_strike import draw
 
         return draw(
-            list(self.drawn[i]),
+            list(self.kept[i]),
             int(self.elapsed[i]),
             self.settings.strides,
             self.strides.leg.step_length,
@@ -403,9 +415,9 @@ class HeelStrikeEnv(TaskEnv):
             frames_per_second: Pictures for each second of the walk.
         """
         assert isinstance(self._task, _HeelStrikeTask)
-        if not self._task.drawn[0]:
+        if not self._task.kept[0]:
             return
-        time = self._task.drawn[0][-1].time
+        time = self._task.kept[0][-1].time
         for moment in np.arange(1 / frames_per_second, time[-1], 1 / frames_per_second):
             yield self._task.frame(0, int(np.searchsorted(time, moment)))
         yield self._task.frame(0)
@@ -413,7 +425,7 @@ class HeelStrikeEnv(TaskEnv):
     def _window_frames(self) -> Iterator[Frame]:
         """The latest stride at the speed at which it was made."""
         assert isinstance(self._task, _HeelStrikeTask)
-        if not self._task.drawn[0]:
+        if not self._task.kept[0]:
             yield self._task.frame(0)
         yield from self.step_frames(FRAMES_PER_SECOND)
 

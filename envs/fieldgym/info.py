@@ -36,7 +36,7 @@ def row(info: InfoLike) -> dict[str, Any]:
     """The info of a single environment from that of a batch of one; arrays are views."""
     if type(info) is Info:
         names, numbers, info = info
-        single: dict[str, Any] = dict(zip(names, numbers[:, 0].tolist(), strict=True))
+        single: dict[str, Any] = dict(zip(names, numbers[:, 0].tolist(), strict=False))
     else:
         single = {}
     assert type(info) is dict
@@ -56,21 +56,25 @@ def every_row(batch: int) -> Flags:
     return mask
 
 
-@lru_cache(maxsize=256)
-def _masks(names: tuple[str, ...], others: tuple[str, ...], batch: int) -> dict[str, Flags]:
-    return {"_" + name: every_row(batch) for name in names + others}
+_FORMS: dict[Any, tuple[dict[str, Flags], tuple[str, ...]]] = {}
+"""Masks of an info's entries, and which of them are nested, by their names and the batch."""
 
 
 def complete(info: InfoLike, batch: int) -> dict[str, Any]:
     """Gymnasium's form of a batch's info that is valid in all rows: a mask beside every entry."""
     names, numbers, others = info if type(info) is Info else ((), (), info)
     assert type(others) is dict
-    result: dict[str, Any] = dict(zip(names, numbers, strict=True))
-    result |= others
-    result |= _masks(names, tuple(others), batch)
-    for key, value in others.items():
-        if type(value) is dict:
-            result[key] = complete(value, batch)
+    key = (names, tuple(others), batch)
+    form = _FORMS.get(key)
+    if form is None:
+        nested = tuple(name for name, value in others.items() if type(value) is dict)
+        form = _FORMS[key] = {"_" + name: every_row(batch) for name in (*names, *others)}, nested
+    masks, nested = form
+    result: dict[str, Any] = masks.copy()
+    result.update(zip(names, numbers, strict=False))
+    result.update(others)
+    for name in nested:
+        result[name] = complete(others[name], batch)
     return result
 
 

@@ -17,7 +17,8 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
-from fieldgym.settings import read_settings
+from fieldgym.randomisation import Drawn
+from fieldgym.settings import read_random_settings
 from fieldmodels.machines.line_following.body import Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import (
@@ -147,14 +148,16 @@ class LineFollowingSettings:
 class _LineFollowingTask(BatchTask):
     """The task on a batch of walks."""
 
+    settings: LineFollowingSettings
     pixels = False
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
-        self.settings: LineFollowingSettings = read_settings(settings, LineFollowingSettings)
+        self.settings, samplers = read_random_settings(settings, LineFollowingSettings)
         scene = self.settings.scene(self.pixels)
         model = LineFollowing(scene.gait, scene.camera)
         self.reality = read_reality(reality, model)
-        truth = self.reality.vector(model)
+        truth = self.reality.typical(model)
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
         self._look_ahead = scene.camera.look_ahead
         self.walks = Walks(batch, scene, truth)
         self.elapsed = np.zeros(batch, dtype=np.int64)
@@ -175,6 +178,10 @@ class _LineFollowingTask(BatchTask):
             camera = self.walks.scene.camera
             return action, Box(0, 255, (camera.rows, camera.width, 1), np.uint8)
         return action, Box(-OBSERVED, OBSERVED, (4 + 5 * self.settings.bands,), np.float32)
+
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.set_reality``."""
+        self.walks.set_reality(rows, vectors)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a walk."""
@@ -257,7 +264,7 @@ class _LineFollowingTask(BatchTask):
         self._overshoot = np.maximum(self._overshoot, -side)
         return {"mean_offset": mean, "near": near, "overshoot": self._overshoot.copy()}
 
-    def _privileged(self) -> dict[str, Floats]:
+    def _privileged(self) -> dict[str, Any]:
         """The hidden truth: place against the line, what the line does ahead, the walk's bias."""
         walks, track = self.walks.walks, self.walks.scene.track
         arc = walks["arc"]
@@ -267,6 +274,7 @@ class _LineFollowingTask(BatchTask):
             "curvature": track.curvature(arc),
             "curvature_ahead": track.curvature(arc + self.walks.scene.gait.stride),
             "bias": walks["bias"].copy(),
+            **self.drawn.info,
         }
 
     def state(self) -> dict[str, Any]:

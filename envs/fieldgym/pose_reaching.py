@@ -27,7 +27,8 @@ from fieldgym.base import (
     VectorStep,
 )
 from fieldgym.info import Info, complete
-from fieldgym.settings import read_settings
+from fieldgym.randomisation import Drawn
+from fieldgym.settings import read_random_settings
 from fieldmodels.machines.pose_reaching.batch import Robots, Rules, Tick
 from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.kernel import NUMBERS
@@ -55,14 +56,17 @@ def real_time(settings: PoseReachingSettings) -> dict[str, int]:
 class _PoseReachingTask(BatchTask):
     """The task on a batch of robots."""
 
+    settings: PoseReachingSettings
     options = ("pose",)
     keyed_once = True
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
-        self.settings = read_settings(settings, PoseReachingSettings)
+        self.settings, samplers = read_random_settings(settings, PoseReachingSettings)
         model = PoseReaching()
         self.reality = read_reality(reality, model)
-        self.robots = Robots(batch, self.settings, self.reality.vector(model))
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
+        possible = self.reality.extremes(model)
+        self.robots = Robots(batch, self.settings, self.reality.typical(model), possible=possible)
         self._tick: Tick | None = None
         self._trails: list[list[Floats]] | None = [[] for _ in range(batch)] if drawing else None
         self._commands = [(0.0, 0.0)] * batch
@@ -75,6 +79,14 @@ class _PoseReachingTask(BatchTask):
             Box(-1.0, 1.0, (2,), np.float32),
             Box(OBSERVATION_LOW, OBSERVATION_HIGH, dtype=np.float32),
         )
+
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.set_reality``."""
+        self.robots.set_reality(rows, vectors)
+
+    def set_settings(self, row: int, settings: Any) -> None:
+        """See ``BatchTask.set_settings``."""
+        self.robots.set_rules(row, settings)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a robot's stream of starts."""
@@ -115,7 +127,10 @@ class _PoseReachingTask(BatchTask):
 
     def advance(self, actions: Floats, begin: Flags, generators: Sequence[np.random.Generator]) -> VectorStep:
         """Drive, and begin the next episode of the robots whose last one is over, in one kernel."""
-        del begin, generators  # the kernel knows which episodes are over, and the robots' streams
+        if self.drawn.random and begin.any():  # the kernel knows all else that an episode begins with
+            rows = np.flatnonzero(begin).tolist()
+            self.drawn.draw(rows, [generators[i] for i in rows])
+            self.set_drawn(rows)
         tick = self._seen(self.robots.advance(actions, restarting=True), actions)
         info = complete(self._info(tick), len(actions))
         return tick.observed, tick.reward, tick.success, tick.late, info
@@ -127,7 +142,11 @@ class _PoseReachingTask(BatchTask):
         return tick
 
     def _info(self, tick: Tick) -> Info:
-        return Info(NUMBERS, tick.numbers, {"pose": tick.poses, "privileged": {"pose": tick.true_poses}})
+        return Info(
+            NUMBERS,
+            tick.numbers,
+            {"pose": tick.poses, "privileged": {"pose": tick.true_poses, **self.drawn.info}},
+        )
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""

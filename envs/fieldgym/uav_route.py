@@ -19,8 +19,9 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.settings import read_settings
-from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, Score, observed_names
+from fieldgym.randomisation import Drawn
+from fieldgym.settings import read_random_settings
+from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, Score, check_plants, observed_names
 from fieldmodels.machines.uav_route.layouts import distance_around, side_on_range
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import (
@@ -218,12 +219,17 @@ def nearest_bearing(places: Floats, radars: Floats) -> Floats:
 class _UavRouteTask(BatchTask):
     """The task on a batch of flights."""
 
+    settings: UavRouteSettings
+
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
-        self.settings: UavRouteSettings = read_settings(settings, UavRouteSettings)
+        self.settings, samplers = read_random_settings(settings, UavRouteSettings)
         rules = self.settings.rules
         model = UavRoute(rules.world)
         self.reality = read_reality(reality, model)
-        self.flights = Flights(batch, rules, model.plant(self.reality.vector(model)))
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
+        self._model = model
+        check_plants(model.plant(self.reality.extremes(model)))
+        self.flights = Flights(batch, rules, model.plant(self.reality.typical(model)))
         self._side_on = side_on_range(rules.world.detection)
         self._drawing = drawing
         self._trails: list[list[Floats]] = [[] for _ in range(batch)]
@@ -234,6 +240,10 @@ class _UavRouteTask(BatchTask):
         """Heading and length of a leg; where goal and radars are, and what they do."""
         columns = len(observed_names(self.flights.rules.count))
         return Box(-1.0, 1.0, (2,), np.float32), Box(-OBSERVED, OBSERVED, (columns,), np.float32)
+
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.set_reality``."""
+        self.flights.set_plants(rows, self._model.plant(vectors))
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a flight."""
@@ -306,7 +316,7 @@ class _UavRouteTask(BatchTask):
             "timers": flights["timers"][:, :count].copy(),
             "detected": flights["detected"][:, :count].astype(np.float64),
             "layout": {"start": flights["start"].copy(), "goal": flights["goal"].copy(), "radars": radars},
-            "privileged": {"place": flights["place"].copy()},
+            "privileged": {"place": flights["place"].copy(), **self.drawn.info},
         }
         return Info(NUMBERS, leg.numbers, others)
 

@@ -1,14 +1,20 @@
-"""A reality: the parameter values that a simulation runs with, named, checked, from a dict or a file."""
+"""A reality: the parameter values that a simulation runs with, named, checked, from a dict or a file.
+
+A value may be a sampler (``fieldmodels.sampling``), which an environment draws anew for each episode.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fieldmodels.arrays import FloatArray
-from fieldmodels.model import EffectValues, Model, ModelError
+from fieldmodels.model import Model, ModelError
+from fieldmodels.sampling import Sampler, is_sampler, read_sampler
 from fieldmodels.yaml import load_yaml
 
 
@@ -17,20 +23,113 @@ class Reality:
     """Named values that differ from the nominal simulation.
 
     Attributes:
-        base: Values of base parameters.
-        effects: Values of the parameters of effects that are on.
+        base: Values of base parameters: numbers, or samplers that draw one for each episode.
+        effects: Values of the parameters of effects that are on, likewise.
     """
 
-    base: Mapping[str, float] = field(default_factory=dict)
-    effects: EffectValues = field(default_factory=dict)
+    base: Mapping[str, Any] = field(default_factory=dict)
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def random(self) -> bool:
+        """Whether a value is drawn for each episode."""
+        return any(isinstance(value, Sampler) for _, _, value in self._entries())
 
     def vector(self, model: Model) -> FloatArray:
         """The model's parameter vector in this reality.
 
         Raises:
-            ModelError: For unknown names or values out of bounds.
+            ModelError: For unknown names, values out of bounds, or values that are drawn for each episode.
         """
-        return model.vector(self.base, self.effects)
+        if self.random:
+            drawn = ", ".join(
+                _place(effect, name) for effect, name, value in self._entries() if isinstance(value, Sampler)
+            )
+            raise ModelError(
+                f"{drawn}: drawn for each episode of an environment; a fixed value is needed here"
+            )
+        return self._vector(model, lambda value: value)
+
+    def typical(self, model: Model) -> FloatArray:
+        """The parameter vector with every sampler at its typical value.
+
+        Raises:
+            ModelError: As ``vector``; also if a sampler can draw what is out of bounds.
+        """
+        for i, sampler in self.samplers(model).items():
+            parameter = model.all_parameters[i]
+            sampler.check(repr(model.names[i]), parameter.lower, parameter.upper, parameter.unit)
+        return self._vector(model, lambda value: value.typical if isinstance(value, Sampler) else value)
+
+    def extremes(self, model: Model) -> FloatArray:
+        """Parameter vectors with every sampler at its smallest and at its largest value, shape (2, n)."""
+        ends = np.tile(self.typical(model), (2, 1))
+        for i, sampler in self.samplers(model).items():
+            parameter = model.all_parameters[i]
+            ends[:, i] = sampler.extremes(parameter.lower, parameter.upper)
+        return ends
+
+    def samplers(self, model: Model) -> dict[int, Sampler]:
+        """The samplers by their place in the parameter vector, in its order."""
+        found = {}
+        for effect, name, value in self._entries():
+            if isinstance(value, Sampler):
+                if effect is not None:
+                    model.effect(effect)
+                found[model.index(_place(effect, name))] = value
+        return dict(sorted(found.items()))
+
+    def draw(self, model: Model, rng: np.random.Generator) -> Reality:
+        """The same reality with every sampler drawn once."""
+        vector = self.typical(model)
+        for i, sampler in self.samplers(model).items():
+            parameter = model.all_parameters[i]
+            vector[i] = sampler.draw(rng, parameter.lower, parameter.upper)
+        values = {
+            group: {name: float(column[0]) for name, column in columns.items()}
+            for group, columns in self.named(model, vector[None]).items()
+        }
+        return Reality(base=values.pop("parameters", {}), effects=values)
+
+    def named(self, model: Model, vectors: FloatArray) -> dict[str, Any]:
+        """What this reality names, with the values of parameter vectors of shape (batch, n).
+
+        The form is that of ``read_reality``: with the numbers of one row it is that row's reality.
+        """
+        result: dict[str, Any] = {}
+        for effect, name, _ in self._entries():
+            i = model.index(_place(effect, name))
+            result.setdefault("parameters" if effect is None else effect, {})[name] = vectors[:, i]
+        return result
+
+    def plain(self) -> dict[str, Any]:
+        """What this reality names as YAML has it, which ``read_reality`` reads again."""
+        result: dict[str, Any] = {}
+        for effect, name, value in self._entries():
+            written = value.as_mapping() if isinstance(value, Sampler) else float(value)
+            result.setdefault("parameters" if effect is None else effect, {})[name] = written
+        return result
+
+    def _entries(self) -> list[tuple[str | None, str, Any]]:
+        own: list[tuple[str | None, str, Any]] = [(None, name, value) for name, value in self.base.items()]
+        for effect, values in self.effects.items():
+            if isinstance(values, Mapping):
+                own += [(effect, name, value) for name, value in values.items()]
+        return own
+
+    def _vector(self, model: Model, number: Callable[[Any], float]) -> FloatArray:
+        base = {name: number(value) for name, value in self.base.items()}
+        effects = {
+            effect: {name: number(value) for name, value in values.items()}
+            if isinstance(values, Mapping)
+            else values
+            for effect, values in self.effects.items()
+        }
+        return model.vector(base, effects)
+
+
+def _place(effect: str | None, name: str) -> str:
+    return name if effect is None else f"{effect}.{name}"
 
 
 def read_reality(source: Reality | Mapping[str, Any] | str | Path | None, model: Model) -> Reality:
@@ -39,11 +138,12 @@ def read_reality(source: Reality | Mapping[str, Any] | str | Path | None, model:
     Args:
         source: None (nominal); a mapping of effects ``{"gyro_bias": {"rate": 0.004}}``, in which the
             key ``parameters`` may hold base parameters; or the path of an ``extended.yaml`` as
-            written by a diagnosis.
+            written by a diagnosis. A sampler may stand in the place of a number (see ``sampling``).
         model: The model whose names and bounds hold.
 
     Raises:
-        ModelError: For unknown names, values out of bounds, or a file of another model.
+        ModelError: For unknown names, values out of bounds, samplers that make no sense, or a file of another
+            model.
         YamlError: If the file cannot be read.
     """
     if isinstance(source, Reality):
@@ -52,11 +152,24 @@ def read_reality(source: Reality | Mapping[str, Any] | str | Path | None, model:
         reality = Reality()
     elif isinstance(source, Mapping):
         base = source.get("parameters", {})
-        reality = Reality(base=dict(base), effects={k: v for k, v in source.items() if k != "parameters"})
+        reality = Reality(
+            base=_with_samplers(dict(base), None),
+            effects={k: _with_samplers(v, k) for k, v in source.items() if k != "parameters"},
+        )
     else:
         reality = _from_file(Path(source), model)
-    reality.vector(model)
+    reality.typical(model)
     return reality
+
+
+def _with_samplers(values: Any, effect: str | None) -> Any:
+    """Named values, samplers read; what is no mapping is left to the model's own message."""
+    if not isinstance(values, Mapping):
+        return values
+    return {
+        name: read_sampler(value, repr(_place(effect, name))) if is_sampler(value) else value
+        for name, value in values.items()
+    }
 
 
 def _from_file(path: Path, model: Model) -> Reality:
@@ -74,11 +187,14 @@ def _from_file(path: Path, model: Model) -> Reality:
 
 
 def _values(entries: Any, place: str) -> dict[str, Any]:
-    """Each entry is a number, or a mapping that holds it as ``value`` beside its standard error."""
-    return {
-        name: entry.get("value") if isinstance(entry, Mapping) else entry
-        for name, entry in _mapping(entries, place).items()
-    }
+    """Each entry is a number, a sampler, or a mapping with its ``value`` beside a standard error."""
+    values = {}
+    for name, entry in _mapping(entries, place).items():
+        if isinstance(entry, Mapping) and "value" not in entry:
+            values[name] = read_sampler(entry, f"{place}: {name!r}")
+        else:
+            values[name] = entry["value"] if isinstance(entry, Mapping) else entry
+    return values
 
 
 def _mapping(entries: Any, place: str) -> Mapping[str, Any]:

@@ -124,7 +124,7 @@ def test_a_snapshot_continues_exactly():
 
 def test_effects_that_are_off_give_the_nominal_bits():
     nominal, extended = walkers(2), walkers(2)
-    extended.extended = True
+    extended.extended[:] = True
     for _ in range(4):
         a, b = nominal.advance(PAPER), extended.advance(PAPER)
     assert np.array_equal(a.signed_mm[:, :4], b.signed_mm[:, :4])

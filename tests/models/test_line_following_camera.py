@@ -42,7 +42,7 @@ def test_centroid_of_images_agrees_with_geometry_within_a_millimetre(name):
         seen, found = line_position(renderer.image((x, y, heading), arc, k), CAMERA, THRESHOLD)
         meant, there = see_line(
             track.table, track.spacing, track.closed, TAPES["duvetyne"].width, x, y,
-            math.cos(heading), math.sin(heading), arc, 0.0, optics,
+            math.cos(heading), math.sin(heading), arc, 0.0, CAMERA.height, optics,
         )  # fmt: skip
         if found and there:
             errors.append(seen - meant)
@@ -67,7 +67,7 @@ def test_a_camera_pitched_down_sees_nearer_ground(error):
     x, y, along = track.at(20.0)
     place, found = see_line(
         track.table, track.spacing, track.closed, 0.05, x - offset * math.sin(along), y + offset,
-        math.cos(heading), math.sin(heading), 20.0, error, make_optics(CAMERA),
+        math.cos(heading), math.sin(heading), 20.0, error, CAMERA.height, make_optics(CAMERA),
     )  # fmt: skip
     assert found
     assert place == pytest.approx(centroid * CAMERA.metres_per_pixel, abs=5e-4)
@@ -121,7 +121,7 @@ def test_mirrored_pose_mirrors_the_centroid(offset, heading):
     places = [
         see_line(
             track.table, track.spacing, False, 0.05, 20.0, sign * offset,
-            math.cos(heading), math.sin(sign * heading), 20.0, 0.0, optics,
+            math.cos(heading), math.sin(sign * heading), 20.0, 0.0, CAMERA.height, optics,
         )[0]
         for sign in (1, -1)
     ]  # fmt: skip

@@ -103,7 +103,7 @@ def test_bodies_and_kinematics_agree_in_closed_loop(track):
         seen.append(
             see_line(
                 line.table, line.spacing, line.closed, 0.0508, x, y,
-                math.cos(heading), math.sin(heading), arc, 0.0, optics,
+                math.cos(heading), math.sin(heading), arc, 0.0, Camera().height, optics,
             )[0]
         )  # fmt: skip
         apart.append(abs(offset - float(walk.walks["offset"][0])))
@@ -307,9 +307,26 @@ def test_bad_options_are_refused():
         Walks(1, Scene(straight()), np.zeros(3))
     with pytest.raises(ModelError, match="takes one reality or 2"):
         Walks(2, Scene(straight()), np.tile(LineFollowing().nominal, (3, 1)))
-    two = [LineFollowing().vector({"stride": stride}) for stride in (0.6, 0.7)]
-    with pytest.raises(ModelError, match="share the length of their stride"):
-        Walks(2, Scene(straight()), two)
+
+
+@pytest.mark.parametrize("plant", ["kinematic", "pymunk"])
+@pytest.mark.parametrize("sight", ["geometry", "image"])
+def test_each_walk_has_its_own_stride_and_camera(plant, sight):
+    two = [LineFollowing().vector({"stride": s, "camera_height": h}) for s, h in ((0.6, 1.2), (0.8, 0.9))]
+    scene = Scene(straight(), plant=plant, sight=sight, noise=Noise(lateral=0.0))
+    together = Walks(2, scene, two)
+    alone = [Walks(1, scene, one) for one in two]
+    rng = np.random.default_rng
+    together.restart([0, 1], [rng(5), rng(6)])
+    for i in range(2):
+        alone[i].restart([0], [rng(5 + i)])
+    begun = together.walks["x"].copy()
+    for _ in range(4):
+        together.advance([0.05, 0.05])
+        for i in range(2):
+            alone[i].advance([0.05])
+            assert together.walks[i] == alone[i].walks[0]
+    assert together.walks["x"] - begun == pytest.approx([4 * 0.6, 4 * 0.8], rel=0.1)
 
 
 def test_sight_by_image_agrees_with_sight_by_geometry():

@@ -93,12 +93,10 @@ def evaluate(
 def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     """Settings and reality as plain values; a file may change later."""
     truth = read_reality(environment.reality, get_model(TASKS[task].model))
-    groups = {"parameters": truth.base, **truth.effects} if truth.base else truth.effects
     settings = {  # JSON has no infinity
         key: str(value) if value == math.inf else value for key, value in environment.settings.items()
     }
-    reality = {name: {k: float(v) for k, v in values.items()} for name, values in groups.items()}
-    return {"settings": settings, "reality": reality}
+    return {"settings": settings, "reality": truth.plain()}
 
 
 def _decision_time(

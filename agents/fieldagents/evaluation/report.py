@@ -89,7 +89,7 @@ def _conditions(environment: Mapping[str, Any]) -> str:
     """A scenario's settings and reality in a line."""
     settings = ", ".join(f"{key} = {value}" for key, value in environment["settings"].items())
     reality = ", ".join(
-        f"{group} {key} = {value:.4g}"
+        f"{group} {key} = {value if isinstance(value, Mapping) else format(value, '.4g')}"
         for group, values in environment["reality"].items()
         for key, value in values.items()
     )

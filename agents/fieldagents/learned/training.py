@@ -91,8 +91,8 @@ def _self_contained(config: TrainConfig) -> TrainConfig:
     if not isinstance(environment.reality, str):
         return config
     reality = read_reality(environment.reality, get_model(TASKS[config.task].model))
-    values = {**reality.effects, **({"parameters": reality.base} if reality.base else {})}
-    return config.model_copy(update={"environment": environment.model_copy(update={"reality": values})})
+    plain = environment.model_copy(update={"reality": reality.plain()})
+    return config.model_copy(update={"environment": plain})
 
 
 def versions() -> dict[str, Any]:

@@ -31,7 +31,7 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     data = out / f"{config.name}.{config.format}"
     save_recording(make_recording(config), data)
     model = get_model(config.model)
-    truth = read_reality(config.reality, model)
+    truth = _reality(config, model)
     hidden = out / f"{config.name}.reality.yaml"
     save_yaml(
         {
@@ -45,10 +45,16 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     return {"recording": data, "reality": hidden}
 
 
+def _reality(config: RecordConfig, model: Model) -> Reality:
+    """The hidden reality; samplers in it are drawn once, by the config's seed but apart from the noise."""
+    reality = read_reality(config.reality, model)
+    return reality.draw(model, np.random.default_rng([config.seed, 1])) if reality.random else reality
+
+
 def make_recording(config: RecordConfig) -> Recording:
     """The measured data that a config describes; equal configs give equal data."""
     model = get_model(config.model)
-    reality = read_reality(config.reality, model)
+    reality = _reality(config, model)
     recorder = recorder_of(config.model)
     make = recorder.record if recorder else _driven
     return make(config, model, reality, np.random.default_rng(config.seed))

@@ -41,7 +41,6 @@ class Setup(NamedTuple):
     Attributes:
         acceleration: Largest |f''| of the arm [rad/s2].
         arm: ``Arm.row()``, shape (5,).
-        sensor_effects: Whether the sensors have effects.
         running: Whether a sensor's noise follows its running maximum.
         per_mode: Whether each mode has maxima of its own.
         fraction: Share of the maximum that the noise reaches.
@@ -49,7 +48,6 @@ class Setup(NamedTuple):
 
     acceleration: float
     arm: FloatArray
-    sensor_effects: bool
     running: bool
     per_mode: bool
     fraction: float
@@ -60,6 +58,7 @@ class Experiments(NamedTuple):
 
     Attributes:
         vehicles: Numbers of vehicle, arm and sensors, shape (batch,), dtype ``ROW``.
+        sensing: Which of them have an effect of the sensors, shape (batch,).
         keys: Random streams, shape (batch,).
         counts: Samples so far, shape (batch,).
         command: Command in force, shape (batch, 3).
@@ -72,6 +71,7 @@ class Experiments(NamedTuple):
     """
 
     vehicles: NDArray[Any]
+    sensing: NDArray[np.bool_]
     keys: NDArray[np.uint64]
     counts: NDArray[np.int64]
     command: FloatArray
@@ -183,7 +183,7 @@ def shake(
             motion[b] = moved[::SUBSTEPS]
             bodies[b, :, :, 0:3] = signals[:, :, POSITION : POSITION + 3]
             bodies[b, :, :, 3:6] = signals[:, :, ANGLE : ANGLE + 3]
-        if setup.sensor_effects:
+        if e.sensing[b]:
             for mode in range(MODES):
                 measure_with_effects(e.vehicles[b], setup.arm[GRAVITY], e.history[b, mode], signals[mode])
         sense(e, b, setup, signals, features[b], noise[b])

@@ -167,6 +167,7 @@ class Shakers:
         batch: int,
         vehicle: ArrayLike = TABLE1,
         *,
+        possible: ArrayLike | None = None,
         preset: ArrayLike | None = None,
         arm: Arm | None = None,
         limits: Limits = LIMITS["wide"],
@@ -182,6 +183,7 @@ class Shakers:
             batch: Number of experiments.
             vehicle: What the vehicles truly are: the 22 unknowns, or the whole vector of ``ExcitationModel``
                 with the effects of vehicle, arm and sensors, 38 numbers.
+            possible: Whole vectors as extreme as ``set_reality`` will give, shape (k, n); None for none.
             preset: The nominal vehicle: fixes the sensors' full scale, and the unknowns that a variant takes
                 for known, shape (22,); None takes ``vehicle``.
             arm: The arm (default: the source's).
@@ -206,9 +208,14 @@ class Shakers:
             raise ModelError(
                 f"a vehicle has {UNKNOWNS} or {len(NUMBERS)} finite numbers, not shape {vector.shape}"
             )
-        self._center = with_effects(vector)
-        sensor_effects = bool(any_on(self._center, VEHICLE, EFFECTS, "sensor"))
-        nominal = np.array(self._center[:UNKNOWNS] if preset is None else preset, dtype=np.float64)
+        center = with_effects(vector)
+        self._centers = np.tile(center, (batch, 1))
+        self._sensing = any_on(self._centers, VEHICLE, EFFECTS, "sensor")
+        remembering = bool(self._sensing.any())
+        if possible is not None:
+            ends = np.asarray(possible, dtype=np.float64)
+            remembering = remembering or bool(any_on(ends, VEHICLE, EFFECTS, "sensor").any())
+        nominal = np.array(center[:UNKNOWNS] if preset is None else preset, dtype=np.float64)
         self.arm = arm or Arm()
         self.estimated = VARIANTS[variant].unknowns.copy()
         self.ranges = tuple(
@@ -233,7 +240,6 @@ class Shakers:
         self._setup = Setup(
             acceleration=limits.acceleration,
             arm=self.arm.row(),
-            sensor_effects=sensor_effects,
             running=self._noise.kind == "running_max",
             per_mode=self._noise.per_mode,
             fraction=self._noise.fraction,
@@ -248,7 +254,7 @@ class Shakers:
         self._maxima = np.zeros((batch, MODES, SIGNALS))
         self._base = np.zeros((batch, MODES, BASE))
         self._arm_motion = np.zeros((batch, 3))
-        self._history = np.zeros((batch, MODES, HISTORY if sensor_effects else 0, TURNS))
+        self._history = np.zeros((batch, MODES, HISTORY if remembering else 0, TURNS))
         self._experiments = Experiments(
             vehicles=as_rows(self._vehicles, ROW),
             **{name: getattr(self, f"_{name}") for name in Experiments._fields if name != "vehicles"},
@@ -280,6 +286,11 @@ class Shakers:
             self.seed(i, rng)
         self.begin(rows)
 
+    def set_reality(self, rows: list[int], vectors: FloatArray) -> None:
+        """Give some vehicles, before their next experiment, other parameters; shape (len(rows), n)."""
+        self._centers[rows] = vectors
+        self._sensing[rows] = any_on(vectors, VEHICLE, EFFECTS, "sensor")
+
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Draw the key of experiment ``i``'s noise and its vehicle's factors; ``begin`` then starts it."""
         self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
@@ -290,8 +301,8 @@ class Shakers:
         # Without a spread the preset stays as it is, to the bit; what counts as known is known.
         free = self.estimated if self._spread > 0.0 else np.zeros(UNKNOWNS, dtype=np.bool_)
         for i in rows:
-            drawn = drawn_around(self._center, self._spread, self._factors[i])
-            self._vehicles[i] = self._center
+            drawn = drawn_around(self._centers[i], self._spread, self._factors[i])
+            self._vehicles[i] = self._centers[i]
             self._vehicles[i, :UNKNOWNS][free] = drawn[:UNKNOWNS][free]
         self._counts[rows] = 0
         self._command[rows] = CONSTANT
@@ -301,8 +312,10 @@ class Shakers:
         self._base[rows] = 0.0
         # A lagging arm is behind its command already: (24) begins at its largest speed, unaccelerated.
         rate = CONSTANT[AMPLITUDE] * CONSTANT[FREQUENCY]
-        lag = float(as_rows(self._center, ROW)["actuator_lag"]["time_constant"])
-        self._arm_motion[rows] = CONSTANT[OFFSET] - lag * rate, rate, 0.0
+        lag = as_rows(self._centers[rows], ROW)["actuator_lag"]["time_constant"]
+        self._arm_motion[rows] = 0.0
+        self._arm_motion[rows, 0] = CONSTANT[OFFSET] - lag * rate
+        self._arm_motion[rows, 1] = rate
         self._history[rows] = 0.0
         self._filters.restart(rows)
 

@@ -263,7 +263,7 @@ def advance(
     walkers: NDArray[Any],
     gains: FloatArray,
     plants: NDArray[Any],
-    extended: bool,
+    extended: NDArray[np.bool_],
     c: Constants,
     levels: FloatArray,
     transition: FloatArray,
@@ -284,7 +284,7 @@ def advance(
         w = walkers[b]
         push_all(w, gains[b, 2], c, levels, use_bank)
         log_weights[:] = 0.0
-        done = swing(w, gains[b], plants[b], extended, c, levels, log_weights, use_bank, traces[b])
+        done = swing(w, gains[b], plants[b], extended[b], c, levels, log_weights, use_bank, traces[b])
         height = strike(w, done, c, levels, transition, log_weights, use_bank, errors[b])
         floors[b] = height * c.millimetres
         samples[b] = done.samples

@@ -76,7 +76,7 @@ class Strides:
     Attributes:
         walkers: All state, shape (batch,), dtype ``WALKER``.
         plants: What each leg and gyro truly are, shape (batch,), dtype ``PLANT``.
-        extended: Whether an effect is on in any of them.
+        extended: Which of them have an effect, shape (batch,).
     """
 
     def __init__(
@@ -120,14 +120,9 @@ class Strides:
         plants, extended = as_plants(vector)
         if reality is None:
             plants["length"] = self.leg.length
-        latest = float(plants["gyro_delay"]["delay"].max()) / self.leg.step
-        if latest > HISTORY - 2:
-            raise ModelError(
-                f"a gyro's delay of {latest:.1f} samples is longer than the {HISTORY - 2} that a walker "
-                f"remembers: a longer step than {self.leg.step:g} s, or a shorter delay"
-            )
-        self.plants = np.ascontiguousarray(np.broadcast_to(plants, (batch,)))
-        self.extended = bool(extended.any())
+        self._check_delay(plants)
+        self.plants = np.array(np.broadcast_to(plants, (batch,)))
+        self.extended = np.array(np.broadcast_to(extended, (batch,)))
         self.bank = bank
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
         self._constants = make_constants(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
@@ -138,6 +133,24 @@ class Strides:
     def __len__(self) -> int:
         """Number of walkers."""
         return len(self.walkers)
+
+    def set_reality(self, rows: list[int], vectors: FloatArray) -> None:
+        """Give some walkers, before their next walk, other parameters; shape (len(rows), n).
+
+        Raises:
+            ModelError: If a gyro's delay holds more samples than a walker remembers.
+        """
+        plants, extended = as_plants(vectors)
+        self._check_delay(plants)
+        self.plants[rows], self.extended[rows] = plants, extended
+
+    def _check_delay(self, plants: NDArray[Any]) -> None:
+        latest = float(plants["gyro_delay"]["delay"].max()) / self.leg.step
+        if latest > HISTORY - 2:
+            raise ModelError(
+                f"a gyro's delay of {latest:.1f} samples is longer than the {HISTORY - 2} that a walker "
+                f"remembers: a longer step than {self.leg.step:g} s, or a shorter delay"
+            )
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Start walker ``i`` anew with streams keyed by one draw from ``rng``."""

@@ -175,7 +175,7 @@ def locate(walks: Any, i: int, table: FloatArray, spacing: float, closed: bool, 
 @compiled
 def move(
     walks: Any, commands: FloatArray, table: FloatArray, spacing: float, closed: bool, latency: int,
-    plants: NDArray[Any], yaw: float, lateral: float, stride: float, limit: float,
+    plants: NDArray[Any], yaw: float, lateral: float, limit: float,
 ) -> None:  # fmt: skip
     """Take every walk through one stride.
 
@@ -189,7 +189,6 @@ def move(
         plants: What each walk truly is, shape (batch,), dtype ``PLANT``.
         yaw: Standard deviation of a stride's turn [rad].
         lateral: Standard deviation of a stride's sideways slip [m].
-        stride: Length of a stride [m].
         limit: Largest turn of a stride [rad].
     """
     for i in range(len(walks)):
@@ -197,7 +196,7 @@ def move(
         turn = ordered(walks, i, commands[i], plant, latency, limit) + yaw * draw_of(walks, i, 0)
         sideways = lateral * draw_of(walks, i, 1)
         cosine, sine = math.cos(walks[i]["heading"]), math.sin(walks[i]["heading"])
-        length = stride * (1.0 - plant.foot_slip.step)
+        length = plant.stride * (1.0 - plant.foot_slip.step)
         walks[i]["x"] += length * cosine - sideways * sine
         walks[i]["y"] += length * sine + sideways * cosine
         walks[i]["heading"] += turn
@@ -232,7 +231,7 @@ def scan(
         for b in range(len(bands)):
             place, found = see_line(
                 table, spacing, closed, width, walks[i]["x"], walks[i]["y"], forward_x, forward_y,
-                walks[i]["arc"], plant.camera_pitch.angle, bands[b],
+                walks[i]["arc"], plant.camera_pitch.angle, plant.camera_height, bands[b],
             )  # fmt: skip
             remember(walks, i, b, measured(place + noise * draw_of(walks, i, 2 + b), plant), found)
 

@@ -20,7 +20,6 @@ class Optics(NamedTuple):
     """The camera's constants as the kernels take them.
 
     Attributes:
-        height: Height above the floor [m].
         pitch: Angle of the optical axis below the horizon [rad].
         focal: Focal length [pixels].
         half_width: Half the image's width [pixels].
@@ -31,7 +30,6 @@ class Optics(NamedTuple):
         weights: Rows that each node stands for, shape (NODES,).
     """
 
-    height: float
     pitch: float
     focal: float
     half_width: float
@@ -49,7 +47,6 @@ def make_optics(camera: Camera, first_row: int | None = None, last_row: int | No
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     count = last - first
     return Optics(
-        height=camera.height,
         pitch=camera.pitch,
         focal=camera.focal,
         half_width=camera.width / 2.0,
@@ -73,6 +70,7 @@ def see_line(
     forward_y: float,
     arc: float,
     pitch_error: float,
+    height: float,
     optics: Optics,
 ) -> tuple[float, bool]:
     """Centroid of the line in the band, as the firmware sends it.
@@ -88,6 +86,7 @@ def see_line(
         forward_y: Unit vector of the viewing direction.
         arc: Arc length of the track's point nearest to the camera [m].
         pitch_error: True pitch minus calibrated pitch [rad].
+        height: Of the camera above the floor [m].
         optics: The camera's constants.
 
     Returns:
@@ -104,7 +103,7 @@ def see_line(
         if down <= 1e-3:
             continue  # above the horizon
         # the ray of this row meets the floor `ahead`; `depth` is its distance along the optical axis
-        depth = optics.height / down
+        depth = height / down
         ahead = depth * (cosine - slope * sine)
         at = arc + ahead
         beside = 0.0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.declaration import as_plants, nominal_plant
 from fieldmodels.machines.line_following.firmware import centroid
@@ -114,33 +115,28 @@ class Walks:
         Args:
             batch: Number of walks.
             scene: What they walk on and see with.
-            reality: Parameter vector of ``LineFollowing``, shape (n,) or (batch, n), with one stride and
-                one camera's height; None is nominal.
+            reality: Parameter vector of ``LineFollowing``, shape (n,) or (batch, n); None is nominal.
 
         Raises:
-            ModelError: If the batch is empty, the parameters have the wrong shape, or strides or heights
-                differ.
+            ModelError: If the batch is empty or the parameters have the wrong shape.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one walk, not {batch}")
         plants = nominal_plant(scene.gait, scene.camera) if reality is None else as_plants(reality)
         if plants.shape not in ((), (batch,)):
             raise ModelError(f"a batch of {batch} takes one reality or {batch}, not {plants.shape}")
-        if np.ptp(plants["stride"]) > 0 or np.ptp(plants["camera_height"]) > 0:
-            raise ModelError("walks of one batch share the length of their stride and their camera's height")
         self.scene = scene
         self.plants = np.array(np.broadcast_to(plants, (batch,)))
-        stride, height = (float(self.plants[name][0]) for name in ("stride", "camera_height"))
         self.walks: NDArray[Any] = np.zeros(batch, dtype=WALK)
         one, track = scene.camera, scene.track
         above = (2 * one.first_row - one.last_row, one.first_row)
         self._rows = ((one.first_row, one.last_row), above)[: scene.bands]
-        self._bands = tuple(make_optics(one, *rows)._replace(height=height) for rows in self._rows)
-        self._gait = replace(scene.gait, step=stride / 2.0)
+        self._bands = tuple(make_optics(one, *rows) for rows in self._rows)
+        self._body_of = lru_cache(maxsize=batch)(self._make_body)
+        self._renderer_of = lru_cache(maxsize=batch)(self._make_renderer)
         self._track = (track.table, track.spacing, track.closed)
         self._begun = np.zeros(batch, dtype=np.bool_)
-        self._body = Body(self._gait, scene.hardware) if scene.plant == "pymunk" else None
-        self._camera = replace(one, height=height)
+        self._rigid = scene.plant == "pymunk"
         self.images: Image | None = None
         if scene.sight == "image":
             self.images = np.zeros((batch, one.rows, one.width), dtype=np.uint8)
@@ -148,6 +144,10 @@ class Walks:
     def __len__(self) -> int:
         """Number of walks."""
         return len(self.walks)
+
+    def set_reality(self, rows: list[int], vectors: FloatArray) -> None:
+        """Give some walks, before they begin again, other parameters; shape (len(rows), n)."""
+        self.plants[rows] = as_plants(vectors)
 
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Start several walks anew, each with noise keyed by one draw from its own generator."""
@@ -168,9 +168,10 @@ class Walks:
                 self.walks, i, self.walks["key"][i], *self._track,
                 scene.noise.bias, scene.offset, scene.misalignment, scene.sided,
             )  # fmt: skip
-            if self._body is not None:
-                self._body.place(*(float(self.walks[name][i]) for name in ("x", "y", "heading")))
-                self.walks["bodies"][i] = self._body.state
+            if self._rigid:
+                body = self._body_of(float(self.plants["stride"][i]))
+                body.place(*(float(self.walks[name][i]) for name in ("x", "y", "heading")))
+                self.walks["bodies"][i] = body.state
         self._begun[rows] = True
         self._scan(np.array(rows, dtype=np.int64))
 
@@ -189,19 +190,19 @@ class Walks:
         if not self._begun.all():
             raise ModelError("restart every walk before the first stride")
         scene = self.scene
-        if self._body is not None:
+        if self._rigid:
             for i, value in enumerate(values):
-                self._walk_bodies(self._body, i, float(value))
+                self._walk_bodies(self._body_of(float(self.plants["stride"][i])), i, float(value))
         else:
             move(
                 self.walks, values, *self._track, scene.latency, self.plants,
-                scene.noise.yaw, scene.noise.lateral, self._gait.stride, self._gait.limit,
+                scene.noise.yaw, scene.noise.lateral, scene.gait.limit,
             )  # fmt: skip
         self._scan(np.arange(len(self)))
 
     def _walk_bodies(self, body: Body, i: int, command: float) -> None:
         """Take one walk through a stride of rigid bodies."""
-        noise, gait = self.scene.noise, self._gait
+        noise, gait = self.scene.noise, self.scene.gait
         turn = order(self.walks, i, command, self.plants[i], self.scene.latency, gait.limit)
         body.state = self.walks["bodies"][i].copy()
         body.stride(turn + noise.yaw * draw(self.walks, i, YAW))
@@ -209,7 +210,7 @@ class Walks:
         body.state[[0, 6, 12]] -= sideways * np.sin(heading)
         body.state[[1, 7, 13]] += sideways * np.cos(heading)
         self.walks["bodies"][i] = body.state
-        land(self.walks, i, *body.pose, *self._track, gait.stride)
+        land(self.walks, i, *body.pose, *self._track, float(self.plants["stride"][i]))
 
     def _scan(self, which: NDArray[np.int64]) -> None:
         """Let some walks read their cameras."""
@@ -238,11 +239,15 @@ class Walks:
         camera = self.scene.camera
         return self._photograph(i, np.zeros((camera.rows, camera.width), dtype=np.uint8))
 
-    @cached_property
-    def _renderer(self) -> Renderer:
-        scene = self.scene
-        view = make_view(self._camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
-        return Renderer(scene.track, self._camera, view)
+    def _make_body(self, stride: float) -> Body:
+        """The rigid bodies of walks with strides of one length [m]."""
+        return Body(replace(self.scene.gait, step=stride / 2.0), self.scene.hardware)
+
+    def _make_renderer(self, height: float) -> Renderer:
+        """What draws the images of cameras at one height [m]."""
+        scene, camera = self.scene, replace(self.scene.camera, height=height)
+        view = make_view(camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
+        return Renderer(scene.track, camera, view)
 
     def _photograph(self, i: int, image: Image) -> Image:
         """Render what one walk's camera sees; a swaying body makes the line's noise."""
@@ -253,9 +258,8 @@ class Walks:
             heading -= float(one["turned"])
         key = (int(one["key"]) + PIXELS + 8 * int(one["count"])) % 2**64
         pose = (float(one["x"]), float(one["y"]), heading)
-        return self._renderer.image(
-            pose, float(one["arc"]), key, image, float(plant["camera_pitch"]["angle"])
-        )
+        renderer = self._renderer_of(float(plant["camera_height"]))
+        return renderer.image(pose, float(one["arc"]), key, image, float(plant["camera_pitch"]["angle"]))
 
     def state(self) -> NDArray[Any]:
         """An exact snapshot of all walks: a plain structured array, shape (batch,)."""

@@ -155,6 +155,7 @@ class Robots:
         rules: Rules | None = None,
         reality: ArrayLike | None = None,
         *,
+        possible: ArrayLike | None = None,
         field: Field = FIELD,
         arrival: Arrival | None = None,
     ) -> None:
@@ -164,6 +165,7 @@ class Robots:
             batch: Number of robots.
             rules: The task's rules.
             reality: Parameter vector of ``PoseReaching``, shape (n,) or (batch, n); None is nominal.
+            possible: Parameter vectors as extreme as ``set_reality`` will give, shape (k, n); None for none.
             field: The playing field.
             arrival: When a robot has arrived; None takes that of the rules.
 
@@ -183,9 +185,12 @@ class Robots:
         self.extended: Extended | None = None
         self.field = field
         self._rules = kernel_rules(self.rules, batch, field, arrival or self.rules.arrival)
-        if any_on(vector, BASE, EFFECTS).any():
-            rows = as_rows(np.broadcast_to(vector, (batch, len(nominal))), ROW)
-            self.extended = make_extended(rows, self.rules.tick / int(self._rules["substeps"][0]))
+        later = vector if possible is None else np.asarray(possible, dtype=np.float64)
+        if any_on(vector, BASE, EFFECTS).any() or any_on(later, BASE, EFFECTS).any():
+            vectors = np.array(np.broadcast_to(vector, (batch, len(nominal))))
+            instant = self.rules.tick / int(self._rules["substeps"][0])
+            on = any_on(vectors, BASE, EFFECTS)
+            self.extended = make_extended(as_rows(vectors, ROW), on, instant, as_rows(later, ROW))
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self._ready = False
 
@@ -197,6 +202,17 @@ class Robots:
     def seeded(self) -> NDArray[np.bool_]:
         """Which robots have a stream, shape (batch,)."""
         return self._seeded
+
+    def set_reality(self, rows: list[int], vectors: FloatArray) -> None:
+        """Give some robots, before their next episode, other parameters; shape (len(rows), n)."""
+        if self.extended is None:
+            raise ModelError("robots that are to have effects later need them among ``possible``")
+        self.extended.rows[rows] = as_rows(vectors, ROW)
+        self.extended.on[rows] = any_on(vectors, BASE, EFFECTS)
+
+    def set_rules(self, row: int, rules: Rules) -> None:
+        """Give one robot, before its next episode, other rules with the same tick."""
+        self._rules[row] = kernel_rules(rules, 1, self.field, rules.arrival)[0]
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Give robot ``i`` a stream keyed by one draw from ``rng``; its next episode is its first."""

@@ -22,27 +22,34 @@ class Extended(NamedTuple):
 
     Attributes:
         rows: Numbers of each robot, shape (batch,), dtype ``ROW``.
+        on: Which robots have an effect, shape (batch,).
         speeds: Speed of each rim [m/s], shape (batch, 2).
         aims: What the rims aimed at in the latest instants [m/s], shape (batch, slots, 2).
         poses: Poses at the latest instants: x [m], y [m], heading [rad]; shape (batch, slots, 3).
     """
 
     rows: NDArray[Any]
+    on: NDArray[np.bool_]
     speeds: FloatArray
     aims: FloatArray
     poses: FloatArray
 
 
-def make_extended(rows: NDArray[Any], instant: float) -> Extended:
-    """Robots at rest, with rings that hold their longest delay.
+def make_extended(
+    rows: NDArray[Any], on: NDArray[np.bool_], instant: float, possible: NDArray[Any]
+) -> Extended:
+    """Robots at rest, with rings that hold the longest delay.
 
     Args:
         rows: Numbers of each robot, shape (batch,), dtype ``ROW``.
+        on: Which robots have an effect, shape (batch,).
         instant: Time between instants [s].
+        possible: Numbers that robots may have later, of any shape and that dtype.
     """
-    longest = max(float(rows[name]["delay"].max()) for name in ("actuator_delay", "sensor_delay"))
+    delays = ("actuator_delay", "sensor_delay")
+    longest = max(float(kind[name]["delay"].max()) for name in delays for kind in (rows, possible))
     batch, slots = len(rows), math.ceil(longest / instant) + 2
-    return Extended(rows, np.zeros((batch, 2)), np.zeros((batch, slots, 2)), np.zeros((batch, slots, 3)))
+    return Extended(rows, on, np.zeros((batch, 2)), np.zeros((batch, slots, 2)), np.zeros((batch, slots, 3)))
 
 
 @inlined

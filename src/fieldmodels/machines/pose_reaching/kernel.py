@@ -180,6 +180,18 @@ def drive_extended(
     return False, held
 
 
+@inlined
+def driven(
+    robot: Any, speed: float, rate: float, extended: Extended | None, b: int, c: Any
+) -> tuple[bool, bool]:
+    """Drive a robot for a tick, with its effects if it has any; see ``drive``."""
+    if extended is not None:
+        if extended.on[b]:
+            return drive_extended(robot, speed, rate, extended, b, c)
+        return drive(robot, speed, rate, c)
+    return drive(robot, speed, rate, c)
+
+
 @compiled
 def measured_pose(robot: Any, extended: Extended, b: int, c: Any) -> tuple[float, float, float]:
     """The pose of robot ``b`` as it is measured: x [m], y [m], heading [rad]."""
@@ -264,10 +276,7 @@ def advance_all(
             speed = 0.5 * c.max_speed * (1.0 + min(max(float(actions[b, 0]), -1.0), 1.0))
             rate = c.max_rate * min(max(float(actions[b, 1]), -1.0), 1.0)
             time, distance = robot.time, robot.distance
-            if extended is not None:
-                there, held = drive_extended(robot, speed, rate, extended, b, c)
-            else:
-                there, held = drive(robot, speed, rate, c)
+            there, held = driven(robot, speed, rate, extended, b, c)
             robot.distance = math.sqrt(robot.x * robot.x + robot.y * robot.y)
             robot.ticks += 1
             out_of_time = robot.ticks >= c.last_tick and not there

@@ -154,6 +154,20 @@ def observed_names(radars: int) -> tuple[str, ...]:
     return OWN + tuple(f"radar_{r}_{name}" for r in range(radars) for name in EACH)
 
 
+def check_plants(own: NDArray[Any]) -> None:
+    """Make sure that aircraft can fly.
+
+    Raises:
+        ModelError: If a wind is stronger than its aircraft, or a factor is not positive.
+    """
+    slowest = own["speed"] * (1.0 - own["turn_speed_loss"]["share"])
+    if not (np.hypot(own["wind"]["north"], own["wind"]["east"]) < slowest).all():
+        raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
+    factors = ("signature_scale", "nose_cone_width", "radar_range_scale", "look_interval")
+    if not all((own[name]["factor"] > 0).all() for name in factors):
+        raise ModelError(f"the factors of {', '.join(factors)} must be positive")
+
+
 class Flights:
     """A batch of flights, each with an episode of its own.
 
@@ -184,14 +198,9 @@ class Flights:
                 f"a plant comes from UavRoute.plant and has shape () or ({batch},), not {own.shape} of "
                 f"{own.dtype.name}"
             )
-        slowest = own["speed"] * (1.0 - own["turn_speed_loss"]["share"])
-        if not (np.hypot(own["wind"]["north"], own["wind"]["east"]) < slowest).all():
-            raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
-        factors = ("signature_scale", "nose_cone_width", "radar_range_scale", "look_interval")
-        if not all((own[name]["factor"] > 0).all() for name in factors):
-            raise ModelError(f"the factors of {', '.join(factors)} must be positive")
+        check_plants(own)
         self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
-        self.plants = np.ascontiguousarray(np.broadcast_to(own, (batch,)))
+        self.plants = np.array(np.broadcast_to(own, (batch,)))
         self._constants = make_constants(self.rules.world)
         self._play = make_play(self.rules)
         self._columns = len(OWN) + self.rules.count * len(EACH)
@@ -203,6 +212,15 @@ class Flights:
     def __len__(self) -> int:
         """Number of flights."""
         return len(self.flights)
+
+    def set_plants(self, rows: list[int], plants: NDArray[Any]) -> None:
+        """Say what some aircraft truly are from their next episode on; shape (len(rows),).
+
+        Raises:
+            ModelError: If one cannot fly, see ``check_plants``.
+        """
+        check_plants(plants)
+        self.plants[rows] = plants
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Give flight ``i`` a stream keyed by one draw from ``rng``; its next episode is its first."""

@@ -1,0 +1,257 @@
+"""Domain randomisation: what is drawn acts, is told, is restored, and is what a fixed reality of it is."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import fieldgym
+from fieldmodels.model import ModelError
+from fieldmodels.sampling import Choice, Uniform
+
+RANDOM = {
+    "fieldgym/Excitation-v0": {
+        "payload": {"mass": {"uniform": [0.0, 0.3]}},
+        "accelerometer_gain": {"gain": {"choice": [1.0, 1.05]}},
+    },
+    "fieldgym/HeelStrike-v0": {
+        "gyro_bias": {"rate": {"normal": [0.0, 0.05]}},
+        "gyro_delay": {"delay": {"choice": [0.0, 0.013]}},
+        "parameters": {"length": {"uniform": [0.9, 1.1]}},
+    },
+    "fieldgym/LineFollowing-v0": {
+        "steering_bias": {"turn": {"uniform": [-0.05, 0.05]}},
+        "parameters": {"camera_height": {"uniform": [0.8, 1.2]}, "stride": {"choice": [0.6, 0.7, 0.8]}},
+    },
+    "fieldgym/PoseReaching-v0": {
+        "actuator_lag": {"time_constant": {"choice": [0.0, 0.05, 0.2]}},
+        "heading_bias": {"angle": {"choice": [0.0, 0.1]}},
+    },
+    "fieldgym/UavRoute-v0": {
+        "wind": {"north": {"uniform": [-40.0, 40.0]}, "east": {"uniform": [-40.0, 40.0]}},
+        "sensor_bias": {"north": {"choice": [0.0, 3000.0]}},
+    },
+}
+RANDOM["fieldgym/LineFollowingPixels-v0"] = RANDOM["fieldgym/LineFollowing-v0"]
+IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))
+every_environment = pytest.mark.parametrize("env_id", IDS)
+
+
+def plain(reality, i=None):
+    """A reality out of an info, of one row of a batch or of a scalar environment."""
+    return {
+        effect: {
+            name: float(value if i is None else value[i])
+            for name, value in values.items()
+            if not name.startswith("_")
+        }
+        for effect, values in reality.items()
+        if not effect.startswith("_")
+    }
+
+
+def equal(a, b):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(equal(a[k], b[k]) for k in a)
+    return np.array_equal(a, b, equal_nan=np.asarray(a).dtype.kind == "f")
+
+
+def without_drawn(info):
+    privileged = {k: v for k, v in info["privileged"].items() if k not in ("reality", "settings")}
+    return {**info, "privileged": privileged}
+
+
+@every_environment
+def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id):
+    """And so it acts: the six realities differ, and so do their episodes."""
+    env = gym.make(env_id, reality=RANDOM[env_id]).unwrapped
+    seen = []
+    for seed in range(6):
+        observation, info = env.reset(seed=seed)
+        told = plain(info["privileged"]["reality"])
+        twin = gym.make(env_id, reality=told).unwrapped
+        expected, other = twin.reset(seed=seed)
+        assert np.array_equal(observation, expected)
+        assert equal(without_drawn(info), other)
+        env.action_space.seed(seed)
+        for _ in range(12):
+            action = env.action_space.sample()
+            ours, theirs = env.step(action), twin.step(action)
+            assert equal(dict(enumerate(ours[:4])), dict(enumerate(theirs[:4])))
+            assert plain(ours[4]["privileged"]["reality"]) == told
+            assert equal(without_drawn(ours[4]), theirs[4])
+            if ours[2] or ours[3]:
+                break
+        seen.append(told)
+    assert all(a != b for k, a in enumerate(seen) for b in seen[:k]) or len({str(s) for s in seen}) >= 3
+
+
+@every_environment
+def test_what_is_drawn_acts(env_id):
+    """Equal seeds and actions, each reality in turn: episodes of different realities differ."""
+    env = gym.make_vec(env_id, num_envs=6, reality=RANDOM[env_id])
+    _, info = env.reset(seed=0)
+    drawn = [plain(info["privileged"]["reality"], i) for i in range(6)]
+    ends = {}
+    for told in drawn:
+        twin = gym.make(env_id, reality=told).unwrapped
+        twin.reset(seed=0)
+        twin.action_space.seed(0)
+        trace = b""
+        for _ in range(6):
+            step = twin.step(twin.action_space.sample())
+            trace += step[0].tobytes() + np.float64(step[1]).tobytes()
+            if step[2] or step[3]:
+                break
+        ends[str(told)] = trace
+    assert len(ends) >= 3
+    assert len(set(ends.values())) == len(ends)
+
+
+@every_environment
+def test_rows_are_scalar_environments_also_after_restarts(env_id):
+    native = gym.make_vec(env_id, num_envs=3, vectorization_mode="vector_entry_point", reality=RANDOM[env_id])
+    scalar = gym.make_vec(env_id, num_envs=3, vectorization_mode="sync", reality=RANDOM[env_id])
+    assert equal(dict(enumerate(native.reset(seed=4))), dict(enumerate(scalar.reset(seed=4))))
+    native.action_space.seed(1)
+    restarts = 0
+    for _ in range(170):
+        actions = native.action_space.sample()
+        ours, theirs = native.step(actions), scalar.step(actions)
+        for a, b in zip(ours, theirs, strict=True):
+            assert equal(a, b) if isinstance(a, dict) else np.array_equal(a, b)
+        restarts += (ours[2] | ours[3]).sum()
+        if restarts > 6:
+            break
+    assert restarts or "HeelStrike" in env_id
+
+
+@every_environment
+def test_snapshots_restore_what_was_drawn_and_what_will_be(env_id):
+    env = gym.make_vec(env_id, num_envs=2, reality=RANDOM[env_id])
+    env.reset(seed=4)
+    env.action_space.seed(1)
+    actions = [env.action_space.sample() for _ in range(8)]
+    for action in actions[:3]:
+        env.step(action)
+    state = env.get_state()
+    first = [env.step(a) for a in actions] + [env.reset()]
+    for other in (env, gym.make_vec(env_id, num_envs=2, reality=RANDOM[env_id])):
+        other.set_state(state)
+        again = [other.step(a) for a in actions] + [other.reset()]
+        for a, b in zip(first, again, strict=True):
+            assert equal(dict(enumerate(a)), dict(enumerate(b)))
+    fixed = gym.make_vec(env_id, num_envs=2)
+    fixed.reset(seed=0)
+    with pytest.raises(ValueError, match="get_state"):
+        env.set_state(fixed.get_state())
+
+
+def test_every_row_and_every_episode_draws_its_own():
+    env = gym.make_vec(
+        "fieldgym/PoseReaching-v0",
+        num_envs=64,
+        settings={"timeout": 0.3},
+        reality={"yaw_slip": {"share": Uniform(0.0, 0.5)}},
+    )
+    _, info = env.reset(seed=0)
+    draws = [info["privileged"]["reality"]["yaw_slip"]["share"]]
+    for _ in range(7):
+        info = env.step(np.zeros((64, 2), np.float32))[4]
+        draws.append(info["privileged"]["reality"]["yaw_slip"]["share"])
+    assert len(np.unique(draws)) == 128  # one for each of two episodes; equal within each
+    assert np.array_equal(draws[0], draws[3])
+    assert not np.array_equal(draws[3], draws[4])
+
+
+def test_a_drawn_slip_turns_each_robot_by_what_its_info_says():
+    env = gym.make_vec(
+        "fieldgym/PoseReaching-v0", num_envs=5, reality={"yaw_slip": {"share": {"uniform": [0.0, 0.5]}}}
+    )
+    _, info = env.reset(seed=0, options={"pose": (1.0, 0.5, 0.0)})
+    share = info["privileged"]["reality"]["yaw_slip"]["share"]
+    _, _, _, _, info = env.step(np.tile(np.array([0.0, 0.5], np.float32), (5, 1)))
+    np.testing.assert_allclose(info["pose"][:, 2], 0.1 * 2.0 * (1.0 - share), rtol=1e-9)
+    assert np.ptp(share) > 0.1
+
+
+def test_settings_are_drawn_too():
+    settings = {
+        "starts": {"choice": ["T1", "T2"]},
+        "max_speed": {"uniform": [0.5, 1.5]},
+        "success": {"choice": ["strict", "loose"]},
+        "timeout": {"log_uniform": [0.3, 3.0]},
+        "wall_cost": Choice((0.0, 5.0)),
+    }
+    env = gym.make_vec("fieldgym/PoseReaching-v0", num_envs=16, settings=settings)
+    observation, info = env.reset(seed=3)
+    told = info["privileged"]["settings"]
+    assert set(told["starts"]) == {"T1", "T2"}
+    for i in range(16):
+        own = {name: told[name][i] for name in settings}
+        twin = gym.make("fieldgym/PoseReaching-v0", settings=own).unwrapped
+        expected, _ = twin.reset(seed=3 + i)
+        assert np.array_equal(observation[i], expected)
+    env.action_space.seed(0)
+    chosen = [{name: told[name][i] for name in settings} for i in range(16)]
+    twins = [gym.make("fieldgym/PoseReaching-v0", settings=own).unwrapped for own in chosen]
+    for i, twin in enumerate(twins):
+        twin.reset(seed=3 + i)
+    over = np.zeros(16, dtype=bool)
+    for _ in range(12):
+        actions = env.action_space.sample()
+        step = env.step(actions)
+        for i, twin in enumerate(twins):
+            if not over[i]:
+                one = twin.step(actions[i])
+                assert [step[k][i] for k in (1, 2, 3)] == list(one[1:4])
+                assert np.array_equal(step[0][i], one[0])
+        over |= step[2] | step[3]
+    assert 0 < over.sum() < 16
+    state = env.get_state()
+    after = env.step(actions)
+    fresh = gym.make_vec("fieldgym/PoseReaching-v0", num_envs=16, settings=settings)
+    fresh.set_state(state)
+    assert equal(dict(enumerate(after)), dict(enumerate(fresh.step(actions))))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"max_speed": {"uniform": [0, 1]}}, "max_speed: uniform.*can draw 0"),
+        ({"max_speed": {"uniform": [2, 1]}}, "max_speed: uniform needs its smaller end first"),
+        ({"max_speed": {"uniformly": [1, 2]}}, "max_speed: no sampler 'uniformly'; |max_speed.*did you mean"),
+        (
+            {"tick": {"uniform": [0.1, 0.2]}},
+            "tick: one value holds for all.*may be starts, success",
+        ),
+        ({"starts": {"choice": ["T1", "T9"]}}, "starts: a choice out of 'T1', 'T2', 'T3'"),
+        ({"starts": {"uniform": [0, 1]}}, "starts: a choice out of"),
+        (
+            {"max_speed": {"uniform": [2, 1]}, "nonsense": 1},
+            "max_speed: uniform(.|\n)*nonsense: unknown",
+        ),
+    ],
+)
+def test_settings_that_cannot_be_drawn_are_named(settings, words):
+    with pytest.raises(fieldgym.SettingsError, match=words):
+        gym.make("fieldgym/PoseReaching-v0", settings=settings)
+
+
+def test_a_wind_that_could_not_be_flown_in_is_refused_before_anything_runs():
+    with pytest.raises(ModelError, match="wind is as fast"):
+        gym.make(
+            "fieldgym/UavRoute-v0",
+            reality={"wind": {"north": {"uniform": [0, 70]}}},
+            settings={"speed": 0.05},
+        )
+
+
+def test_a_fixed_value_beside_a_random_one_draws_nothing():
+    both = {"yaw_slip": {"share": {"uniform": [0.0, 0.5]}}, "heading_bias": {"angle": 0.1}}
+    one = {"yaw_slip": {"share": {"uniform": [0.0, 0.5]}}}
+    told = []
+    for reality in (both, one):
+        env = gym.make("fieldgym/PoseReaching-v0", reality=reality).unwrapped
+        infos = env.reset(seed=1)[1], env.reset()[1]
+        told.append([info["privileged"]["reality"]["yaw_slip"] for info in infos])
+    assert told[0] == told[1]
