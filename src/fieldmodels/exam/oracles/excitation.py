@@ -49,8 +49,8 @@ UP = np.array([0.0, 0.0, 1.0])
 TINY = 1e-30
 """The complex step."""
 
-RELATIVE, ABSOLUTE = 1e-8, 1e-11
-"""Tolerances of the integrator: some 1e-7 of a signal over a second."""
+RELATIVE, ABSOLUTE = 2e-8, 2e-11
+"""Tolerances of the integrator: some 2e-7 of a signal over a second."""
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 Motion = Callable[[float], tuple[float, float, float]]
