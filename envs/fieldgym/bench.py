@@ -12,8 +12,9 @@ from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.randomisation import Drawn
 from fieldgym.rendering.canvas import Frame
-from fieldgym.settings import SettingsError, read_settings
+from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
 from fieldmodels.machine import Machine
 from fieldmodels.names import did_you_mean
@@ -23,6 +24,7 @@ from fieldmodels.settings import Setting
 
 WAVES = 3
 """Sines that make up a reference."""
+ONE = "all rows share it"
 WORST = 1.0
 """Most that a step costs for its error."""
 
@@ -31,18 +33,22 @@ WORST = 1.0
 class BenchSettings:
     """What the machine has to do, and how it is driven; each field says its unit and bounds."""
 
-    step: Annotated[float, Setting("Time that a command is held.", "s", above=0)] = 0.01
-    duration: Annotated[float, Setting("Length of an episode.", "s", above=0)] = 10.0
-    track: Annotated[str, Setting("Output that follows the reference; empty for the first.")] = ""
-    reach: Annotated[float, Setting("Largest reference; 0 for the machine's typical size.", least=0)] = 0.0
+    step: Annotated[float, Setting("Time that a command is held.", "s", above=0, fixed=ONE)] = 0.01
+    duration: Annotated[float, Setting("Length of an episode.", "s", above=0, fixed=ONE)] = 10.0
+    track: Annotated[str, Setting("Output that follows the reference; empty for the first.", fixed=ONE)] = ""
+    reach: Annotated[
+        float, Setting("Largest reference; 0 for the machine's typical size.", least=0, fixed=ONE)
+    ] = 0.0
     fastest: Annotated[float, Setting("Highest frequency in the reference.", "Hz", above=0)] = 0.5
-    command: Annotated[float, Setting("Largest command; 0 for the machine's typical one.", least=0)] = 0.0
-    effort: Annotated[float, Setting("Cost of a step at the largest command.", least=0)] = 0.0
+    command: Annotated[
+        float, Setting("Largest command; 0 for the machine's typical one.", least=0, fixed=ONE)
+    ] = 0.0
+    effort: Annotated[float, Setting("Cost of a step at the largest command.", least=0, fixed=ONE)] = 0.0
     start: Annotated[
         float, Setting("Spread of the tracked output at the start, as a share of `reach`.", least=0)
     ] = 0.0
     noise: Annotated[float, Setting("Factor on the sensors' noise.", least=0)] = 1.0
-    escape: Annotated[float, Setting("Times `reach` at which the episode ends.", above=1)] = 10.0
+    escape: Annotated[float, Setting("Times `reach` at which the episode ends.", above=1, fixed=ONE)] = 10.0
 
 
 class BenchTask(BatchTask):
@@ -58,8 +64,9 @@ class BenchTask(BatchTask):
         """Make a batch; see ``BatchTask``."""
         del drawing
         machine = self.machine
-        self.settings: BenchSettings = read_settings(settings, BenchSettings)
+        self.settings, samplers = read_random_settings(settings, BenchSettings)
         self.reality = read_reality(reality, machine)
+        self.drawn = Drawn(batch, machine, self.reality, self.settings, samplers)
         outputs = [s.name for s in machine.outputs]
         track = self.settings.track or outputs[0]
         if track not in outputs:
@@ -69,19 +76,25 @@ class BenchTask(BatchTask):
         self.command = self.settings.command or largest
         self.reach = self.settings.reach or typical
         self.steps = max(1, round(self.settings.duration / self.settings.step))
-        vector = self.reality.vector(machine)
-        self.driver = BatchDriver(machine, np.tile(vector, (batch, 1)), self.settings.step, self.command)
+        self.driver = BatchDriver(machine, self.drawn.vectors, self.settings.step, self.command)
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._noise = np.zeros((batch, self.steps + 1, len(outputs)))
         self._reference = np.zeros((batch, self.steps + 2))
-        self._deviations = np.array([s.noise for s in machine.outputs]) * self.settings.noise
+        self._deviations = np.array([s.noise for s in machine.outputs])
 
     def spaces(self) -> tuple[Box, Box]:
         """Commands as shares of the largest; measured outputs, the reference now and a step ahead."""
         count = len(self.machine.outputs) + 2
         inputs = max(len(self.machine.inputs), 1)
         return Box(-1.0, 1.0, (inputs,), np.float32), Box(-np.inf, np.inf, (count,), np.float32)
+
+    def set_reality(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.set_reality``."""
+        self.driver.set_parameters(rows, vectors)
+
+    def set_settings(self, row: int, settings: BenchSettings) -> None:
+        """See ``BatchTask.set_settings``; ``begin`` reads those of each row where they were drawn."""
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys an episode's start, noise and reference."""
@@ -93,22 +106,22 @@ class BenchTask(BatchTask):
         names = [s.name for s in self.machine.states]
         track = self.machine.outputs[self.tracked].name
         for k, row in enumerate(rows):
-            rng = np.random.default_rng(int(self._keys[row]))
-            first = self.settings.start * self.reach * rng.uniform(-1.0, 1.0)
+            own, rng = self.drawn.settings[row], np.random.default_rng(int(self._keys[row]))
+            first = own.start * self.reach * rng.uniform(-1.0, 1.0)
             if track in names:
                 states[k, names.index(track)] = first
-            self._noise[row] = self._deviations * rng.standard_normal(self._noise.shape[1:])
-            self._reference[row] = self._wave(rng)
+            self._noise[row] = own.noise * self._deviations * rng.standard_normal(self._noise.shape[1:])
+            self._reference[row] = self._wave(own.fastest, rng)
         self.driver.begin(rows, states)
         self.elapsed[rows] = 0
 
-    def _wave(self, rng: np.random.Generator) -> Floats:
-        """A reference from zero: sines up to the highest frequency, shape (steps + 2,)."""
+    def _wave(self, fastest: float, rng: np.random.Generator) -> Floats:
+        """A reference from zero: sines up to the highest frequency [Hz], shape (steps + 2,)."""
         time = np.arange(self.steps + 2) * self.settings.step
-        frequencies = self.settings.fastest * rng.uniform(0.2, 1.0, WAVES)
+        frequencies = fastest * rng.uniform(0.2, 1.0, WAVES)
         phases = rng.uniform(0.0, 2 * np.pi, WAVES)
         waves = np.sin(2 * np.pi * np.outer(time, frequencies) + phases).sum(axis=1) / WAVES
-        return np.asarray(self.reach * waves * np.minimum(time * self.settings.fastest, 1.0))
+        return np.asarray(self.reach * waves * np.minimum(time * fastest, 1.0))
 
     def measured(self) -> Floats:
         """What the sensors measure, shape (batch, outputs)."""
@@ -123,7 +136,7 @@ class BenchTask(BatchTask):
 
     def reset_info(self) -> dict[str, Any]:
         """The info that ``reset`` returns."""
-        return {"privileged": {"states": self.driver.states.copy()}}
+        return {"privileged": {"states": self.driver.states.copy(), **self.drawn.info}}
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Hold the commands for a step, shape (batch, inputs), as shares of the largest."""
@@ -145,7 +158,7 @@ class BenchTask(BatchTask):
             info={
                 "error": error,
                 "command": actions * self.command,
-                "privileged": {"states": self.driver.states.copy()},
+                "privileged": {"states": self.driver.states.copy(), **self.drawn.info},
             },
         )
 

@@ -88,6 +88,24 @@ def test_rows_of_the_vector_form_are_the_scalar_one_to_the_bit():
             assert reward[i] == own
 
 
+def test_a_random_reality_is_drawn_for_each_episode_and_told():
+    reality = {"actuator_gain": {"gain": {"uniform": [0.5, 1.5]}}}
+    env = as_env(Motor(), SETTINGS | {"fastest": {"choice": [0.3, 0.6]}}, reality)
+    gains = []
+    for seed in range(4):
+        _, info = env.reset(seed=seed)
+        drawn = info["privileged"]["reality"]["actuator_gain"]["gain"]
+        gains.append(drawn)
+        fixed = as_env(Motor(), SETTINGS, {"actuator_gain": {"gain": drawn}})
+        fixed.reset(seed=0)
+        action = np.full(1, 0.5, dtype=np.float32)
+        assert env.step(action)[0][0] == fixed.step(action)[0][0]
+    assert len(set(gains)) == 4
+    assert 0.5 <= min(gains) <= max(gains) <= 1.5
+    with pytest.raises(SettingsError, match="reach"):
+        as_env(Motor(), {"reach": {"uniform": [1, 2]}})
+
+
 def test_a_snapshot_goes_on_to_the_bit():
     env = as_env(Motor(), {"duration": 1.0}, REALITIES["late"])
     flown(env, steps=20)

@@ -65,19 +65,20 @@ class BatchDriver:
         """How many machines there are."""
         return len(self.states)
 
-    def begin(self, rows: Sequence[int], states: FloatArray, parameters: FloatArray | None = None) -> None:
+    def set_parameters(self, rows: Sequence[int], parameters: FloatArray) -> None:
+        """Give some machines other parameter vectors, shape (len(rows), n), before their next episode."""
+        self._parameters[rows] = parameters
+        self._refill()
+
+    def begin(self, rows: Sequence[int], states: FloatArray) -> None:
         """Begin new episodes of some machines.
 
         Args:
             rows: Which.
             states: Their true states, shape (len(rows), states).
-            parameters: Their parameter vectors, if they are others than before.
         """
         chosen = np.asarray(rows, dtype=np.int64)
         self.states[chosen] = states
-        if parameters is not None:
-            self._parameters[chosen] = parameters
-            self._refill()
         self._module.begin_all(
             self._base, self._curves, self.states, chosen, self.ticks, self.bristles, self.before, self.sensed
         )
