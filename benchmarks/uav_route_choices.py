@@ -72,8 +72,8 @@ def turns() -> None:
 
 
 def survival(plan: FloatArray, look: float, lock_loss: LockLoss) -> float:
-    """Share of flights along a plan that arrive if looks are drawn."""
-    world = World(detection=Detection(stochastic=True, look_interval=look), lock_loss=lock_loss)
+    """Share of flights along a plan that arrive if scans are drawn."""
+    world = World(detection=Detection(stochastic=True, scan_interval=look), lock_loss=lock_loss)
     flights = Flights(FLIGHTS, Rules(world, layout=EXAMPLE, longest_leg=500.0))
     for i in range(FLIGHTS):
         flights.seed(i, np.random.default_rng([1, i]))
@@ -87,7 +87,7 @@ def main() -> None:
     """Print the tables."""
     readings()
     turns()
-    print(f"\nshare of arrivals with drawn looks every ... s{'':14s}" + "".join(f"{x:8g}" for x in LOOKS))
+    print(f"\nshare of arrivals with drawn scans every ... s{'':14s}" + "".join(f"{x:8g}" for x in LOOKS))
     for name in ("straight line", "safe route"):
         for lock, times in LOCKS.items():
             shares = "".join(f"{survival(PLANS[name], look, times):8.3f}" for look in LOOKS)

@@ -49,7 +49,7 @@ def main() -> None:
                     native(OURS, count, settings={"lock_loss": False}),
                     count,
                 ),
-                f"native vector, drawn looks, {count}": (
+                f"native vector, drawn scans, {count}": (
                     native(OURS, count, settings={"detection": "stochastic"}),
                     count,
                 ),

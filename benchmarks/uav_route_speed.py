@@ -49,7 +49,7 @@ def main() -> None:
     rates = {
         f"one radar, {BATCH} flights": rate(legs(BATCH, Rules()), BATCH),
         f"four radars, {BATCH} flights": rate(legs(BATCH, Rules(radars=4)), BATCH),
-        f"one radar, drawn looks, {BATCH} flights": rate(legs(BATCH, Rules(drawn)), BATCH),
+        f"one radar, drawn scans, {BATCH} flights": rate(legs(BATCH, Rules(drawn)), BATCH),
         "one radar, legs of 10 km at most": rate(legs(BATCH, Rules(longest_leg=10.0)), BATCH),
         "two legs of 79 km simulated every 0.1 s": rate(lambda: simulate_plan(route, EXAMPLE.radars), 2),
         "one radar, one flight": rate(legs(1, Rules()), 1),

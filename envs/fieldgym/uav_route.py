@@ -79,8 +79,8 @@ class UavRouteSettings:
         radars: Number of radars of random layouts, 1 to 4.
         threshold: Probability of detection above which a detection counts, or is certain.
         interpolation: Table 4.2 between its entries: ``linear`` or ``log``.
-        detection: ``deterministic`` detects above the threshold; ``stochastic`` draws each look.
-        look_interval: Time between a radar's looks if they are drawn [s].
+        detection: ``deterministic`` detects above the threshold; ``stochastic`` draws each scan.
+        scan_interval: Time between a radar's scans if they are drawn [s].
         lock_loss: Whether a lock can be lost; without, whoever is detected is destroyed at once.
         lose: Undetected time after which a lock is lost, T_LL [s].
         engage: Detected time after which a missile is launched, T_eng [s].
@@ -112,7 +112,7 @@ class UavRouteSettings:
     threshold: Annotated[float, Field(ge=0.01, lt=0.99)] = 0.5
     interpolation: Literal["linear", "log"] = "linear"
     detection: Literal["deterministic", "stochastic"] = "deterministic"
-    look_interval: Positive = 5.0
+    scan_interval: Positive = 5.0
     lock_loss: bool = True
     lose: NotNegative = 50.0
     engage: NotNegative = 150.0
@@ -144,7 +144,7 @@ class UavRouteSettings:
                 threshold=self.threshold,
                 interpolation=self.interpolation,
                 stochastic=self.detection == "stochastic",
-                look_interval=self.look_interval,
+                scan_interval=self.scan_interval,
             ),
             lock_loss=LockLoss(self.lose, self.engage, self.target) if self.lock_loss else INSTANT_KILL,
             reading=replace(
@@ -398,7 +398,7 @@ class UavRouteEnv(TaskEnv):
     enough, the radar loses its lock (figure 4.2).
 
     One step is one leg: straight, at 0.25 km/s, banked at its beginning for the time that the turn takes.
-    The radars look every 5 s at most.
+    The radars scan every 5 s at most.
 
     ## Action Space
 
@@ -433,7 +433,7 @@ class UavRouteEnv(TaskEnv):
     | 8-10 | slant range beyond that of a side-on detection: tanh of 5 km, tanh of 50 km, in 500 km | - |
     | 11, 12 | cosine and sine of its bearing | 1 |
     | 13-15 | lock-loss, engage and launch timer | their thresholds, at most 1 |
-    | 16 | 1 if it detected the aircraft when it looked last | 1 |
+    | 16 | 1 if it detected the aircraft when it scanned last | 1 |
 
     ## Rewards
 
@@ -453,14 +453,14 @@ class UavRouteEnv(TaskEnv):
     | `remaining` | distance to the goal [km] |
     | `time_over` | time in which any radar detected it [s] |
     | `longest_detection` | longest time without a break in which one radar did [s] |
-    | `largest_probability` | largest probability of detection that a radar's look has had |
+    | `largest_probability` | largest probability of detection that a radar's scan has had |
     | `lock_losses` | how often an engaged radar lost its lock |
     | `legs` | flown |
     | `place` | north and east as the aircraft measures it [km] |
     | `course` | of the last leg, clockwise from north [rad] |
     | `radial` | bearing of the nearest radar, to which headings are relative [rad] |
     | `timers` | lock-loss, engage and launch timer of each radar [s], shape (radars, 3) |
-    | `detected` | 1 for each radar that detected the aircraft when it looked last, shape (radars,) |
+    | `detected` | 1 for each radar that detected the aircraft when it scanned last, shape (radars,) |
     | `layout` | `start`, `goal`, shape (2,), and `radars`, shape (radars, 2): north and east [km] |
     | `privileged` | `place`: where it is, which differs where a `reality` has a faulty sensor [km] |
 
@@ -470,7 +470,7 @@ class UavRouteEnv(TaskEnv):
     circle within which it detects an aircraft from the side, the goal mostly inside (0.69 to 0.995 of it),
     up to 60 degrees aside. Further radars leave a route of two legs undetected: no layout is hopeless.
     `layout="example"` is section 4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Layouts and
-    the luck of drawn looks depend on the seed alone, never on the actions.
+    the luck of drawn scans depend on the seed alone, never on the actions.
 
     ## Episode End
 
@@ -504,13 +504,13 @@ class UavRouteEnv(TaskEnv):
 
     - **Matches** the source: aircraft and turns (4.1)-(4.2); signature (Table 4.1) and detection (Table 4.2);
       the timers of (4.3)-(4.7); the example (section 4.5.1); detection above a threshold as its planner has
-      it (4.18), drawn looks as its simulation has them (section 4.2.2).
-    - **Deviates** where the source is wrong: a turn's side, the clamp of (4.2), axes, drawn looks, timers in
+      it (4.18), drawn scans as its simulation has them (section 4.2.2).
+    - **Deviates** where the source is wrong: a turn's side, the clamp of (4.2), axes, drawn scans, timers in
       seconds; `reading="printed"` is the source's. Its heading (4.1), that of the next leg, cannot be
       flown leg by leg. Legs have any length; its planner has steps of 50 s.
     - **Assumed**, since the source is silent: speed, height, linear interpolation in Table 4.2 (in
       logarithms, which physics prefers, the example's own start would be detected side-on), the lock-loss
-      thresholds (they mirror its four steps), look interval, capture radius, layouts, horizon, reward.
+      thresholds (they mirror its four steps), scan interval, capture radius, layouts, horizon, reward.
 
     ## Version History
 

@@ -144,14 +144,14 @@ def test_record_an_experiment_in_three_modes(tmp_path):
 
 
 def test_recorded_flights_are_diagnosed(tmp_path):
-    """The radar's looks survive the file: both hidden effects come back, the near twin beside one of them."""
+    """The radar's scans survive the file: both hidden effects come back, the near twin beside one of them."""
     result = run("record", CONFIGS / "uav_route" / "record.yaml", "--out", tmp_path)
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "seen_too_well.csv")
     assert set(table["detected"]) == {0, 1}
-    assert (table["look_gap"] == 0).mean() == pytest.approx(
+    assert (table["scan_gap"] == 0).mean() == pytest.approx(
         0.6, abs=0.01
-    )  # a look every 5 s, a row every 2 s
+    )  # a scan every 5 s, a row every 2 s
     out = tmp_path / "found"
     result = run("diagnose", tmp_path / "seen_too_well.csv", "--model", "uav_route", "--out", out)
     assert result.exit_code == 0, result.output

@@ -130,7 +130,7 @@ SIZES = {
         "nose_cone_width": 0.75,
         "radar_range_scale": -6.0,
         "radar_position": 9.0,
-        "look_interval": 5.0,
+        "scan_interval": 5.0,
     },
 }
 """Model to effect to its size in typical steps; negative for the other direction."""

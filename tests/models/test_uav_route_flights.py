@@ -271,7 +271,7 @@ def test_drawn_scans_detect_as_often_as_they_should():
     """A lone scan of 4000 flights: the share of detections within 5 standard errors, in both readings."""
     layout = replace(EXAMPLE, start=(355.0, 0.0), goal=(355.0, 300.0))
     for draw in ("below", "above"):
-        world = World(detection=Detection(stochastic=True, look_interval=1e4), reading=Reading(draw=draw))
+        world = World(detection=Detection(stochastic=True, scan_interval=1e4), reading=Reading(draw=draw))
         flights = make(4000, Rules(world, layout=layout))
         flights.fly_to(np.broadcast_to([355.0, 20.0], (4000, 2)))
         chance = flights.flights["probability"][0, 0]
@@ -385,7 +385,7 @@ def test_a_wider_nose_cone_hides_what_would_be_seen_beside_it():
 
 def test_a_longer_scan_interval_makes_fewer_scans():
     rules = Rules(World(detection=Detection(stochastic=True)), layout=EXAMPLE, longest_leg=50.0)
-    plant = UavRoute().plant(UavRoute().vector(effects={"look_interval": {"factor": 2.0}}))
+    plant = UavRoute().plant(UavRoute().vector(effects={"scan_interval": {"factor": 2.0}}))
     flights = [make(1, rules), make(1, rules, plant)]
     for one in flights:
         one.fly_to([[600.0, 400.0]])
@@ -399,7 +399,7 @@ def test_a_longer_scan_interval_makes_fewer_scans():
         (lambda: Flights(2, plant=np.ones(17)), "UavRoute.plant"),
         (lambda: Flights(2, plant=nominal_plant(0.25).reshape(1)), "shape"),
         (lambda: Flights(2, plant=plant_with("wind", "north", 0.3)), "wind"),
-        (lambda: Flights(2, plant=plant_with("look_interval", "factor", 0.0)), "factors"),
+        (lambda: Flights(2, plant=plant_with("scan_interval", "factor", 0.0)), "factors"),
         (lambda: Flights(1).observe(), "seed and restart"),
         (lambda: Flights(1).restart([0]), "seed"),
         (lambda: make(1).advance([0.0, 1.0]), "shape"),

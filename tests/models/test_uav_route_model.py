@@ -16,7 +16,7 @@ WATCHED = {
     "nose_cone_width": {"factor": 1.3},
     "radar_range_scale": {"factor": 0.9},
     "radar_position": {"north": 30e3, "east": -20e3},
-    "look_interval": {"factor": 1.2},
+    "scan_interval": {"factor": 1.2},
 }
 REALITIES = [
     None,
@@ -83,7 +83,7 @@ def test_detections_come_with_the_probabilities_that_are_predicted(reality):
     assert abs(np.mean(score**2) - 1) < 3 * error
 
 
-@pytest.mark.parametrize("effect", [name for name in WATCHED if name != "look_interval"])
+@pytest.mark.parametrize("effect", [name for name in WATCHED if name != "scan_interval"])
 def test_detections_alone_tell_what_the_radar_sees(effect):
     """The likelihood of the right parameters exceeds the nominal one's by far, positions as they are."""
     recording = record_flight({effect: WATCHED[effect]}, 1000.0, episodes=6, rng=np.random.default_rng(6))
@@ -98,10 +98,10 @@ def test_detections_alone_tell_what_the_radar_sees(effect):
 def test_looks_that_were_not_made_are_not_observed():
     recording = record(noise=1.0)
     windows = MODEL.windows(recording, 120.0)
-    looked = (recording["look_gap"] > 0).mean()
+    looked = (recording["scan_gap"] > 0).mean()
     assert windows.observed[:, :, 3].mean() == pytest.approx(looked, abs=0.01)
     np.testing.assert_array_equal(windows.observed[:, :, 3], windows.observed[:, :, 4])
-    blind = record_flight(None, 600.0, looks=False, rng=np.random.default_rng(0))
+    blind = record_flight(None, 600.0, scans=False, rng=np.random.default_rng(0))
     assert not MODEL.windows(blind, 120.0).observed[:, :, 3:].any()
 
 

@@ -276,7 +276,7 @@ def test_instant_kill():
         (lambda: Aircraft(bank=2.0), "bank"),
         (lambda: Detection(threshold=0.995), "threshold"),
         (lambda: Detection(interpolation="cubic"), "interpolation"),
-        (lambda: Detection(look_interval=0.0), "look interval"),
+        (lambda: Detection(scan_interval=0.0), "scan interval"),
         (lambda: LockLoss(lose=-1.0), "lose"),
         (lambda: detection_range(0.5, 0.999), "probability"),
         (lambda: probability_of_detection(0.0, 100.0), "signature"),

@@ -28,7 +28,7 @@ FAULTS: dict[str, tuple[dict[str, float], ...]] = {
     "nose_cone_width": ({"factor": 1.017}, {"factor": 0.57}, {"factor": 1.73}),
     "radar_range_scale": ({"factor": 0.983}, {"factor": 0.61}, {"factor": 1.37}),
     "radar_position": ({"north": 371.0, "east": -1730.0}, {"north": -31.7e3, "east": 47.1e3}),
-    "look_interval": ({"factor": 1.0137}, {"factor": 0.473}, {"factor": 2.71}),
+    "scan_interval": ({"factor": 1.0137}, {"factor": 0.473}, {"factor": 2.71}),
 }
 CASES = {"uav_route": FAULTS}
 ALONE: list[Effects] = [{name: values} for name, cases in FAULTS.items() for values in cases]
@@ -43,7 +43,7 @@ PAIRS: list[Effects] = [
         ("signature_scale", "radar_range_scale"),
         ("radar_position", "nose_cone_width"),
         ("wind", "nose_cone_width"),
-        ("look_interval", "wind"),
+        ("scan_interval", "wind"),
     )
 ]
 PAIRS.append({effect: cases[0] for effect, cases in FAULTS.items()})  # and all of them at once
@@ -89,7 +89,7 @@ def windows() -> Windows:
             "north": np.zeros(count),
             "east": np.zeros(count),
             "detected": np.zeros(count),
-            "look_gap": np.ones(count),
+            "scan_gap": np.ones(count),
         },
     )
     starts = np.array([0, changes[3], changes[5] + 1, changes[6] + 3, changes[8] + 2, *range(400, 700, 60)])
@@ -177,5 +177,5 @@ def test_environment(effects: Effects, detection: str) -> None:
                 np.array([abs(f.measured), f.time, f.largest, f.time_over]) for f in (flight, nominal)
             )
             change = np.maximum(change, np.abs(own - without))
-    drawn_only = set(effects) == {"look_interval"} and detection == "deterministic"
+    drawn_only = set(effects) == {"scan_interval"} and detection == "deterministic"
     assert (change.max() > 1e-4) == bool(effects and not drawn_only)

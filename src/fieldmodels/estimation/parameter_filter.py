@@ -447,7 +447,7 @@ def _estimate_all(
 
 
 class ParameterFilters:
-    """A batch of filters, each told the same samples and read by one or more methods.
+    """A batch of filters, each given the same samples and read by one or more methods.
 
     Attributes:
         mean: Estimates by method, each of shape (batch, unknowns).

@@ -27,14 +27,14 @@ NEUTRAL: Values = {
     "nose_cone_width": {"factor": 1.0},
     "radar_range_scale": {"factor": 1.0},
     "radar_position": {"north": 0.0, "east": 0.0},
-    "look_interval": {"factor": 1.0},
+    "scan_interval": {"factor": 1.0},
 }
 
 GRAVITY = 9.80665
 ALTITUDE = 10e3
 BANK = math.radians(45.0)
 LEAST_TURN = 1e-3
-LOOK_INTERVAL = 5.0
+SCAN_INTERVAL = 5.0
 REACH = 656.6e3
 
 AZIMUTH = (0.0, 30.0, 31.0, 159.0, 160.0, 180.0)
@@ -91,9 +91,9 @@ class Aircraft:
         return BANK * self.value("weaker_bank", "factor")
 
     @property
-    def look_interval(self) -> float:
+    def scan_interval(self) -> float:
         """Time between looks [s]."""
-        return LOOK_INTERVAL * self.value("look_interval", "factor")
+        return SCAN_INTERVAL * self.value("scan_interval", "factor")
 
     def velocity(self, course: complex, airspeed: float) -> complex:
         """Velocity over ground along a course of length 1: wind and airspeed add up to it."""
@@ -216,7 +216,7 @@ def simulate(
             )
             if part > 0.0
         )
-        out[k] = (place + bias).real, (place + bias).imag, looked.bank * share, chance, aircraft.look_interval
+        out[k] = (place + bias).real, (place + bias).imag, looked.bank * share, chance, aircraft.scan_interval
         if k > 0 and target != targets[k - 1]:
             before, course = course, (target - place) / abs(target - place)
             leg, since = aircraft.leg(place, before, course), 0.0
@@ -299,10 +299,10 @@ class Flight:
             return
         started = self.time - begin
         while begin < stop - 1e-9:
-            due = self.looks * self.aircraft.look_interval - started
+            due = self.looks * self.aircraft.scan_interval - started
             looking = due <= begin + 1e-9
             self.looks += looking
-            end = min(self.looks * self.aircraft.look_interval - started, stop)
+            end = min(self.looks * self.aircraft.scan_interval - started, stop)
             yield begin if looking else None, end - begin
             begin = end
 

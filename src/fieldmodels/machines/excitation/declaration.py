@@ -68,7 +68,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "accelerometer_bias",
-        "The accelerometer shows an acceleration when nothing moves.",
+        "The accelerometer measures an acceleration when nothing moves.",
         "sensor",
         tuple(Parameter(axis, "m/s2", 0.0, -2.0, 2.0, 0.01) for axis in ("x", "y", "z")),
         "+(x, y, z) on the accelerometer",
@@ -82,7 +82,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "inclinometer_bias",
-        "The inclinometer shows a tilt when the vehicle stands level.",
+        "The inclinometer measures a tilt when the vehicle stands level.",
         "sensor",
         (
             Parameter("pitch", "rad", 0.0, -0.3, 0.3, 0.001),

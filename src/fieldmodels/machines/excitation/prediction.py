@@ -392,7 +392,7 @@ class Predictor:
             commands: Wanted amplitude [rad], frequency [rad/s] and offset [rad] of each decision ahead, for
                 each candidate, shape (batch, candidates, decisions, 3).
             vehicles: Parameters of the vehicles to shake, shape (batch, 22); None takes the estimates. Only
-                who is told the truth has others.
+                who is given the truth has others.
 
         Returns:
             After the last of these decisions.

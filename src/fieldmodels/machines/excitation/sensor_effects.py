@@ -1,7 +1,7 @@
 """What the sensors' effects make of true signals: one description for predicted runs and running experiments.
 
 Integrals of the accelerometer are zeroed at rest: its bias reaches dr'' alone, its gain dr' and dr too. What
-the inclinometer measures late or biased, its derivatives show late.
+the inclinometer measures late or biased, its derivatives hold late too.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The numbers of the leg and of the gyro that watches it: each is declared here and nowhere else.
 
-Left out of the effects, since data cannot tell them from these: a slope (a constant force at the small
+Left out of the effects, since data cannot distinguish them from these: a slope (a constant force at the small
 angles of a walk), an off-centre mass (the same), a gravity error (the length).
 """
 
@@ -81,7 +81,7 @@ def _gyro_effects(duration: float) -> tuple[Effect, ...]:
     return (
         Effect(
             "gyro_bias",
-            "The gyro shows a rate when nothing turns.",
+            "The gyro measures a rate when nothing turns.",
             "sensor",
             (Parameter("rate", "rad/s", 0.0, -0.5, 0.5, 0.002),),
             "+rate on the gyro",
@@ -109,7 +109,7 @@ def _gyro_effects(duration: float) -> tuple[Effect, ...]:
         ),
         Effect(
             "gyro_quantisation",
-            "The gyro shows multiples of a coarse step.",
+            "The gyro measures multiples of a coarse step.",
             "sensor",
             (Parameter("step", "rad/s", 0.0, 0.0, 0.5, 0.01, smooth=False),),
             "step * round(gyro / step), after noise and the other faults",

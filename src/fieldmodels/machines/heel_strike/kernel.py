@@ -108,7 +108,7 @@ def push_all(w: Any, share: float, c: Constants, levels: FloatArray, use_bank: b
 
 @inlined
 def filter_gyro(f: FloatArray, gyro: float, envelope: float, own: FloatArray, c: Constants) -> float:
-    """Let a filter, told its own levels of noise, take in a reading; returns its log-likelihood."""
+    """Let a filter, given its own levels of noise, take in a reading; returns its log-likelihood."""
     kalman.predict(f, c.step, c.stiffness, c.torque_memory, own[0], c.memory, own[1])
     innovation, variance = kalman.update_gyro(f, gyro, envelope, c.gyro_variance)
     return kalman.log_likelihood(innovation, variance)
@@ -134,7 +134,7 @@ def swing(
         plant: What leg and gyro truly are.
         extended: Whether any effect is on.
         c: Leg and noise.
-        levels: What the filters are told, shape (9, 4).
+        levels: What the filters are given, shape (9, 4).
         log_weights: Receives the log-likelihoods of the bank's filters, shape (8,).
         use_bank: Whether the bank runs.
         trace: Receives the samples, shape (samples, 8), or has none.

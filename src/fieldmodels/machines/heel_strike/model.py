@@ -3,7 +3,7 @@
 Process torque makes the gyro's path hard to predict, but whatever the torque did, the gyro's integral over
 a stride must be the change of the angle that the geometry gives at its two strikes. That closure, and the
 change of speed by the push-off, are derived from the measured columns and compared like measured signals:
-they show a faulty gyro through noise that hides it in the path itself.
+they show a gyro's effects through noise that hides it in the path itself.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ def stride_errors(
         gains: S_MS early, S_MS late, S_HR, S_FD [1/s]; shape (sets, 4), or (sets, rows, 4) for gains that
             change from stride to stride.
         rows: With three-dimensional gains, the row that holds in each stride, shape (strides,):
-            ``walks.regime`` for eight rows (gains told the regime), or omitted for one row a stride.
+            ``walks.regime`` for eight rows (gains given the regime), or omitted for one row a stride.
         cromer: True integrates by (2.14), False by (2.9).
 
     Returns:

@@ -33,7 +33,7 @@ class StrideResult:
     Attributes:
         signed_mm: Estimated minus true foot height at the closing strike, before the reset [mm], shape
             (batch, 5), columns as in ``ESTIMATORS``: agent, ranger (eq (2.3), a tenth of the geometry),
-            ranger_tuned, ekf (reference filter, told the typical noise), imm (NaN without the bank).
+            ranger_tuned, ekf (reference filter, given the typical noise), imm (NaN without the bank).
         floor_mm: Height error of the floor at the closing strike [mm], shape (batch,).
         duration: Time of the stride [s], shape (batch,).
         samples: Samples of the stride, shape (batch,), int64.

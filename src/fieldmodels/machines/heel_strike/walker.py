@@ -121,7 +121,7 @@ def make_constants(
 
 
 def filter_levels(leg: Leg, noise: Noise, process: float, floor: float, collision: float) -> FloatArray:
-    """Variances that a Kalman filter is told for one set of noise levels.
+    """Variances that a Kalman filter is given for one set of noise levels.
 
     A torque of amplitude A held for T has variance A^2/3 and the correlation area of a Gauss-Markov process
     with time constant T/2.
@@ -142,7 +142,7 @@ def filter_levels(leg: Leg, noise: Noise, process: float, floor: float, collisio
 
 
 def bank_levels(leg: Leg, regimes: Regimes) -> FloatArray:
-    """What the filters are told: one row for each of the eight regimes, then the typical one, shape (9, 4).
+    """What the filters are given: one row for each of the eight regimes, then the typical one, shape (9, 4).
 
     Regime number: 4 * process + 2 * floor + collision. The typical filter, the reference, takes the
     geometric mean of each pair of levels.

@@ -59,7 +59,7 @@ EFFECTS = (
     ),
     Effect(
         "camera_yaw",
-        "The camera is mounted askew and looks to one side.",
+        "The camera is mounted askew and points to one side.",
         "sensor",
         (Parameter("angle", "rad", 0.0, -0.4, 0.4, 0.01),),
         "viewing direction = heading + angle (to the left)",

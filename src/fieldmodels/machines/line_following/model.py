@@ -32,7 +32,7 @@ class LineFollowing(Model):
     that begins, the ``curvature`` [1/m] of the line where the robot is (left positive; 0 on a straight), and
     the ``line``'s place in the camera [m]. Where the robot's place is tracked from outside, also its
     ``offset`` from the line [m] and its ``heading`` against it [rad], both left positive: a camera alone
-    cannot tell its own yaw from the robot's place.
+    cannot distinguish its own yaw from the robot's place.
     """
 
     name = "line_following"

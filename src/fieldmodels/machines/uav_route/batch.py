@@ -163,7 +163,7 @@ def check_plants(own: NDArray[Any]) -> None:
     slowest = own["speed"] * (1.0 - own["turn_speed_loss"]["share"])
     if not (np.hypot(own["wind"]["north"], own["wind"]["east"]) < slowest).all():
         raise ModelError("the wind is as fast as the aircraft in a turn: it could not hold its course")
-    factors = ("signature_scale", "nose_cone_width", "radar_range_scale", "look_interval")
+    factors = ("signature_scale", "nose_cone_width", "radar_range_scale", "scan_interval")
     if not all((own[name]["factor"] > 0).all() for name in factors):
         raise ModelError(f"the factors of {', '.join(factors)} must be positive")
 

@@ -94,11 +94,11 @@ EFFECTS = (
         "site = believed site + error",
     ),
     Effect(
-        "look_interval",
-        "The radar looks more or less often than believed.",
+        "scan_interval",
+        "The radar scans more or less often than believed.",
         "environment",
         (Parameter("factor", "1", 1.0, 0.4, 4.0, 0.01),),
-        "time between looks = factor * look interval",
+        "time between scans = factor * scan interval",
     ),
 )
 """What may be missing from the nominal flight."""

@@ -100,7 +100,7 @@ def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, c: Constan
     north, east = phase.north, phase.east
     flown, hit = 0.0, False
     pieces = max(1, math.ceil(duration / p.step - 1e-9))
-    interval = c.look_interval * plant.look_interval.factor
+    interval = c.scan_interval * plant.scan_interval.factor
     while flown < duration and not hit:
         time = duration / pieces
         if c.stochastic:

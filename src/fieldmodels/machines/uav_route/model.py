@@ -16,7 +16,7 @@ from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, Windows, uniform_windows
 
 IntArray = NDArray[np.int64]
-DETECTED, GAP = "detected", "look_gap"
+DETECTED, GAP = "detected", "scan_gap"
 
 
 class UavRoute(Model):
@@ -24,10 +24,10 @@ class UavRoute(Model):
 
     Recordings hold, in SI units on a uniform time grid, the waypoint that is being flown to, ``to_north`` and
     ``to_east`` [m]; the position ``north`` and ``east`` [m] as a tracker measures it; and, where they are
-    logged, the mean ``bank`` [rad] since the sample before, positive with the right wing down; and the looks
+    logged, the mean ``bank`` [rad] since the sample before, positive with the right wing down; and the scans
     of a radar at ``radar_north``, ``radar_east``: whether one since the sample before ``detected`` the
-    aircraft, and ``look_gap``, the time between it and the look before [s], 0 without a look. Without
-    ``look_gap`` every sample of ``detected`` that is a number is a look.
+    aircraft, and ``scan_gap``, the time between it and the scan before [s], 0 without a scan. Without
+    ``scan_gap`` every sample of ``detected`` that is a number is a scan.
     """
 
     name = "uav_route"
@@ -38,7 +38,7 @@ class UavRoute(Model):
         Signal("east", "m", noise=20.0),
         Signal("bank", "rad", noise=0.02, optional=True, angle=True, averaged=True),
         Signal("detected", "1", optional=True, event=True),
-        Signal("look_gap", "s", noise=0.1, optional=True),
+        Signal("scan_gap", "s", noise=0.1, optional=True),
     )
     states = (
         Signal("north", "m", noise=20.0),
@@ -60,10 +60,10 @@ class UavRoute(Model):
         return as_plants(vector)
 
     def windows(self, recording: Recording, horizon: float) -> Windows:
-        """See ``Model.windows``; what was not looked at is not observed."""
+        """See ``Model.windows``; what was not scanned is not observed."""
         if GAP in recording:
-            looked = recording[GAP] > 0
-            kept = {n: np.where(looked, recording[n], np.nan) for n in (DETECTED, GAP) if n in recording}
+            scanned = recording[GAP] > 0
+            kept = {n: np.where(scanned, recording[n], np.nan) for n in (DETECTED, GAP) if n in recording}
             recording = replace(recording, signals={**recording.signals, **kept})
         windows = uniform_windows(recording, horizon, [s.name for s in self.outputs], self.initial_states)
         names = tuple(output.name for output in self.outputs)

@@ -64,16 +64,16 @@ class Detection:
         threshold: Probability of detection above which a detection is certain.
         interpolation: Table 4.2 between its entries: ``linear`` in signature, range and probability, or
             ``log``: in the logarithms of signature and range.
-        stochastic: True draws each look; False detects above the threshold.
-        look_interval: Time between a radar's looks if they are drawn [s] (assumed).
-        reach: Slant range beyond which a radar does not look at all [km]: the largest of Table 4.2, as
+        stochastic: True draws each scan; False detects above the threshold.
+        scan_interval: Time between a radar's scans if they are drawn [s] (assumed).
+        reach: Slant range beyond which a radar does not scan at all [km]: the largest of Table 4.2, as
             the source has radars count only "within an engagement range".
     """
 
     threshold: float = 0.5
     interpolation: Interpolation = "linear"
     stochastic: bool = False
-    look_interval: float = 5.0
+    scan_interval: float = 5.0
     reach: float = 656.6
 
     def __post_init__(self) -> None:
@@ -88,8 +88,8 @@ class Detection:
             )
         if self.interpolation not in get_args(Interpolation):
             raise ModelError(f"interpolation is linear or log, not {self.interpolation!r}")
-        if not self.look_interval > 0:
-            raise ModelError(f"the look interval must be positive [s], not {self.look_interval}")
+        if not self.scan_interval > 0:
+            raise ModelError(f"the scan interval must be positive [s], not {self.scan_interval}")
         if not self.reach > 0:
             raise ModelError(f"the radars' reach must be positive [km], not {self.reach}")
 
@@ -211,7 +211,7 @@ class Constants(NamedTuple):
     threshold: float
     log: bool
     stochastic: bool
-    look_interval: float
+    scan_interval: float
     reach: float
     lose: float
     engage: float
@@ -237,7 +237,7 @@ def make_constants(world: World) -> Constants:
         threshold=float(detection.threshold),
         log=detection.interpolation == "log",
         stochastic=detection.stochastic,
-        look_interval=float(detection.look_interval),
+        scan_interval=float(detection.scan_interval),
         reach=float(detection.reach),
         lose=float(lock_loss.lose),
         engage=float(lock_loss.engage),

@@ -27,7 +27,7 @@ SHARPEST = math.radians(170)
 SUBSTEPS = 40
 """Pieces of a sample in which the flight is integrated."""
 JITTER = 0.1
-"""Standard deviation of the time between looks [s]."""
+"""Standard deviation of the time between scans [s]."""
 
 Detected = Callable[[complex, float], float]
 
@@ -39,13 +39,13 @@ def record_flight(
     episodes: int = 1,
     step: float = 2.0,
     bank: bool = True,
-    looks: bool = True,
+    scans: bool = True,
     noise: float = 1.0,
     added: Callable[[complex], float] | None = None,
     faded: Detected | None = None,
     rng: np.random.Generator,
 ) -> Recording:
-    """Let an aircraft fly from one random waypoint to the next under the looks of a radar, and log both.
+    """Let an aircraft fly from one random waypoint to the next under the scans of a radar, and log both.
 
     The flight is integrated here in small pieces with complex positions (north + i east), and detections are
     drawn from the tables as NumPy interpolates them, apart from the kernels that predict both. The autopilot
@@ -57,23 +57,23 @@ def record_flight(
         episodes: Number of episodes; each begins in another direction from the radar.
         step: Time between samples [s].
         bank: Whether the bank is logged.
-        looks: Whether the radar's looks are logged.
+        scans: Whether the radar's scans are logged.
         noise: Multiple of the sensors' nominal noise.
         added: A fault of one's own: speed along the course [m/s] that is added at a place [m].
         faded: Another: factor of the radar's ranges for an aircraft at a place [m] at a time [s].
         rng: Source of the waypoints, of the noise and of the detections.
 
     Raises:
-        ModelError: If an episode is too short, or a radar would look twice in a step.
+        ModelError: If an episode is too short, or a radar would scan twice in a step.
     """
     if not (step > 0 and episodes >= 1 and duration >= 10 * step):
         raise ModelError(f"an episode needs at least 10 samples, not {duration:g} s in steps of {step:g} s")
     model = UavRoute()
     values = dict(zip(model.names, read_reality(reality, model).vector(model).tolist(), strict=True))
-    interval = model.world.detection.look_interval * values["look_interval.factor"]
-    if looks and step > 0.9 * interval:
+    interval = model.world.detection.scan_interval * values["scan_interval.factor"]
+    if scans and step > 0.9 * interval:
         raise ModelError(
-            f"a look every {interval:g} s would come twice in a step of {step:g} s; sample faster"
+            f"a scan every {interval:g} s would come twice in a step of {step:g} s; sample faster"
         )
     count = round(duration / step)
     luck = rng.spawn(1)[0]
@@ -92,7 +92,7 @@ def record_flight(
     }
     if bank:
         signals["bank"] = measured[:, 2]
-    if looks:
+    if scans:
         signals |= {DETECTED: columns[:, 5], GAP: columns[:, 6]}
     units = {signal.name: signal.unit for signal in (*model.inputs, *model.outputs)}
     return Recording(
@@ -116,20 +116,20 @@ def _fly(
     rng: np.random.Generator,
     luck: np.random.Generator,
 ) -> FloatArray:
-    """One episode: waypoint, position, mean bank, detected, look gap, shape (samples, 7)."""
+    """One episode: waypoint, position, mean bank, detected, scan gap, shape (samples, 7)."""
     aircraft, radar = model.world.aircraft, model.world.detection
     speed, loss = values["speed"], values["turn_speed_loss.share"]
     wind = complex(values["wind.north"], values["wind.east"])
     angle = values["weaker_bank.factor"] * aircraft.bank
     believed = complex(values["radar_north"], values["radar_east"])
     site = believed + complex(values["radar_position.north"], values["radar_position.east"])
-    interval = radar.look_interval * values["look_interval.factor"]
+    interval = radar.scan_interval * values["scan_interval.factor"]
     place = target = believed + cmath.rect(0.5 * (NEAREST + FARTHEST), bearing)
     course, turn_left, side = 1 + 0j, 0.0, 0.0
     columns = np.zeros((count, 7))
     mean_bank, detected, gap = 0.0, 0.0, 0.0
     piece = step / SUBSTEPS
-    looked, due = -interval, 0.0
+    scanned, due = -interval, 0.0
     for i in range(count):
         if i == 0 or abs(target - place) <= 1.5 * speed * step:
             target = _next_target(place, believed, course if i > 0 else None, rng)
@@ -152,7 +152,7 @@ def _fly(
                     faded(place, now) if faded else 1.0,
                 )  # fmt: skip
                 detected = float(luck.random() < share)
-                gap, looked = due - looked, due
+                gap, scanned = due - scanned, due
                 due += max(interval + JITTER * luck.standard_normal(), step)
             place += turning * _over_ground(course, slow, wind)
             place += (piece - turning) * _over_ground(course, speed, wind)

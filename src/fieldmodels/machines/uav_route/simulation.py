@@ -126,7 +126,7 @@ def predict(
                 seen = detection(to_north, to_east, level, leg.turning.attitude, share, plant, c)
         out[k, BANK] = bank
         if watched:
-            out[k, DETECTED], out[k, GAP] = seen, c.look_interval * plant.look_interval.factor
+            out[k, DETECTED], out[k, GAP] = seen, c.scan_interval * plant.scan_interval.factor
         out[k, NORTH] = (north + plant.sensor_bias.north) * KM
         out[k, EAST] = (east + plant.sensor_bias.east) * KM
         turning = overlap(since, since + step, leg.banked)
