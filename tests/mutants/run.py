@@ -4,9 +4,11 @@
 
 A mutant is *killed* if a test fails by an assertion, *survives* if all pass, and is *broken* if the program
 falls over before any test can say no (it does not import, or does not compile): that proves nothing of the
-tests. Results are kept in results/mutants/ as long as the project stays as it is, so that a run that was
-interrupted goes on where it ended. While tests are written, ``--keep`` keeps every result whose own file and
-tests have not changed.
+tests. At the end the tests that noticed something run once more without any error, and must pass.
+
+Results are kept in results/mutants/ as long as the project stays as it is, so that a run that was interrupted
+goes on where it ended. While tests are written, ``--keep`` keeps every result whose own file and tests have
+not changed.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ from fieldmodels.files import write_text
 COPIED = ("src", "envs", "agents", "tests", "configs", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
 WORK = ROOT / "results" / "mutants"
 STORE = WORK / "results.json"
+WARM = WORK / "kernels"  # of the project as it is
 TIMEOUT = 600.0  # seconds, for the tests of one mutant
 PATIENCE = 5400.0  # seconds, for all tests without any error, kernels compiled
 
@@ -157,23 +160,28 @@ def hash_of(files: Sequence[Path], root: Path) -> str:
     return total.hexdigest()
 
 
-def warm_up(workers: Sequence[Worker], mutants: Sequence[Mutant], warm: Path) -> None:
-    """Run every named test on the project as it is: all must pass, and their kernels are compiled once."""
-    tests = sorted({test for mutant in mutants for test in mutant.tests})
-    warm.mkdir(parents=True, exist_ok=True)
+def without_error(workers: Sequence[Worker], tests: Sequence[str], kernels: Path) -> dict[str, str]:
+    """Run tests on the project as it is.
+
+    Returns:
+        Those that do not pass, or do not run, and why.
+    """
+    kernels.mkdir(parents=True, exist_ok=True)
     shares = [tests[k :: len(workers)] for k in range(len(workers))]
+    useless: dict[str, str] = {}
     with ThreadPoolExecutor(len(workers)) as pool:
         ran = pool.map(
-            lambda pair: pair[0].pytest(pair[1], warm, timeout=PATIENCE) if pair[1] else (0, []),
+            lambda pair: pair[0].pytest(pair[1], kernels, timeout=PATIENCE) if pair[1] else (0, []),
             zip(workers, shares, strict=True),
         )
         for status, lines in ran:
-            wrong = [f"{one['test']}: {one['error']}" for one in lines if one["outcome"] == "failed"]
-            idle = [one["test"] for one in lines if one["outcome"] == "skipped"]
-            if status or idle:
+            own = {one["test"]: one["error"] for one in lines if one["outcome"] in ("failed", "skipped")}
+            if status and not own:
                 raise SystemExit(
-                    "\n".join(["the tests must run and pass without any error put in:", *wrong, *idle])
+                    f"pytest ended with {status} without any error put in; can all tests be read?"
                 )
+            useless |= own
+    return useless
 
 
 def earlier(mutants: Sequence[Mutant], tree: str, keep: bool) -> dict[str, Result]:
@@ -196,10 +204,9 @@ def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: s
         return known
     workers = [Worker(number) for number in range(count)]
     began = time.perf_counter()
-    warm_up(workers, waiting, WORK / "warm")
-    print(
-        f"every named test passes without an error put in ({time.perf_counter() - began:.0f} s)", flush=True
-    )
+    if not WARM.is_dir():
+        without_error(workers, sorted({test for mutant in waiting for test in mutant.tests}), WARM)
+        print(f"kernels compiled in {time.perf_counter() - began:.0f} s", flush=True)
     idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     for worker in workers:
         idle.put(worker)
@@ -208,7 +215,7 @@ def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: s
         worker = idle.get()
         try:
             own = own_hash(mutant, worker.root)
-            return replace(worker.judge(mutant, WORK / "warm"), tree=tree, own=own)
+            return replace(worker.judge(mutant, WARM), tree=tree, own=own)
         finally:
             idle.put(worker)
 
@@ -224,6 +231,14 @@ def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: s
                 f"{Path(mutant.file).name}: {mutant.error}{said}",
                 flush=True,
             )
+    noticed = {known[m.key].test for m in waiting if known[m.key].status == "killed"}
+    useless = without_error(workers, sorted(noticed), WARM)
+    for key, result in known.items():
+        if result.test in useless:
+            said = f"fails without the error, too: {useless[result.test]}"
+            known[key] = replace(result, status="broken", error=said)
+            print(f"broken: {result.test} {said}", flush=True)
+    write_text(STORE, json.dumps({key: asdict(one) for key, one in known.items()}))
     return known
 
 
