@@ -190,6 +190,43 @@ def respond(
             out[i] = follow(out[i - 1], aims[i - 1], step, r)
 
 
+PIECES = 16
+"""Pieces of a sampling interval over which a force that changes is averaged."""
+
+
+@compiled
+def mean_given(command: FloatArray, first: IntArray, step: float, r: Row) -> FloatArray:
+    """Mean of what the actuator gives over the interval after each sample.
+
+    Args:
+        command: Commands, shape (n,).
+        first: First sample of each sample's episode, shape (n,).
+        step: Sampling interval [s].
+        r: The input's row.
+    """
+    aims, mean, out = np.empty(len(command)), np.empty(len(command)), np.empty(len(command))
+    actuate(command, first, step, r, command[:0], aims)
+    force = 0.0
+    for i in range(len(aims)):
+        if i == first[i]:
+            force = aims[i]
+        mean[i] = aims[i]
+        if has_dynamics(r):
+            mean[i] = 0.0
+            h = step / PIECES
+            for _ in range(PIECES):
+                middle = follow(force, aims[i], 0.5 * h, r)
+                end = follow(middle, aims[i], 0.5 * h, r)
+                mean[i] += (force + 4.0 * middle + end) / (6.0 * PIECES)
+                force = end
+    shift = r.delay_delay / step
+    whole = math.floor(shift)
+    for i in range(len(mean)):
+        near, far = max(i - whole, first[i]), max(i - whole - 1, first[i])
+        out[i] = mean[near] + (shift - whole) * (mean[far] - mean[near])
+    return out
+
+
 @inlined
 def lag_shape(z: float) -> tuple[float, float, float]:
     """Values of exp(-z s) at s = 0, 1/2, 1 for a Runge-Kutta step, with the moments that the curve has.

@@ -11,7 +11,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from fieldmodels.compiled import inlined
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled, inlined
 from fieldmodels.effects.stock import (
     LARGE,
     NO_LIMIT,
@@ -97,6 +100,23 @@ def measured(true: float, time: float, play: float, r: Row) -> float:
     if r.quantisation_step > 0.0:
         value = r.quantisation_step * math.floor(value / r.quantisation_step + 0.5)
     return float(value)
+
+
+@compiled
+def measure(values: FloatArray, times: FloatArray, r: Row) -> FloatArray:
+    """What a sensor shows of true values.
+
+    Args:
+        values: Shape (batch, windows, samples).
+        times: Shape (windows, samples) [s].
+        r: The output's row.
+    """
+    out: FloatArray = np.empty_like(values)
+    for p in range(values.shape[0]):
+        for w in range(values.shape[1]):
+            for k in range(values.shape[2]):
+                out[p, w, k] = measured(values[p, w, k], times[w, k], 0.0, r)
+    return out
 
 
 @inlined

@@ -76,12 +76,14 @@ class Layout:
     """How a place's numbers stand in an array row: in the order of a named tuple, whose defaults are neutral.
 
     Attributes:
+        kind: The named tuple.
         names: Fields of the named tuple, ``effect_parameter``.
         neutral: Values that switch everything off, shape (len(names),).
         unpack: Makes the named tuple from an array row, in compiled code.
     """
 
     def __init__(self, kind: Any) -> None:
+        self.kind = kind
         self.names: tuple[str, ...] = kind._fields
         self.neutral: FloatArray = np.array([kind._field_defaults[name] for name in self.names])
         entries = ", ".join(f"r[{k}]" for k in range(len(self.names)))
