@@ -149,6 +149,16 @@ class Shaken:
     bodies: FloatArray | None = None
 
 
+def _checked(vehicle: ArrayLike) -> FloatArray:
+    """A vehicle's whole vector, from that or the 22 unknowns."""
+    vector = np.asarray(vehicle, dtype=np.float64)
+    if vector.shape not in ((UNKNOWNS,), NUMBERS.shape) or not np.isfinite(vector).all():
+        raise ModelError(
+            f"a vehicle has {UNKNOWNS} or {len(NUMBERS)} finite numbers, not shape {vector.shape}"
+        )
+    return with_effects(vector)
+
+
 class Shakers:
     """A batch of experiments, each three runs side by side, advanced decision by decision.
 
@@ -203,12 +213,7 @@ class Shakers:
             raise ModelError(f"variant must be one of {', '.join(VARIANTS)}, not {variant!r}")
         if not 0.0 <= spread < 1.0:
             raise ModelError(f"spread must be in [0, 1), not {spread}")
-        vector = np.asarray(vehicle, dtype=np.float64)
-        if vector.shape not in ((UNKNOWNS,), NUMBERS.shape) or not np.isfinite(vector).all():
-            raise ModelError(
-                f"a vehicle has {UNKNOWNS} or {len(NUMBERS)} finite numbers, not shape {vector.shape}"
-            )
-        center = with_effects(vector)
+        center = _checked(vehicle)
         self._centers = np.tile(center, (batch, 1))
         self._sensing = any_on(self._centers, VEHICLE, EFFECTS, "sensor")
         remembering = bool(self._sensing.any())

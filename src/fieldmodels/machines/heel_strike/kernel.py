@@ -17,15 +17,18 @@ from fieldmodels.machines.heel_strike.walker import (
     AGENT,
     BANK,
     COLLISION,
+    COLLISION_NOISE,
     EKF,
     FLOOR,
     GYRO,
     HISTORY,
     IMM,
+    INNOVATION,
     PROCESS,
     RANGER,
     RANGER_TUNED,
     SWITCH,
+    TORQUE,
     Constants,
 )
 from fieldmodels.streams import GAMMA, gaussian, mixed, symmetric, uniform
@@ -41,6 +44,12 @@ def start_filter(f: FloatArray, speed: float, levels: FloatArray, c: Constants) 
     f[1] = speed
     f[11] = levels[0] / (1.0 - c.torque_memory**2)
     f[13] = levels[3]
+
+
+@inlined
+def begin_feature(features: FloatArray, position: int, square: float) -> None:
+    """The log of a squared quantity before it was ever seen: its expected value, latest and smoothed."""
+    features[position] = features[position + 1] = math.log(square + 1e-12)
 
 
 @compiled
@@ -68,10 +77,9 @@ def start(walkers: NDArray[Any], i: int, key: np.uint64, c: Constants, levels: F
     for m in range(BANK):
         start_filter(w.bank[m], c.speed, levels[m], c)
     w.weights[:] = 1.0 / BANK
-    w.features[0] = math.log(levels[BANK, 2] + 1e-12)
-    w.features[2] = math.log(w.ekf[11] + 1e-12)
-    w.features[4] = math.log(levels[BANK, 1] + 1e-12)
-    w.features[1], w.features[3], w.features[5] = w.features[0], w.features[2], w.features[4]
+    begin_feature(w.features, INNOVATION, levels[BANK, 2])
+    begin_feature(w.features, TORQUE, w.ekf[11])
+    begin_feature(w.features, COLLISION_NOISE, levels[BANK, 1])
 
 
 @inlined
@@ -241,9 +249,9 @@ def strike(
     w.ranger_theta = reset(w.ranger_theta, w.geometry, c.ranger_reset)
     w.tuned_theta = reset(w.tuned_theta, w.geometry, c.tuned_reset)
     innovation, _ = kalman.update_angle(w.ekf, w.geometry, levels[BANK, 2])
-    remember(w.features, 0, innovation * innovation)
-    remember(w.features, 2, done.torque_square / max(done.samples - c.envelope, 1))
-    remember(w.features, 4, done.collision_square / min(done.samples, c.envelope))
+    remember(w.features, INNOVATION, innovation * innovation)
+    remember(w.features, TORQUE, done.torque_square / max(done.samples - c.envelope, 1))
+    remember(w.features, COLLISION_NOISE, done.collision_square / min(done.samples, c.envelope))
     return height
 
 

@@ -21,6 +21,10 @@ FEATURES = (
     "log collision^2",
     "log collision^2, smoothed",
 )
+INNOVATION, TORQUE, COLLISION_NOISE = (
+    FEATURES.index(f"log {name}^2") for name in ("innovation", "torque", "collision")
+)
+"""Where each quantity's latest value stands among the features; its smoothed one follows."""
 TRACES = ("time", "theta", "omega", "gyro", "theta_agent", "theta_ranger", "theta_ekf", "torque")
 BANK = 8
 HISTORY = 16

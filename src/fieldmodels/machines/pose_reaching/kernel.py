@@ -223,14 +223,10 @@ def observe(
             x, y, heading = measured_pose(robot, extended, b, c)
             cosine, sine, distance = math.cos(heading), math.sin(heading), math.sqrt(x * x + y * y)
     distance = max(distance, NEAREST)
-    row = observed[b]
-    row[0] = x
-    row[1] = y
-    row[2] = cosine
-    row[3] = sine
-    row[4] = math.log(distance)
-    row[5] = -(x * cosine + y * sine) / distance
-    row[6] = (x * sine - y * cosine) / distance
+    to_ball = -(x * cosine + y * sine) / distance, (x * sine - y * cosine) / distance
+    seen = (x, y, cosine, sine, math.log(distance), to_ball[0], to_ball[1])  # in the order of OBSERVED
+    for i in range(len(seen)):
+        observed[b, i] = seen[i]
     numbers[SUCCESS, b] = 1.0 if there else 0.0
     numbers[TIME, b] = robot.time
     numbers[PATH, b] = robot.path_length

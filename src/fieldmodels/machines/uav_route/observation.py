@@ -73,29 +73,37 @@ def observe(
     to_north, to_east = flight.goal[0] - north, flight.goal[1] - east
     ahead, right = to_north * cosine + to_east * sine, to_east * cosine - to_north * sine
     distance = max(math.sqrt(ahead * ahead + right * right), 1.0)
-    observed[0] = ahead / 100.0
-    observed[1] = right / 100.0
-    observed[2] = math.log(distance / 100.0)
-    observed[3] = ahead / distance
-    observed[4] = right / distance
-    observed[5] = flight.course[0] * cosine + flight.course[1] * sine
-    observed[6] = flight.course[1] * cosine - flight.course[0] * sine
-    observed[7] = 1.0 - flight.legs / p.horizon
+    own = (  # in the order of OWN
+        ahead / 100.0,
+        right / 100.0,
+        math.log(distance / 100.0),
+        ahead / distance,
+        right / distance,
+        flight.course[0] * cosine + flight.course[1] * sine,
+        flight.course[1] * cosine - flight.course[0] * sine,
+        1.0 - flight.legs / p.horizon,
+    )
+    for i in range(len(own)):
+        observed[i] = own[i]
     for k in range(p.radars):
         r = int(order[0, k])
         row = observed[len(OWN) + k * len(EACH) :]
         to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
         slant = math.sqrt(order[1, k] + c.altitude * c.altitude)
         reach = max(math.sqrt(order[1, k]), 1e-9)
-        row[0] = math.tanh((slant - p.side_on) / 5.0)
-        row[1] = math.tanh((slant - p.side_on) / 50.0)
-        row[2] = (slant - p.side_on) / 500.0
-        row[3] = (to_north * cosine + to_east * sine) / reach
-        row[4] = (to_east * cosine - to_north * sine) / reach
-        row[5] = ratio(flight.timers[r, LOSE], c.lose)
-        row[6] = ratio(flight.timers[r, ENGAGE], c.engage)
-        row[7] = ratio(flight.timers[r, LAUNCH], c.target)
-        row[8] = flight.detected[r]
+        each = (  # in the order of EACH
+            math.tanh((slant - p.side_on) / 5.0),
+            math.tanh((slant - p.side_on) / 50.0),
+            (slant - p.side_on) / 500.0,
+            (to_north * cosine + to_east * sine) / reach,
+            (to_east * cosine - to_north * sine) / reach,
+            ratio(flight.timers[r, LOSE], c.lose),
+            ratio(flight.timers[r, ENGAGE], c.engage),
+            ratio(flight.timers[r, LAUNCH], c.target),
+            float(flight.detected[r]),
+        )
+        for i in range(len(each)):
+            row[i] = each[i]
 
 
 @inlined
@@ -105,14 +113,18 @@ def write(
 ) -> None:  # fmt: skip
     """Write down what is observed of flight ``b``, and its ``NUMBERS``."""
     observe(flight, plant, c, p, observed[b], order)
-    numbers[0, b] = 1.0 if flight.over == ARRIVED else 0.0
-    numbers[1, b] = 1.0 if flight.over == DAMAGED else 0.0
-    numbers[2, b] = flight.time
-    numbers[3, b] = flight.path
-    numbers[4, b] = distance_to_goal(flight)
-    numbers[5, b] = flight.time_over
-    numbers[6, b] = flight.longest
-    numbers[7, b] = flight.largest
-    numbers[8, b] = flight.losses
-    numbers[9, b] = flight.legs
+    values = (  # in the order of NUMBERS
+        1.0 if flight.over == ARRIVED else 0.0,
+        1.0 if flight.over == DAMAGED else 0.0,
+        flight.time,
+        flight.path,
+        distance_to_goal(flight),
+        flight.time_over,
+        flight.longest,
+        flight.largest,
+        float(flight.losses),
+        float(flight.legs),
+    )
+    for i in range(len(values)):
+        numbers[i, b] = values[i]
     places[b, 0], places[b, 1] = measured_place(flight, plant)
