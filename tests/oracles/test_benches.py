@@ -12,7 +12,7 @@ from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
-STEP, COUNT, MIDDLE = 0.01, 150, 61
+STEP, COUNT, MIDDLE = 0.01, 110, 43
 
 
 def library(force, f, x, v):
@@ -57,7 +57,7 @@ def library(force, f, x, v):
         "sensor_quantisation": [{"step": k * x} for k in (0.00371, 0.731, 0.0917)],
         "parameter_step": [
             {"time": 0.337, "factor": 0.613},
-            {"time": 1.0131, "factor": 0.981},
+            {"time": 0.5131, "factor": 0.981},
             {"time": 0.0, "factor": 1.23},
             {"time": 0.5, "factor": 1.731},
         ],

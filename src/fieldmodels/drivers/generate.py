@@ -13,6 +13,7 @@ import sys
 import warnings
 from collections import namedtuple
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -72,10 +73,14 @@ def _functions(machine: Machine) -> dict[str, Any]:
 
 def driver_text(machine: Machine, template: str) -> str:
     """Source of a driver for a machine."""
+    return re.sub(r"\n{4,}", "\n\n\n", _read_template(template).render(**_declaration(machine)))
+
+
+@cache
+def _read_template(template: str) -> jinja2.Template:
+    """The template of a driver, which takes Jinja a tenth of a second to read."""
     env = jinja2.Environment(trim_blocks=True, undefined=jinja2.StrictUndefined, autoescape=False)
-    source = "".join((HERE / file).read_text(encoding="utf-8") for file in (EQUATIONS, template))
-    rendered = env.from_string(source).render(**_declaration(machine))
-    return re.sub(r"\n{4,}", "\n\n\n", rendered)
+    return env.from_string("".join((HERE / f).read_text(encoding="utf-8") for f in (EQUATIONS, template)))
 
 
 def _module(text: str, name: str, functions: dict[str, Any]) -> ModuleType:
