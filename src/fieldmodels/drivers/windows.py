@@ -40,16 +40,15 @@ class Rows:
         }
         # A change acts on all of p, own effects' numbers included.
         self.layouts["change"] = (len(self.base), changes.ROW)
-        self.moves: dict[str, list[tuple[int, int, int]]] = {place: [] for place in places}
+        moves: dict[str, list[tuple[int, int, int]]] = {place: [] for place in places}
         for e in machine.stock:
             if isinstance(e, Curve):
                 continue
             signals, layout = places[e.place]
             start = machine.slice_of(e.name).start
-            slots = layout.slots(e.kind)
-            self.moves[e.place] += [
-                (signals.index(e.signal), slot, start + k) for k, slot in enumerate(slots)
-            ]
+            signal = signals.index(e.signal)
+            moves[e.place] += [(signal, slot, start + k) for k, slot in enumerate(layout.slots(e.kind))]
+        self.moves = {place: np.array(m, dtype=np.int64).reshape(-1, 3).T for place, m in moves.items()}
         self.curves = np.array(
             [i for c, _, _ in curve_places(machine) for i in range(*_bounds(machine, c))], dtype=np.int64
         )
@@ -57,9 +56,10 @@ class Rows:
     def of(self, place: str, parameters: FloatArray) -> FloatArray:
         """Rows of one place, shape (batch, signals, len(layout))."""
         count, layout = self.layouts[place]
-        rows = np.tile(layout.neutral, (len(parameters), count, 1))
-        for signal, slot, index in self.moves[place]:
-            rows[:, signal, slot] = parameters[:, index]
+        rows = np.empty((len(parameters), count, len(layout)))
+        rows[:] = layout.neutral
+        signals, slots, indices = self.moves[place]
+        rows[:, signals, slots] = parameters[:, indices]
         return rows
 
 
