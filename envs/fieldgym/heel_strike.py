@@ -89,7 +89,7 @@ class HeelStrikeSettings:
     push_off: Annotated[float, Field(ge=0, le=1)] = 0.5
     decay: Annotated[float, Field(gt=0, lt=1000)] = 1000 / 3
     score: Literal["angle", "angle_and_floor"] = "angle"
-    reward_scale: Annotated[float, Field(gt=0)] | None = None
+    reward_scale: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     reward_limit: Annotated[float, Field(gt=0)] = 10.0
     tuned_reset: Annotated[float, Field(ge=0, le=1)] | None = None
     bank: bool = False

@@ -36,8 +36,9 @@ from fieldmodels.reality import read_reality
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 WIDTH_SCALE = 0.3
 """The line's place that is 1 in an observation [m]."""
@@ -107,8 +108,8 @@ class LineFollowingSettings:
     tape: Literal["duvetyne", "shurtape", "masking", "gaffer", "duvetyne_wide"] = "duvetyne"
     floor: Literal["linoleum", "cement", "white", "dark_grey"] = "linoleum"
     light: Annotated[float, Field(ge=0, le=2)] = 1.0
-    dark_corner: tuple[float, float, Positive, Annotated[float, Field(ge=0, le=1)]] | None = None
-    sun: tuple[float, Positive] | None = None
+    dark_corner: tuple[Finite, Finite, Positive, Annotated[float, Field(ge=0, le=1)]] | None = None
+    sun: tuple[Finite, Positive] | None = None
     threshold: Annotated[float, Field(gt=0, lt=255)] = 90.0
     friction: Positive = 0.8
     motor: Positive = 10.0

@@ -1,8 +1,9 @@
+import math
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
-import fieldgym  # noqa: F401 - registers the environments
 from fieldgym.settings import SettingsError
 from fieldmodels.machines.line_following.firmware import line_position
 from fieldmodels.machines.line_following.parameters import Camera
@@ -158,3 +159,11 @@ def test_a_broken_snapshot_is_refused_and_changes_nothing(key):
         env.set_state({**kept, "elapsed": np.zeros(1, dtype=np.int64), key: kept[key][:, :0]})
     assert np.array_equal(env.get_state()["walks"], kept["walks"])
     assert env.get_state()["elapsed"] == kept["elapsed"]
+
+
+@pytest.mark.parametrize("name", ["reward_limit", "effort_weight", "lost_offset", "friction", "motor"])
+@pytest.mark.parametrize("value", [math.inf, math.nan])
+def test_settings_whose_rewards_would_not_be_numbers_are_refused(name, value):
+    """An infinite ``reward_limit`` or ``effort_weight`` times nothing was no number."""
+    with pytest.raises(SettingsError, match=f"{name}: .*finite number"):
+        gym.make("fieldgym/LineFollowing-v0", settings={name: value})
