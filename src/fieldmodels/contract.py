@@ -28,6 +28,8 @@ NEAR_NEUTRAL = 1e-6
 """Share of the way from an effect's neutral values to its start at which it must still be nearly off."""
 JUMP = 0.05
 """Share of an effect's change at its start that it may have so near to neutral."""
+INTEGRATION = 1e-5
+"""Share of the outputs' size below which a jump is one of integration: steps that end elsewhere."""
 SLOW = 0.5
 """Seconds a simulation of all windows from which on a diagnosis takes long."""
 
@@ -294,6 +296,7 @@ def _neutral_values(model: Model, place: str, windows: Windows) -> Iterable[str]
     """Effects that are not off at their neutral values; a warning for those that do nothing."""
     plain = _outputs(model, place, model.nominal[None], windows)
     idle = []
+    unseen = INTEGRATION * _distance(plain, np.zeros_like(plain), windows)
     for effect in model.effects:
         part = model.slice_of(effect.name)
         starts = np.tile(model.nominal, (max(len(p.starts) for p in effect.parameters) or 1, 1))
@@ -308,7 +311,7 @@ def _neutral_values(model: Model, place: str, windows: Windows) -> Iterable[str]
         full, tiny = _distance(there, plain, windows), _distance(close, plain, windows)
         if not full > 0.0:
             idle.append(effect.name)
-        elif smooth and tiny > JUMP * full:
+        elif smooth and tiny > max(JUMP * full, unseen):
             neutral = ", ".join(f"{p.name} = {p.nominal:g}" for p in effect.parameters)
             yield (
                 f"effect {effect.name!r} jumps at its neutral values ({neutral}): a millionth of the way to "

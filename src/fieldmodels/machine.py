@@ -202,7 +202,8 @@ class Machine(Model):
     def _forces(self) -> tuple[Force, ...]:
         """The declared forces, and one for each velocity that a stock force names."""
         known = {f.velocity for f in self.forces}
-        named = dict.fromkeys(e.signal for e in self.stock if e.place == "force")
+        pushing = [e for e in self.stock if (e.where if isinstance(e, Curve) else e.place) == "force"]
+        named = dict.fromkeys(e.signal for e in pushing)
         return (*self.forces, *(Force(name) for name in named if name not in known))
 
     def _check(self) -> None:
@@ -237,7 +238,9 @@ class Machine(Model):
         names = [e.name for e in self.own_effects]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
-            raise ModelError(f"{self.name}: effect {doubled[0]!r} is declared twice; give one a prefix=")
+            raise ModelError(
+                f"{self.name}: effect {doubled[0]!r} is declared twice; give one a prefix=, a curve a name="
+            )
 
     def _force(self, velocity: str) -> Force:
         return next(f for f in self.forces if f.velocity == velocity)

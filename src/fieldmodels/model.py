@@ -37,7 +37,7 @@ class Parameter:
         source: Where the nominal value comes from ("Table I", "section 2.4.3", "assumed").
         starts: Values from which a fit tries to start (several where the misfit has local minima).
         smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
-        refitted: False for a base parameter that is known (a wheel's radius): a diagnosis keeps it.
+        refitted: False for one that is known (a wheel's radius, a curve's range): a diagnosis keeps it.
     """
 
     name: str
@@ -106,6 +106,11 @@ class Effect:
     where: Where
     parameters: tuple[Parameter, ...]
     equation: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of its parameters that are fitted."""
+        return sum(p.refitted for p in self.parameters)
 
 
 @dataclass(frozen=True)

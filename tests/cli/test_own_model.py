@@ -9,22 +9,29 @@ from typer.testing import CliRunner
 
 from fieldagents.cli import app
 from fieldmodels.contract import ContractError, ModelWarning, at_rest, check_declarations, check_simulation
+from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.model import ModelError
 from fieldmodels.model_files import is_model_file, load_model_file
 from fieldmodels.registry import get_model, model_names
 
 PAGE = (Path(__file__).parents[2] / "docs" / "bring_your_own_bench.md").read_text()
 OWN = PAGE.split("## Your own simulator")[1]
-MOTOR = OWN.split("```python\n")[1].split("```")[0]
+MOTOR, LAG = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
 
 
 def written(folder: Path, text: str) -> Path:
+    folder.mkdir(exist_ok=True)
     path = folder / "motor.py"
     path.write_text(text)
     return path
 
 
-def changed(old: str, new: str, text: str = MOTOR) -> str:
+def changed(old: str, new: str, text: str = LAG) -> str:
     assert old in text
     return text.replace(old, new)
 
@@ -37,8 +44,9 @@ def tried(path: Path) -> None:
     check_simulation(model, recording, "motor.py")
 
 
-def test_the_page_s_model_fits_in_thirty_odd_lines_and_finds_what_is_hidden(tmp_path, monkeypatch):
-    assert len([line for line in MOTOR.splitlines() if line.strip()]) < 45
+@pytest.mark.filterwarnings("error::fieldmodels.contract.ModelWarning")
+def test_the_page_s_machine_fits_in_a_dozen_lines_and_finds_what_is_hidden(tmp_path, monkeypatch):
+    assert len([line for line in MOTOR.splitlines() if line.strip()]) <= 12
     monkeypatch.chdir(tmp_path)
     written(tmp_path, MOTOR)
     (tmp_path / "motor.yaml").write_text(OWN.split("```yaml\n")[1].split("```")[0])
@@ -47,10 +55,40 @@ def test_the_page_s_model_fits_in_thirty_odd_lines_and_finds_what_is_hidden(tmp_
         assert result.exit_code == 0, result.output
     found = json.loads(Path("results/motor/diagnosis.json").read_text())
     assert found["verdict"] == "named"
-    assert [cause["effect"] for cause in found["causes"]] == ["dead_zone"]
+    assert [cause["effect"] for cause in found["causes"]] == ["actuator_dead_zone"]
     assert found["causes"][0]["parameters"]["width"]["value"] == pytest.approx(1.0, abs=0.02)
     extended = ["record", "motor.yaml", "--set", "model=motor.py", "--set"]
     assert CliRunner().invoke(app, [*extended, "reality=results/motor/extended.yaml"]).exit_code == 0
+
+
+def test_the_page_names_every_stock_effect():
+    table = OWN.split("| declared as")[1].split("\n\n")[0]
+    for place in (actuators, forces, sensors, changes):
+        assert [kind for kind in place.LIBRARY if f"`{kind}`" not in table] == []
+
+
+UNCOMPILED = changed(
+    "return (p.gain * input.voltage", "return next(x for x in [1.0]) * (p.gain * input.voltage", MOTOR
+)
+
+
+def test_what_numba_cannot_compile_gives_the_same_numbers_with_a_warning(tmp_path, rng):
+    plain = load_model_file(str(written(tmp_path / "a", MOTOR)))
+    slow = str(written(tmp_path / "b", UNCOMPILED))
+    recording = at_rest(plain, 0.01, 5.0, rng)
+    windows = plain.windows(recording, 0.1)
+    windows = windows.select(np.arange(3)).with_states(rng.normal(size=(3, 1)))
+    effects = {
+        "actuator_lag": {"time_constant": 0.013},
+        "coulomb_friction": {"rate": 3.0},
+        "sensor_delay": {"delay": 0.013},
+        "speed_curve": {"value_2": 5.0, "low": -20.0, "high": 20.0},
+    }
+    for values in ({}, effects):
+        vector = plain.vector({}, values)
+        with pytest.warns(ModelWarning, match=r"Numba cannot compile it.*derivative \(line 13\)"):
+            got = load_model_file(slow).simulate(vector, windows)
+        np.testing.assert_allclose(got, plain.simulate(vector, windows), rtol=1e-12)
 
 
 def test_a_file_runs_only_if_the_command_line_names_it(tmp_path, monkeypatch):
@@ -72,18 +110,18 @@ def test_shipped_models_keep_the_contract_s_declarations():
         check_declarations(get_model(name))
 
 
-SECOND = MOTOR + "\n\nclass Other(Motor):\n    name = 'other'\n"
+SECOND = LAG + "\n\nclass Other(Lag):\n    name = 'other'\n"
 BROKEN_FILES = {
     "a syntax error": ("import numpy as np\ndef broken(:\n", r"motor\.py:2: SyntaxError"),
     "a failing import": ("import os\nimport nothing_of_that_name\n", r"motor\.py:2: ModuleNotFoundError"),
     "no model": ("x = 1\n", "defines no model; write a class that inherits from"),
-    "several models": (SECOND, r"defines 2 models; say which: .*motor\.py:Motor or .*motor\.py:Other"),
+    "several models": (SECOND, r"defines 2 models; say which: .*motor\.py:Lag or .*motor\.py:Other"),
     "a method missing": (
         changed("def initial_states", "def initial_state"),
-        r"motor\.py:6: Motor does not implement initial_states",
+        r"motor\.py:6: Lag does not implement initial_states",
     ),
     "arguments wanted": (
-        changed('name = "motor"', 'name = "motor"\n    def __init__(self, gain): ...'),
+        changed('name = "lag"', 'name = "lag"\n    def __init__(self, gain): ...'),
         r"missing 1 required positional argument",
     ),
     "impossible bounds": (
@@ -96,7 +134,7 @@ BROKEN_FILES = {
         changed('states = (Signal("speed", "rad/s"),)', 'states = (Signal("speed", "rad/s"))'),
         r"states: must be a tuple of Signal, not Signal; one alone needs a comma",
     ),
-    "no name": (changed('name = "motor"', ""), "name: missing"),
+    "no name": (changed('name = "lag"', ""), "name: missing"),
     "a signal twice": (changed('"voltage", "V"', '"speed", "V"'), "signal 'speed' is declared 2 times"),
     "cause and place swapped": (changed('"force",\n', '"forces",\n'), "where must be force or actuator"),
     "a start out of bounds": (changed("(0.2, 1.0)", "(0.2, 11.0)"), "start 11 of 'width' is outside"),

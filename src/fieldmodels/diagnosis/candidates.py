@@ -90,10 +90,10 @@ class Candidates:
         indices = list(range(len(model.parameters)))
         for name in effects:
             indices += range(*model.slice_of(name).indices(len(model.names)))
-        return np.array(
-            [i for i in indices if model.names[i] not in self.fixed and model.all_parameters[i].smooth],
-            dtype=np.int64,
-        )
+        parameters = model.all_parameters
+        moved = [i for i in indices if model.names[i] not in self.fixed and parameters[i].smooth]
+        count = len(model.parameters)  # a known base parameter is among the fixed, unless a stage frees it
+        return np.array([i for i in moved if i < count or parameters[i].refitted], dtype=np.int64)
 
     def names(self) -> list[str]:
         """Effects that may be tried: not fixed by the user, not absorbed, and not read off the data."""
@@ -186,7 +186,7 @@ class Candidates:
     def start_vectors(self, parent: Candidate, effect: Effect) -> FloatArray:
         """Starts with one linear parameter switched on at a time, shape (starts, linear, parameters)."""
         choices = [_parameter_starts(self.problem, effect, k) for k in range(len(effect.parameters))]
-        linear = [k for k, c in enumerate(choices) if len(c) == 1] or [0]
+        linear = _linear(self.problem, effect)
         for k, parameter in enumerate(effect.parameters):
             if parameter.unit == "Hz" and effect.where == "force" and self.problem.model.disturbance_unit:
                 choices[k] = self.lines(parent, np.array(choices[k]))
@@ -289,7 +289,7 @@ class Candidates:
         return project(here, np.moveaxis(outputs[0::2] - outputs[1::2], 0, 2) / (2 * step))
 
     def _judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
-        size = sum(len(self.problem.model.effect(name).parameters) for name in effects)
+        size = sum(self.problem.model.effect(name).size for name in effects)
         return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds), size)
 
     def _profiled(self, best: Fit, effect: Effect) -> Fit:
@@ -335,6 +335,8 @@ def _smallest_singular(jacobian: FloatArray) -> float:
 def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[float]:
     """Starts of one parameter; a frequency and a moment of change are searched over the whole record."""
     parameter = effect.parameters[k]
+    if not parameter.refitted:
+        return (parameter.nominal,)
     large = sum(p.slots.shape[0] * p.slots.shape[1] for p in problem.parts) > SCANNED
     if parameter.unit == "Hz" and not (large and parameter.starts):
         duration = max(np.ptp(p.windows.recording.time) for p in problem.parts)
@@ -359,7 +361,11 @@ def spacing(problem: Problem, effect: Effect, k: int) -> float:
 
 def _linear(problem: Problem, effect: Effect) -> list[int]:
     """Parameters with a single start, taken as linear in a first search; the others span its grid."""
-    single = [k for k, p in enumerate(effect.parameters) if len(_parameter_starts(problem, effect, k)) == 1]
+    single = [
+        k
+        for k, p in enumerate(effect.parameters)
+        if p.refitted and len(_parameter_starts(problem, effect, k)) == 1
+    ]
     return single or [0]
 
 

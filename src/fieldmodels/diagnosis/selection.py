@@ -265,7 +265,7 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     best: dict[frozenset[str], Candidate] = {}
     model = candidates.problem.model
     for i, (promise, parent, name) in enumerate(jobs):
-        simpler = parent.size + len(model.effect(name).parameters) < parents[0].size
+        simpler = parent.size + model.effect(name).size < parents[0].size
         if i >= TRIED_AT_LEAST and promise < (-2 * SAME_GAIN if simpler else TRIED_ABOVE):
             continue
         child = candidates.extend(parent, name)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.windows import without_noise
+from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.stock import Sizes, Stock
 from fieldmodels.model import Signal
 from fieldmodels.recording import Recording
@@ -55,47 +57,58 @@ def _sizes(machine: Machine, e: Stock, recordings: Sequence[Recording]) -> Sizes
     """Sizes for one stock effect: of the command, the force's velocity, or the output that it acts on."""
     step = recordings[0].step
     duration = max(len(r) * r.step for r in recordings)
-    result = Sizes(duration=duration, step=step, frequencies=_peaks(machine, recordings))
-    inputs = {s.name for s in machine.inputs}
-    if e.place == "actuator" or e.signal in inputs:
+    variables = e.over if isinstance(e, Curve) else ()
+    result = Sizes(
+        duration=duration,
+        step=step,
+        frequencies=_peaks(machine, recordings),
+        ranges=tuple(_range(machine, v, recordings) for v in variables),
+    )
+    if e.signal in {p.name for p in machine.parameters}:
+        nominal = next(p for p in machine.parameters if p.name == e.signal)
+        return replace(result, force=abs(nominal.nominal) or 10 * nominal.scale)
+    if e.signal in {s.name for s in machine.inputs}:
         command = np.concatenate([r[e.signal] for r in recordings])
         high = tuple(float(q) for q in np.quantile(np.abs(command), [0.995, 0.97, 0.9, 0.7]))
         change = max(float(np.max(np.abs(np.diff(r[e.signal])), initial=0.0)) / r.step for r in recordings)
         size = _rms(command) or 1.0
         low = high if min(high) > 0 else (2 * size, 1.5 * size, size, 0.5 * size)
-        return replace(
-            result, force=size, high_forces=low, rate=change or 100.0 * size, position=max(high) or 1.0
-        )
-    if e.place == "change" or e.signal in {p.name for p in machine.parameters}:
-        nominal = next(p for p in machine.parameters if p.name == e.signal)
-        reach = duration if getattr(e, "over", ()) == ("time",) else _reach(machine, e, recordings)
-        return replace(result, force=abs(nominal.nominal) or 10 * nominal.scale, position=reach)
-    if any(f.velocity == e.signal for f in machine.forces):
+        return replace(result, force=size, high_forces=low, rate=change or 100.0 * size)
+    if _acts_on_a_force(machine, e):
         f = next(f for f in machine.forces if f.velocity == e.signal)
-        speed = _size_of(recordings, e.signal, f.position)
-        force = machine.inertia_of(f) * _acceleration(recordings, e.signal, f.position)
-        reach = _reach(machine, e, recordings) or _rms(_centred(recordings, f.position)) or 1.0
-        return replace(result, force=force or 1.0, velocity=speed or 1.0, position=reach)
+        return replace(
+            result,
+            force=machine.inertia_of(f) * _acceleration(recordings, e.signal, f.position) or 1.0,
+            velocity=_size_of(recordings, e.signal, f.position) or 1.0,
+            position=_rms(_centred(recordings, f.position)) or 1.0,
+        )
     size = _rms(_centred(recordings, e.signal)) or 1.0
-    reach = _reach(machine, e, recordings) or size
-    return replace(result, position=reach, force=size, velocity=_rms(_slopes(recordings, e.signal)) or 1.0)
+    return replace(result, position=size, force=size, velocity=_rms(_slopes(recordings, e.signal)) or 1.0)
 
 
-def _reach(machine: Machine, e: Stock, recordings: Sequence[Recording]) -> float:
-    """How far the variable of a curve goes; 0 if it is no curve."""
-    over = getattr(e, "over", ())
-    if not over:
-        return 0.0
-    if over[0] == "time":
-        return max(len(r) * r.step for r in recordings)
+def _acts_on_a_force(machine: Machine, e: Stock) -> bool:
+    place = e.where if isinstance(e, Curve) else e.place
+    return place == "force" and any(f.velocity == e.signal for f in machine.forces)
+
+
+def _range(machine: Machine, variable: str, recordings: Sequence[Recording]) -> tuple[float, float]:
+    """From where to where a variable of a curve goes, but for a hundredth at either end."""
+    if variable == "time":
+        return 0.0, max(len(r) * r.step for r in recordings)
     positions = {f.velocity: f.position for f in machine.forces}
-    reach = 1.0
-    for name in over[0].split("*"):
-        values = _values(recordings, name.strip())
-        if len(values) == 0:
-            values = _slopes(recordings, positions.get(name.strip(), ""))
-        reach *= float(np.quantile(np.abs(values), 0.99)) if len(values) else 1.0
-    return reach or 1.0
+    products = []
+    for recording in recordings:
+        columns = []
+        for name in (word.strip() for word in variable.split("*")):
+            position = positions.get(name, "")
+            if name in recording:
+                columns.append(recording[name])
+            elif position in recording:
+                columns.append(np.gradient(without_noise(recording, position), recording.step))
+        products.append(np.prod(columns, axis=0) if columns else np.zeros(0))
+    values = np.concatenate(products)
+    low, high = (float(q) for q in np.quantile(values, [0.01, 0.99])) if len(values) else (-1.0, 1.0)
+    return (low, high) if high > low else (low - 1.0, low + 1.0)
 
 
 def _size_of(recordings: Sequence[Recording], velocity: str, position: str) -> float:

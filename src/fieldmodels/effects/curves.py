@@ -99,10 +99,11 @@ def _declare(place: str, signal: str, over: tuple[str, ...], knots: int) -> Decl
         ranges = []
         for k, variable in enumerate(over):
             tag = "" if len(over) == 1 else f"_{k + 1}"
-            reach = s.position if k == 0 else s.velocity
+            low, high = s.ranges[k] if s.ranges else (-1.0, 1.0)
+            share = 0.1 * (high - low)
             ranges += [
-                Parameter(f"low{tag}", variable, -reach, -LARGE, LARGE, 0.1 * reach, refitted=False),
-                Parameter(f"high{tag}", variable, reach, -LARGE, LARGE, 0.1 * reach, refitted=False),
+                Parameter(f"low{tag}", variable, low, -LARGE, LARGE, share, refitted=False),
+                Parameter(f"high{tag}", variable, high, -LARGE, LARGE, share, refitted=False),
             ]
         size = 0.1 * s.force
         values = [

@@ -57,6 +57,7 @@ class Sizes:
         duration: Length of the longest recording [s].
         step: Sampling interval [s].
         frequencies: Where a periodic force is sought [Hz].
+        ranges: From where to where each variable of a curve goes; by default one to either side of 0.
     """
 
     force: float = 1.0
@@ -67,6 +68,7 @@ class Sizes:
     duration: float = 30.0
     step: float = 0.01
     frequencies: tuple[float, ...] = (1.0,)
+    ranges: tuple[tuple[float, float], ...] = ()
 
 
 Declare = Callable[[Names, Sizes], Effect]
