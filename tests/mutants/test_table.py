@@ -103,7 +103,7 @@ def test_how_an_error_ends(worker, tmp_path, old, new, status, test):
 def test_tests_that_fail_or_are_skipped_without_an_error_are_told(worker, tmp_path):
     assert run.without_error([worker], [TEST], tmp_path / "warm") == {}
     (worker.root / TEST).write_text(
-        "import pytest\n\ndef test_idle():\n    pytest.skip('no data')\n\ndef test_wrong():\n    assert 1 == 2\n"
+        "import pytest\n\ndef test_idle():\n    pytest.skip()\n\ndef test_wrong():\n    assert 1 == 2\n"
     )
     useless = run.without_error([worker], [TEST], tmp_path / "warm")
     assert sorted(useless) == [f"{TEST}::test_idle", f"{TEST}::test_wrong"]
