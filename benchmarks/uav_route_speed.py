@@ -47,12 +47,12 @@ def main() -> None:
     drawn = World(detection=Detection(stochastic=True))
     route = safe_route(EXAMPLE)
     rates = {
-        f"one radar, {BATCH} flights": rate(legs(BATCH, Rules()), BATCH),
-        f"four radars, {BATCH} flights": rate(legs(BATCH, Rules(radars=4)), BATCH),
-        f"one radar, drawn scans, {BATCH} flights": rate(legs(BATCH, Rules(drawn)), BATCH),
+        f"one radar, {BATCH} flights": rate(legs(BATCH, Rules(longest_leg=50.0)), BATCH),
+        f"four radars, {BATCH} flights": rate(legs(BATCH, Rules(radars=4, longest_leg=50.0)), BATCH),
+        f"one radar, drawn scans, {BATCH} flights": rate(legs(BATCH, Rules(drawn, longest_leg=50.0)), BATCH),
         "one radar, legs of 10 km at most": rate(legs(BATCH, Rules(longest_leg=10.0)), BATCH),
         "two legs of 79 km simulated every 0.1 s": rate(lambda: simulate_plan(route, EXAMPLE.radars), 2),
-        "one radar, one flight": rate(legs(1, Rules()), 1),
+        "one radar, one flight": rate(legs(1, Rules(longest_leg=50.0)), 1),
     }
     base = list(rates.values())[-1]
     print(f"{'legs':52s}{'a second':>14s}{'ratio':>10s}")

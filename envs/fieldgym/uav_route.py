@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -21,7 +21,15 @@ from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, Task
 from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
-from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, Score, check_plants, observed_names
+from fieldmodels.machines.uav_route.batch import (
+    Flights,
+    Leg,
+    LegRules,
+    Rules,
+    Score,
+    check_plants,
+    observed_names,
+)
 from fieldmodels.machines.uav_route.layouts import distance_around, side_on_range
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import (
@@ -69,14 +77,13 @@ class UavLayout:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class UavRouteSettings:
+class UavRouteSettings(LegRules):
     """What can be set in ``fieldgym/UavRoute-v0``.
 
     Attributes:
         layout: ``random`` draws start, goal and radars for each episode, so that an undetected route of two
             legs exists; ``example`` is the source's; or a mapping of ``start``, ``goal`` and ``radars``, each
             north and east [km].
-        radars: Number of radars of random layouts, 1 to 4.
         threshold: Probability of detection above which a detection counts, or is certain.
         interpolation: Table 4.2 between its entries: ``linear`` or ``log``.
         detection: ``deterministic`` detects above the threshold; ``stochastic`` draws each scan.
@@ -92,10 +99,6 @@ class UavRouteSettings:
         speed: Speed of the aircraft [km/s].
         altitude: Its height above the radars [km].
         bank: Bank angle in turns [rad].
-        capture: Distance from the goal at which a flight has arrived [km].
-        horizon: Legs in an episode.
-        least_leg: Shortest leg [km].
-        longest_leg: Longest leg [km].
         length_cost: Cost of a kilometre flown.
         progress_reward: Reward of a kilometre by which the goal has come nearer.
         progress: How far the goal is, for that reward: ``straight``, or ``around`` the circle in which the
@@ -108,7 +111,6 @@ class UavRouteSettings:
     """
 
     layout: Literal["random", "example"] | UavLayout = "random"
-    radars: Annotated[int, Field(ge=1, le=RADARS)] = 1
     threshold: Annotated[float, Field(ge=0.01, lt=0.99)] = 0.5
     interpolation: Literal["linear", "log"] = "linear"
     detection: Literal["deterministic", "stochastic"] = "deterministic"
@@ -122,10 +124,6 @@ class UavRouteSettings:
     speed: Annotated[float, Field(gt=0, le=1)] = 0.25
     altitude: Annotated[float, Field(ge=0, le=50)] = 10.0
     bank: Annotated[float, Field(ge=0, le=1.5)] = math.pi / 4
-    capture: Positive = 5.0
-    horizon: Annotated[int, Field(ge=1, le=10_000)] = 60
-    least_leg: Positive = 2.5
-    longest_leg: Positive = 500.0
     length_cost: NotNegative = 0.01
     progress_reward: NotNegative = 0.01
     progress: Literal["straight", "around"] = "straight"
@@ -170,11 +168,7 @@ class UavRouteSettings:
         return Rules(
             world=self.world,
             layout=self.fixed_layout,
-            radars=self.radars,
-            capture=self.capture,
-            horizon=self.horizon,
-            least_leg=self.least_leg,
-            longest_leg=self.longest_leg,
+            **{field.name: getattr(self, field.name) for field in fields(LegRules)},
             score=Score(
                 length=self.length_cost,
                 progress=self.progress_reward if self.progress == "straight" else 0.0,
@@ -244,6 +238,10 @@ class _UavRouteTask(BatchTask):
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.set_reality``."""
         self.flights.set_plants(rows, self._model.plant(vectors))
+
+    def set_settings(self, row: int, settings: Any) -> None:
+        """See ``BatchTask.set_settings``."""
+        self.flights.set_rules(row, settings.rules)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a flight."""

@@ -214,6 +214,29 @@ def test_settings_are_drawn_too():
     assert equal(dict(enumerate(after)), dict(enumerate(fresh.step(actions))))
 
 
+def test_drawn_capture_and_horizon_end_each_flight():
+    settings = {"capture": {"uniform": [5.0, 80.0]}, "horizon": {"uniform": [2, 6]}}
+    env = gym.make_vec("fieldgym/UavRoute-v0", num_envs=24, settings=settings)
+    _, info = env.reset(seed=3)
+    told = info["privileged"]["settings"]
+    assert set(told["horizon"]) == {2, 3, 4, 5, 6}
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(6)]
+    steps = [env.step(action) for action in actions]
+    for i in range(24):
+        own = {name: told[name][i].item() for name in settings}
+        twin = gym.make("fieldgym/UavRoute-v0", settings=own).unwrapped
+        twin.reset(seed=3 + i)
+        for action, step in zip(actions, steps, strict=True):
+            one = twin.step(action[i])
+            assert [step[k][i] for k in (1, 2, 3)] == list(one[1:4])
+            assert np.array_equal(step[0][i], one[0])
+            if one[2]:
+                break
+        else:
+            pytest.fail("no horizon is longer than these legs")
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

@@ -283,7 +283,7 @@ def test_reality_changes_the_flight_and_a_faulty_sensor_only_what_is_told():
         ({"layout": {"start": (0, math.nan), "goal": (9, 9), "radars": [(0, 0)]}}, SettingsError, "start"),
         ({"radars": 5}, SettingsError, "radars"),
         ({"threshold": 1.0}, SettingsError, "threshold"),
-        ({"least_leg": 600.0}, ModelError, "legs must be"),
+        ({"least_leg": 600.0}, SettingsError, "shortest of the legs"),
         ({"layout": {"start": (0, 0), "goal": (3, 0), "radars": [(9, 9)]}}, ModelError, "capture radius"),
     ],
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,8 +19,9 @@ from fieldmodels.machines.uav_route.declaration import PLANT, nominal_plant
 from fieldmodels.machines.uav_route.kernel import advance_all, start_all
 from fieldmodels.machines.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.machines.uav_route.parameters import RADARS, Layout, World, make_constants
-from fieldmodels.machines.uav_route.state import EACH, FLIGHT, NUMBERS, OWN, Play
+from fieldmodels.machines.uav_route.state import EACH, FLIGHT, NUMBERS, OWN
 from fieldmodels.model import ModelError
+from fieldmodels.settings import Setting, check_declared, kernel_rows
 
 
 @dataclass(frozen=True)
@@ -42,29 +43,49 @@ class Score:
     late: float = 1.0
 
 
+SHAPE, SCALE = "it shapes the observation", "it scales the actions"
+"""Why a setting is one for all flights."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegRules:
+    """What the rules of flights and the environment's settings have in common."""
+
+    radars: Annotated[
+        int, Setting("Number of radars of random layouts.", least=1, most=RADARS, fixed=SHAPE)
+    ] = 1
+    capture: Annotated[float, Setting("Distance from the goal at which it is reached.", "km", above=0)] = 5.0
+    horizon: Annotated[int, Setting("Legs in an episode.", least=1, most=10_000)] = 60
+    least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
+    longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, fixed=SCALE)] = 500.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ModelError: If one is not possible.
+        """
+        check_declared(self)
+        if self.least_leg > self.longest_leg:
+            raise ModelError(
+                f"the shortest of the legs, {self.least_leg} km, is longer than the longest, "
+                f"{self.longest_leg} km"
+            )
+
+
 @dataclass(frozen=True)
-class Rules:
+class Rules(LegRules):
     """What is flown.
 
     Attributes:
         world: Aircraft, detection, lock loss, and how the source's equations are read.
         layout: Start, goal and radars of every episode; None draws them anew for each.
-        radars: Number of radars of drawn layouts, 1 to 4.
-        capture: Distance from the goal at which a flight has arrived [km].
-        horizon: Legs after which an episode ends.
-        least_leg: Shortest leg [km].
-        longest_leg: Longest leg [km].
         step: Longest time between tests if detection is certain above the threshold [s].
         score: What a leg is worth.
     """
 
     world: World = field(default_factory=World)
     layout: Layout | None = None
-    radars: int = 1
-    capture: float = 5.0
-    horizon: int = 60
-    least_leg: float = 2.5
-    longest_leg: float = 50.0
     step: float = 5.0
     score: Score = field(default_factory=Score)
 
@@ -74,15 +95,11 @@ class Rules:
         Raises:
             ModelError: If one is not possible.
         """
-        count = self.radars if self.layout is None else len(self.layout.radars)
-        if count not in range(1, RADARS + 1):
-            raise ModelError(f"flights have 1 to {RADARS} radars, not {count}")
-        if not 0 < self.least_leg <= self.longest_leg < math.inf:
-            raise ModelError(
-                f"legs must be positive and finite [km], not {self.least_leg} to {self.longest_leg}"
-            )
-        if not (self.capture > 0 and self.horizon >= 1 and self.step > 0):
-            raise ModelError("capture radius [km], horizon and step [s] must be positive")
+        super().__post_init__()
+        if self.count not in range(1, RADARS + 1):
+            raise ModelError(f"flights have 1 to {RADARS} radars, not {self.count}")
+        if not self.step > 0:
+            raise ModelError(f"the step must be positive [s], not {self.step}")
         if self.layout is not None and math.dist(self.layout.start, self.layout.goal) <= self.capture:
             raise ModelError("the layout's start lies within the capture radius of its goal")
         if self.world.reading.heading == "next_leg":
@@ -97,33 +114,30 @@ class Rules:
         return self.radars if self.layout is None else len(self.layout.radars)
 
 
-def make_play(rules: Rules) -> Play:
-    """Put the rules into the form of the kernels."""
+def kernel_rules(rules: Rules, batch: int) -> NDArray[Any]:
+    """The rules as the kernels read them, shape (batch,)."""
     layout = rules.layout or Layout((0.0, 0.0), (0.0, 0.0), ())
     sites = np.zeros((RADARS, 2))
     for r, site in enumerate(layout.radars):
         sites[r] = site
-    return Play(
-        radars=rules.count,
-        drawn=rules.layout is None,
-        start_north=float(layout.start[0]),
-        start_east=float(layout.start[1]),
-        goal_north=float(layout.goal[0]),
-        goal_east=float(layout.goal[1]),
-        sites=sites,
-        side_on=side_on_range(rules.world.detection),
-        banked=banked_range(rules.world.detection),
-        capture=float(rules.capture),
-        horizon=int(rules.horizon),
-        least_leg=float(rules.least_leg),
-        longest_leg=float(rules.longest_leg),
-        step=float(rules.step),
-        cost=float(rules.score.length),
-        progress=float(rules.score.progress),
-        arrival=float(rules.score.arrival),
-        damage=float(rules.score.damage),
-        late=float(rules.score.late),
-    )
+    derived = {
+        "radars": rules.count,
+        "drawn": rules.layout is None,
+        "start_north": float(layout.start[0]),
+        "start_east": float(layout.start[1]),
+        "goal_north": float(layout.goal[0]),
+        "goal_east": float(layout.goal[1]),
+        "sites": sites,
+        "side_on": float(side_on_range(rules.world.detection)),
+        "banked": float(banked_range(rules.world.detection)),
+        "step": float(rules.step),
+        "cost": float(rules.score.length),
+        "progress": float(rules.score.progress),
+        "arrival": float(rules.score.arrival),
+        "damage": float(rules.score.damage),
+        "late": float(rules.score.late),
+    }
+    return kernel_rows(rules, batch, derived)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +216,7 @@ class Flights:
         self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
         self.plants = np.array(np.broadcast_to(own, (batch,)))
         self._constants = make_constants(self.rules.world)
-        self._play = make_play(self.rules)
+        self._rules = kernel_rules(self.rules, batch)
         self._columns = len(OWN) + self.rules.count * len(EACH)
         self._still = np.zeros((batch, 2))
         self._seeded = np.zeros(batch, dtype=np.bool_)
@@ -212,6 +226,10 @@ class Flights:
     def __len__(self) -> int:
         """Number of flights."""
         return len(self.flights)
+
+    def set_rules(self, row: int, rules: Rules) -> None:
+        """Give one flight, before its next episode, other rules with as many radars."""
+        self._rules[row] = kernel_rules(rules, 1)[0]
 
     def set_plants(self, rows: list[int], plants: NDArray[Any]) -> None:
         """Say what some aircraft truly are from their next episode on; shape (len(rows),).
@@ -239,7 +257,7 @@ class Flights:
         rows = np.fromiter(which, dtype=np.int64)
         if not self._seeded[rows].all():
             raise ModelError("seed every flight before its first episode")
-        start_all(self.flights, rows, self._play)
+        start_all(self.flights, rows, self._rules)
         self._begun[rows] = True
         self._ready = bool(self._begun.all())
 
@@ -320,7 +338,7 @@ class Flights:
             np.empty(batch, dtype=np.int64),
         )
         finite = advance_all(
-            self.flights, actions, flying, relative, restarting, self.plants, self._constants, self._play,
+            self.flights, actions, flying, relative, restarting, self.plants, self._constants, self._rules,
             leg.observed, leg.numbers, leg.places, leg.reward, leg.over,
         )  # fmt: skip
         if not finite:

@@ -16,12 +16,12 @@ from fieldmodels.machines.uav_route.lock_loss import timers_after
 from fieldmodels.machines.uav_route.observation import distance_to_goal, radial, write
 from fieldmodels.machines.uav_route.parameters import RADARS, Constants
 from fieldmodels.machines.uav_route.radar import certain, chance
-from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE, Play
+from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE
 from fieldmodels.streams import GAMMA, mixed, uniform
 
 
 @inlined
-def begin(flight: Any, p: Play) -> None:
+def begin(flight: Any, p: Any) -> None:
     """Begin a flight's next episode."""
     flight.episode += 1
     if p.drawn:
@@ -46,7 +46,7 @@ def begin(flight: Any, p: Play) -> None:
 
 @inlined
 def scan(
-    flight: Any, north: float, east: float, attitude: Attitude, plant: Any, c: Constants, p: Play
+    flight: Any, north: float, east: float, attitude: Attitude, plant: Any, c: Constants, p: Any
 ) -> None:
     """Let every radar compute its probability of detection, and detect above the threshold."""
     for r in range(p.radars):
@@ -58,7 +58,7 @@ def scan(
 
 
 @inlined
-def draw_scans(flight: Any, c: Constants, p: Play) -> None:
+def draw_scans(flight: Any, c: Constants, p: Any) -> None:
     """Draw the result of each radar's scan; the numbers depend on the scan's time alone."""
     key = mixed(mixed(flight.key + np.uint64(flight.episode) * GAMMA) + GAMMA)
     for r in range(p.radars):
@@ -70,7 +70,7 @@ def draw_scans(flight: Any, c: Constants, p: Play) -> None:
 
 
 @inlined
-def run_timers(flight: Any, time: float, c: Constants, p: Play) -> bool:
+def run_timers(flight: Any, time: float, c: Constants, p: Any) -> bool:
     """Let all timers run for a time [s] in which nothing changes; returns whether a missile hits."""
     hit, over = False, False
     for r in range(p.radars):
@@ -90,7 +90,7 @@ def run_timers(flight: Any, time: float, c: Constants, p: Play) -> bool:
 
 
 @inlined
-def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, c: Constants, p: Play) -> bool:
+def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, c: Constants, p: Any) -> bool:
     """Fly with one velocity and attitude for a time [s]; returns whether it ends in a hit.
 
     Detection above the threshold is tested in the middle of steps; drawn scans come at their own times, and
@@ -136,7 +136,7 @@ def length_to_capture(flight: Any, north: float, east: float, length: float, cap
 
 
 @inlined
-def fly(flight: Any, course: float, length: float, plant: Any, c: Constants, p: Play) -> None:
+def fly(flight: Any, course: float, length: float, plant: Any, c: Constants, p: Any) -> None:
     """Fly one leg of a course [rad] and a length [km]; the first one begins without a turn."""
     north, east = math.cos(course), math.sin(course)
     to_north, to_east = flight.place[0] + length * north, flight.place[1] + length * east
@@ -167,7 +167,7 @@ def fly(flight: Any, course: float, length: float, plant: Any, c: Constants, p: 
 
 
 @inlined
-def score(flight: Any, distance: float, path: float, p: Play) -> float:
+def score(flight: Any, distance: float, path: float, p: Any) -> float:
     """What a leg was worth that began at a distance from the goal [km] with a path behind it [km]."""
     value: float = p.progress * (distance - distance_to_goal(flight)) - p.cost * (flight.path - path)
     if flight.over == ARRIVED:
@@ -180,10 +180,10 @@ def score(flight: Any, distance: float, path: float, p: Play) -> float:
 
 
 @compiled
-def start_all(flights: NDArray[Any], which: NDArray[np.int64], p: Play) -> None:
+def start_all(flights: NDArray[Any], which: NDArray[np.int64], rules: NDArray[Any]) -> None:
     """Begin the next episode of some flights."""
     for b in which:
-        begin(flights[b], p)
+        begin(flights[b], rules[b])
 
 
 @compiled
@@ -195,7 +195,7 @@ def advance_all(
     restarting: bool,
     plants: NDArray[Any],
     c: Constants,
-    p: Play,
+    rules: NDArray[Any],
     observed: NDArray[np.float32],
     numbers: FloatArray,
     places: FloatArray,
@@ -213,7 +213,7 @@ def advance_all(
             if not (math.isfinite(actions[b, 0]) and math.isfinite(actions[b, 1])):
                 return False
     for b in range(len(flights)):
-        flight, plant = flights[b], plants[b]
+        flight, plant, p = flights[b], plants[b], rules[b]
         gain = 0.0
         if flying and restarting and flight.over != FLYING:
             begin(flight, p)

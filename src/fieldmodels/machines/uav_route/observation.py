@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
 from fieldmodels.machines.uav_route.parameters import Constants
-from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN, Play
+from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN
 
 
 @inlined
@@ -57,9 +57,7 @@ def radial(flight: Any, plant: Any, count: int) -> tuple[float, float]:
 
 
 @inlined
-def observe(
-    flight: Any, plant: Any, c: Constants, p: Play, observed: NDArray[np.float32], order: Any
-) -> None:
+def observe(flight: Any, plant: Any, c: Constants, p: Any, observed: NDArray[np.float32], order: Any) -> None:
     """Write down what is observed of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
     north, east = measured_place(flight, plant)
     for r in range(p.radars):
@@ -108,7 +106,7 @@ def observe(
 
 @inlined
 def write(
-    flight: Any, plant: Any, b: int, c: Constants, p: Play, order: Any, observed: NDArray[np.float32],
+    flight: Any, plant: Any, b: int, c: Constants, p: Any, order: Any, observed: NDArray[np.float32],
     numbers: FloatArray, places: FloatArray,
 ) -> None:  # fmt: skip
     """Write down what is observed of flight ``b``, and its ``NUMBERS``."""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import RADARS
 
 LOSE, ENGAGE, LAUNCH = 0, 1, 2
@@ -73,27 +70,3 @@ EACH = (
     "launch_timer",
     "detected",
 )
-
-
-class Play(NamedTuple):
-    """The rules of the flights as the kernels take them."""
-
-    radars: int
-    drawn: bool
-    start_north: float
-    start_east: float
-    goal_north: float
-    goal_east: float
-    sites: FloatArray
-    side_on: float
-    banked: float
-    capture: float
-    horizon: int
-    least_leg: float
-    longest_leg: float
-    step: float
-    cost: float
-    progress: float
-    arrival: float
-    damage: float
-    late: float
