@@ -211,7 +211,7 @@ class Lqg(Steering):
     Args:
         bend: Standard deviation of the curvature's change in a stride [1/m].
         effort: Weight of a turn's change against the offset.
-        plant: The plant as the designer knows it, shape (), dtype ``PLANT``; None is nominal.
+        plant: The plant as the design knows it, shape (), dtype ``PLANT``; None is nominal.
     """
 
     def __init__(

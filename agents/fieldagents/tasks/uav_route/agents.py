@@ -196,13 +196,13 @@ def printed(*, lock_loss: bool) -> Planning:
 
 
 def legs(layout: Layout, world: World, heading: float | None) -> Plan:
-    """Two certified legs, polished into four; three where two find no way."""
+    """Two verified legs, polished into four; three where two find no way."""
     plan = leg_plan(layout, world, directions=72, polish=4, heading=heading, time_limit=TIME_LIMIT)
     return plan if plan.found else three_legs(layout, world, heading)
 
 
 def three_legs(layout: Layout, world: World, heading: float | None) -> Plan:
-    """Three certified legs, polished into four."""
+    """Three verified legs, polished into four."""
     return leg_plan(layout, world, legs=3, polish=4, heading=heading, time_limit=TIME_LIMIT)
 
 
@@ -282,11 +282,11 @@ AGENTS = (
     _reference(
         "printed_lock_loss", "The same with lock loss, (4.33)", lambda _: printed(lock_loss=True), direct=True
     ),
-    _reference("legs", "Two certified legs by a small program, then polished into four", lambda _: legs),
+    _reference("legs", "Two verified legs by a small program, then polished into four", lambda _: legs),
     _reference("three_legs", "The same with three legs, which takes longer", lambda _: three_legs),
     _reference(
         "legs_low",
-        "Two certified legs at the lowest probability of detection that leaves a way",
+        "Two verified legs at the lowest probability of detection that leaves a way",
         lambda _: legs_low,
     ),
     _reference(

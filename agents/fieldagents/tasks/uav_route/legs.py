@@ -1,4 +1,4 @@
-"""Whole legs that are certified, by a mixed-integer program over waypoints: no time steps, no heading tables.
+"""Whole legs that are verified, by a mixed-integer program over waypoints: no time steps, no heading tables.
 
 Each leg is in one mode towards each radar, and each mode is a convex set of pairs of ends:
 
