@@ -1,4 +1,4 @@
-"""What planned measurements promise, and what they bring: a lag against a delay on the rig.
+"""What planned measurements are expected to yield, and what they do: a lag against a delay on the rig.
 
     python benchmarks/next_measurement.py --first 3100 --cases 4
 

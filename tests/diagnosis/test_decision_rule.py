@@ -17,8 +17,8 @@ from fieldmodels.diagnosis.selection import (
     accepted,
     block_p_value,
     dispersion,
+    indistinguishable,
     likelihood_p_value,
-    same,
 )
 
 BLOCKS = np.repeat(np.arange(16), 4)
@@ -174,16 +174,16 @@ def test_which_sets_the_data_cannot_tell_apart(worse, spread, size, alike):
     first = stands(100.0, size=1, effects=("a",), spread=0.0)
     second = stands(100.0 - 1.0 * (size - 1) + worse, size=size, effects=("b",), spread=spread)
     assert second.total - first.total == pytest.approx(worse)
-    assert same(first, second, BLOCKS) == alike
+    assert indistinguishable(first, second, BLOCKS) == alike
 
 
 def test_of_sets_alike_the_one_with_fewest_parameters_is_chosen():
     large = stands(100.0, size=3, effects=("a",))
     small = stands(102.5, size=1, effects=("b",))
     middle = stands(101.2, size=2, effects=("c",))
-    chosen, rivals = _simplest(large, (middle, small), BLOCKS)
+    chosen, alternatives = _simplest(large, (middle, small), BLOCKS)
     assert chosen is small
-    assert large in rivals
+    assert large in alternatives
 
 
 def test_held_out_likelihood_is_student_s():

@@ -23,12 +23,12 @@ from fieldmodels.diagnosis.fit import (
     standard_errors,
 )
 from fieldmodels.diagnosis.gain import predict, share
-from fieldmodels.diagnosis.loudness import levelled
-from fieldmodels.diagnosis.misfit import whiteness
+from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.profile import profiled_error
 from fieldmodels.diagnosis.quantisation import lattice
 from fieldmodels.diagnosis.report import write_results
+from fieldmodels.diagnosis.residuals import whiteness
 from fieldmodels.diagnosis.selection import MAX_P, MIN_GAIN, accepted, block_p_value, dispersion
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
 from fieldmodels.reality import read_reality
@@ -192,16 +192,16 @@ def test_blocks_of_several_records_are_told_apart():
     assert np.bincount(problem.blocks).max() <= 4
 
 
-def test_a_promise_is_kept_by_a_fit_of_a_linear_effect(fitted):
+def test_a_score_test_predicts_the_gain_of_a_linear_effect(fitted):
     _, candidates, base = fitted
     model = Tank()
     leaking = build(model, [tank_record(6, rate=0.02)], 0.8)
     candidates = replace(candidates, problem=leaking, seen={}, folds=leaking.blocks % 4)
     base = candidates.base()
-    promise = candidates.promise(base, "leak")
+    predicted = candidates.score_test(base, "leak")
     found = candidates.extend(base, "leak")
-    assert promise > 10
-    assert base.fit.cost - found.fit.cost == pytest.approx(promise, rel=0.1)
+    assert predicted > 10
+    assert base.fit.cost - found.fit.cost == pytest.approx(predicted, rel=0.1)
 
 
 def test_a_profile_is_as_wide_as_the_standard_error_where_there_is_one():
@@ -387,7 +387,7 @@ def test_loud_records_do_not_hide_what_a_quiet_one_shows():
 
 def test_records_of_equal_noise_are_not_weighed():
     problem = build(Tank(), [tank_record(seed) for seed in (403, 404)], 0.8)
-    assert all(one is problem for one in levelled(problem, problem, Tank().nominal))
+    assert all(one is problem for one in weighted_by_noise(problem, problem, Tank().nominal))
 
 
 def test_a_simulation_that_explodes_is_no_number():

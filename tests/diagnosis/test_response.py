@@ -1,10 +1,10 @@
-"""The response to a force on stretches of a window, against a mass that flies freely."""
+"""The response to a force on segments of a window, against a mass that flies freely."""
 
 import numpy as np
 
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.response import STRETCHES, responses
+from fieldmodels.diagnosis.response import SEGMENTS, responses
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -18,8 +18,8 @@ def test_a_free_mass_answers_a_unit_force_by_newton_s_law():
     whitener = np.diag(1 / problem.output_scale)
     fitted = fit(problem, vector, none, whitener, iterations=0)
     found = responses(problem, fitted)
-    assert found.shape[2] == STRETCHES
-    # All stretches together: a constant force of 1 N. Then v = t / m and x = t^2 / 2 m.
+    assert found.shape[2] == SEGMENTS
+    # All segments together: a constant force of 1 N. Then v = t / m and x = t^2 / 2 m.
     part = problem.parts[0]
     time = record.step * np.arange(part.windows.samples)
     for output, motion in ((0, 0.5 * time**2 / 2.5), (1, time / 2.5)):

@@ -29,13 +29,13 @@ IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
 TRIED = 2  # starts that are followed after screening
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
-PRICE = 1.0  # nats a parameter, on top of what it costs on held-out windows
+PRICE = 1.0  # nats per parameter, on top of what it costs on held-out windows
 LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
 MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
-SHOWN = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
-SINGULAR = 2e-3  # smallest singular value of unit columns that counts as determined
+CLEAR = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
+SINGULAR = 2e-3  # smallest singular value of unit columns that counts as identifiable
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Candidate:
     Attributes:
         effects: Names of the effects, in the order in which they were added.
         fit: Parameters and states.
-        search: Price [nats] of having searched several starts: the logarithm of their number.
+        search: Penalty [nats] for the search over several starts: the logarithm of their number.
         loss: Held-out loss [nats] of every window.
         size: Number of the effects' parameters.
     """
@@ -58,7 +58,7 @@ class Candidate:
 
     @property
     def total(self) -> float:
-        """Held-out loss of all windows with the price of search and size: what selection minimises."""
+        """Held-out loss of all windows with the penalties for search and size: what selection minimises."""
         return float(self.loss.sum()) + self.search + PRICE * self.size
 
 
@@ -72,8 +72,8 @@ class Candidates:
         fixed: Names of parameters that are not fitted.
         folds: Fold of each window for held-out losses.
         whitener: Whitening matrix that all fits share.
-        untestable: Effects that the free parameters absorb exactly.
-        seen: Screenings that were done, by parent and effect.
+        unidentifiable: Effects that the free parameters absorb exactly.
+        seen: Cached results of ``screened``, by parent and effect.
     """
 
     problem: Problem
@@ -81,11 +81,11 @@ class Candidates:
     fixed: frozenset[str]
     folds: IntArray
     whitener: FloatArray
-    untestable: set[str] = field(default_factory=set)
+    unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
 
     def free(self, effects: Names) -> IntArray:
-        """Indices of parameters that a gradient moves: the base and the effects, less the fixed."""
+        """Indices of the parameters that are fitted by gradient: base and effects, except fixed ones."""
         model = self.problem.model
         indices = list(range(len(model.parameters)))
         for name in effects:
@@ -96,13 +96,13 @@ class Candidates:
         return np.array([i for i in moved if i < count or parameters[i].refitted], dtype=np.int64)
 
     def names(self) -> list[str]:
-        """Effects that may be tried: not fixed by the user, not absorbed, and not read off the data."""
+        """Effects to try: not fixed by the user, identifiable, and not detected from the values."""
         model = self.problem.model
         return [
             effect.name
             for effect in model.effects
             if not any(f"{effect.name}.{p.name}" in self.fixed for p in effect.parameters)
-            and effect.name not in self.untestable
+            and effect.name not in self.unidentifiable
             and not is_quantisation(effect)
         ]
 
@@ -120,7 +120,7 @@ class Candidates:
         return self._judged((), fit(problem, best.parameters, free, self.whitener, best.states, 10), 0.0)
 
     def extend(self, parent: Candidate, name: str) -> Candidate | None:
-        """Add an effect to a fitted set; None if the data cannot determine it beside the rest."""
+        """Add an effect to a fitted set; None if no start gives a finite cost."""
         effect = self.problem.model.effect(name)
         _, starts = self.screened(parent, effect)
         free = self.free((*parent.effects, name))
@@ -135,13 +135,13 @@ class Candidates:
         return self._judged((*parent.effects, name), best, float(search))
 
     def again(self, candidate: Candidate) -> Candidate:
-        """Fit a candidate again with the present whitener."""
+        """Refit a candidate with the current whitener."""
         return self._judged(
             candidate.effects, refit(self.problem, candidate.fit, self.whitener, MOST), candidate.search
         )
 
     def without(self, candidate: Candidate, gone: str) -> Candidate:
-        """Fit a set again with one effect switched off."""
+        """Refit a set with one effect removed."""
         model = self.problem.model
         effects = tuple(name for name in candidate.effects if name != gone)
         start = candidate.fit.parameters.copy()
@@ -149,19 +149,19 @@ class Candidates:
         fitted = fit(self.problem, start, self.free(effects), self.whitener, candidate.fit.states)
         return self._judged(effects, fitted, candidate.search)
 
-    def promise(self, parent: Candidate, name: str) -> float:
-        """Improvement [nats] that an effect promises at its best start, to first order."""
+    def score_test(self, parent: Candidate, name: str) -> float:
+        """Improvement [nats] by an effect from its best start, predicted to first order (a score test)."""
         return self.screened(parent, self.problem.model.effect(name))[0]
 
     def score(self, parent: Candidate, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Improvement [nats] that each start of an effect promises, to first order.
+        """Improvement [nats] by an effect from each of its starts, predicted to first order (score tests).
 
         Args:
             parent: What the effect is added to.
             starts: As of ``start_vectors``.
 
         Returns:
-            Improvements, shape (starts,), and the best multiple of each linear parameter's step,
+            Improvements, shape (starts,), and the optimal multiple of each linear parameter's step,
             shape (starts, group).
         """
         count, group, size = starts.shape
@@ -201,7 +201,7 @@ class Candidates:
         return result
 
     def lines(self, parent: Candidate, grid: FloatArray) -> tuple[float, ...]:
-        """Frequencies of a force that would explain most beside a parent, from the response to a force."""
+        """Frequencies of a periodic force that explain most of a parent's residual, by its force response."""
         response, time = responses(self.problem, parent.fit), sample_times(self.problem)
         gains = []
         for i in range(0, len(grid), BATCH):
@@ -231,24 +231,24 @@ class Candidates:
         return flat, residual
 
     def screened(self, parent: Candidate, effect: Effect) -> tuple[float, list[FloatArray]]:
-        """Start vectors of an effect beside a parent, most promising first, and the best one's promise.
+        """Predicted improvement by an effect added to a parent, and its start vectors, best first.
 
-        Parameters with one start go where the first order says, within reach.
+        Parameters with a single start are set to their first-order optimum, within limits.
         """
         key = (id(parent.fit), effect.name)
         if key in self.seen:
             return self.seen[key][1:]
         starts = self.start_vectors(parent, effect)
-        promise, multiple = self.score(parent, starts)
+        predicted, multiple = self.score(parent, starts)
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
         if self.problem.looks is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
-            # Whether a rare look is likely or not changes too much for a first order.
+            # Likelihoods of rare events change too much for a first-order approximation.
             vectors = np.concatenate([parent.fit.parameters[None], starts[:, 0]])
             exact = costs(self.problem, vectors, parent.fit.states, parent.fit.whitener)
-            promise = exact[0] - exact[1:]
+            predicted = exact[0] - exact[1:]
         result = []
-        for i in np.argsort(-promise)[:TRIED]:
+        for i in np.argsort(-predicted)[:TRIED]:
             start = starts[i, 0].copy()
             for g, k in enumerate(linear):
                 if len(_parameter_starts(self.problem, effect, k)) > 1:
@@ -258,16 +258,16 @@ class Candidates:
                 reach = np.clip(multiple[i, g], least, 3.0)
                 start[place + k] = np.clip(p.nominal + reach * step, p.lower, p.upper)
             result.append(start)
-        # The fit is kept beside its id, so that the id cannot be given to another one.
-        self.seen[key] = parent.fit, float(promise.max()), result
+        # The fit is kept with its id, so that the id cannot be reused by another one.
+        self.seen[key] = parent.fit, float(predicted.max()), result
         return self.seen[key][1:]
 
-    def determined(self, parent: Candidate, name: str) -> bool:
-        """Whether the data can tell an effect from the base at all, by an exact rank test at its start."""
+    def identifiable(self, parent: Candidate, name: str) -> bool:
+        """Whether an effect is identifiable beside the base, by an exact rank test at its start."""
         effect = self.problem.model.effect(name)
-        promise, starts = self.screened(parent, effect)
-        if self.problem.looks is not None and promise > SHOWN:
-            return True  # what the base absorbs gains nothing, though no look need lie on a slope there
+        predicted, starts = self.screened(parent, effect)
+        if self.problem.looks is not None and predicted > CLEAR:
+            return True  # an absorbed effect gains nothing; derivatives may all vanish at the start
         free = self.free((*parent.effects, name))
         here = fit(self.problem, starts[0], free, self.whitener, parent.fit.states, 0)
         if _smallest_singular(here.jacobian) > 0.05:
@@ -293,7 +293,7 @@ class Candidates:
         return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds), size)
 
     def _profiled(self, best: Fit, effect: Effect) -> Fit:
-        """Search parameters without derivative on ever finer grids around the best start."""
+        """Search parameters without derivative on successively finer grids around the best start."""
         model = self.problem.model
         place = model.slice_of(effect.name).start
         for k, parameter in enumerate(effect.parameters):
@@ -319,12 +319,12 @@ class Candidates:
 
 
 def is_quantisation(effect: Effect) -> bool:
-    """Whether an effect is a sensor's coarse step, which is read off the values themselves."""
+    """Whether an effect is sensor quantisation, which is detected from the values themselves."""
     return effect.name.endswith("quantisation")
 
 
 def _smallest_singular(jacobian: FloatArray) -> float:
-    """Smallest singular value of unit columns; 0 if a column is empty."""
+    """Smallest singular value of the columns scaled to unit length; 0 if a column vanishes."""
     flat = stacked(jacobian)
     size = np.linalg.norm(flat, axis=0)
     if flat.shape[1] == 0 or size.min() <= 1e-9 * size.max():
@@ -333,7 +333,7 @@ def _smallest_singular(jacobian: FloatArray) -> float:
 
 
 def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[float]:
-    """Starts of one parameter; a frequency and a moment of change are searched over the whole record."""
+    """Starts of one parameter; frequencies and times of a change are searched over the whole record."""
     parameter = effect.parameters[k]
     if not parameter.refitted:
         return (parameter.nominal,)
@@ -354,13 +354,13 @@ def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[floa
 
 
 def spacing(problem: Problem, effect: Effect, k: int) -> float:
-    """How far the starts of one parameter lie apart."""
+    """Distance between neighbouring starts of one parameter."""
     grid = np.sort(_parameter_starts(problem, effect, k))
     return float(np.median(np.diff(grid))) if len(grid) > 1 else effect.parameters[k].scale
 
 
 def _linear(problem: Problem, effect: Effect) -> list[int]:
-    """Parameters with a single start, taken as linear in a first search; the others span its grid."""
+    """Parameters with a single start, taken as linear in the screening; the others span its grid."""
     single = [
         k
         for k, p in enumerate(effect.parameters)

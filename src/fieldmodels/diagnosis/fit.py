@@ -23,7 +23,7 @@ PRIOR = 2.0  # initial states stay within about this many times their spread ove
 STEP = 0.01  # finite-difference step of a parameter, in its scale
 STATE_STEP = 1e-3  # the same of a state, in its spread over windows
 TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
-BLIND = 0.01  # size of a whitened column below which ten coordinates' change cannot show (0.005 nats)
+INSENSITIVE = 0.01  # size of a whitened column below which ten coordinates' change cannot show (0.005 nats)
 SETTLED = 0.01  # nats; a smaller improvement ends a fit
 
 
@@ -198,7 +198,7 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
     """
     loss = np.zeros(len(fitted.residual))
     # What the data cannot see would be sent thousands of coordinates away by the little that they say.
-    active = fitted.active & (np.sqrt(np.sum(fitted.jacobian**2, axis=(0, 1))) > BLIND)
+    active = fitted.active & (np.sqrt(np.sum(fitted.jacobian**2, axis=(0, 1))) > INSENSITIVE)
     jacobian = fitted.jacobian[:, :, active]
     flat = stacked(jacobian)
     whole, gradient = flat.T @ flat, flat.T @ fitted.residual.reshape(-1)

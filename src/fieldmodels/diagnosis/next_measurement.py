@@ -1,7 +1,7 @@
-"""The measurement that would tell rivals apart: T-optimality (Hunter and Reiner, 1965).
+"""Design of the next measurement, which distinguishes two models: T-optimality (Hunter and Reiner, 1965).
 
-Among inputs inside the limits that the recordings have shown, the one for which the rival, refitted, stays
-furthest from the chosen set. Where nobody chooses a machine's inputs, it is said which of its moments count.
+Among inputs within the recorded limits, the one for which the alternative, refitted, stays furthest from
+the chosen set. Where the inputs cannot be chosen, the report says which parts of the data are informative.
 """
 
 from __future__ import annotations
@@ -21,23 +21,27 @@ from fieldmodels.diagnosis.result import NextMeasurement, Verdict
 from fieldmodels.diagnosis.selection import MIN_GAIN, Selection
 from fieldmodels.recording import Recording, RecordingError, Windows
 
-SECONDS, LONGEST = 20.0, 240.0  # of a planned measurement: compared over the first, at most the second
+Scores = dict[tuple[str, float], float]
+SECONDS, LONGEST = 20.0, 240.0  # durations of a planned measurement: for comparing inputs, at most
 WINDOWS = 12  # at the main horizon, at least
-ENOUGH = 16.0  # nats that decide: beyond the 6 that tell two sets apart by 2.5 standard deviations
-WEAK = 15.0  # nats: a single effect that leads its next rival by less is named, but weakly
-HOPELESS = 0.1  # nats from the best input, of which nobody would record enough
-TRIES, LEAST_SCALE = 6, 0.02  # to find the share of the inputs' range that keeps the outputs in theirs
+ENOUGH = 16.0  # nats that decide: above the 6 that distinguish two sets by 2.5 standard deviations
+WEAK = 15.0  # nats: a single effect that leads the next one by less is weakly supported
+HOPELESS = 0.1  # nats from the best input: no practical duration would suffice
+TRIES, LEAST_SCALE = (
+    6,
+    0.02,
+)  # attempts to scale the inputs so that the outputs stay in range, and the smallest scale
 
 
-def rivals_of(selection: Selection, verdict: Verdict) -> tuple[Candidate, Candidate] | None:
-    """The two sets that a measurement should tell apart; None if there is no such question.
+def models_to_distinguish(selection: Selection, verdict: Verdict) -> tuple[Candidate, Candidate] | None:
+    """The two sets that a measurement should distinguish; None if there are none.
 
-    Of an ambiguous verdict the chosen set and its closest rival; of a single effect that is named weakly, it
-    and the next; where nothing is named though single effects would gain, the best two of them.
+    For an ambiguous verdict the chosen set and its closest alternative; for a single weakly supported effect,
+    it and the next; if nothing is named though single effects would gain, the best two of them.
     """
     chosen = selection.chosen
     if verdict == "ambiguous":
-        return (chosen, selection.rivals[0]) if selection.rivals else None
+        return (chosen, selection.alternatives[0]) if selection.alternatives else None
     others = [c for c in selection.ranking if set(c.effects) != set(chosen.effects)]
     if verdict == "named" and len(chosen.effects) == 1 and others:
         return (chosen, others[0]) if others[0].total - chosen.total < WEAK else None
@@ -50,24 +54,23 @@ def rivals_of(selection: Selection, verdict: Verdict) -> tuple[Candidate, Candid
 def next_measurement(
     candidates: Candidates, selection: Selection, verdict: Verdict, rng: np.random.Generator
 ) -> NextMeasurement | None:
-    """Plan what best separates two rivals.
+    """Plan the measurement that best distinguishes two sets of effects.
 
     Returns:
-        None if there are no rivals.
+        None if there are no two sets to distinguish, or no input for which the simulation is finite.
     """
-    rivals = rivals_of(selection, verdict)
-    if rivals is None:
+    sets = models_to_distinguish(selection, verdict)
+    if sets is None:
         return None
     problem = candidates.problem
     model, recordings = problem.model, [part.windows.recording for part in problem.parts]
-    commands = [np.column_stack([r[signal.name] for signal in model.inputs]) for r in recordings]
     if not model.inputs_are_free:
-        return _moments(candidates, *rivals)
-    ours, theirs = _names(rivals[0]), _names(rivals[1])
+        return _informative_windows(candidates, *sets)
     limits, step = limits_of(model, recordings), recordings[0].step
     seconds = max(SECONDS, WINDOWS * problem.horizon)
-    plan = _Plan(problem, *rivals, limits, step, int(rng.integers(2**32)))
-    kinds = shapes(step, commands[0], limits)
+    plan = _Plan(problem, *sets, limits, step, int(rng.integers(2**32)))
+    recorded = np.column_stack([recordings[0][signal.name] for signal in model.inputs])
+    kinds = shapes(step, recorded, limits)
     tried = {key: plan.commands(shape, seconds) for key, shape in kinds.items()}
     scores = {
         key: score
@@ -77,50 +80,14 @@ def next_measurement(
     if not scores:
         return None
     best = max(scores, key=lambda key: scores[key])
-    score = scores[best]
-    if score < HOPELESS:
-        lacking = [output.name for output in model.outputs if output.name not in recordings[0]]
-        more = f"measure {' and '.join(lacking)} too, or sample faster" if lacking else "sample faster"
-        return NextMeasurement(
-            why=f"No input tells {ours} from {theirs} by these signals at this rate: {more}.",
-            input={"nats": round(score, 2), "measure": lacking},
-        )
-    needed = float(np.clip(10.0 * math.ceil(0.1 * seconds * ENOUGH / score), seconds, LONGEST))
+    if scores[best] < HOPELESS:
+        return plan.undecidable(scores[best])
+    needed = float(np.clip(10.0 * math.ceil(0.1 * seconds * ENOUGH / scores[best]), seconds, LONGEST))
     values = plan.commands(kinds[best], needed)
-    promised = None if values is None else plan.separation(values)
-    if values is None or promised is None:
+    expected = None if values is None else plan.separation(values)
+    if values is None or expected is None:
         return None
-    names = [signal.name for signal in model.inputs]
-    peaks = [float(peak) for peak in np.abs(values).max(axis=0)]
-    up_to = ", ".join(f"{s.name} up to {p:.3g} {s.unit}" for s, p in zip(model.inputs, peaks, strict=True))
-    several = len(names) > 1
-    chance = float(ndtr(math.sqrt(0.5 * promised)))
-    kind, shortest = best
-    return NextMeasurement(
-        why=(
-            f"A {kind} (shortest {shortest:g} s, {up_to}: nothing beyond what was recorded) separates {ours} "
-            f"from {theirs} best. {needed:.0f} s of it promise {promised:.1f} nats: the better one "
-            f"then leads with a probability of {100 * chance:.1f} %.{plan.room(values)}"
-        ),
-        input={
-            "signal": names if several else names[0],
-            "kind": kind,
-            "shortest_s": shortest,
-            "peak": peaks if several else peaks[0],
-            "unit": [signal.unit for signal in model.inputs] if several else model.inputs[0].unit,
-            "duration_s": needed,
-            "nats": round(promised, 2),
-            "probability": round(chance, 4),
-            "rivals": [list(rivals[0].effects), list(rivals[1].effects)],
-            "compared": {f"{k} {s:g} s": round(v, 2) for (k, s), v in scores.items()},
-        },
-        plan=Recording(
-            time=_clock(len(values), step),
-            signals={name: values[:, i] for i, name in enumerate(names)},
-            units={signal.name: signal.unit for signal in model.inputs},
-            source="planned measurement",
-        ),
-    )
+    return plan.described(values, best, needed, expected, scores)
 
 
 def _names(candidate: Candidate) -> str:
@@ -134,29 +101,29 @@ def _clock(count: int, step: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What a planned measurement is judged by.
+    """What a planned measurement is designed for.
 
     Attributes:
-        present: The data at hand.
-        chosen: The set that is taken for true.
-        rival: The one that it is to be told from.
-        limits: Of the machine.
+        present: The available data.
+        chosen: The set that generates the simulated measurement.
+        other: The set to distinguish it from.
+        limits: Of inputs and outputs.
         step: Sampling interval [s].
         seed: Of the inputs' randomness.
     """
 
     present: Problem
     chosen: Candidate
-    rival: Candidate
+    other: Candidate
     limits: Limits
     step: float
     seed: int
 
     def commands(self, shape: Shape, seconds: float) -> FloatArray | None:
-        """Commands of a shape, as large as the machine's limits let them be, shape (n, inputs).
+        """Commands of a shape, as large as the limits allow, shape (n, inputs).
 
         Returns:
-            None if hardly any would keep the outputs in the range that was measured.
+            None if only tiny inputs keep the outputs in the measured range.
         """
         compared = np.unique(self.present.outputs)
         time, scale = _clock(round(seconds / self.step), self.step), 1.0
@@ -171,7 +138,7 @@ class _Plan:
         return None
 
     def separation(self, values: FloatArray) -> float | None:
-        """Misfit [nats] of the refitted rival on what the chosen set would measure; None if it fails."""
+        """Cost [nats] of the other set refitted to data simulated with the chosen one; None if that fails."""
         model = self.present.model
         outputs, compared = self._outputs(values), np.unique(self.present.outputs)
         if not np.isfinite(outputs[:, compared]).all():
@@ -186,11 +153,11 @@ class _Plan:
         samples = problem.parts[0].counts.mean(axis=0)
         noise = np.array([model.outputs[j].noise or problem.output_scale[0] for j in problem.outputs])
         whitener = np.diag(np.sqrt(samples) / np.maximum(noise, 1e-12))
-        fitted = fit(problem, self.rival.fit.parameters, self.rival.fit.free, whitener, iterations=6)
+        fitted = fit(problem, self.other.fit.parameters, self.other.fit.free, whitener, iterations=6)
         return fitted.cost if np.isfinite(fitted.cost) else None
 
     def room(self, values: FloatArray) -> str:
-        """How far the outputs go that nothing bounds, in plain words."""
+        """Sentence that gives the ranges of outputs without limits."""
         model, outputs = self.present.model, self._outputs(values)
         spans = [
             f"{signal.name} {outputs[:, j].min():.1f} to {outputs[:, j].max():.1f} {signal.unit}"
@@ -199,8 +166,65 @@ class _Plan:
         ]
         return f" It needs room: {', '.join(spans)}, from its start." if spans else ""
 
+    def undecidable(self, score: float) -> NextMeasurement:
+        """What to change where not even the best input distinguishes the sets."""
+        recording = self.present.parts[0].windows.recording
+        lacking = [output.name for output in self.present.model.outputs if output.name not in recording]
+        remedy = f"measure {' and '.join(lacking)} too, or sample faster" if lacking else "sample faster"
+        return NextMeasurement(
+            why=(
+                f"No input distinguishes {_names(self.chosen)} from {_names(self.other)} with these signals "
+                f"at this rate: {remedy}."
+            ),
+            input={"nats": round(score, 2), "measure": lacking},
+        )
+
+    def described(
+        self, values: FloatArray, best: tuple[str, float], seconds: float, expected: float, scores: Scores
+    ) -> NextMeasurement:
+        """The plan in words, as data and as commands.
+
+        Args:
+            values: Its commands, shape (n, inputs).
+            best: Kind of input and shortest time [s].
+            seconds: Duration [s].
+            expected: Separation [nats].
+            scores: Separation [nats] by each input that was compared, over the first seconds.
+        """
+        inputs, (kind, shortest) = self.present.model.inputs, best
+        peaks = [float(peak) for peak in np.abs(values).max(axis=0)]
+        up_to = ", ".join(f"{s.name} up to {p:.3g} {s.unit}" for s, p in zip(inputs, peaks, strict=True))
+        several = len(inputs) > 1
+        chance = float(ndtr(math.sqrt(0.5 * expected)))
+        return NextMeasurement(
+            why=(
+                f"A {kind} (shortest {shortest:g} s, {up_to}: nothing beyond what was recorded) separates "
+                f"{_names(self.chosen)} from {_names(self.other)} best. {seconds:.0f} s of it should yield "
+                f"{expected:.1f} nats: the better one then leads with a probability of {100 * chance:.1f} %."
+                f"{self.room(values)}"
+            ),
+            input={
+                "signal": [s.name for s in inputs] if several else inputs[0].name,
+                "kind": kind,
+                "shortest_s": shortest,
+                "peak": peaks if several else peaks[0],
+                "unit": [s.unit for s in inputs] if several else inputs[0].unit,
+                "duration_s": seconds,
+                "nats": round(expected, 2),
+                "probability": round(chance, 4),
+                "rivals": [list(self.chosen.effects), list(self.other.effects)],
+                "compared": {f"{k} {s:g} s": round(v, 2) for (k, s), v in scores.items()},
+            },
+            plan=Recording(
+                time=_clock(len(values), self.step),
+                signals={signal.name: values[:, i] for i, signal in enumerate(inputs)},
+                units={signal.name: signal.unit for signal in inputs},
+                source="planned measurement",
+            ),
+        )
+
     def _outputs(self, values: FloatArray) -> FloatArray:
-        """What the chosen set would show without noise, shape (n, outputs)."""
+        """Noise-free outputs simulated with the chosen set, shape (n, outputs)."""
         model, n = self.present.model, len(values)
         signals = {signal.name: values[:, i] for i, signal in enumerate(model.inputs)}
         whole = Windows(
@@ -217,12 +241,14 @@ class _Plan:
         return np.asarray(model.simulate(self.chosen.fit.parameters[None], whole)[0, 0])
 
 
-def _moments(candidates: Candidates, chosen: Candidate, rival: Candidate) -> NextMeasurement | None:
-    """Which windows of the data at hand tell two sets apart, for a machine whose inputs nobody chooses."""
+def _informative_windows(
+    candidates: Candidates, chosen: Candidate, other: Candidate
+) -> NextMeasurement | None:
+    """Which windows of the data distinguish two sets, for a machine whose inputs cannot be chosen."""
     problem = candidates.problem
-    ours, theirs = candidates.again(chosen), candidates.again(rival)
-    apart = project(ours.fit, (ours.fit.raw - theirs.fit.raw)[:, :, None])
-    nats = 0.5 * np.sum(apart**2, axis=(1, 2))
+    ours, theirs = candidates.again(chosen), candidates.again(other)
+    difference = project(ours.fit, (ours.fit.raw - theirs.fit.raw)[:, :, None])
+    nats = 0.5 * np.sum(difference**2, axis=(1, 2))
     total = float(nats.sum())
     if not np.isfinite(total) or total <= 0.0:
         return None
@@ -240,8 +266,8 @@ def _moments(candidates: Candidates, chosen: Candidate, rival: Candidate) -> Nex
     seconds = sum(float(part.windows.lengths.sum() * part.windows.recording.step) for part in problem.parts)
     more = max(ENOUGH / total * seconds, problem.horizon)
     why = (
-        f"Nobody chooses this machine's inputs freely. The {seconds:.0f} s at hand separate {_names(chosen)} "
-        f"from {_names(rival)} by {total:.1f} nats; about {more:.0f} s would decide"
+        f"This machine's inputs cannot be chosen freely. The {seconds:.0f} s of data separate "
+        f"{_names(chosen)} from {_names(other)} by {total:.1f} nats; about {more:.0f} s would decide"
     )
     where: dict[str, object] = {}
     if best is not None and best[0] > 1.2:
@@ -256,7 +282,7 @@ def _moments(candidates: Candidates, chosen: Candidate, rival: Candidate) -> Nex
         input={
             "nats": round(total, 2),
             "duration_s": round(more, 1),
-            "rivals": [list(chosen.effects), list(rival.effects)],
+            "rivals": [list(chosen.effects), list(other.effects)],
             **where,
         },
     )

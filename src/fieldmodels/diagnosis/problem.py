@@ -32,8 +32,8 @@ class Part:
         counts: Samples a feature, shape (windows, features).
         features: Measured features, shape (windows, features).
         blocks: Block number of each window within this recording, shape (windows,).
-        loudness: What the features, measured and simulated, are divided by, shape (features,): how much
-            noisier this recording is than the others.
+        noise_ratio: By which measured and simulated features are divided, shape (features,): noise of this
+            recording over that of the others.
     """
 
     windows: Windows
@@ -41,11 +41,11 @@ class Part:
     counts: FloatArray
     features: FloatArray
     blocks: IntArray
-    loudness: FloatArray | float = 1.0
+    noise_ratio: FloatArray | float = 1.0
 
     def compressed(self, outputs: FloatArray) -> FloatArray:
         """Outputs of every sample, shape (batch, windows, samples, outputs), as features."""
-        return np.asarray(_compress(outputs, self.slots, self.counts) / self.loudness)
+        return np.asarray(_compress(outputs, self.slots, self.counts) / self.noise_ratio)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Problem:
         if self.model.random_force:
             # A state that were free would take up the random force of its window, and bias every fit.
             return 0.5 * np.array([state.noise for state in self.model.states])
-        # Where all windows start alike by definition, their measured states still have noise.
+        # Where all windows start in the same state by definition, their measured states still have noise.
         noise = np.array([state.noise for state in self.model.states])
         spread = np.maximum(self.states.std(axis=0), noise)
         if self.events.all():  # looks alone could shift every start to where they like it

@@ -1,11 +1,11 @@
-"""The diagnosis from end to end: misfit, fit, selection, gain, leftover, verdict."""
+"""The diagnosis from end to end: fit, selection, gain, unmodelled dynamics, verdict."""
 
 from __future__ import annotations
 
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,34 +15,36 @@ from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.fit import fit, standard_errors, window_loss
 from fieldmodels.diagnosis.gain import NONE, Prediction, by_horizon, noise_floor, predict, share
-from fieldmodels.diagnosis.leftover import RIVAL_GAIN, RIVAL_P, RIVAL_SHARE, Dictionary
-from fieldmodels.diagnosis.loudness import levelled
-from fieldmodels.diagnosis.misfit import misfit
 from fieldmodels.diagnosis.next_measurement import next_measurement
+from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.profile import profiled_error
 from fieldmodels.diagnosis.quantisation import coarse_sensor
+from fieldmodels.diagnosis.residuals import failed_tests
 from fieldmodels.diagnosis.result import (
     Cause,
     Diagnosis,
     Estimate,
-    Leftover,
     Share,
     SignalGain,
+    UnmodelledDynamics,
     Verdict,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value, select
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
+from fieldmodels.diagnosis.unmodelled import BEATEN_GAIN, BEATEN_P, BEATEN_SHARE, Dictionary
 from fieldmodels.model import Effect, Model
 from fieldmodels.recording import Recording, RecordingError
 
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
 FOLDS = 4
-UNDETERMINED = 0.5  # standard error of a base parameter, of its value, from which on it is not known
-UNTOLD = 0.1  # nats on the test data that decide nothing
-ABOVE = 1.5  # times the noise: an error beyond is said; of white and wandering noise alike it is 1.4
-FAR = 3.0  # times the noise: an error beyond needs an explanation even if no test finds its direction
+POORLY_KNOWN = 0.5  # relative standard error above which a base parameter counts as poorly known
+NEGLIGIBLE = 0.1  # nats on the test data that do not count
+ABOVE = (
+    1.5  # times the noise: a larger error is reported; equal parts of white and slowly varying noise give 1.4
+)
+FAR = 3.0  # times the noise: a larger error must have a cause, even if no test finds one
 
 
 def diagnose(
@@ -53,25 +55,25 @@ def diagnose(
     progress: Callable[[str, float], None] | None = None,
     seed: int = 0,
 ) -> Diagnosis:
-    """Tell what a simulation gets wrong, name the cause or say that it is unknown, and measure the gain.
+    """Find what a simulation gets wrong, name the cause or report it as unknown, and measure the gain.
 
     Args:
         model: The simulation, with the effects that may be missing from it.
-        train: Recordings to fit and to choose on.
-        test: Separate recordings to measure the gain on; without them a part of ``train`` is kept for it.
-        fixed: Values of parameters that are known and not refitted, by full name; they go before what
-            recordings say of their machine.
-        progress: Called with what is being done and the share done.
-        seed: Seed of the resampling in confidence intervals.
+        train: Recordings for fits and selection.
+        test: Separate recordings to measure the gain on; without them a part of ``train`` is held out.
+        fixed: Values of parameters that are known and not refitted, by full name; they take precedence
+            over values that the recordings state.
+        progress: Called with the current step and the share done.
+        seed: Seed of the resampling for confidence intervals.
 
     Returns:
-        Verdict, causes with parameters and gains, leftover, and evidence for the report.
+        Verdict, causes with parameters and gains, unmodelled dynamics, and evidence for the report.
 
     Raises:
         ModelError: For an unknown or impossible fixed value.
-        RecordingError: If there are no or too few data.
+        RecordingError: If there are too few data or none.
     """
-    tell = progress or (lambda _what, _share: None)
+    report = progress or (lambda _what, _share: None)
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
     _check_range(model, [*train, *test])
@@ -85,7 +87,7 @@ def diagnose(
                 train,
                 test,
                 {**_known(stage.model, ()), **held(stage), **fixed},
-                scaled_progress(tell, number, len(stages)),
+                scaled_progress(report, number, len(stages)),
                 seed,
             )
             for number, stage in enumerate(stages)
@@ -99,15 +101,15 @@ def _diagnose_stage(
     train: Sequence[Recording],
     test: Sequence[Recording],
     fixed: Mapping[str, float],
-    tell: Progress,
+    report: Progress,
     seed: int,
 ) -> Diagnosis:
     """Diagnose one stage by itself; arguments as of ``diagnose``."""
     began = time.perf_counter()
     start = _start(model, fixed)
     model = model.scaled_to([*train, *test])
-    tell("cutting the data into windows", 0.0)
-    training, testing = levelled(*_split(model, train, test), start)
+    report("cutting the data into windows", 0.0)
+    training, testing = weighted_by_noise(*_split(model, train, test), start)
     candidates = Candidates(
         problem=training,
         start=start,
@@ -115,58 +117,33 @@ def _diagnose_stage(
         folds=training.blocks % FOLDS,
         whitener=np.diag(1 / training.output_scale),
     )
-    selection = select(candidates, tell)
-    tell("measuring the gain", 0.8)
+    selection = select(candidates, report)
+    report("measuring the gain", 0.8)
     path = _path(candidates, selection)
     kept = _confirmed(path, testing)
     if kept < len(path):
         path = path[:kept]
-        selection = replace(selection, chosen=path[-1], rivals=())
+        selection = replace(selection, chosen=path[-1], alternatives=())
     rng = np.random.default_rng(seed)
-    main = _main_output(testing)
     before = predict(testing, selection.base.fit.parameters)
     causes = _causes(candidates, selection, path, testing, rng)
-    tell("looking for what is left over", 0.85)
-    causes, unknown = _leftover(candidates, selection, causes)
-    extended = selection.chosen if causes else selection.base
-    after = predict(testing, extended.fit.parameters) if causes else before
-    if not model.random_force and _far_from_noise(testing, after, main):
-        if causes and not _mostly_explained(testing, before, after, main):
-            causes, extended, after = (), selection.base, before
-        if unknown is None:
-            unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
-    elif not (model.random_force or causes or unknown) and any(
-        _far_from_noise(testing, after, int(j)) for j in np.unique(testing.outputs)
-    ):
-        unknown = Dictionary(training, extended.fit).most_likely(extended, candidates.folds)
-    verdict: Verdict = "unknown" if unknown else "consistent"
-    if causes:
-        verdict = "ambiguous" if any(c.alternatives for c in causes) else "named"
-    noise = after.rmse()
-    if model.random_force:  # which hides the sensor's noise in the error
-        noise = np.array([noise_floor(testing, after, j) for j in range(len(model.outputs))])
-    coarse = coarse_sensor(model, train, noise)
-    if coarse and verdict != "unknown":
-        causes += (_quantisation(model, *coarse),)
-        verdict = "ambiguous" if verdict == "ambiguous" else "named"
-    base = _base_estimates(training, extended, fixed)
-    tell("done", 1.0)
+    report("looking for unmodelled dynamics", 0.85)
+    found = _findings(candidates, selection, testing, causes, before)
+    found = _with_quantisation(found, train, testing)
+    base = _base_estimates(training, found.extended, fixed)
+    report("done", 1.0)
     return Diagnosis(
         model=model.name,
-        verdict=verdict,
-        causes=causes,
-        misfit=misfit(training, selection.base, candidates.folds),
-        gain=_gains(testing, (selection.base, extended), (before, after), rng),
-        unknown=unknown,
-        next_measurement=next_measurement(candidates, selection, verdict, rng),
+        verdict=found.verdict,
+        causes=found.causes,
+        misfit=failed_tests(training, selection.base, candidates.folds),
+        gain=_gains(testing, (selection.base, found.extended), (before, found.after), rng),
+        unknown=found.unknown,
+        next_measurement=next_measurement(candidates, selection, found.verdict, rng),
         parameters=base,
-        undetermined=tuple(
-            p.name
-            for p in model.parameters
-            if p.lower > 0 and not base[p.name].std <= UNDETERMINED * base[p.name].value
-        ),
-        above_noise=_above_noise(testing, after),
-        vector=extended.fit.parameters,
+        undetermined=_poorly_known(model, base),
+        above_noise=_above_noise(testing, found.after),
+        vector=found.extended.fit.parameters,
         not_testable=_not_testable(selection),
         trained_on=tuple(r.source for r in train),
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
@@ -176,16 +153,87 @@ def _diagnose_stage(
             training,
             testing,
             selection,
-            extended,
-            (before, after),
+            found.extended,
+            (before, found.after),
             _ranking(selection, training),
             rng,
         ),
     )
 
 
+@dataclass(frozen=True)
+class _Findings:
+    """What a diagnosis concludes from a selection.
+
+    Attributes:
+        causes: The named effects.
+        unknown: Unmodelled dynamics, if there are any.
+        extended: The extended simulation: the chosen set, or the base if nothing is named.
+        after: Its prediction of the test windows.
+    """
+
+    causes: tuple[Cause, ...]
+    unknown: UnmodelledDynamics | None
+    extended: Candidate
+    after: Prediction
+
+    @property
+    def verdict(self) -> Verdict:
+        if self.causes:
+            return "ambiguous" if any(c.alternatives for c in self.causes) else "named"
+        return "unknown" if self.unknown else "consistent"
+
+
+def _findings(
+    candidates: Candidates,
+    selection: Selection,
+    testing: Problem,
+    causes: tuple[Cause, ...],
+    before: Prediction,
+) -> _Findings:
+    """Decide which causes stand, and whether something unmodelled remains.
+
+    Without a random force, an error far above the sensor's noise must have a cause: causes that explain
+    less of it than remains are withdrawn, and the most likely unmodelled dynamics are reported.
+    """
+    causes, unknown = _unmodelled(candidates, selection, causes)
+    extended = selection.chosen if causes else selection.base
+    after = predict(testing, extended.fit.parameters) if causes else before
+    if testing.model.random_force:
+        return _Findings(causes, unknown, extended, after)
+    main = _main_output(testing)
+    unexplained = _far_from_noise(testing, after, main)
+    if unexplained and causes and not _mostly_explained(testing, before, after, main):
+        causes, extended, after = (), selection.base, before
+    if not unexplained and not causes:
+        unexplained = any(_far_from_noise(testing, after, int(j)) for j in np.unique(testing.outputs))
+    if unexplained and unknown is None:
+        unknown = Dictionary(candidates.problem, extended.fit).most_likely(extended, candidates.folds)
+    return _Findings(causes, unknown, extended, after)
+
+
+def _with_quantisation(found: _Findings, train: Sequence[Recording], testing: Problem) -> _Findings:
+    """Add sensor quantisation as a cause if it makes up enough of the remaining error."""
+    model, error = testing.model, found.after.rmse()
+    if model.random_force:  # it hides the sensor's noise in the error
+        error = np.array([noise_floor(testing, found.after, j) for j in range(len(model.outputs))])
+    coarse = coarse_sensor(model, train, error)
+    if coarse is None or found.verdict == "unknown":
+        return found
+    return replace(found, causes=(*found.causes, _quantisation(model, *coarse)))
+
+
+def _poorly_known(model: Model, base: Mapping[str, Estimate]) -> tuple[str, ...]:
+    """Positive base parameters whose relative standard error is large or unknown."""
+    return tuple(
+        p.name
+        for p in model.parameters
+        if p.lower > 0 and not base[p.name].std <= POORLY_KNOWN * base[p.name].value
+    )
+
+
 def _check_range(model: Model, recordings: Sequence[Recording]) -> None:
-    """Refuse values that no sensor shows, as of a simulated machine that ran away.
+    """Reject values that no sensor can measure, such as those of a diverged simulation.
 
     Raises:
         RecordingError: With the recording and the signal.
@@ -203,7 +251,7 @@ def _check_range(model: Model, recordings: Sequence[Recording]) -> None:
 
 
 def _known(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Base parameters that are not refitted, and what the recordings say of their machine.
+    """Base parameters that are not refitted, and values that the recordings state of their machine.
 
     Raises:
         RecordingError: If two recordings are of different machines.
@@ -257,8 +305,8 @@ def _main_output(problem: Problem) -> int:
     return int(problem.outputs[0])
 
 
-def _telling_outputs(training: Problem, path: Sequence[Candidate]) -> list[int]:
-    """The output whose error each cause reduces most, by the training data: there its gain is stated."""
+def _most_improved_outputs(training: Problem, path: Sequence[Candidate]) -> list[int]:
+    """The output whose error each cause reduces most on the training data: its gain is stated there."""
     errors = [predict(training, c.fit.parameters).rmse() for c in path]
     return [int(np.nanargmin(after / before)) for before, after in itertools.pairwise(errors)]
 
@@ -270,12 +318,12 @@ def _causes(
     testing: Problem,
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
-    """The chosen effects with what each adds to those before it."""
+    """The chosen effects with the gain of each over those before it."""
     chosen = selection.chosen
     model, problem = candidates.problem.model, candidates.problem
     if not chosen.effects:
         return ()
-    outputs = _telling_outputs(problem, path)
+    outputs = _most_improved_outputs(problem, path)
     predictions = [predict(testing, c.fit.parameters) for c in path]
     errors = standard_errors(problem, chosen.fit)
     causes = []
@@ -288,7 +336,9 @@ def _causes(
             std = float(errors[known[0]]) if len(known) else float("nan")
             if not p.smooth:
                 std = profiled_error(candidates, chosen, effect, i)
-            elif problem.looks is not None and len(p.starts) > 1:  # its slope may be that of a few looks
+            elif (
+                problem.looks is not None and len(p.starts) > 1
+            ):  # its derivative may rest on few observations
                 std = max(std, profiled_error(candidates, chosen, effect, i))
             values[p.name] = Estimate(float(chosen.fit.parameters[place + i]), std, p.unit)
         gain = path[k].loss - path[k + 1].loss
@@ -308,10 +358,10 @@ def _causes(
     return _with_alternatives(tuple(causes), selection)
 
 
-def _leftover(
+def _unmodelled(
     candidates: Candidates, selection: Selection, causes: tuple[Cause, ...]
-) -> tuple[tuple[Cause, ...], Leftover | None]:
-    """What the chosen set leaves over; if that is more, or fits better, than the names, none stays."""
+) -> tuple[tuple[Cause, ...], UnmodelledDynamics | None]:
+    """Unmodelled dynamics beside the chosen set; causes are withdrawn if these are larger or fit better."""
     chosen, folds = selection.chosen, candidates.folds
     dictionary = Dictionary(candidates.problem, chosen.fit)
     left = dictionary.significant(chosen, folds)
@@ -323,24 +373,24 @@ def _leftover(
     for name in chosen.effects:
         rest = candidates.without(chosen, name)
         own = Dictionary(candidates.problem, rest.fit)
-        margin = max(RIVAL_GAIN, RIVAL_SHARE * (rest.total - chosen.total))
-        for rival in own.judge(rest, folds)[:1]:
-            better = chosen.loss - (rest.loss - rival.gain)
-            if float(better.sum()) > margin and block_p_value(better, candidates.problem.blocks) < RIVAL_P:
-                return (), own.shape(rival, rest)
+        margin = max(BEATEN_GAIN, BEATEN_SHARE * (rest.total - chosen.total))
+        for found in own.judge(rest, folds)[:1]:
+            better = chosen.loss - (rest.loss - found.gain)
+            if float(better.sum()) > margin and block_p_value(better, candidates.problem.blocks) < BEATEN_P:
+                return (), own.shape(found, rest)
     return causes, shape
 
 
 def _far_from_noise(testing: Problem, after: Prediction, output: int) -> bool:
-    """Whether what is left is so much larger than the sensor's noise that something must be missing."""
+    """Whether the error is so far above the sensor's noise that something must be missing."""
     floor = noise_floor(testing, after, output)
     return bool(after.rmse()[output] > FAR * floor)
 
 
 def _above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
-    """Times its sensor's noise that each signal's error still is, where that is a good deal.
+    """Ratio of each signal's error to its sensor's noise, where it is well above 1.
 
-    Where random forces drive the machine, the error says nothing; an event has no sensor noise.
+    Where random forces drive the machine the error proves nothing; an event has no sensor noise.
     """
     if testing.model.random_force:
         return {}
@@ -353,13 +403,13 @@ def _above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
 
 
 def _mostly_explained(testing: Problem, before: Prediction, after: Prediction, output: int) -> bool:
-    """Whether the causes remove more of the error than they leave above the sensor's noise."""
+    """Whether the causes explain more of the error's variance than remains above the sensor's noise."""
     first, last = before.rmse()[output] ** 2, after.rmse()[output] ** 2
     return bool(first - last > last - noise_floor(testing, after, output) ** 2)
 
 
 def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Cause:
-    """A coarse sensor as a cause; it explains noise, so it gains nothing in prediction."""
+    """Quantisation as a cause; it explains noise, so that predictions gain nothing."""
     parameter = effect.parameters[0]
     return Cause(
         effect=effect.name,
@@ -373,7 +423,7 @@ def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Ca
 
 
 def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:
-    """Fits from the base to the chosen set, one effect more each."""
+    """Fits from the base to the chosen set, each with one more effect."""
     path = [selection.chosen]
     if not selection.chosen.effects:
         return path
@@ -383,30 +433,30 @@ def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:
 
 
 def _confirmed(path: Sequence[Candidate], testing: Problem) -> int:
-    """How many fits of a path stand on the test data: each must explain them better than the one before.
+    """Number of fits of a path that the test data confirm: each must explain them better than the one before.
 
-    If the test data hold none of a cause's moments, they say nothing.
+    A cause that does not act during the test data is not rejected by them.
     """
     losses = []
     for candidate in path:
         fitted = fit(testing, candidate.fit.parameters, NONE, path[-1].fit.whitener, iterations=6)
         losses.append(float(window_loss(fitted).sum()))
     for k in range(1, len(path)):
-        if not losses[k] < losses[k - 1] + UNTOLD:
+        if not losses[k] < losses[k - 1] + NEGLIGIBLE:
             return k
     return len(path)
 
 
 def _with_alternatives(causes: tuple[Cause, ...], selection: Selection) -> tuple[Cause, ...]:
-    """Say of each cause what could stand in its place."""
+    """Add to each cause the effects that could replace it."""
     chosen = set(selection.chosen.effects)
     result = []
     for cause in causes:
         others: list[str] = []
-        for rival in selection.rivals:
-            gone, come = chosen - set(rival.effects), set(rival.effects) - chosen
-            if cause.effect in gone:
-                others += [name for name in rival.effects if name in come and name not in others]
+        for other in selection.alternatives:
+            removed, added = chosen - set(other.effects), set(other.effects) - chosen
+            if cause.effect in removed:
+                others += [name for name in other.effects if name in added and name not in others]
         result.append(replace(cause, alternatives=tuple(others)))
     return tuple(result)
 
@@ -447,7 +497,7 @@ def _base_estimates(problem: Problem, chosen: Candidate, fixed: Mapping[str, flo
 
 def _not_testable(selection: Selection) -> dict[str, str]:
     return dict.fromkeys(
-        selection.untestable,
+        selection.unidentifiable,
         "the refitted base parameters absorb it exactly; fix one of them with --set to test it",
     )
 

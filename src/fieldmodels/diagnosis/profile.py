@@ -1,4 +1,4 @@
-"""Uncertainty of a parameter that the simulation has no derivative in, from its profile likelihood."""
+"""Standard error of a parameter without derivative, from its profile likelihood."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ RISE, WIDE = 1.92, 1.96  # nats that the cost rises at a 95 % interval's end, an
 def profiled_error(candidates: Candidates, candidate: Candidate, effect: Effect, k: int) -> float:
     """Standard error of the k-th parameter of an effect that a candidate holds, in its unit.
 
-    At each value around the fitted one the other parameters and the states go where they fit best, to
-    first order. The interval reaches to the furthest value that costs less than 1.92 nats more (chi
-    squared of one degree of freedom), so that several minima within it count as one. Errors alike within
-    blocks of windows widen it as they do an acceptance.
+    At each value around the fitted one the other parameters and the states are re-optimised, to first
+    order. The interval extends to the furthest value whose cost is less than 1.92 nats above the minimum (chi
+    squared, one degree of freedom), so that several minima inside count as one. Errors correlated within
+    blocks of windows widen it by their dispersion.
     """
     problem, fitted = candidates.problem, candidate.fit
     place = problem.model.slice_of(effect.name).start
@@ -28,7 +28,7 @@ def profiled_error(candidates: Candidates, candidate: Candidate, effect: Effect,
     values = np.clip(best + offsets, parameter.lower, parameter.upper)
     batch = np.repeat(fitted.parameters[None], len(values), axis=0)
     batch[:, place + k] = values
-    if problem.looks is not None:  # too much changes for a first order
+    if problem.looks is not None:  # likelihoods of events change too much for a first-order approximation
         cost = costs(problem, batch, fitted.states, fitted.whitener)
     else:
         raw = problem.features - problem.simulate(batch, fitted.states)
@@ -37,6 +37,6 @@ def profiled_error(candidates: Candidates, candidate: Candidate, effect: Effect,
     own = np.isin(fitted.free, np.arange(place, place + len(effect.parameters))) & fitted.active
     limit = cost.min() + RISE * dispersion(fitted, own, problem.blocks)
     inside = np.flatnonzero(cost < limit)
-    # The first value outside is the end; what is not reached is not known.
+    # The first value outside is the end of the interval, or the end of the grid.
     low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(values) - 1)
     return float(max(best - values[low], values[high] - best) / WIDE)

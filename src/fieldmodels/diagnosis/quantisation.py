@@ -1,6 +1,6 @@
-"""A coarse sensor, read off the measured values themselves.
+"""Sensor quantisation, detected from the measured values themselves.
 
-Once noise is of the order of the step, no prediction shows a coarse sensor; its lattice does.
+If noise is of the order of the quantisation step, prediction errors cannot reveal it; the values do.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from fieldmodels.diagnosis.candidates import is_quantisation
 from fieldmodels.model import Effect, Model
 from fieldmodels.recording import Recording
 
-SHARE = 0.05  # of the error's variance that the lattice must explain to be worth a name
+SHARE = 0.05  # of the error's variance that quantisation must explain to be named
 TOLERANCE = 0.02  # of the step: how far values may lie from the lattice
 
 
 def lattice(values: FloatArray) -> float | None:
-    """Step of the lattice on which all values lie, or None if they lie on none that shows."""
+    """Step of the lattice on which all values lie, or None if there is no such lattice."""
     unique = np.unique(values[np.isfinite(values)])
     if len(unique) < 4:
         return None
@@ -33,7 +33,7 @@ def lattice(values: FloatArray) -> float | None:
         step = float((counts @ (unique - unique[0])) / (counts @ counts))
     counts = np.round((unique - unique[0]) / step)
     distance = np.abs(unique - unique[0] - counts * step)
-    # By chance, values that are too dense for the lattice come near to it too.
+    # Values too dense for the lattice lie near it by chance.
     filled = len(unique) <= counts[-1] + 1
     return step if filled and float(distance.max()) < TOLERANCE * step else None
 
@@ -41,7 +41,7 @@ def lattice(values: FloatArray) -> float | None:
 def coarse_sensor(
     model: Model, recordings: Sequence[Recording], rmse: FloatArray
 ) -> tuple[Effect, float, float] | None:
-    """The quantisation effect that explains a good part of an output's error.
+    """The quantisation effect that explains a considerable share of an output's error.
 
     Args:
         model: Its effect named ``...quantisation`` acts on the first measured output of that unit.

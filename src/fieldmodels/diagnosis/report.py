@@ -67,8 +67,8 @@ def report_section(diagnosis: Diagnosis) -> str:
         _traces(diagnosis),
         _calibration(diagnosis),
         _next(diagnosis),
-        _leftover(diagnosis),
-        _misfit(diagnosis),
+        _unmodelled(diagnosis),
+        _residual_tests(diagnosis),
         _ranking(diagnosis),
         _base(diagnosis),
         _not_testable(diagnosis),
@@ -182,7 +182,7 @@ def _traces(diagnosis: Diagnosis) -> str:
     axes[0].legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
     axes[-1].set_xlabel("time [s]")
     return "<h2>Measured and simulated</h2>" + html.figure(
-        figure, "Test windows; the simulation starts anew in each."
+        figure, "Test windows; the simulation restarts in each."
     )
 
 
@@ -203,8 +203,8 @@ def _calibration(diagnosis: Diagnosis) -> str:
     grid[0].legend(frameon=False)
     return "<h2>Probabilities and frequencies</h2>" + html.figure(
         figure,
-        "Looks of the test data in groups of equal number, by their simulated probability, with two standard "
-        "errors. Dotted: a simulation that is right.",
+        "Observations of the test data in groups of equal size, by their simulated probability, with two "
+        "standard errors. Dotted: perfect calibration.",
     )
 
 
@@ -226,7 +226,7 @@ def _next(diagnosis: Diagnosis) -> str:
     return f"<h2>Measure next</h2><p>{html.text(diagnosis.next_measurement.why)}</p>{table}"
 
 
-def _leftover(diagnosis: Diagnosis) -> str:
+def _unmodelled(diagnosis: Diagnosis) -> str:
     left = diagnosis.unknown
     if left is None:
         return ""
@@ -235,7 +235,7 @@ def _leftover(diagnosis: Diagnosis) -> str:
     axes[0].axhline(0, color=INK, lw=0.5)
     axes[0].set(xlabel=f"{left.direction} [{left.direction_unit}]", ylabel=f"missing [{left.unit}]")
     certain = (
-        f"It removes {left.percent:.1f} % of the remaining misfit on held-out windows "
+        f"It removes {left.percent:.1f} % of the remaining error on held-out windows "
         f"(p = {_p(left.p_value)})."
     )
     if not left.certain:
@@ -248,11 +248,11 @@ def _leftover(diagnosis: Diagnosis) -> str:
     )
 
 
-def _misfit(diagnosis: Diagnosis) -> str:
+def _residual_tests(diagnosis: Diagnosis) -> str:
     rows = [(m.signal, m.test, m.where, _p(m.p_value)) for m in diagnosis.misfit]
     table = html.table(("signal", "failed test", "where", "p"), rows) if rows else "<p>No test fails.</p>"
     return (
-        "<h2>Misfit of the refitted simulation</h2>"
+        "<h2>Residuals of the refitted simulation</h2>"
         + table
         + _residuals(diagnosis)
         + _correlations(diagnosis)
@@ -291,11 +291,11 @@ def _residuals(diagnosis: Diagnosis) -> str:
 
 
 def _correlations(diagnosis: Diagnosis) -> str:
-    shown = diagnosis.evidence.correlations
-    if not shown:
+    curves = diagnosis.evidence.correlations
+    if not curves:
         return ""
-    figure, grid = _grid(len(shown))
-    for axis, c in zip(grid, shown, strict=False):
+    figure, grid = _grid(len(curves))
+    for axis, c in zip(grid, curves, strict=False):
         axis.fill_between(c.lags, c.low, c.high, color=INK, alpha=0.12, lw=0)
         axis.plot(c.lags, c.before, ".-", color=BEFORE, lw=1)
         if diagnosis.causes:
@@ -307,10 +307,10 @@ def _correlations(diagnosis: Diagnosis) -> str:
         axis.set_xlabel("lag [s]")
     after = "; with the causes (blue)" if diagnosis.causes else ""
     caption = (
-        f"Correlation of the errors on test data, of the refitted base (red){after}. Grey: 95 % of what "
-        "chance gives at each lag, which among errors is white noise after the fit of each window's initial "
-        "state, and against an input the errors of other windows. p: that chance reaches as far at any "
-        "lag. A positive lag means that the input came first."
+        f"Correlation of the errors on test data, of the refitted base (red){after}. Grey: the central "
+        "95 % under the null hypothesis at each lag: for autocorrelations, white noise after the fit of each "
+        "window's initial state; for inputs, the errors of other windows. p: probability that chance alone "
+        "gives as large a value at any lag. A positive lag means that the input leads."
     )
     return "<h3>Correlations of the errors</h3>" + html.figure(figure, caption)
 
@@ -323,9 +323,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
     if not rows:
         return ""
     table = html.table(("effect, alone", "held-out gain [nats]", "p", "fitted"), rows)
-    return (
-        f"<h2>Single effects that came closest</h2><details open><summary>Ranking</summary>{table}</details>"
-    )
+    return f"<h2>Best single effects</h2><details open><summary>Ranking</summary>{table}</details>"
 
 
 def _base(diagnosis: Diagnosis) -> str:

@@ -1,7 +1,7 @@
-"""How the features respond to a force on each stretch of the windows.
+"""Response of the features to a force on each basis segment of the windows.
 
-A force that varies in any way along the windows is then a combination of these responses, so that many
-shapes can be tried without simulating each.
+The response to a force that varies along the windows is a combination of these, so that many shapes can be
+tried without simulating each.
 """
 
 from __future__ import annotations
@@ -13,70 +13,70 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.fit import Fit
 from fieldmodels.diagnosis.problem import Problem
 
-STRETCHES = 16  # pieces of a window on which a force is constant
+SEGMENTS = 16  # basis segments of a window; the force is constant on each
 
 
-def stretches(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
-    """Number of the stretch that each sample belongs to, -1 beyond the window."""
+def segments(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
+    """Number of the segment that each sample belongs to, -1 beyond the window."""
     position = np.arange(samples)[None, :] / lengths[:, None]
-    index = np.minimum((position * STRETCHES).astype(np.int64), STRETCHES - 1)
+    index = np.minimum((position * SEGMENTS).astype(np.int64), SEGMENTS - 1)
     return np.where(position < 1, index, -1)
 
 
-def averaged(values: FloatArray, stretch: NDArray[np.int64]) -> FloatArray:
-    """Mean over each stretch, shape (windows, stretches)."""
-    result = np.zeros((len(values), STRETCHES))
-    for k in range(STRETCHES):
-        inside = (stretch == k) & np.isfinite(values)
+def averaged(values: FloatArray, segment: NDArray[np.int64]) -> FloatArray:
+    """Mean over each segment, shape (windows, segments)."""
+    result = np.zeros((len(values), SEGMENTS))
+    for k in range(SEGMENTS):
+        inside = (segment == k) & np.isfinite(values)
         result[:, k] = np.where(inside, values, 0.0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
     return result
 
 
 def sample_times(problem: Problem) -> FloatArray:
-    """Mean time of every stretch, shape (windows, stretches)."""
+    """Mean time of every segment, shape (windows, segments)."""
     result = []
     for part in problem.parts:
         samples = part.slots.shape[1]
         rows = part.windows.starts[:, None] + np.arange(samples)
         time = part.windows.recording.time
-        stretch = stretches(part.windows.lengths, samples)
-        result.append(averaged(time[np.minimum(rows, len(time) - 1)], stretch))
+        segment = segments(part.windows.lengths, samples)
+        result.append(averaged(time[np.minimum(rows, len(time) - 1)], segment))
     return np.concatenate(result)
 
 
 def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:
-    """Change of an event's features by its log-odds on each stretch, (windows, features, stretches)."""
+    """Change of an event's features by its log-odds on each segment, (windows, features, segments)."""
     looks, base = problem.looks, problem.features - fitted.raw
-    result = np.zeros((*base.shape, STRETCHES))
+    result = np.zeros((*base.shape, SEGMENTS))
     if looks is None:
         return result
     p = np.zeros(base.shape)
     p[:, looks.columns] = looks.probability(fitted.raw)
     first = 0
     for part in problem.parts:
-        stretch = stretches(part.windows.lengths, part.slots.shape[1])
+        segment = segments(part.windows.lengths, part.slots.shape[1])
         window, sample = np.nonzero(part.slots[:, :, output] >= 0)
         feature = part.slots[window, sample, output]
         chance = p[first + window, feature]
-        result[first + window, feature, stretch[window, sample]] = chance * (1.0 - chance)
+        result[first + window, feature, segment[window, sample]] = chance * (1.0 - chance)
         first += len(part.windows)
     return result
 
 
 def responses(problem: Problem, fitted: Fit) -> FloatArray:
-    """Change of the features by a unit force on each stretch, shape (windows, features, stretches).
+    """Change of the features by a unit force on each segment, shape (windows, features, segments).
 
-    A model without such an entry gets an offset of its outputs instead.
+    A model that accepts no force gets an offset of its outputs instead.
     """
     base = problem.features - fitted.raw
-    result = np.zeros((*base.shape, STRETCHES))
+    result = np.zeros((*base.shape, SEGMENTS))
     size = 1.0
-    for k in range(STRETCHES):
+    for k in range(SEGMENTS):
         forces = []
         for part in problem.parts:
-            stretch = stretches(part.windows.lengths, part.slots.shape[1])
+            segment = segments(part.windows.lengths, part.slots.shape[1])
             force = np.zeros(len(part.windows.recording))
-            window, sample = np.nonzero(stretch == k)
+            window, sample = np.nonzero(segment == k)
             force[part.windows.starts[window] + sample] = 1.0
             forces.append(force)
         if not problem.model.disturbance_unit:

@@ -70,7 +70,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Misfit:
+class FailedTest:
     """A test that the refitted nominal simulation fails."""
 
     signal: str
@@ -144,7 +144,7 @@ class SignalGain:
 
 
 @dataclass(frozen=True)
-class Leftover:
+class UnmodelledDynamics:
     """Shape of what no listed effect explains.
 
     Attributes:
@@ -271,9 +271,9 @@ class Diagnosis:
     model: str
     verdict: Verdict
     causes: tuple[Cause, ...]
-    misfit: tuple[Misfit, ...]
+    misfit: tuple[FailedTest, ...]
     gain: Mapping[str, SignalGain]
-    unknown: Leftover | None
+    unknown: UnmodelledDynamics | None
     next_measurement: NextMeasurement | None
     parameters: Mapping[str, Estimate]
     undetermined: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Choice of the causes: which effects the data call for, and which they cannot tell apart."""
+"""Model selection: which effects the data call for, and which of them are indistinguishable."""
 
 from __future__ import annotations
 
@@ -18,37 +18,42 @@ Progress = Callable[[str, float], None]
 
 MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
 MAX_P = 0.01  # of a paired test over blocks of windows
-RARE_P = 0.1  # of the test over blocks for a cause that shows in few of them only
-STRONG_P = 1e-6  # of its test of likelihood; wandering noise came to 5e-5
-TOUCHED = 0.01  # of the most that a cause changes in any block
-MIN_SHARE = 0.003  # of the whole misfit: what is smaller is not worth a name
-SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are told apart beyond these
-SAME_ANYHOW = 2.0  # nats: decides nothing, however steady (near twins differ little, but always)
+RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
+STRONG_P = 1e-6  # of its likelihood-ratio test; slowly varying noise reached 5e-5
+AFFECTED = 0.01  # of the largest change by a cause in any block
+MIN_SHARE = 0.003  # of the total loss: smaller effects are not named
+SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are distinguishable beyond these
+SAME_ANYHOW = (
+    2.0  # nats: too little to decide, however significant (near-equivalent effects differ little, but always)
+)
 MAX_CAUSES = 4
-PARENTS = 3  # best sets of a size that are extended
-TRIED_AT_LEAST, TRIED_ABOVE = 8, 3.0  # extensions fitted: so many, and all that promise more nats
+PARENTS = 3  # best sets of each size that are extended
+TRIED_AT_LEAST, TRIED_ABOVE = (
+    8,
+    3.0,
+)  # extensions fitted: at least so many, and all with a larger predicted gain [nats]
 REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What the data call for.
+    """The selected effects.
 
     Attributes:
         base: The base alone, refitted.
-        chosen: The chosen set (the base itself if nothing was called for).
-        rivals: Other sets of the chosen one's size that the data cannot tell from it.
-        before: The base as it stood beside the ranking (same whitening).
+        chosen: The chosen set (the base itself if no effect is significant).
+        alternatives: Other sets of the same size that the data cannot distinguish from the chosen one.
+        before: The base as fitted with the whitening of the ranking.
         ranking: All fits of the first round (single effects), best first.
-        untestable: Effects that the free parameters absorb.
+        unidentifiable: Effects that the free parameters absorb.
     """
 
     base: Candidate
     chosen: Candidate
-    rivals: tuple[Candidate, ...]
+    alternatives: tuple[Candidate, ...]
     before: Candidate
     ranking: tuple[Candidate, ...]
-    untestable: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
 
 
 def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
@@ -83,12 +88,12 @@ def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
 
 
 def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) -> float:
-    """p-value of a child's gain in likelihood where errors within a block of windows may be alike.
+    """p-value of a child's gain in likelihood where errors may be correlated within a block of windows.
 
-    A t-test over blocks has no power for a cause that shows in few of them: the gains themselves differ
-    too much. Here the blocks only say how much further than white noise the errors move along the
-    cause's own direction, as the dispersion of its score after the fit; twice the gain is divided by it
-    (quasi-likelihood, McCullagh and Nelder 1989, section 4.5), and compared with F.
+    A t-test over blocks has no power for a cause that acts in few of them: the gains themselves differ
+    too much. Here the blocks only give the overdispersion of the errors along the cause's own direction,
+    that of its score after the fit; twice the gain is divided by it (quasi-likelihood, McCullagh and Nelder
+    1989, section 4.5), and compared with F.
     """
     new = ~np.isin(child.fit.free, parent.fit.free) & child.fit.active
     count = int(new.sum())
@@ -102,7 +107,7 @@ def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) ->
 
 
 def dispersion(fitted: Fit, which: NDArray[np.bool_], blocks: IntArray) -> float:
-    """How much more than white noise the errors move along some free parameters' own directions, 1 or more.
+    """Overdispersion of the errors along some free parameters' own directions: 1 for white noise, or more.
 
     Mean square of the score over blocks, and over pairs of blocks, in units of its information.
     """
@@ -129,9 +134,9 @@ def dispersion(fitted: Fit, which: NDArray[np.bool_], blocks: IntArray) -> float
 
 
 def dispersion_of_change(parent: Fit, child: Fit, blocks: IntArray) -> float:
-    """The same along all that a cause changes: where looks decide, slopes may vanish at the best fit.
+    """The same along the whole change by a cause: with events, derivatives may vanish at the optimum.
 
-    Blocks that the cause hardly touches have nothing to say.
+    Blocks that the cause hardly affects are left out.
     """
     column = project(child, (parent.raw - child.raw)[:, :, None])[:, :, 0]
     scores, powers = np.sum(column * child.residual, axis=1), np.sum(column**2, axis=1)
@@ -139,20 +144,20 @@ def dispersion_of_change(parent: Fit, child: Fit, blocks: IntArray) -> float:
     for size in (1, 2):
         number = np.unique(blocks // size, return_inverse=True)[1]
         score, power = np.bincount(number, scores), np.bincount(number, powers)
-        touched = power > TOUCHED * power.max()
-        if touched.any():
-            result = max(result, float(np.mean(score[touched] ** 2 / power[touched])))
+        affected = power > AFFECTED * power.max()
+        if affected.any():
+            result = max(result, float(np.mean(score[affected] ** 2 / power[affected])))
     return result
 
 
 def select(candidates: Candidates, progress: Progress) -> Selection:
-    """Name the effects that the data call for, one by one, or in pairs where one alone does not show."""
+    """Name the effects that the data call for, one by one, or in pairs where neither is significant alone."""
     blocks = candidates.problem.blocks
     progress("refitting the base", 0.05)
     base = candidates.base()
     for name in candidates.names():
-        if not candidates.determined(base, name):
-            candidates.untestable.add(name)
+        if not candidates.identifiable(base, name):
+            candidates.unidentifiable.add(name)
     progress("trying each effect", 0.1)
     level = _grown(candidates, [base])
     base = candidates.again(base)
@@ -169,33 +174,33 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             chosen, level, levels[size] = larger, children, children
         elif level and accepted(base, level[0], blocks):
             chosen = level[0]
-        # Nothing alone is called for: a pair may be, but no larger set.
+        # If no single effect is accepted a pair may be, but no larger set.
         if size >= 2 and not chosen.effects:
             break
-    progress("looking for look-alikes", 0.65)
+    progress("comparing indistinguishable sets", 0.65)
     base = candidates.again(base)
     needed = _needed(candidates, chosen)
     if needed.effects:
         level = [c for c in levels[len(needed.effects)] if c.total < needed.total + REFITTED_WITHIN]
-        if needed is not chosen:  # smaller sets were last fitted beside other weights
+        if needed is not chosen:  # smaller sets were last fitted with other weights
             level = [candidates.again(c) for c in level]
-        chosen, rivals = _simplest(needed, _rivals(candidates, needed, level), blocks)
+        chosen, alternatives = _simplest(needed, _alternatives(candidates, needed, level), blocks)
     else:
-        chosen, rivals = base, ()
+        chosen, alternatives = base, ()
     return Selection(
         base=base,
         chosen=chosen,
-        rivals=rivals,
+        alternatives=alternatives,
         before=before,
         ranking=ranking,
-        untestable=tuple(sorted(candidates.untestable)),
+        unidentifiable=tuple(sorted(candidates.unidentifiable)),
     )
 
 
 def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
-    """The set without effects that it no longer needs: they may have made up for a fit that got stuck.
+    """The set without effects that are no longer needed: they may have compensated a local minimum.
 
-    What remains is fitted from where the larger set led it, which the search did not know.
+    The remaining set is fitted from the optimum of the larger one, which the search did not start from.
     """
     blocks = candidates.problem.blocks
     while chosen.effects:
@@ -208,23 +213,23 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
 
 
 def _simplest(
-    chosen: Candidate, rivals: tuple[Candidate, ...], blocks: IntArray
+    chosen: Candidate, alternatives: tuple[Candidate, ...], blocks: IntArray
 ) -> tuple[Candidate, tuple[Candidate, ...]]:
-    """Of sets that the data cannot tell apart, the one with fewest parameters, and its rivals."""
-    first = min((chosen, *rivals), key=lambda c: c.size)  # the best of that size
+    """Of indistinguishable sets, the one with fewest parameters, and its alternatives."""
+    first = min((chosen, *alternatives), key=lambda c: c.size)  # the best of that size
     if first.size == chosen.size:
-        return chosen, rivals
-    others = (c for c in (chosen, *rivals) if c is not first)
-    return first, tuple(c for c in others if same(first, c, blocks))
+        return chosen, alternatives
+    others = (c for c in (chosen, *alternatives) if c is not first)
+    return first, tuple(c for c in others if indistinguishable(first, c, blocks))
 
 
 def _called_for(
     candidates: Candidates, chosen: Candidate, parents: list[Candidate], children: list[Candidate]
 ) -> Candidate | None:
-    """The larger set that is accepted, if any; a pair from nothing must also beat its parents clearly.
+    """The larger set that is accepted, if any; a pair found from no effect must also beat both its members.
 
-    A set of more effects with fewer parameters need only fit better: the one with more may be it in
-    disguise (a long wave of the place, for a constant and a cubic force).
+    A set of more effects with fewer parameters need only fit better: the set with more parameters may merely
+    approximate it (a long spatial wave, for a constant and a cubic force).
     """
     blocks = candidates.problem.blocks
     before = candidates.again(chosen)
@@ -238,11 +243,11 @@ def _called_for(
     return best if all(accepted(candidates.again(p), best, blocks) for p in inside) else None
 
 
-def same(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
-    """Whether the data cannot tell a better set from a worse one.
+def indistinguishable(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
+    """Whether the data cannot distinguish a better set from a worse one.
 
-    A worse set with more parameters is no rival: it may be the better one in disguise (a jump at the
-    record's very start is a constant).
+    A worse set with more parameters is no alternative: it may contain the better one (a step at the very
+    start of the record is a constant).
     """
     worse = second.total - first.total
     if worse > 0 and second.size > first.size:
@@ -253,20 +258,20 @@ def same(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
 
 
 def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
-    """Parents with one effect more, best first, all whitened by the best one's residual."""
+    """Parents with one effect more, best first, all whitened by the best one's residual covariance."""
     names = candidates.names()
     jobs: list[tuple[float, Candidate, str]] = []
     for parent in parents:
         for name in names:
             if name not in parent.effects:
-                promise = candidates.promise(parent, name) - (parent.total - parents[0].total)
-                jobs.append((promise, parent, name))
+                predicted = candidates.score_test(parent, name) - (parent.total - parents[0].total)
+                jobs.append((predicted, parent, name))
     jobs.sort(key=lambda job: -job[0])
     best: dict[frozenset[str], Candidate] = {}
     model = candidates.problem.model
-    for i, (promise, parent, name) in enumerate(jobs):
+    for i, (predicted, parent, name) in enumerate(jobs):
         simpler = parent.size + model.effect(name).size < parents[0].size
-        if i >= TRIED_AT_LEAST and promise < (-2 * SAME_GAIN if simpler else TRIED_ABOVE):
+        if i >= TRIED_AT_LEAST and predicted < (-2 * SAME_GAIN if simpler else TRIED_ABOVE):
             continue
         child = candidates.extend(parent, name)
         if child is None:
@@ -282,8 +287,8 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     return sorted((candidates.again(c) for c in near), key=lambda c: c.total)
 
 
-def _rivals(candidates: Candidates, chosen: Candidate, level: list[Candidate]) -> tuple[Candidate, ...]:
-    """Sets of the chosen one's size that the data cannot tell from it."""
+def _alternatives(candidates: Candidates, chosen: Candidate, level: list[Candidate]) -> tuple[Candidate, ...]:
+    """Sets of the same size that the data cannot distinguish from the chosen one."""
     blocks = candidates.problem.blocks
     found = {frozenset(c.effects): c for c in level if len(c.effects) == len(chosen.effects)}
     if len(chosen.effects) > 1:
@@ -294,10 +299,10 @@ def _rivals(candidates: Candidates, chosen: Candidate, level: list[Candidate]) -
                 key = frozenset({*rest.effects, name})
                 if name in chosen.effects or key in found:
                     continue
-                if candidates.promise(rest, name) > 0.5 * needed:
+                if candidates.score_test(rest, name) > 0.5 * needed:
                     child = candidates.extend(rest, name)
                     if child is not None:
                         found[key] = child
     found.pop(frozenset(chosen.effects), None)
-    alike = [c for c in found.values() if same(chosen, c, blocks)]
-    return tuple(sorted(alike, key=lambda c: c.total))
+    close = [c for c in found.values() if indistinguishable(chosen, c, blocks)]
+    return tuple(sorted(close, key=lambda c: c.total))

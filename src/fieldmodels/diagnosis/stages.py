@@ -1,4 +1,4 @@
-"""One diagnosis from those of a machine's stages."""
+"""Joins the diagnoses of a machine's stages into one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Progress = Callable[[str, float], None]
 
 
 def held(stage: Stage) -> dict[str, float]:
-    """Parameters of the effects that do not act in a stage, at their neutral values."""
+    """Neutral values of the parameters of all effects that do not act in a stage."""
     return {
         f"{effect.name}.{p.name}": p.nominal
         for effect in stage.model.effects
@@ -23,13 +23,13 @@ def held(stage: Stage) -> dict[str, float]:
     }
 
 
-def scaled_progress(tell: Progress, number: int, count: int) -> Progress:
-    """Progress of one of several stages as progress of the whole."""
-    return lambda what, share: tell(what, (number + share) / count)
+def scaled_progress(report: Progress, number: int, count: int) -> Progress:
+    """Report the progress of one of several stages as progress of the whole."""
+    return lambda what, share: report(what, (number + share) / count)
 
 
 def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
-    """Join the stages' diagnoses: every cause, every signal's gain, and the gravest verdict that names."""
+    """Join the stages' diagnoses: all causes, all gains, and the most informative verdict."""
     if len(parts) == 1:
         return parts[0]
     first = parts[0]
@@ -63,7 +63,7 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
 
 
 def _vector(model: Model, vectors: Sequence[FloatArray]) -> FloatArray:
-    """What any stage has moved away from the nominal value."""
+    """Nominal vector with the values that any stage has changed."""
     result = model.nominal.copy()
     for vector in vectors:
         moved = vector != model.nominal

@@ -1,4 +1,4 @@
-"""What the refitted nominal simulation gets wrong: tests of its residual, signal by signal."""
+"""Residual diagnostics of the refitted nominal simulation, signal by signal."""
 
 from __future__ import annotations
 
@@ -7,43 +7,45 @@ from scipy import stats
 
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.fit import Fit, diagonal_whitener, fit, held_out_loss
-from fieldmodels.diagnosis.leftover import Dictionary
 from fieldmodels.diagnosis.problem import IntArray, Problem
-from fieldmodels.diagnosis.result import Misfit
+from fieldmodels.diagnosis.result import FailedTest
+from fieldmodels.diagnosis.unmodelled import Dictionary
 
 MAX_P = 0.01
 
 
-def misfit(problem: Problem, base: Candidate, folds: IntArray) -> tuple[Misfit, ...]:
-    """Failed tests of the refitted base, most certain first.
+def failed_tests(problem: Problem, base: Candidate, folds: IntArray) -> tuple[FailedTest, ...]:
+    """Residual tests that the refitted base fails, smallest p-value first.
 
     For each signal: whether its residual is white within a window, and whether a force that depends on
-    time, on what moves, or on the command would reduce it on held-out windows. p-values of the best of
+    time, on an output or on an input would reduce it on held-out windows. p-values of the best of
     several directions are multiplied by their number (Bonferroni).
     """
     result = []
     for j in np.unique(problem.outputs):
         signal = problem.model.outputs[j].name
         mask = problem.outputs == j
-        # The other signals are whitened away, and their rows with them.
+        # Rows of the other signals are left out of the whitener, so that only this one counts.
         whitener = diagonal_whitener(problem, base.fit.raw)[mask]
         own = fit(problem, base.fit.parameters, base.fit.free, whitener, base.fit.states, 0)
         p = whiteness(own, np.arange(len(whitener)), problem.blocks)
         if p < MAX_P:
-            result.append(Misfit(signal, "whiteness", p, "neighbouring errors within a window are alike"))
+            result.append(
+                FailedTest(signal, "whiteness", p, "neighbouring errors within a window are correlated")
+            )
         candidate = Candidate((), own, 0.0, held_out_loss(own, folds))
         judged = Dictionary(problem, own).judge(candidate, folds)
         for found in judged[:2]:
             p = min(1.0, found.p_value * len(judged))
             if p < MAX_P:
-                result.append(Misfit(signal, "dependence", p, f"depends on {found.group.direction}"))
+                result.append(FailedTest(signal, "dependence", p, f"depends on {found.group.direction}"))
     return tuple(sorted(result, key=lambda m: m.p_value))
 
 
 def whiteness(fitted: Fit, features: IntArray, blocks: IntArray) -> float:
     """Two-sided p-value that neighbouring residuals of a signal are correlated, by a t-test over blocks.
 
-    What removing the initial states makes alike in white noise is taken off.
+    The correlation that fitting the initial states causes even in white noise is subtracted.
     """
     if len(features) < 4:
         return 1.0

@@ -1,4 +1,4 @@
-"""Recordings of unequal noise: each is weighed by its own, so that one loud record does not decide."""
+"""Noise weighting: recordings of unequal noise are scaled, so that a noisy one does not dominate the fit."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.problem import Problem
 
-UNEQUAL = 1.5  # ratio of two recordings' noise from which on they are weighed apart
-LIMIT = 20.0  # largest weight against the others: a sensor that stands still shows no noise at all
+UNEQUAL = 1.5  # ratio of two recordings' noise from which on they are weighted
+LIMIT = 20.0  # largest ratio: a sensor at rest may have no noise at all
 
 
-def levelled(training: Problem, testing: Problem, parameters: FloatArray) -> tuple[Problem, Problem]:
-    """Divide what each recording measured by how much noisier it is than the training data on average.
+def weighted_by_noise(training: Problem, testing: Problem, parameters: FloatArray) -> tuple[Problem, Problem]:
+    """Divide each recording's features by the ratio of its noise to the training data's average noise.
 
-    Noise is what second differences of the error show, so it matters little that the parameters are not
-    fitted yet. Recordings of about equal noise stay as they are.
+    Noise is estimated from second differences of the error, which hardly depend on the parameters, so they
+    need not be fitted yet. Recordings of about equal noise are left unchanged.
 
     Args:
-        training: Windows to fit and to choose on.
-        testing: Windows of the gain.
-        parameters: Any vector that simulates.
+        training: Windows for the fits and the selection.
+        testing: Windows on which the gain is measured.
+        parameters: Any vector for which the simulation is finite.
     """
     problems = training, testing
     levels = [_noise(problem, parameters) for problem in problems]
@@ -54,6 +54,6 @@ def _mean(values: FloatArray) -> float:
 def _divided(problem: Problem, ratios: FloatArray) -> Problem:
     parts = []
     for part, ratio in zip(problem.parts, ratios, strict=True):
-        loudness = np.where(problem.events, 1.0, ratio[problem.outputs])
-        parts.append(replace(part, features=part.features / loudness, loudness=loudness))
+        noise_ratio = np.where(problem.events, 1.0, ratio[problem.outputs])
+        parts.append(replace(part, features=part.features / noise_ratio, noise_ratio=noise_ratio))
     return replace(problem, parts=tuple(parts))

@@ -1,9 +1,9 @@
-"""What no listed effect explains: its direction and shape, found by a dictionary of forces.
+"""Unmodelled dynamics: which variable a missing force depends on, and how, from a dictionary of forces.
 
-A missing force is sought as tables and products of what moves along the fitted trajectories. A force on
-each of a few stretches of the windows is simulated once; every column of the dictionary is then a
-combination of these responses. All columns are judged on held-out windows beside the free parameters.
-What is missing from an event is sought alike, in its log-odds.
+Candidate forces are lookup tables and products of the signals along the fitted trajectories. The response to
+a unit force on each of a few segments of the windows is simulated once; the response to every column of the
+dictionary is a combination of these. Each group of columns is scored on held-out windows jointly with the
+free parameters. Unmodelled dynamics of an event act on its log-odds.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.fit import Fit, held_out_loss, project, stacked
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import STRETCHES, averaged, odds_responses, responses, stretches
-from fieldmodels.diagnosis.result import Leftover
+from fieldmodels.diagnosis.response import SEGMENTS, averaged, odds_responses, responses, segments
+from fieldmodels.diagnosis.result import UnmodelledDynamics
 from fieldmodels.diagnosis.selection import MIN_GAIN, MIN_SHARE, block_p_value
 
 KNOTS = 8  # of a table
-MULTIPLIED = 7  # signals of which products are tried
+MULTIPLIED = 7  # signals whose products are tried
 MAX_P = 0.005  # of the best of some twenty groups
-RARE_P, RARE_GAIN = 0.02, 40.0  # of a shape that shows in few windows only, but strongly there
-RIVAL_GAIN, RIVAL_SHARE = 3.0, 0.025  # a dictionary group may not beat a named effect by more [nats, share]
-RIVAL_P = 0.1  # of the paired test that it does
-LEAST_SINE = 0.1  # of the angle between a shape's response and what the free parameters can do
+RARE_P, RARE_GAIN = 0.02, 40.0  # of a shape that acts in few windows only, but strongly there
+BEATEN_GAIN, BEATEN_SHARE = 3.0, 0.025  # by which a dictionary group must beat a named effect [nats, share]
+BEATEN_P = 0.1  # of the paired test that it does
+LEAST_SINE = 0.1  # of the angle between a shape's response and the span of the free parameters' sensitivities
 
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of the dictionary that make one shape.
+    """Columns of the dictionary that form one shape.
 
     Attributes:
-        direction: What the shape depends on.
-        unit: Unit of that.
-        values: Force columns on the stretches of every window, shape (windows, stretches, columns).
-        knots: Where the curve is drawn, shape (points,).
+        direction: The variable that the force depends on.
+        unit: Unit of that variable.
+        values: Force columns on the segments of every window, shape (windows, segments, columns).
+        knots: Values of the variable at which the curve is given, shape (points,).
         curves: Each column's value there, shape (points, columns).
-        event: Index of the event output in whose log-odds it acts; None for a force.
+        event: Index of the event output whose log-odds it shifts; None for a force.
     """
 
     direction: str
@@ -55,13 +55,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Found:
-    """A group judged beside a fit.
+    """A group scored jointly with a fit.
 
     Attributes:
         group: The group.
         gain: Improvement of every window's held-out loss [nats].
         p_value: One-sided, over blocks of windows.
-        coefficients: One a column, in the disturbance's unit.
+        coefficients: One per column, in the unit of the disturbance.
     """
 
     group: Group
@@ -76,11 +76,11 @@ class Found:
 
 
 class Dictionary:
-    """Force shapes along the trajectories of a fit, with the features' response to them."""
+    """Candidate force shapes along the trajectories of a fit, and the response of the features to them."""
 
     def __init__(self, problem: Problem, fitted: Fit) -> None:
         self.problem = problem
-        self.stretch = [stretches(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
+        self.segment = [segments(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
         self.response = responses(problem, fitted)
         signals = self._signals(fitted)
         events = [int(j) for j in np.unique(problem.outputs) if problem.model.outputs[j].event]
@@ -91,28 +91,28 @@ class Dictionary:
             self.groups += [replace(group, event=j) for group in _groups(signals)]
 
     def judge(self, candidate: Candidate, folds: NDArray[np.int64]) -> list[Found]:
-        """Judge every group beside a fit of the same problem, most probable first."""
+        """Score every group jointly with a fit of the same problem, most probable first."""
         fitted = candidate.fit
         result = []
         for group in self.groups:
             response = self.response if group.event is None else self.odds[group.event]
             columns = project(fitted, response @ group.values)
-            mixture = _own_shapes(columns, fitted)
-            if mixture.shape[1] == 0:
+            combination = _identifiable_shapes(columns, fitted)
+            if combination.shape[1] == 0:
                 continue
-            columns = columns @ mixture
+            columns = columns @ combination
             wide = replace(
                 fitted,
                 jacobian=np.concatenate([fitted.jacobian, columns], axis=2),
                 active=np.concatenate([fitted.active, np.ones(columns.shape[2], dtype=np.bool_)]),
             )
             gain = candidate.loss - held_out_loss(wide, folds)
-            coefficients = mixture @ _solve(wide)[len(fitted.free) :]
+            coefficients = combination @ _solve(wide)[len(fitted.free) :]
             result.append(Found(group, gain, block_p_value(gain, self.problem.blocks), coefficients))
         return sorted(result, key=lambda f: -f.total)
 
     def significant(self, candidate: Candidate, folds: NDArray[np.int64]) -> Found | None:
-        """The best group if the data call for it beside a fit."""
+        """The best group, if it improves a fit significantly."""
         least = max(MIN_GAIN, MIN_SHARE * float(candidate.loss.sum()))
         for found in self.judge(candidate, folds):
             rare = found.total > RARE_GAIN and found.p_value < RARE_P
@@ -120,13 +120,13 @@ class Dictionary:
                 return found
         return None
 
-    def most_likely(self, candidate: Candidate, folds: NDArray[np.int64]) -> Leftover | None:
-        """Shape of the best group, significant or not: for a misfit that is certain in itself."""
+    def most_likely(self, candidate: Candidate, folds: NDArray[np.int64]) -> UnmodelledDynamics | None:
+        """Shape of the best group, significant or not, for an error that is known to be above the noise."""
         best = self.judge(candidate, folds)[:1]
         return self.shape(best[0], candidate) if best else None
 
-    def shape(self, found: Found, candidate: Candidate) -> Leftover:
-        """What a judged group looks like."""
+    def shape(self, found: Found, candidate: Candidate) -> UnmodelledDynamics:
+        """The curve of a scored group."""
         model, event = self.problem.model, found.group.event
         unit = model.disturbance_unit or "1"
         direction = found.group.direction
@@ -134,7 +134,7 @@ class Dictionary:
             unit, direction = "1", f"{direction}, in the log-odds of {model.outputs[event].name}"
         curve = np.column_stack([found.group.knots, found.group.curves @ found.coefficients])
         percent = 100 * found.total / float(candidate.loss.sum())
-        return Leftover(
+        return UnmodelledDynamics(
             direction,
             unit,
             found.group.unit,
@@ -144,32 +144,32 @@ class Dictionary:
         )
 
     def _signals(self, fitted: Fit) -> Mapping[str, tuple[str, FloatArray]]:
-        """What moves, averaged over the stretches: outputs, their rates, inputs, and time."""
+        """Candidate variables averaged over the segments: outputs, their rates, inputs, and time."""
         model = self.problem.model
         first = 0
         collected: dict[str, tuple[str, list[FloatArray]]] = {}
         recorded = [part.windows.recording for part in self.problem.parts]
-        moving = {  # a flag or a setting moves nothing
+        moving = {  # a flag or a setting is no candidate
             s.name for s in model.inputs if max(len(np.unique(r[s.name])) for r in recorded) > 3
         }
-        for part, stretch in zip(self.problem.parts, self.stretch, strict=True):
+        for part, segment in zip(self.problem.parts, self.segment, strict=True):
             windows = part.windows
-            # A fitted state knows the random force of its window, which would pass for a force that
-            # depends on where the state leads; the measured one does not.
+            # A fitted initial state absorbs the random force of its window, which would then appear as a
+            # force that depends on the state; the measured one does not.
             states = windows.states if model.random_force else fitted.states[first : first + len(windows)]
             first += len(windows)
             outputs = model.simulate(fitted.parameters[None], windows.with_states(states))[0]
             recording = windows.recording
-            rows = np.minimum(windows.starts[:, None] + np.arange(stretch.shape[1]), len(recording) - 1)
+            rows = np.minimum(windows.starts[:, None] + np.arange(segment.shape[1]), len(recording) - 1)
             signals = {"time": ("s", recording.time[rows])}
             units = {signal.unit for signal in model.outputs}
             for j, signal in enumerate(model.outputs):
-                if np.isfinite(outputs[:, :, j])[stretch >= 0].mean() < 0.9 or (
+                if np.isfinite(outputs[:, :, j])[segment >= 0].mean() < 0.9 or (
                     model.random_force and signal.optional
                 ):
                     continue
                 signals[signal.name] = (signal.unit, outputs[:, :, j])
-                # Random forces shape the rates, which then cannot tell what the forces depend on.
+                # Random forces drive the rates, so that the rates do not reveal what the forces depend on.
                 if f"{signal.unit}/s" not in units and not (model.random_force or signal.event):
                     rate = np.gradient(outputs[:, :, j], recording.step, axis=1)
                     signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
@@ -177,17 +177,17 @@ class Dictionary:
                 values = recording[signal.name]
                 if signal.name in moving:
                     signals[signal.name] = (signal.unit, values[rows])
-                    lag = max(1, stretch.shape[1] // STRETCHES)
+                    lag = max(1, segment.shape[1] // SEGMENTS)
                     before = values[np.maximum(rows - lag, 0)]
                     signals[f"change of {signal.name}"] = (signal.unit, values[rows] - before)
             for name, (unit, values) in signals.items():
-                collected.setdefault(name, (unit, []))[1].append(averaged(values, stretch))
+                collected.setdefault(name, (unit, []))[1].append(averaged(values, segment))
         joined = {name: (unit, np.concatenate(values)) for name, (unit, values) in collected.items()}
         return {name: (unit, values) for name, (unit, values) in joined.items() if np.ptp(values) > 0}
 
 
 def _groups(signals: Mapping[str, tuple[str, FloatArray]]) -> Iterable[Group]:
-    """Tables of every signal, and products of pairs."""
+    """Lookup tables of every signal, and products of pairs."""
     for name, (unit, values) in signals.items():
         if name.startswith("change of"):
             yield _line(name, unit, values)
@@ -206,23 +206,23 @@ def _groups(signals: Mapping[str, tuple[str, FloatArray]]) -> Iterable[Group]:
 
 
 def _line(direction: str, unit: str, values: FloatArray) -> Group:
-    """A force in proportion to one quantity."""
+    """A force proportional to one quantity."""
     low, high = np.quantile(values, [0.01, 0.99])
     knots = np.linspace(low, high, 9)
     return Group(direction, unit, values[:, :, None], knots, knots[:, None])
 
 
 def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
-    """Piecewise-linear hats at the knots, constant beyond the outer ones; shape (..., knots)."""
+    """Piecewise-linear hat functions at the knots, constant beyond the outer ones; shape (..., knots)."""
     eye = np.eye(len(knots))
     return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
 
 
-def _own_shapes(columns: FloatArray, fitted: Fit) -> FloatArray:
-    """Mixtures of columns that the free parameters cannot imitate, shape (columns, mixtures).
+def _identifiable_shapes(columns: FloatArray, fitted: Fit) -> FloatArray:
+    """Combinations of columns that the free parameters cannot reproduce, shape (columns, combinations).
 
-    A shape that is nearly a change of a free parameter (a force in proportion to the angle, beside the
-    stiffness) would be blown up until the little that is left of it fits the noise.
+    A shape that is nearly collinear with a free parameter (a force proportional to the angle, with the
+    stiffness free) would get a huge coefficient, whose small remaining component fits the noise.
     """
     scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-30
     left, size, right = np.linalg.svd(stacked(columns) / scale, full_matrices=False)
@@ -234,7 +234,7 @@ def _own_shapes(columns: FloatArray, fitted: Fit) -> FloatArray:
 
 
 def _solve(wide: Fit) -> FloatArray:
-    """Gauss-Newton step of all active columns, zeros for the others."""
+    """Gauss-Newton step of all active columns, zero for the others."""
     active = wide.active
     columns = wide.jacobian[:, :, active]
     flat = stacked(columns)
