@@ -25,7 +25,7 @@ SHAKEN: dict[str, tuple[dict[str, float], ...]] = {
     "coulomb_friction": ({"force": 0.137, "torque": 0.0371}, {"force": 1.73, "torque": 0.53}),
     "stiffness_drift": ({"rate": 0.0037}, {"rate": -0.0371}),
     "soil_compliance": ({"share": 0.0731}, {"share": 0.731}),
-    "actuator_lag": ({"time_constant": 0.0073}, {"time_constant": 0.0731}),
+    "actuator_lag": tuple({"time_constant": lag} for lag in (0.0073, 0.0731, 0.00073, 0.0371)),
     "accelerometer_bias": ({"x": 0.0137, "y": -0.171, "z": 0.371}, {"x": -1.3, "y": 0.73, "z": -0.0173}),
     "accelerometer_gain": ({"gain": 1.0173}, {"gain": 0.613}),
     "inclinometer_bias": ({"pitch": 0.0017, "roll": -0.0173}, {"pitch": -0.137, "roll": 0.0371}),
