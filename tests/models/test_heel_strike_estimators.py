@@ -7,6 +7,7 @@ import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
 
 from fieldmodels.machines.heel_strike.estimators import ranger_step
+from fieldmodels.machines.heel_strike.kalman import mix
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
@@ -162,6 +163,22 @@ class Leapfrog(ExtendedKalmanFilter):
         aim = np.array([0.0, self.c.share * np.copysign(self.c.speed, self.x[1]), 0.0, 0.0])
         self.x = keep @ self.x + aim
         self.P = keep @ self.P @ keep + np.diag([0, 0, 0, self.levels[3]])
+
+
+def test_regimes_switch_from_row_to_column():
+    """Blom and Bar-Shalom's mixing of two regimes that do not switch alike, by dense matrices."""
+    rng = np.random.default_rng(12)
+    bank, transition = rng.normal(size=(2, 14)), np.array([[0.9, 0.1], [0.4, 0.6]])
+    before, old, upper = np.array([0.3, 0.7]), bank.copy(), np.triu_indices(4)
+    weights = before.copy()
+    mix(bank, weights, transition)
+    np.testing.assert_allclose(weights, [0.3 * 0.9 + 0.7 * 0.4, 0.3 * 0.1 + 0.7 * 0.6])
+    for j in range(2):
+        share = transition[:, j] * before / weights[j]
+        mean = share @ old[:, :4]
+        np.testing.assert_allclose(bank[j, :4], mean)
+        spread = sum(s * np.outer(o[:4] - mean, o[:4] - mean)[upper] for s, o in zip(share, old, strict=True))
+        np.testing.assert_allclose(bank[j, 4:], share @ old[:, 4:] + spread)
 
 
 @pytest.mark.parametrize("kind", ["low_pass", "ar1"])
