@@ -266,16 +266,19 @@ READ = 0.01
 
 
 @pytest.mark.parametrize("machine", ["rig", "pendulum"])
-@pytest.mark.parametrize("effect", ACTUATOR)
-def test_the_force_that_an_actuator_gives(machine, effect, rng, agree):
+@pytest.mark.parametrize(
+    "effects", [*((e,) for e in ACTUATOR), ("actuator_lag", "actuator_rate_limit")], ids="+".join
+)
+def test_the_force_that_an_actuator_gives(machine, effects, rng, agree):
     """Where it is measured beside its command, just after it; a delay in whole samples."""
-    values = {"delay": 0.03} if effect == "actuator_delay" else CASES[machine][effect][-1]
+    values = {effect: CASES[machine][effect][-1] for effect in effects}
+    values |= {"actuator_delay": {"delay": 0.03}} if "actuator_delay" in effects else {}
     model, commands = get_model(machine), commands_for(machine, rng)
     force, times = model.inputs[0].name, np.arange(COUNT) * STEP
     signals = {force: commands[:, 0], f"{force}_measured": commands[:, 0]}
     signals |= {output.name: np.zeros(COUNT) for output in model.outputs}
     recording = Recording(time=times, signals=signals)
-    (drive,) = [stage.model for stage in model.stages([recording]) if effect in stage.effects]
+    (drive,) = [stage.model for stage in model.stages([recording]) if effects[0] in stage.effects]
     windows = Windows(
         recording=recording,
         starts=np.array([0]),
@@ -283,8 +286,8 @@ def test_the_force_that_an_actuator_gives(machine, effect, rng, agree):
         states=np.zeros((1, 1)),
         observed=np.ones((1, COUNT, 1), dtype=np.bool_),
     )
-    got = drive.simulate(drive.vector(effects={effect: values}), windows)[0, 0]
-    given = filled({effect: values}, find_oracle(machine).NEUTRAL)
+    got = drive.simulate(drive.vector(effects=values), windows)[0, 0]
+    given = filled(values, find_oracle(machine).NEUTRAL)
     pieces = one_axis.actuator(commands[:, 0], STEP, given)
     on = np.array([[current(pieces, t).at(t)] for t in times + READ * STEP])
     agree(got, on, commands, 1e-9)
