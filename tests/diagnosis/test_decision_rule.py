@@ -8,7 +8,7 @@ from scipy import stats
 
 from fieldmodels.diagnosis import selection
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.events import Looks
+from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.fit import TAIL, _from_covariance, heavy_tailed, held_out_loss
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, share
 from fieldmodels.diagnosis.procedure import _mostly_explained
@@ -28,7 +28,7 @@ def stands(total, blocks=BLOCKS, effects=(), size=0, cost=0.0, spread=0.02, seed
     """A candidate whose windows' losses sum up to a total, with a small spread between them."""
     noise = np.random.default_rng(seed).normal(size=len(blocks))
     loss = np.full(len(blocks), total / len(blocks)) + spread * (noise - noise.mean())
-    return Candidate(effects, SimpleNamespace(cost=cost, looks=None), 0.0, loss, size)
+    return Candidate(effects, SimpleNamespace(cost=cost, observations=None), 0.0, loss, size)
 
 
 def test_a_total_is_the_loss_with_the_price_of_search_and_size():
@@ -71,7 +71,7 @@ def test_a_gain_that_varies_between_blocks_needs_a_p_value_below_one_percent():
     gain = np.zeros(64)
     gain[BLOCKS < 4] = 4.0  # 64 nats, of a quarter of the blocks
     parent = stands(100.0, cost=50.0, spread=0.0)
-    child = Candidate(("a", "b"), SimpleNamespace(cost=0.0, looks=None), 0.0, parent.loss - gain, 2)
+    child = Candidate(("a", "b"), SimpleNamespace(cost=0.0, observations=None), 0.0, parent.loss - gain, 2)
     p = stats.ttest_1samp(np.bincount(BLOCKS, gain), 0.0, alternative="greater").pvalue
     assert 0.01 < p < 0.1
     assert not accepted(parent, child, BLOCKS)  # two effects at once: no second chance
@@ -82,7 +82,7 @@ def rare(largest, other, effects):
     gain = np.full(64, other / 4)
     gain[BLOCKS == 5] = largest / 4
     parent = stands(100.0, cost=50.0, spread=0.0)
-    child = Candidate(effects, SimpleNamespace(cost=0.0, looks=None), 0.0, parent.loss - gain, 0)
+    child = Candidate(effects, SimpleNamespace(cost=0.0, observations=None), 0.0, parent.loss - gain, 0)
     p = stats.ttest_1samp(np.bincount(BLOCKS, gain), 0.0, alternative="greater").pvalue
     assert 0.01 < p < 0.1
     return accepted(parent, child, BLOCKS)
@@ -115,7 +115,7 @@ def regression(seed, blocks=200, strength=0.0, alike=0.0):
         costs.append(0.5 * left @ left)
         fits.append(
             SimpleNamespace(
-                free=np.array(free), active=np.ones(len(free), dtype=bool), looks=None, cost=costs[-1],
+                free=np.array(free), active=np.ones(len(free), dtype=bool), observations=None, cost=costs[-1],
                 residual=left.reshape(blocks, 6), jacobian=columns[:, :, free],
             )
         )  # fmt: skip
@@ -202,7 +202,8 @@ def test_held_out_loss_of_a_linear_fit_is_that_of_refits_without_each_fold():
         return target - columns @ best
 
     fitted = SimpleNamespace(
-        residual=left(folds >= 0), jacobian=columns, active=np.ones(3, dtype=bool), looks=None, weight=None,
+        residual=left(folds >= 0), jacobian=columns, active=np.ones(3, dtype=bool), observations=None,
+        weight=None,
         raw=target,
     )  # fmt: skip
     loss = held_out_loss(fitted, folds)
@@ -221,18 +222,18 @@ def test_whitened_residuals_have_covariance_one():
 
 def test_a_look_s_likelihood_is_bernoulli_s_and_a_step_moves_its_log_odds():
     happened, p = np.array([[1.0, 0.0, 1.0]]), np.array([[0.8, 0.3, 0.5]])
-    looks = Looks(np.array([True, True, True]), np.array([[True, True, False]]), happened)
+    observations = Observations(np.array([True, True, True]), np.array([[True, True, False]]), happened)
     raw = happened - p
     expected = -stats.bernoulli.logpmf(happened, p)
     expected[0, 2] = 0.0  # nobody looked
-    np.testing.assert_allclose(looks.loss(raw), expected)
+    np.testing.assert_allclose(observations.loss(raw), expected)
     change = np.array([[0.5, -1.0, 2.0]])
     moved = 1 / (1 + (1 - p) / p * np.exp(-change))
     np.testing.assert_allclose(
-        looks.loss(raw, change)[0, :2], -stats.bernoulli.logpmf(happened, moved)[0, :2]
+        observations.loss(raw, change)[0, :2], -stats.bernoulli.logpmf(happened, moved)[0, :2]
     )
     # Weighted residuals of right probabilities have variance one.
-    weight = looks.weight(raw)[0]
+    weight = observations.weight(raw)[0]
     np.testing.assert_allclose(weight, [1 / np.sqrt(0.16), 1 / np.sqrt(0.21), 0.0])
 
 

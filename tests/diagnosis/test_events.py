@@ -1,4 +1,4 @@
-"""Yes-or-no outputs: the exact likelihood, its gradient, held-out looks, and a whole diagnosis of them."""
+"""Binary outputs: the exact likelihood, its gradient, held-out observations, and a whole diagnosis."""
 
 import numpy as np
 import pytest
@@ -76,8 +76,8 @@ def test_every_look_is_a_feature_and_none_is_averaged():
     recording = record(1)
     windows = MODEL.windows(recording, 10.0)
     values = windows.measured(("level", "alarm"))[:, :, 1]
-    assert problem.looks.seen.sum() == np.isfinite(values).sum()
-    assert problem.looks.happened.sum() == np.nansum(values)
+    assert problem.observations.seen.sum() == np.isfinite(values).sum()
+    assert problem.observations.happened.sum() == np.nansum(values)
     assert len(problem) == len(windows)
 
 
@@ -134,7 +134,7 @@ def test_odds_response_is_the_slope_of_a_probability():
     p = problem.simulate(fitted.parameters[None], fitted.states)[0][:, problem.events]
     odds, step = np.log(np.clip(p, 1e-9, 1 - 1e-9) / np.clip(1 - p, 1e-9, 1)), 1e-5
     numerical = (1 / (1 + np.exp(-odds - step)) - 1 / (1 + np.exp(-odds + step))) / (2 * step)
-    seen = problem.looks.seen & (np.minimum(p, 1 - p) > 1e-4)
+    seen = problem.observations.seen & (np.minimum(p, 1 - p) > 1e-4)
     np.testing.assert_allclose(slope.sum(axis=2)[:, problem.events][seen], numerical[seen], rtol=1e-4)
     assert np.all(slope[:, ~problem.events] == 0.0)
 
@@ -143,10 +143,10 @@ def test_looks_are_never_whitened_with_averages():
     problem, whitener = make()
     fitted = fit(problem, MODEL.nominal, FREE, whitener)
     matrix = covariance_whitener(problem, fitted)
-    looks = problem.events
-    np.testing.assert_array_equal(matrix[looks][:, looks], np.eye(looks.sum()))
-    assert not matrix[looks][:, ~looks].any()
-    assert not matrix[~looks][:, looks].any()
+    events = problem.events
+    np.testing.assert_array_equal(matrix[events][:, events], np.eye(events.sum()))
+    assert not matrix[events][:, ~events].any()
+    assert not matrix[~events][:, events].any()
 
 
 def test_what_is_neither_yes_nor_no_is_refused():
@@ -195,7 +195,7 @@ def test_the_report_draws_probabilities_beside_frequencies(tmp_path):
     assert "Probabilities and frequencies" in page
 
 
-def test_separate_test_data_with_other_numbers_of_looks():
+def test_separate_test_data_with_other_numbers_of_observations():
     result = diagnose(MODEL, [record(5, shift=0.4)], [record(6, tested=0.9, shift=0.4)])
     assert [cause.effect for cause in result.causes] == ["threshold"]
 

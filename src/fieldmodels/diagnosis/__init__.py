@@ -1,4 +1,4 @@
-"""What measured data say about a simulation: what is wrong, which cause, and what a remedy gains."""
+"""Diagnosis of a simulation from measured data: errors, their causes, and the gain of a remedy."""
 
 from fieldmodels.diagnosis.procedure import diagnose
 from fieldmodels.diagnosis.result import Cause, Diagnosis, Estimate, Verdict

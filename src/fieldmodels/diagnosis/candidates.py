@@ -242,7 +242,7 @@ class Candidates:
         predicted, multiple = self.score(parent, starts)
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
-        if self.problem.looks is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
+        if self.problem.observations is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
             # Likelihoods of rare events change too much for a first-order approximation.
             vectors = np.concatenate([parent.fit.parameters[None], starts[:, 0]])
             exact = costs(self.problem, vectors, parent.fit.states, parent.fit.whitener)
@@ -266,7 +266,7 @@ class Candidates:
         """Whether an effect is identifiable beside the base, by an exact rank test at its start."""
         effect = self.problem.model.effect(name)
         predicted, starts = self.screened(parent, effect)
-        if self.problem.looks is not None and predicted > CLEAR:
+        if self.problem.observations is not None and predicted > CLEAR:
             return True  # an absorbed effect gains nothing; derivatives may all vanish at the start
         free = self.free((*parent.effects, name))
         here = fit(self.problem, starts[0], free, self.whitener, parent.fit.states, 0)
@@ -304,7 +304,7 @@ class Candidates:
                 around = best.parameters[place + k] + reach * np.linspace(-1, 1, 17)
                 batch = np.repeat(best.parameters[None], len(around), axis=0)
                 batch[:, place + k] = np.clip(around, parameter.lower, parameter.upper)
-                if self.problem.looks is not None:
+                if self.problem.observations is not None:
                     choice = int(np.argmin(costs(self.problem, batch, best.states, self.whitener)))
                 else:
                     raw = self.problem.features - self.problem.simulate(batch, best.states)

@@ -1,9 +1,9 @@
-"""Correlations of a prediction's errors, among themselves and with the inputs, beside what chance gives.
+"""Auto-correlation of prediction errors and their cross-correlation with inputs, with null distributions.
 
-The usual limits of +-1.96 / sqrt(n) hold for the white errors of a free run. Here every window's initial
-state was fitted, which makes even white noise look anticorrelated, and errors may be coloured. So the
-limits are those of chance as it acts here: among errors, of white noise that went through the same fit of
-the states; against an input, of the errors of some windows against the inputs of others.
+The usual limits of +-1.96 / sqrt(n) hold for white errors of a free run. Here every window's initial
+state was fitted, which makes even white noise anticorrelated, and errors may be coloured. So the null
+distributions are simulated: for the auto-correlation, white noise after the same fit of the states; for an
+input, the errors of some windows against the inputs of others.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from fieldmodels.diagnosis.result import Correlation
 
 IntArray = NDArray[np.int64]
 LAGS = 20
-WINDOWS = 120  # looked at; more make the picture no clearer
+WINDOWS = 120  # used at most; more make no visible difference
 DRAWS = 200
-FEWEST = 20  # windows that can be exchanged; with fewer there is no chance to compare with
+FEWEST = 20  # windows that can be exchanged; fewer give no null distribution
 DENSE = 0.9  # share of a window's samples that must be observed for lags in samples to mean anything
 
 
@@ -35,11 +35,11 @@ def correlations(
     """Correlations of every densely observed signal in the first recording of a problem.
 
     Args:
-        problem: Windows, best those that were used for nothing else.
+        problem: Windows, preferably test windows.
         parameters: Vector with the causes added.
         before: Prediction of the refitted base.
         after: Prediction with the causes.
-        rng: Source of chance.
+        rng: Source of randomness.
     """
     part = problem.parts[0]
     count, samples = min(len(part.windows), WINDOWS), part.windows.samples
@@ -88,7 +88,7 @@ def _judged(
 
 
 def _p_value(value: FloatArray, chance: FloatArray) -> float:
-    """Share of chance's curves that leave their own middle as far, in their spread, at any lag."""
+    """Share of curves under the null whose largest standardised deviation at any lag is as large."""
     middle, spread = chance.mean(axis=0), chance.std(axis=0) + 1e-12
     own = float(np.max(np.abs(value - middle) / spread))
     others = np.max(np.abs(chance - middle) / spread, axis=1)
@@ -112,7 +112,7 @@ def _autocorrelation(errors: FloatArray, reach: int) -> FloatArray:
 
 
 def _inputs(problem: Problem, starts: IntArray, samples: int, reach: int) -> dict[str, FloatArray]:
-    """Inputs that move, around each window: shape (windows, samples + 2 reach)."""
+    """Inputs that vary, around each window: shape (windows, samples + 2 reach)."""
     recording = problem.parts[0].windows.recording
     if len(starts) <= FEWEST:
         return {}
@@ -128,18 +128,18 @@ def _against(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Correlation of errors with an input, and that of errors with other windows' inputs.
 
-    Chance exchanges whole windows, by shifting all of them alike, so that the colour of both stays.
+    Under the null whole windows are exchanged by a common shift, which keeps the spectra of both.
 
     Args:
         errors: Before and after, shape (windows, samples) each.
         values: The input around each window, shape (windows, samples + 2 reach).
 
     Returns:
-        Before and after, shape (lags,), and chance before and after, shape (shifts, lags).
+        Before and after, shape (lags,), and the same under the null, shape (shifts, lags).
     """
     count, samples = errors[0].shape
     lags = values.shape[1] - samples + 1
-    # A later start in `values` is an earlier lag: the last lag is the earliest input.
+    # A later start in `values` is a smaller lag: the last lag is the earliest input.
     around = np.stack([values[:, lags - 1 - k : lags - 1 - k + samples] for k in range(lags)])
     own, others = [], []
     for error in errors:
@@ -173,7 +173,7 @@ def _fitted_noise(
     moved = np.nan_to_num(np.moveaxis(simulated[1:] - simulated[0], 0, -1) / STATE_STEP)
     features = part.counts.shape[1]
     slots = part.slots[:count].reshape(count, -1)
-    counts = np.maximum(part.counts[:count, :, None], 1.0)  # a look that was not made averages nothing
+    counts = np.maximum(part.counts[:count, :, None], 1.0)  # an event that was not observed averages nothing
     averaging = (slots[:, None, :] == np.arange(features)[None, :, None]) / counts
     observed = np.isfinite(errors)
     squares = np.where(observed, errors, 0.0) ** 2

@@ -1,4 +1,4 @@
-"""Arrays that a report draws: predictions beside measurements, residuals, errors by horizon."""
+"""Data for the figures of a report: predictions and measurements, residuals, correlations."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def collect(
     ranking: tuple[tuple[str, float, float, str], ...],
     rng: np.random.Generator,
 ) -> Evidence:
-    """Gather what the report draws.
+    """Collect the data for the figures.
 
     Args:
-        training: Windows that the choice was made on.
-        testing: Windows that it was not made on.
-        selection: The choice, with the refitted base.
+        training: Windows used for selection.
+        testing: Windows not used for it.
+        selection: Its result, with the refitted base.
         chosen: The extended simulation.
         predictions: Of the test windows, by the base and by the extended simulation.
         ranking: Rows as in ``Evidence.ranking``.
-        rng: Source of chance.
+        rng: Source of randomness.
     """
     before, after = selection.base.fit.parameters, chosen.fit.parameters
     return Evidence(

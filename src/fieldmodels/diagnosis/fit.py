@@ -1,9 +1,9 @@
 """Fit of parameters and initial states to windows: Levenberg-Marquardt with the states projected out.
 
-Each window's initial state is its own nuisance. Its sensitivities are removed from the window's
+Each window's initial state is a nuisance parameter. Its sensitivities are removed from the window's
 residual by QR (variable projection), and the state itself is updated by back-substitution, so that a
-nonlinear model is linearised anew at every step. Looks of an event output (``events.Looks``) count by their
-exact likelihood: their rows are weighted anew at every step (Fisher scoring).
+nonlinear model is linearised anew at every step. Observations of an event output (``events.Observations``)
+enter by their exact likelihood: their rows are reweighted at every step (Fisher scoring).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.events import Looks
+from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.model import Parameter
 
@@ -23,7 +23,9 @@ PRIOR = 2.0  # initial states stay within about this many times their spread ove
 STEP = 0.01  # finite-difference step of a parameter, in its scale
 STATE_STEP = 1e-3  # the same of a state, in its spread over windows
 TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
-INSENSITIVE = 0.01  # size of a whitened column below which ten coordinates' change cannot show (0.005 nats)
+INSENSITIVE = (
+    0.01  # norm of a whitened column below which a change by ten coordinates is negligible (0.005 nats)
+)
 SETTLED = 0.01  # nats; a smaller improvement ends a fit
 
 
@@ -35,20 +37,20 @@ class Fit:
         parameters: Whole parameter vector, shape (parameters,).
         free: Indices of the fitted ones, shape (free,).
         states: Initial states, shape (windows, states).
-        cost: Half the sum of squared whitened residuals [nats], states included; looks by their likelihood.
-        quadratic: The same with half the squares of the weighted looks, as a step's promise is reckoned.
+        cost: Half the sum of squared whitened residuals [nats], states included; events by their likelihood.
+        quadratic: The same with events by half their weighted squares, as in the quadratic model of a step.
         residual: Whitened residual with states projected out, shape (windows, features + states).
         jacobian: Change of the whitened simulation by the free parameters' coordinates, states projected
             out, shape (windows, features + states, free).
         raw: Measured minus simulated features, shape (windows, features).
-        active: Free parameters that are not held by a bound, shape (free,).
+        active: Free parameters that are not held at a bound, shape (free,).
         basis: Orthonormal basis of the states' sensitivities, shape (windows, features + states, states).
-        state_residual: What the states alone would change to fit best (in their spread over windows),
-            shape (windows, states).
+        state_residual: Change of the states alone that fits best (in their spread over windows), shape
+             (windows, states).
         state_jacobian: The same for every free parameter, shape (windows, states, free).
         whitener: Whitening matrix, shape (features, features).
         weight: What each feature is multiplied by before whitening, shape (windows, features); None for 1.
-        looks: The event features; None if there are none.
+        observations: The event features; None if there are none.
     """
 
     parameters: FloatArray
@@ -65,7 +67,7 @@ class Fit:
     state_jacobian: FloatArray
     whitener: FloatArray
     weight: FloatArray | None = None
-    looks: Looks | None = None
+    observations: Observations | None = None
 
     @property
     def information(self) -> FloatArray:
@@ -111,15 +113,15 @@ def fit(
     states: FloatArray | None = None,
     iterations: int = 20,
 ) -> Fit:
-    """Minimise the whitened misfit over free parameters and all initial states.
+    """Minimise the whitened residual over free parameters and all initial states.
 
     Args:
         problem: The windows.
-        parameters: Start of the whole vector; what is not free stays.
+        parameters: Start of the whole vector; the others stay fixed.
         free: Indices of the free parameters (may be empty: then only states are fitted).
         whitener: Matrix that whitens a window's residual, shape (features, features).
         states: Start of the initial states; by default the measured ones.
-        iterations: Steps at most.
+        iterations: Maximal number of steps.
 
     Returns:
         The best point seen; its cost is infinite if the simulation fails at the start.
@@ -133,7 +135,7 @@ def fit(
         if not np.isfinite(here.cost):
             break
         step, expected = _step(here, coordinates, damping)
-        # A step that was cut to its limits may promise a loss, yet gain: that is not the end.
+        # A step that was clipped may be predicted to lose, yet gain: do not stop then.
         if abs(expected) < SETTLED and damping <= 1e-3:
             break
         trial_parameters = parameters_at(here, coordinates, step)
@@ -170,12 +172,12 @@ def parameters_at(here: Fit, coordinates: Coordinates, step: FloatArray) -> Floa
 
 
 def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
-    """Standard error of every free parameter, in its unit; NaN where the data do not determine it."""
+    """Standard error of every free parameter, in its unit; NaN where it is unidentifiable."""
     if not len(fitted.free):
         return np.zeros(0)
     coordinates = Coordinates(problem.model.all_parameters, fitted.free)
     flat = fitted.jacobian * fitted.residual[:, :, None]
-    # Clustered by block: windows of one block may err together.
+    # Clustered by block: errors of windows in one block may be correlated.
     scores = np.array([flat[problem.blocks == b].sum(axis=(0, 1)) for b in np.unique(problem.blocks)])
     inverse = np.linalg.pinv(fitted.information, hermitian=True)
     covariance = inverse @ (scores.T @ scores) @ inverse
@@ -187,7 +189,7 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
     """Held-out negative log-likelihood [nats] of every window, up to a constant.
 
     The fit is repeated without each fold by one Gauss-Newton step from the joint optimum. The likelihood
-    is Student's t over a window, so that a few bad windows do not decide.
+    is Student's t over a window, so that outlying windows do not dominate.
 
     Args:
         fitted: A fit to all windows.
@@ -197,7 +199,7 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
         Loss, shape (windows,).
     """
     loss = np.zeros(len(fitted.residual))
-    # What the data cannot see would be sent thousands of coordinates away by the little that they say.
+    # Nearly unidentifiable parameters would be moved by thousands of coordinates.
     active = fitted.active & (np.sqrt(np.sum(fitted.jacobian**2, axis=(0, 1))) > INSENSITIVE)
     jacobian = fitted.jacobian[:, :, active]
     flat = stacked(jacobian)
@@ -215,28 +217,28 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
 def window_loss(
     fitted: Fit, which: NDArray[np.bool_] | slice = slice(None), change: FloatArray | float = 0.0
 ) -> FloatArray:
-    """Negative log-likelihood [nats] of windows, up to a constant: heavy-tailed averages and exact looks.
+    """Negative log-likelihood [nats] of windows, up to a constant: heavy-tailed averages and exact events.
 
     Args:
         fitted: A fit.
         which: The windows.
-        change: What a step takes off their whitened residual, shape (windows, features + states).
+        change: Reduction of their whitened residual by a step, shape (windows, features + states).
 
     Returns:
         Loss, shape (windows,).
     """
     residual = fitted.residual[which]
     moved = residual - change
-    looks, features = fitted.looks, fitted.raw.shape[1]
-    if looks is None or fitted.weight is None:
+    observations, features = fitted.observations, fitted.raw.shape[1]
+    if observations is None or fitted.weight is None:
         return heavy_tailed(moved, features)
-    row, event = looks.rows(fitted.whitener)
+    row, event = observations.rows(fitted.whitener)
     # A weighted step of a probability, times its weight, is a step of the log-odds.
-    odds = np.zeros(looks.seen[which].shape)
-    odds[:, event] = (residual - moved)[:, row] * fitted.weight[which][:, looks.columns][:, event]
-    exact = looks.select(which).loss(fitted.raw[which], odds)[:, event].sum(axis=1)
+    odds = np.zeros(observations.seen[which].shape)
+    odds[:, event] = (residual - moved)[:, row] * fitted.weight[which][:, observations.columns][:, event]
+    exact = observations.select(which).loss(fitted.raw[which], odds)[:, event].sum(axis=1)
     moved[:, row] = 0.0
-    return np.asarray(heavy_tailed(moved, features - int(looks.columns.sum())) + exact)
+    return np.asarray(heavy_tailed(moved, features - int(observations.columns.sum())) + exact)
 
 
 def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
@@ -245,7 +247,7 @@ def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
 
 
 def diagonal_whitener(problem: Problem, raw: FloatArray) -> FloatArray:
-    """Whitener that divides each average by its residual's root mean square, and leaves looks alone."""
+    """Whitener that divides each average by its residual's root mean square, and leaves events unchanged."""
     spread = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * problem.output_scale)
     return np.asarray(np.diag(1.0 / np.where(problem.events, 1.0, spread)))
 
@@ -253,7 +255,7 @@ def diagonal_whitener(problem: Problem, raw: FloatArray) -> FloatArray:
 def covariance_whitener(problem: Problem, fitted: Fit, shrink: float = 0.15) -> FloatArray:
     """Whitener from the residual covariance of a fit, shrunk to its diagonal, eigenvalues floored.
 
-    Few windows for many features need more shrinkage than the usual 15 %. Looks are left alone.
+    Few windows for many features need more shrinkage than the usual 15 %. Events are left unchanged.
     """
     if problem.events.any():
         result = np.eye(len(problem.outputs))
@@ -279,7 +281,7 @@ def _from_covariance(raw: FloatArray, least: FloatArray, free: int, shrink: floa
 
 
 def refit(problem: Problem, fitted: Fit, whitener: FloatArray, iterations: int = 6) -> Fit:
-    """Fit again from where a fit ended, with another whitener."""
+    """Fit again from the optimum of a fit, with another whitener."""
     return fit(problem, fitted.parameters, fitted.free, whitener, fitted.states, iterations)
 
 
@@ -287,11 +289,11 @@ def project(fitted: Fit, columns: FloatArray) -> FloatArray:
     """Whiten further feature columns and project the initial states out of them.
 
     Args:
-        fitted: Where the states' sensitivities and the whitener are taken.
+        fitted: Supplies the states' sensitivities and the whitener.
         columns: Changes of the features, shape (windows, features, columns).
 
     Returns:
-        Columns beside ``Fit.jacobian``, shape (windows, features + states, columns).
+        Columns like those of ``Fit.jacobian``, shape (windows, features + states, columns).
     """
     columns = np.where(np.isfinite(columns), columns, 0.0)
     return _remove(
@@ -303,12 +305,12 @@ def _cost(problem: Problem, raw: FloatArray, states: FloatArray, whitener: Float
     if not np.isfinite(raw).all():
         return float("inf")
     prior = (problem.states - states) / (PRIOR * problem.state_scale)
-    looks = problem.looks
-    if looks is None:
+    observations = problem.observations
+    if observations is None:
         return float(0.5 * np.sum((raw @ whitener.T) ** 2) + 0.5 * np.sum(prior**2))
-    _, event = looks.rows(whitener)
-    gaussian = 0.5 * np.sum((looks.averages(raw) @ whitener.T) ** 2) + 0.5 * np.sum(prior**2)
-    return float(gaussian + looks.loss(raw)[:, event].sum())
+    _, event = observations.rows(whitener)
+    gaussian = 0.5 * np.sum((observations.averages(raw) @ whitener.T) ** 2) + 0.5 * np.sum(prior**2)
+    return float(gaussian + observations.loss(raw)[:, event].sum())
 
 
 def _linearise(
@@ -324,8 +326,8 @@ def _linearise(
     n_states = states.shape[1]
     finite = np.where(np.isfinite(raw), raw, 0.0)
     simulated = problem.features - finite
-    looks = problem.looks
-    weight = None if looks is None else looks.weight(finite)
+    observations = problem.observations
+    weight = None if observations is None else observations.weight(finite)
     columns = _derivatives(problem, parameters, free, states, simulated, coordinates)
     basis, triangle = _state_basis(problem, parameters, states, whitener, simulated, weight)
     prior = (problem.states - states) / (PRIOR * problem.state_scale)
@@ -338,7 +340,7 @@ def _linearise(
         free=free,
         states=states,
         cost=cost,
-        quadratic=cost if looks is None else 0.5 * float(np.sum(residual**2)),
+        quadratic=cost if observations is None else 0.5 * float(np.sum(residual**2)),
         residual=_remove(basis, residual)[:, :, 0],
         jacobian=_remove(basis, jacobian),
         raw=raw,
@@ -348,7 +350,7 @@ def _linearise(
         state_jacobian=np.asarray(np.linalg.solve(triangle, across @ jacobian), dtype=np.float64),
         whitener=whitener,
         weight=weight,
-        looks=looks,
+        observations=observations,
     )
     return replace(result, active=_active(result, coordinates))
 
@@ -391,7 +393,7 @@ def _state_basis(
         moved = states.copy()
         moved[:, j] += STATE_STEP * problem.state_scale[j]
         change = problem.simulate(parameters[None], moved)[0] - simulated
-        columns[:, :, j] = change / STATE_STEP  # by spread, so that all columns are of one order
+        columns[:, :, j] = change / STATE_STEP  # by spread, so that all columns are of the same order
     columns = np.where(np.isfinite(columns), columns, 0.0)
     prior = np.broadcast_to(np.eye(n_states) / PRIOR, (len(columns), n_states, n_states))
     q, r = np.linalg.qr(np.concatenate([whitener @ _weighted(columns, weight), prior], axis=1))
@@ -412,7 +414,7 @@ def _padded(columns: FloatArray, rows: int) -> FloatArray:
 
 
 def _active(here: Fit, coordinates: Coordinates) -> NDArray[np.bool_]:
-    """Which free parameters may move: not those whose bound stops the descent."""
+    """Which free parameters may move: those at a bound that the descent direction would violate may not."""
     if not len(here.free):
         return np.zeros(0, dtype=np.bool_)
     descent = np.einsum("wfk,wf->k", here.jacobian, here.residual)
@@ -423,7 +425,7 @@ def _active(here: Fit, coordinates: Coordinates) -> NDArray[np.bool_]:
 
 
 def _step(here: Fit, coordinates: Coordinates, damping: float) -> tuple[FloatArray, float]:
-    """Damped Gauss-Newton step of the free coordinates, and the improvement that it promises."""
+    """Damped Gauss-Newton step of the free coordinates, and the predicted improvement."""
     step = np.zeros(len(here.free))
     active = here.active
     if active.any():
@@ -435,6 +437,6 @@ def _step(here: Fit, coordinates: Coordinates, damping: float) -> tuple[FloatArr
         log = coordinates.log & active
         step[log] = np.clip(step[log], -1.5, 1.5)
     moved = here.residual - here.jacobian @ step
-    # What remains in the whole residual beyond the projected part is the states' to gain.
+    # The part of the residual outside the projection is removed by the states.
     expected = here.quadratic - 0.5 * float(np.sum(moved**2))
     return step, expected

@@ -1,4 +1,4 @@
-"""What the extension gains on data that were used neither to fit nor to choose."""
+"""Gain in prediction accuracy on data that were used neither for fits nor for selection."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fieldmodels.recording import RecordingError
 
 RESAMPLES = 1000
 NONE = np.zeros(0, dtype=np.int64)
-FEWEST = 4  # windows at another horizon that are worth a number
+FEWEST = 4  # windows at another horizon that suffice for a gain
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Prediction:
     """Errors of one parameter vector on the windows of a problem.
 
     Each window starts from the state that fits that window best (the measured one is its prior), so
-    that the noise of a measured start does not hide what the simulation gets wrong. All parameter
-    vectors are treated alike.
+    that noise of the measured initial state does not mask model errors. All parameter vectors are treated
+    the same way.
 
     Attributes:
         simulated: Outputs of each recording's windows, shape (windows, samples, outputs) each.
@@ -46,7 +46,7 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
     raw = problem.features - problem.simulate(parameters[None], problem.states)[0]
     states = problem.states
     for _ in range(3):
-        # Signals count by what is left of them, which the first states still blur.
+        # Signals are weighted by their residuals, which the measured states still inflate at first.
         fitted = fit(problem, parameters, NONE, whitener_by_output(problem, raw), states, 5)
         raw, states = fitted.raw, fitted.states
     simulated = problem.samples(parameters, fitted.states)
@@ -100,7 +100,7 @@ def by_horizon(
     """Gain of every signal at each of the model's horizons, on the same test data.
 
     Args:
-        testing: Test windows at the main horizon; windows of other lengths are laid inside these.
+        testing: Test windows at the main horizon; windows of other lengths are cut from these.
         before: Parameter vector of the refitted base.
         after: The same with the causes added.
         rng: Source of the resampling.
@@ -122,7 +122,7 @@ def by_horizon(
 def _within(testing: Problem, horizon: float) -> Problem | None:
     """Windows of another length on the samples that test windows cover; None if they are too few.
 
-    What lies between test windows has been used to fit and to choose.
+    Samples between test windows have been used for fits and selection.
     """
     recordings = [part.windows.recording for part in testing.parts]
     try:
@@ -146,9 +146,8 @@ def _within(testing: Problem, horizon: float) -> Problem | None:
 def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
     """Standard deviation of an output's white noise, from second differences of the errors.
 
-    A sensor that shows the same value for several samples tells less: then the root mean square of
-    the differences takes the median's place. Of an event it is the error that remains if its simulated
-    probability p is right: the root mean square of p (1 - p).
+    Differences are clipped to their 1st and 99th percentile before the root mean square is taken. For an
+    event it is the error that remains if its simulated probability p is right: the root mean of p (1 - p).
     """
     outputs = tuple(o.name for o in problem.model.outputs)
     if problem.model.outputs[output].event:
@@ -166,11 +165,11 @@ def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
 
 def _chance(problem: Problem, prediction: Prediction, output: int) -> float:
     names = tuple(o.name for o in problem.model.outputs)
-    looks = []
+    probabilities = []
     for part, simulated in zip(problem.parts, prediction.simulated, strict=True):
         seen = np.isfinite(part.windows.measured(names)[:, :, output])
-        looks.append(simulated[:, :, output][seen])
-    p = np.concatenate(looks)
+        probabilities.append(simulated[:, :, output][seen])
+    p = np.concatenate(probabilities)
     return float(np.sqrt(np.mean(p * (1.0 - p)))) if len(p) else float("nan")
 
 

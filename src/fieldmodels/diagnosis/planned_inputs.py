@@ -1,4 +1,4 @@
-"""Inputs for a next measurement, inside the limits that the recordings have shown."""
+"""Candidate inputs for a next measurement, within the limits of the recordings."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
-SLACK = 0.02  # of an output's range, beyond which it leaves the range
-ROUND = 0.9 * 2 * np.pi  # an angle that has been so far round is free
+SLACK = 0.02  # of an output's range by which it may be exceeded
+ROUND = 0.9 * 2 * np.pi  # an angle that has covered this range is unlimited
 Shape = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a machine has gone through in its recordings, which a next one must not exceed.
+    """Range of inputs and outputs in the recordings, which a next measurement must not exceed.
 
     Attributes:
         lowest: Least value of each input, shape (inputs,).
         highest: Largest, shape (inputs,).
         change: Largest change of each input from one sample to the next, shape (inputs,).
-        below: Least value of each output, minus infinity where it is free, shape (outputs,).
+        below: Least value of each output, minus infinity where it is unlimited, shape (outputs,).
         above: Largest, shape (outputs,).
     """
 
@@ -36,7 +36,7 @@ class Limits:
     above: FloatArray
 
     def excess(self, values: FloatArray, which: NDArray[np.int64]) -> float:
-        """How far simulated outputs go, as a multiple of what was measured: up to 1 they stay in its range.
+        """Largest excursion of simulated outputs relative to the measured range: inside it up to 1.
 
         Args:
             values: Simulated, shape (n, len(which)).
@@ -51,7 +51,7 @@ class Limits:
 
 
 def limits_of(model: Model, recordings: Sequence[Recording]) -> Limits:
-    """Limits as the recordings show them."""
+    """Limits from recordings."""
     inputs = [np.concatenate([r[signal.name] for r in recordings]) for signal in model.inputs]
     changes = [
         max(float(np.max(np.abs(np.diff(r[s.name])), initial=0.0)) for r in recordings) for s in model.inputs
@@ -105,15 +105,15 @@ def shapes(step: float, recorded: FloatArray, limits: Limits) -> dict[tuple[str,
     Args:
         step: Sampling interval [s].
         recorded: The commands as recorded, shape (n, inputs): repeated as they are and with a fast binary
-            sequence on top, for machines that other inputs would drive out of their range.
+            sequence added, for machines that other inputs would drive out of range.
         limits: Of the machine.
     """
     fast, medium = max(0.05, 2 * step), max(0.2, 4 * step)
     half = np.maximum(0.5 * (limits.highest - limits.lowest), 1e-300)
-    shown = (recorded - 0.5 * (limits.highest + limits.lowest)) / half
+    scaled = (recorded - 0.5 * (limits.highest + limits.lowest)) / half
 
     def every(single: Shape) -> Shape:
-        """One draw of a shape for each input."""
+        """An independent draw of a shape for each input."""
         return lambda t, rng: np.column_stack([single(t, rng) for _ in range(recorded.shape[1])])
 
     return {
@@ -126,19 +126,19 @@ def shapes(step: float, recorded: FloatArray, limits: Limits) -> dict[tuple[str,
         ("multisine", medium): every(sines(medium, 10.0)),
         ("multisine", 1.0): every(sines(1.0, 10.0)),
         ("chirp", medium): every(sweep(medium)),
-        ("recorded input", step): again(shown, 0.0, fast, step),
-        ("recorded input with a pseudo-random binary input", fast): again(shown, 0.3, fast, step),
+        ("recorded input", step): repeated(scaled, 0.0, fast, step),
+        ("recorded input with a pseudo-random binary input", fast): repeated(scaled, 0.3, fast, step),
     }
 
 
 def binary(shortest: float, step: float) -> Shape:
-    """A pseudo-random binary sequence that may switch after so long [s]."""
+    """A pseudo-random binary sequence with a shortest pulse [s]."""
     count = max(round(shortest / step), 1)
     return lambda t, rng: np.repeat(rng.choice([-1.0, 1.0], len(t) // count + 1), count)[: len(t)]
 
 
 def levels(shortest: float, step: float) -> Shape:
-    """Random levels, each held so long [s]."""
+    """Random levels, each held for a time [s]."""
     count = max(round(shortest / step), 1)
     return lambda t, rng: np.repeat(rng.uniform(-1, 1, len(t) // count + 1), count)[: len(t)]
 
@@ -165,8 +165,8 @@ def sweep(shortest: float) -> Shape:
     return wave
 
 
-def again(recorded: FloatArray, share: float, shortest: float, step: float) -> Shape:
-    """The recorded commands, from their start again where they end, with a binary sequence on top."""
+def repeated(recorded: FloatArray, share: float, shortest: float, step: float) -> Shape:
+    """The recorded commands, repeated from their start, with a binary sequence added."""
     noise = binary(shortest, step)
 
     def shape(t: FloatArray, rng: np.random.Generator) -> FloatArray:

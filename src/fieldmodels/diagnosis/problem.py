@@ -1,4 +1,4 @@
-"""Windows as features: what a fit compares between a simulation and the measured data."""
+"""Windows reduced to features, which a fit compares between simulation and measurement."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
-from fieldmodels.diagnosis.events import Looks
+from fieldmodels.diagnosis.events import Observations
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
 MIN_WINDOWS = 8
-BLOCK = 4  # windows a block: the unit of resampling, since slow noise couples neighbours
-HUGE = 1e100  # beyond which a simulation has failed, in any unit: squares of such numbers would overflow
-MIN_BLOCKS = 20  # with fewer windows than would give so many blocks, blocks are smaller
+BLOCK = 4  # windows per block: the unit of resampling, since slow noise correlates neighbours
+HUGE = 1e100  # larger values mean that a simulation has diverged, in any unit: their squares would overflow
+MIN_BLOCKS = 20  # blocks are smaller if there would be fewer
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Part:
 
     Attributes:
         windows: The windows, each with its measured initial state.
-        slots: Feature to which a sample contributes, -1 for none, shape (windows, samples, outputs).
-        counts: Samples a feature, shape (windows, features).
+        slots: Feature to which each sample contributes, -1 for none, shape (windows, samples, outputs).
+        counts: Samples per feature, shape (windows, features).
         features: Measured features, shape (windows, features).
         blocks: Block number of each window within this recording, shape (windows,).
         noise_ratio: By which measured and simulated features are divided, shape (features,): noise of this
@@ -52,15 +52,15 @@ class Part:
 class Problem:
     """All windows of some recordings at one horizon.
 
-    Features are averages over equal bins of a window (an average keeps what subsampling loses); an
-    output that is observed only a few times a window, or is an event, keeps each observation.
+    Features are averages over equal bins of a window (subsampling would lose information); an output that
+    is observed only a few times per window, or is an event, keeps each observation.
 
     Attributes:
         model: The simulation.
-        parts: One part a recording.
+        parts: One part per recording.
         outputs: Index of the output that each feature belongs to, shape (features,).
         horizon: Length of a window [s].
-        bins: Averages a window and densely observed output.
+        bins: Averages per window and densely observed output.
     """
 
     model: Model
@@ -96,12 +96,12 @@ class Problem:
     def state_scale(self) -> FloatArray:
         """How much each initial state varies between windows, shape (states,)."""
         if self.model.random_force:
-            # A state that were free would take up the random force of its window, and bias every fit.
+            # Free states would absorb the random force of their windows and bias every fit.
             return 0.5 * np.array([state.noise for state in self.model.states])
         # Where all windows start in the same state by definition, their measured states still have noise.
         noise = np.array([state.noise for state in self.model.states])
         spread = np.maximum(self.states.std(axis=0), noise)
-        if self.events.all():  # looks alone could shift every start to where they like it
+        if self.events.all():  # events alone hardly constrain the initial states
             spread = np.where(noise > 0, 0.5 * noise, spread)
         return np.asarray(np.maximum(spread, 1e-3 * np.abs(self.states).max(axis=0) + 1e-9))
 
@@ -114,16 +114,16 @@ class Problem:
 
     @cached_property
     def events(self) -> NDArray[np.bool_]:
-        """Which features are single looks of an event output, shape (features,)."""
+        """Which features are single observations of an event output, shape (features,)."""
         return np.array([self.model.outputs[j].event for j in self.outputs], dtype=np.bool_)
 
     @cached_property
-    def looks(self) -> Looks | None:
+    def observations(self) -> Observations | None:
         """The event features; None if there are none."""
         if not self.events.any():
             return None
         seen = np.concatenate([part.counts for part in self.parts])[:, self.events] > 0
-        return Looks(self.events, seen, self.features[:, self.events])
+        return Observations(self.events, seen, self.features[:, self.events])
 
     def simulate(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
         """Simulated features from given initial states, shape (batch, windows, features)."""
@@ -156,7 +156,7 @@ class Problem:
         return results
 
     def average(self, columns: list[FloatArray]) -> FloatArray:
-        """Average a signal along each recording over the bins of the features, shape (windows, features)."""
+        """Averages of a signal of each recording over the bins of the features, shape (windows, features)."""
         results = []
         for part, column in zip(self.parts, columns, strict=True):
             rows = part.windows.starts[:, None] + np.arange(part.slots.shape[1])[None, :]
@@ -192,17 +192,17 @@ def build(
 
     Args:
         model: The simulation.
-        recordings: Measured data; an output counts if all recordings have it.
+        recordings: Measured data; an output is used if all recordings have it.
         horizon: Length of a window [s].
-        like: A problem with whose fits this one is compared: as many features an output. By default as many
-            averages as the number of windows carries, and every look.
+        like: A problem whose fits are compared with this one's: use as many features per output. By default
+            as many averages as the number of windows supports, and every event.
 
     Raises:
         RecordingError: If there are too few windows.
     """
     cut = [model.windows(recording, horizon) for recording in recordings]
     common = np.array([all(o.name in w.recording for w in cut) for o in model.outputs])
-    observed = [w.observed & common & _looked(model, w) for w in cut]
+    observed = [w.observed & common & _event_observed(model, w) for w in cut]
     dense = [
         int(j)
         for j in np.flatnonzero(common)
@@ -222,7 +222,7 @@ def build(
     for windows, seen in zip(cut, observed, strict=True):
         slots = _slots(seen, windows.lengths, dense, count)
         counts = _counts(slots, len(outputs))
-        # a look that was not made is no gap
+        # an event that was not observed is no gap
         whole = np.asarray((counts > 0)[:, [not model.outputs[j].event for j in outputs]].all(axis=1))
         if not whole.any():
             continue
@@ -240,13 +240,13 @@ def build(
     return problem
 
 
-def _looked(model: Model, windows: Windows) -> NDArray[np.bool_]:
-    """Where event outputs were looked at, True for the others; shape (windows, samples, outputs).
+def _event_observed(model: Model, windows: Windows) -> NDArray[np.bool_]:
+    """Where event outputs were observed, True for the others; shape (windows, samples, outputs).
 
     Raises:
         RecordingError: If an event is anything but 0, 1 or not a number.
     """
-    looked = np.ones(windows.observed.shape, dtype=np.bool_)
+    result = np.ones(windows.observed.shape, dtype=np.bool_)
     for j, output in enumerate(model.outputs):
         if not output.event or output.name not in windows.recording:
             continue
@@ -255,14 +255,14 @@ def _looked(model: Model, windows: Windows) -> NDArray[np.bool_]:
         if len(wrong):
             raise RecordingError(
                 f"{windows.recording.source}: signal {output.name!r}, sample {wrong[0]}: "
-                f"{values[wrong[0]]:g}; an event is 1 or 0, and empty where nothing looked"
+                f"{values[wrong[0]]:g}; an event is 1 or 0, and empty where it was not observed"
             )
-        looked[:, :, j] = np.isfinite(windows.measured(tuple(o.name for o in model.outputs))[:, :, j])
-    return looked
+        result[:, :, j] = np.isfinite(windows.measured(tuple(o.name for o in model.outputs))[:, :, j])
+    return result
 
 
 def _blocks(windows: Windows, block: int) -> IntArray:
-    """Number consecutive windows in blocks that do not reach across episodes."""
+    """Number consecutive windows in blocks that do not extend across episodes."""
     episode = windows.recording.episode[windows.starts]
     result = np.zeros(len(windows), dtype=np.int64)
     number = -1

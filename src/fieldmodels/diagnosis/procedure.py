@@ -337,7 +337,7 @@ def _causes(
             if not p.smooth:
                 std = profiled_error(candidates, chosen, effect, i)
             elif (
-                problem.looks is not None and len(p.starts) > 1
+                problem.observations is not None and len(p.starts) > 1
             ):  # its derivative may rest on few observations
                 std = max(std, profiled_error(candidates, chosen, effect, i))
             values[p.name] = Estimate(float(chosen.fit.parameters[place + i]), std, p.unit)

@@ -28,7 +28,9 @@ def profiled_error(candidates: Candidates, candidate: Candidate, effect: Effect,
     values = np.clip(best + offsets, parameter.lower, parameter.upper)
     batch = np.repeat(fitted.parameters[None], len(values), axis=0)
     batch[:, place + k] = values
-    if problem.looks is not None:  # likelihoods of events change too much for a first-order approximation
+    if (
+        problem.observations is not None
+    ):  # likelihoods of events change too much for a first-order approximation
         cost = costs(problem, batch, fitted.states, fitted.whitener)
     else:
         raw = problem.features - problem.simulate(batch, fitted.states)

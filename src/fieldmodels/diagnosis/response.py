@@ -46,12 +46,12 @@ def sample_times(problem: Problem) -> FloatArray:
 
 def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:
     """Change of an event's features by its log-odds on each segment, (windows, features, segments)."""
-    looks, base = problem.looks, problem.features - fitted.raw
+    observations, base = problem.observations, problem.features - fitted.raw
     result = np.zeros((*base.shape, SEGMENTS))
-    if looks is None:
+    if observations is None:
         return result
     p = np.zeros(base.shape)
-    p[:, looks.columns] = looks.probability(fitted.raw)
+    p[:, observations.columns] = observations.probability(fitted.raw)
     first = 0
     for part in problem.parts:
         segment = segments(part.windows.lengths, part.slots.shape[1])

@@ -1,4 +1,4 @@
-"""What a diagnosis says: its verdict and the evidence, as frozen data and as JSON."""
+"""Result of a diagnosis: verdict and evidence, as frozen data and as JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted value with its standard error (NaN where the data do not determine it)."""
+    """A fitted value with its standard error (NaN where it is unidentifiable)."""
 
     value: float
     std: float
@@ -49,10 +49,10 @@ class Cause:
         cause: What happens in the real machine, in one sentence.
         where: Where in the loop it acts.
         parameters: Fitted values.
-        signal: The measured signal on which the causes gain most.
-        gain: What adding it to the causes before it gains on that signal, on data not used to choose it.
+        signal: The measured signal that it improves most.
+        gain: Gain on that signal over the causes before it, on data not used for selection.
         equation: The term that it adds, in plain notation.
-        alternatives: Effects that could stand in its place as far as these data tell.
+        alternatives: Effects that these data cannot distinguish from it.
         p_value: Of the paired test over blocks of windows.
         nats: Gain in held-out log-likelihood.
     """
@@ -145,15 +145,15 @@ class SignalGain:
 
 @dataclass(frozen=True)
 class UnmodelledDynamics:
-    """Shape of what no listed effect explains.
+    """Dynamics that no listed effect explains.
 
     Attributes:
-        direction: What the missing force (or offset of a signal) depends on.
+        direction: The variable that the missing force (or offset of a signal) depends on.
         unit: Unit of the curve's second column.
         direction_unit: Unit of its first column.
-        curve: Value of the direction and what is missing there, shape (points, 2).
+        curve: Value of that variable and the missing force there, shape (points, 2).
         p_value: Of the paired test over blocks of windows.
-        percent: Share of the misfit that the shape removes.
+        percent: Share of the loss that it removes [%].
     """
 
     direction: str
@@ -165,7 +165,7 @@ class UnmodelledDynamics:
 
     @property
     def certain(self) -> bool:
-        """Whether the direction itself is significant, not only that something is missing."""
+        """Whether the direction is significant, not merely the fact that something is missing."""
         return self.p_value <= 0.01
 
     def to_json(self) -> dict[str, Any]:
@@ -186,12 +186,12 @@ class Correlation:
 
     Attributes:
         signal: Whose errors.
-        other: The same signal, or the input that they are held against.
-        lags: How much earlier the other is taken [s], shape (lags,).
+        other: The same signal, or an input.
+        lags: By how much the other one leads [s], shape (lags,).
         before: Correlation of the refitted base's errors, shape (lags,).
         after: The same with the causes added.
-        low: 2.5 % limit of chance at each lag, shape (lags,).
-        high: 97.5 % limit.
+        low: 2.5th percentile under the null hypothesis at each lag, shape (lags,).
+        high: 97.5th percentile.
         p_before: Probability that chance alone gives as large a correlation at any lag, before.
         p_after: The same with the causes added.
     """
@@ -209,11 +209,11 @@ class Correlation:
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """The measurement that would tell rivals apart.
+    """The measurement that best distinguishes two sets of effects.
 
     Attributes:
-        why: What to do and what it promises, in plain words.
-        input: The same as data, for ``diagnosis.json``.
+        why: What to measure and what to expect of it, in plain words.
+        input: The same in numbers, for ``diagnosis.json``.
         plan: The commands, sample by sample, if they can be chosen.
     """
 
@@ -224,12 +224,12 @@ class NextMeasurement:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the report draws: arrays that do not belong in the JSON.
+    """Data for the figures of the report, which are not part of the JSON.
 
     Attributes:
         traces: Signal to windows of test data: time, measured, before, after; each (windows, samples).
-        residuals: Signal to the refitted base's residual on the training data, by what it is drawn
-            against: name to pairs (x, residual, residual after).
+        residuals: Signal to residuals on the training data, by the variable on the abscissa, in bins: centre,
+            mean before, its standard error, mean after, its standard error.
         correlations: Of the errors on test data, among themselves and with the inputs.
         calibration: Event signal to its calibration curves on test data before and after, as of
             ``events.calibration``.
@@ -245,16 +245,16 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What measured data say about a simulation.
+    """Result of comparing measured data with a simulation.
 
     Attributes:
         model: Name of the model.
         verdict: "consistent", "named", "ambiguous" or "unknown".
-        causes: What is named, in the order of importance.
+        causes: The named causes, in the order in which they were found.
         misfit: Tests that the refitted nominal simulation fails.
         gain: Prediction error by signal, at the main horizon.
-        unknown: What no listed effect explains, if anything.
-        next_measurement: What to record next, if rivals remain.
+        unknown: Unmodelled dynamics, if there are any.
+        next_measurement: What to record next, if sets of effects remain indistinguishable.
         parameters: Refitted base parameters of the extended simulation.
         undetermined: Positive base parameters whose standard error exceeds half of their value.
         vector: Whole parameter vector of the extended simulation.
@@ -262,10 +262,10 @@ class Diagnosis:
         trained_on: Sources of the training data.
         tested_on: Sources of the test data ("held-out part of ..." if there were none).
         windows: Number of training and of test windows.
-        seconds: Time that the diagnosis took.
+        seconds: Duration of the diagnosis.
         evidence: Arrays for the report.
-        notes: What is odd about the data, or was done to them (``Recording.notes``).
-        above_noise: Signal to how many times its sensor's noise the error still is, if that is a good deal.
+        notes: Peculiarities and preprocessing of the data (``Recording.notes``).
+        above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
     """
 
     model: str
@@ -333,7 +333,7 @@ class Diagnosis:
         }
 
     def summary(self) -> str:
-        """The verdict in one plain sentence, what the error still is, and a caution where due."""
+        """The verdict in one sentence, the remaining error, and a caution where needed."""
         text = self._sentence()
         if self.above_noise and self.verdict != "unknown":
             rest = " and ".join(
@@ -344,7 +344,7 @@ class Diagnosis:
         if self.undetermined:
             names = " and ".join(name.replace("_", " ") for name in self.undetermined)
             text += (
-                f" Caution: these data hardly determine {names}, so the verdict says little; "
+                f" Caution: these data hardly determine {names}, so the verdict is weak; "
                 "excite the machine more."
             )
         return text
@@ -367,9 +367,9 @@ class Diagnosis:
         if self.verdict == "ambiguous":
             sets = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
             if len(sets) == 1:
-                return f"Missing: {sets[0]}; these data cannot tell which of these."
+                return f"Missing: {sets[0]}; these data cannot distinguish between them."
             sets = [f"({s})" if c.alternatives else s for s, c in zip(sets, self.causes, strict=True)]
-            return f"Missing: {' and '.join(sets)}; these data cannot tell apart what stands in brackets."
+            return f"Missing: {' and '.join(sets)}; these data cannot distinguish the effects in brackets."
         rest = ""
         if self.unknown:
             rest = (

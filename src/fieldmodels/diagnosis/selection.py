@@ -100,7 +100,7 @@ def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) ->
     if count == 0:
         return 1.0
     excess = dispersion(child.fit, new, blocks)
-    if child.fit.looks is not None:
+    if child.fit.observations is not None:
         excess = dispersion_of_change(parent.fit, child.fit, blocks)
     ratio = max(2 * (parent.total - child.total), 0.0) / (count * excess)
     return float(special.fdtrc(count, max(len(np.unique(blocks)) - count, 1), ratio))
