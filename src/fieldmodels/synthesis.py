@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.generate import params_of
+from fieldmodels.drivers.declaration import params_of
 from fieldmodels.machines.one_axis.free import respond_to
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal

@@ -36,7 +36,7 @@ MODELS = (
 RECORDED = {"propeller_arm": "pendulum", "differential_drive": "pose_reaching"}
 """Whose exam records the data of a model that has no exam of its own."""
 STEPS = 25
-SLOW = {"uav_route": {"printed", "printed_lock_loss"}}
+SLOW = {"uav_route": {"printed", "printed_lock_loss", "three_legs"}}
 """Agents whose plans take minutes or depend on a solver's limit of time."""
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.generate import driver_module
 from fieldmodels.drivers.windows import FAST, Rows
 from fieldmodels.effects import actuators, sensors
-
-if TYPE_CHECKING:
-    from fieldmodels.machine import Machine
 
 TEMPLATE = "batch.py.j2"
 KEPT = ("ticks", "states", "aims", "engaged", "given", "bristles", "filtered", "before", "sensed", "kept")
@@ -35,7 +33,9 @@ class BatchDriver:
         ticks: Intervals since each episode began, shape (batch,).
     """
 
-    def __init__(self, machine: Machine, parameters: FloatArray, step: float, command_size: float) -> None:
+    def __init__(
+        self, machine: Declaration, parameters: FloatArray, step: float, command_size: float
+    ) -> None:
         """Set up a batch at zero states.
 
         Args:

@@ -11,12 +11,11 @@ import inspect
 import re
 import sys
 import warnings
-from collections import namedtuple
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import numba
@@ -24,11 +23,8 @@ import numpy as np
 
 from fieldmodels.compiled import fingerprint, inlined
 from fieldmodels.contract import ModelWarning
+from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
 from fieldmodels.effects.curves import Curve
-from fieldmodels.effects.stock import Stock
-
-if TYPE_CHECKING:
-    from fieldmodels.machine import Machine
 
 HERE = Path(__file__).parent
 EQUATIONS = "equations.py.j2"
@@ -39,7 +35,7 @@ JIT = "from fieldmodels.compiled import compiled, inlined\n"
 AS_IT_IS = "def compiled(f):\n    return f\n\n\ninlined = compiled\n"
 
 
-def driver_module(machine: Machine, template: str) -> ModuleType:
+def driver_module(machine: Declaration, template: str) -> ModuleType:
     """The module of a driver, to be compiled when it is first called.
 
     Args:
@@ -50,7 +46,7 @@ def driver_module(machine: Machine, template: str) -> ModuleType:
     return _module(driver_text(machine, template), machine.name, functions)
 
 
-def plain_module(machine: Machine, template: str) -> ModuleType | None:
+def plain_module(machine: Declaration, template: str) -> ModuleType | None:
     """The same, run as it is, with a warning, if Numba cannot compile the machine; None if it can."""
     functions = _functions(machine)
     trouble = _uncompilable(machine, functions)
@@ -65,13 +61,13 @@ def plain_module(machine: Machine, template: str) -> ModuleType | None:
     return _module(driver_text(machine, template).replace(JIT, AS_IT_IS), machine.name, functions)
 
 
-def _functions(machine: Machine) -> dict[str, Any]:
+def _functions(machine: Declaration) -> dict[str, Any]:
     """A machine's own functions by the names under which drivers call them."""
     functions = {own: getattr(type(machine), name) for name, own in METHODS.items() if _has(machine, name)}
     return functions | {f"inertia_{f.inertia}": getattr(type(machine), f.inertia) for f in _methods(machine)}
 
 
-def driver_text(machine: Machine, template: str) -> str:
+def driver_text(machine: Declaration, template: str) -> str:
     """Source of a driver for a machine."""
     return re.sub(r"\n{4,}", "\n\n\n", _read_template(template).render(**_declaration(machine)))
 
@@ -97,17 +93,17 @@ def _module(text: str, name: str, functions: dict[str, Any]) -> ModuleType:
     return module
 
 
-def _has(machine: Machine, name: str) -> bool:
+def _has(machine: Declaration, name: str) -> bool:
     return getattr(type(machine), name, None) is not None
 
 
-def _methods(machine: Machine) -> Iterator[Any]:
+def _methods(machine: Declaration) -> Iterator[Any]:
     """Forces whose inertia is a method of the machine."""
     names = {p.name for p in machine.parameters}
     return (f for f in machine.forces if f.inertia and f.inertia not in names)
 
 
-def _uncompilable(machine: Machine, functions: dict[str, Any]) -> str:
+def _uncompilable(machine: Declaration, functions: dict[str, Any]) -> str:
     """Why Numba cannot compile a machine's functions; empty if it can."""
     state = named("State", [x.name for x in machine.states], [0.0] * len(machine.states))
     given = named("Input", [x.name for x in type(machine).inputs], [0.0] * len(machine.inputs))
@@ -130,32 +126,7 @@ def _uncompilable(machine: Machine, functions: dict[str, Any]) -> str:
     return ""
 
 
-def named(title: str, names: list[str], values: list[float]) -> Any:
-    """A named tuple; None for one without fields, which Numba does not know."""
-    make: Any = namedtuple
-    return make(title, names)(*values) if names else None
-
-
-def param_names(machine: Machine) -> list[str]:
-    """Names of ``p``: base parameters, then own effects' as ``effect_parameter``."""
-    own = [e for e in machine.own_effects if not isinstance(e, Stock)]
-    return [p.name for p in machine.parameters] + [f"{e.name}_{p.name}" for e in own for p in e.parameters]
-
-
-def param_indices(machine: Machine) -> list[int]:
-    """Where the numbers of ``p`` stand in the parameter vector."""
-    own = [e for e in machine.own_effects if not isinstance(e, Stock)]
-    return [machine.index(p.name) for p in machine.parameters] + [
-        machine.index(f"{e.name}.{p.name}") for e in own for p in e.parameters
-    ]
-
-
-def params_of(machine: Machine, vector: Any) -> list[float]:
-    """The numbers of ``p`` in a parameter vector."""
-    return [float(vector[i]) for i in param_indices(machine)]
-
-
-def curve_places(machine: Machine) -> list[tuple[Curve, int, int]]:
+def curve_places(machine: Declaration) -> list[tuple[Curve, int, int]]:
     """Every curve with the beginning and end of its numbers in a row of curves, actuators' first by input."""
     curves = [e for e in machine.stock if isinstance(e, Curve)]
     place, result = 0, []
@@ -165,7 +136,7 @@ def curve_places(machine: Machine) -> list[tuple[Curve, int, int]]:
     return result
 
 
-def _declaration(machine: Machine) -> dict[str, Any]:
+def _declaration(machine: Declaration) -> dict[str, Any]:
     """What templates are filled with."""
     states = [s.name for s in machine.states]
     inputs = [s.name for s in type(machine).inputs]  # an instance may read them from other columns
@@ -207,7 +178,7 @@ def _inertia(name: str, params: list[str]) -> str:
     return f"p.{name}" if name in params else f"inertia_{name}(None, p)"
 
 
-def _start(machine: Machine, i: int) -> dict[str, Any]:
+def _start(machine: Declaration, i: int) -> dict[str, Any]:
     """How the true state follows from what is measured at a window's start."""
     outputs = [s.name for s in machine.outputs]
     name = machine.states[i].name
@@ -220,7 +191,7 @@ def _start(machine: Machine, i: int) -> dict[str, Any]:
     }
 
 
-def _curve(machine: Machine, c: Curve, start: int, stop: int) -> dict[str, Any]:
+def _curve(machine: Declaration, c: Curve, start: int, stop: int) -> dict[str, Any]:
     """A curve as the templates take it: where it acts, and the call that gives its value."""
     states = [s.name for s in machine.states]
     inputs = [s.name for s in machine.inputs]

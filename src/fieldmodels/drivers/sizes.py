@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.windows import without_noise
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.stock import Sizes, Stock
 from fieldmodels.model import Signal
 from fieldmodels.recording import Recording
-
-if TYPE_CHECKING:
-    from fieldmodels.machine import Machine
 
 STEPS = (8, 16, 32)
 """Samples in the shortest, the main and the longest horizon of a machine that states none, at least."""
@@ -25,12 +22,12 @@ SHARES = (0.25, 0.5, 1.0)
 """The same as shares of the time in which the outputs change by their size."""
 
 
-def measured_sizes(machine: Machine, recordings: Sequence[Recording]) -> list[Sizes]:
+def measured_sizes(machine: Declaration, recordings: Sequence[Recording]) -> list[Sizes]:
     """Sizes for each of a machine's stock effects."""
     return [_sizes(machine, e, recordings) for e in machine.stock]
 
 
-def measured_outputs(machine: Machine, recordings: Sequence[Recording]) -> tuple[Signal, ...]:
+def measured_outputs(machine: Declaration, recordings: Sequence[Recording]) -> tuple[Signal, ...]:
     """The outputs with the white noise that the data have, where they tell."""
     return tuple(
         replace(s, noise=_median(white_noise(r[s.name]) for r in recordings if s.name in r) or s.noise)
@@ -38,7 +35,7 @@ def measured_outputs(machine: Machine, recordings: Sequence[Recording]) -> tuple
     )
 
 
-def measured_horizons(machine: Machine, recordings: Sequence[Recording]) -> tuple[float, ...]:
+def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> tuple[float, ...]:
     """The declared horizons, or of a machine that states none, some by the pace of its outputs."""
     if type(machine).horizons:
         return machine.horizons
@@ -53,7 +50,7 @@ def measured_horizons(machine: Machine, recordings: Sequence[Recording]) -> tupl
     return tuple(float(f"{h:.2g}") for h in found)
 
 
-def _sizes(machine: Machine, e: Stock, recordings: Sequence[Recording]) -> Sizes:
+def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> Sizes:
     """Sizes for one stock effect: of the command, the force's velocity, or the output that it acts on."""
     step = recordings[0].step
     duration = max(len(r) * r.step for r in recordings)
@@ -86,12 +83,12 @@ def _sizes(machine: Machine, e: Stock, recordings: Sequence[Recording]) -> Sizes
     return replace(result, position=size, force=size, velocity=_rms(_slopes(recordings, e.signal)) or 1.0)
 
 
-def _acts_on_a_force(machine: Machine, e: Stock) -> bool:
+def _acts_on_a_force(machine: Declaration, e: Stock) -> bool:
     place = e.where if isinstance(e, Curve) else e.place
     return place == "force" and any(f.velocity == e.signal for f in machine.forces)
 
 
-def _range(machine: Machine, variable: str, recordings: Sequence[Recording]) -> tuple[float, float]:
+def _range(machine: Declaration, variable: str, recordings: Sequence[Recording]) -> tuple[float, float]:
     """From where to where a variable of a curve goes, but for a hundredth at either end."""
     if variable == "time":
         return 0.0, max(len(r) * r.step for r in recordings)
@@ -148,7 +145,7 @@ def _slope(recording: Recording, name: str) -> FloatArray:
     return np.asarray(slopes[inside])
 
 
-def _peaks(machine: Machine, recordings: Sequence[Recording], count: int = 4) -> tuple[float, ...]:
+def _peaks(machine: Declaration, recordings: Sequence[Recording], count: int = 4) -> tuple[float, ...]:
     """Frequencies [Hz] at which the first output swings most: where a periodic force is sought first."""
     name = machine.outputs[0].name
     longest = max(recordings, key=len)

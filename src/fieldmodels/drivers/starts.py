@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.windows import episode_edges
 from fieldmodels.recording import Recording
-
-if TYPE_CHECKING:
-    from fieldmodels.machine import Machine
 
 REACH = 4  # samples before and after
 
 
-def parabolas(machine: Machine, recording: Recording, starts: IntArray) -> FloatArray:
+def parabolas(machine: Declaration, recording: Recording, starts: IntArray) -> FloatArray:
     """Fit a parabola to the nine samples around each start, shape (len(starts), states).
 
     A measured state is smoothed by it; a velocity that is not measured is the slope of its position's.

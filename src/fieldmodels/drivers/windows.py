@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.signal import savgol_filter
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.drivers.generate import curve_places, driver_module, param_indices, plain_module
+from fieldmodels.drivers.declaration import Declaration, param_indices
+from fieldmodels.drivers.generate import curve_places, driver_module, plain_module
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.stock import Layout
 from fieldmodels.recording import Recording, Windows
-
-if TYPE_CHECKING:
-    from fieldmodels.machine import Machine
 
 BRISTLE = forces.ROW.column("hysteresis_force")
 TEMPLATE = "windows.py.j2"
@@ -26,7 +22,7 @@ PLAY = 0.02  # of the largest command, over which play is crossed
 class Rows:
     """A machine's parameter vectors as the rows that drivers take, one for each place of stock effects."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Declaration) -> None:
         """Find where each number goes."""
         self.base = np.array(param_indices(machine), dtype=np.int64)
         places = {
@@ -66,7 +62,7 @@ class Rows:
 class WindowDriver:
     """Simulates windows of a recording for a batch of parameter vectors of one machine."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Declaration) -> None:
         """Compile the driver, or load it."""
         self.machine = machine
         self.rows = Rows(machine)
@@ -128,7 +124,7 @@ class WindowDriver:
         )
 
 
-def _bounds(machine: Machine, c: Curve) -> tuple[int, int]:
+def _bounds(machine: Declaration, c: Curve) -> tuple[int, int]:
     part = machine.slice_of(c.name)
     return int(part.start), int(part.stop)
 

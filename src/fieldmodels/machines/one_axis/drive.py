@@ -12,7 +12,7 @@ from fieldmodels.compiled import compiled
 from fieldmodels.drivers.sizes import white_noise
 from fieldmodels.drivers.windows import Rows, episode_edges
 from fieldmodels.effects.actuators import actuate, follow, has_dynamics, respond, unpack
-from fieldmodels.machines.one_axis.model import OneAxis
+from fieldmodels.machine import Machine
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, Windows
 
@@ -27,7 +27,7 @@ class Drive(Model):
     from: what the actuator has stored comes from the commands before.
     """
 
-    def __init__(self, axis: OneAxis) -> None:
+    def __init__(self, axis: Machine) -> None:
         """Take the names from an axis, whose first input has a measured counterpart."""
         (measured,) = axis.measured_inputs
         self.whole = axis

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.generate import params_of
+from fieldmodels.drivers.declaration import params_of
 from fieldmodels.effects import actuators, sensors
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import ModelError

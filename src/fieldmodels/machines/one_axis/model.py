@@ -11,6 +11,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.effects import Names, Sizes, Stock
 from fieldmodels.machine import Machine
+from fieldmodels.machines.one_axis.drive import Drive
 from fieldmodels.machines.one_axis.scales import Scales, horizons_for, measure_scales
 from fieldmodels.model import Effect, Signal, Stage
 from fieldmodels.recording import Recording
@@ -113,8 +114,6 @@ class OneAxis(Machine):
 
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
         """Measured force to motion and command to measured force, where it is measured; else the whole."""
-        from fieldmodels.machines.one_axis.drive import Drive
-
         names = [self.command, *(s.name for s in self.measured_inputs)]
         if self.driven_by_measured or len(names) < 2 or not all(n in r for r in recordings for n in names):
             return super().stages(recordings)

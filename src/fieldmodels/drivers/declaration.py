@@ -1,0 +1,293 @@
+"""What a machine declares: numbers, signals, forces and stock effects, checked, and named for its drivers."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.effects.curves import Curve
+from fieldmodels.effects.forces import PLACED
+from fieldmodels.effects.stock import Names, Sizes, Stock
+from fieldmodels.model import Effect, Model, ModelError, Parameter
+from fieldmodels.names import did_you_mean
+from fieldmodels.recording import Recording
+
+Hold = Literal["held", "interpolated"]
+"""What an input does between samples."""
+
+
+class Number:
+    """A number of a machine, as it is declared; see ``number``."""
+
+    def __init__(self, **declared: Any) -> None:
+        self.declared = declared
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def parameter(self) -> Parameter:
+        """The base parameter that it declares."""
+        return Parameter(self.name, **self.declared)
+
+
+def number(
+    unit: str,
+    nominal: float,
+    lower: float,
+    upper: float,
+    *,
+    scale: float = 0.0,
+    source: str = "assumed",
+    starts: tuple[float, ...] = (),
+    refitted: bool = True,
+) -> Any:
+    """Declare a number of a machine: a base parameter under the name of the class attribute.
+
+    Args:
+        unit: Its unit.
+        nominal: Its value in the nominal simulation.
+        lower: Smallest allowed value.
+        upper: Largest allowed value.
+        scale: A change that matters; by default a tenth of the nominal value, or of the range.
+        source: Where the value comes from.
+        starts: Values from which a fit tries to start.
+        refitted: False for a number that is known: a diagnosis keeps it.
+    """
+    change = scale or 0.1 * abs(nominal) or 0.1 * min(upper - lower, 1.0)
+    return Number(
+        unit=unit, nominal=nominal, lower=lower, upper=upper, scale=change, source=source, starts=starts,
+        refitted=refitted,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Force:
+    """A generalised force on a velocity of a machine, where stock forces act.
+
+    Attributes:
+        velocity: Name of the state whose rate it changes.
+        position: Name of the state that is its integral; empty if the machine has none.
+        unit: Unit of the force; by default that of the velocity's rate.
+        inertia: Name of the base parameter that it is divided by, or of a method ``(self, p)``; empty for
+            one.
+        name: Name of the force in effects.
+        input: Name of the input that loads the friction, if there is one; by default the first.
+    """
+
+    velocity: str
+    position: str = ""
+    unit: str = ""
+    inertia: str = ""
+    name: str = "rate"
+    input: str = ""
+
+
+class Declaration(Model):
+    """What drivers know of a machine; `fieldmodels.machine.Machine` says how one is declared.
+
+    Attributes:
+        forces: The velocities on which stock forces act; those that ``effects`` names need not be said again,
+            unless they have a position, a unit or an inertia.
+        hold: What an input does between samples: ``held``, or ``interpolated`` along a line.
+        stock: The stock effects that were declared.
+        sizes: Typical sizes for each of them.
+        substeps: Least number of integration steps within a sampling interval.
+    """
+
+    substeps: int = 1
+
+    forces: tuple[Force, ...] = ()
+    hold: Hold = "held"
+    stock: tuple[Stock, ...] = ()
+    numbers: ClassVar[tuple[Number, ...]] = ()
+    own_effects: tuple[Effect | Stock, ...] = ()
+    effects: tuple[Any, ...]
+    derivative: ClassVar[Callable[..., Any] | None] = None
+    step: ClassVar[Callable[..., Any] | None] = None
+    observe: ClassVar[Callable[..., Any] | None] = None
+    pace: ClassVar[Callable[..., Any] | None] = None
+    horizons: tuple[float, ...] = ()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Collect the declared numbers and effects.
+
+        Raises:
+            ModelError: If the machine says neither or both of ``derivative`` and ``step``.
+        """
+        super().__init_subclass__(**kwargs)
+        found = {n.name: n for n in cls.numbers}
+        found |= {value.name: value for value in vars(cls).values() if isinstance(value, Number)}
+        cls.numbers = tuple(found.values())
+        declared = vars(cls).get("effects")
+        if isinstance(declared, tuple):
+            cls.own_effects = declared
+        if "name" not in vars(cls):
+            cls.name = "".join(f"_{c.lower()}" if c.isupper() else c for c in cls.__name__).lstrip("_")
+
+    def __init__(self, sizes: Sequence[Sizes] | None = None) -> None:
+        """Declare parameters and effects.
+
+        Args:
+            sizes: Typical sizes for each stock effect; by default those of the declared nominal signals.
+
+        Raises:
+            ModelError: For a declaration that cannot be; the message says which.
+        """
+        if (self.derivative is None) == (self.step is None):
+            raise ModelError(f"{type(self).__name__}: give either derivative or step")
+        if self.numbers:
+            self.parameters = tuple(n.parameter() for n in self.numbers)
+        self.stock = tuple(e for e in self.own_effects if isinstance(e, Stock))
+        self.forces = self._forces()
+        self._check()
+        self.sizes = tuple(sizes or [Sizes()] * len(self.stock))
+        by_stock = iter(self.sizes)
+        self.effects = tuple(
+            replace(e.declare(self.names_of(e), next(by_stock)), name=e.name) if isinstance(e, Stock) else e
+            for e in self.own_effects
+        )
+        if self.forces and not self.disturbance_unit:
+            self.disturbance_unit = self._force_unit(self.forces[0])
+        if not self.horizons:
+            self.horizons = (0.1, 0.2, 0.4)
+
+    def _forces(self) -> tuple[Force, ...]:
+        """The declared forces, and one for each velocity that a stock force names."""
+        known = {f.velocity for f in self.forces}
+        pushing = [e for e in self.stock if (e.where if isinstance(e, Curve) else e.place) == "force"]
+        named = dict.fromkeys(e.signal for e in pushing)
+        return (*self.forces, *(Force(name) for name in named if name not in known))
+
+    def _check(self) -> None:
+        """Whether all that is named exists.
+
+        Raises:
+            ModelError: If not.
+        """
+        states = [s.name for s in self.states]
+        known = {
+            "actuator": [s.name for s in self.inputs],
+            "force": states,
+            "sensor": [s.name for s in self.outputs],
+            "change": [p.name for p in self.parameters],
+        }
+        for e in self.stock:
+            choices = known.get(e.place, [name for names in known.values() for name in names])
+            if e.signal not in choices:
+                where = f"{self.name}: stock effect {e.name!r}"
+                raise ModelError(
+                    f"{where}: no {e.place} signal {e.signal!r}{did_you_mean(e.signal, choices)}"
+                )
+            if e.place == "force" and e.kind in PLACED and not self._force(e.signal).position:
+                raise ModelError(
+                    f"{self.name}: {e.kind!r} needs a position; declare forces = (Force({e.signal!r}, "
+                    "position=...),), or leave it out: without=..."
+                )
+        for f in self.forces:
+            for name in (f.velocity, *([f.position] if f.position else [])):
+                if name not in states:
+                    raise ModelError(f"{self.name}: no state {name!r}{did_you_mean(name, states)}")
+        names = [e.name for e in self.own_effects]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise ModelError(
+                f"{self.name}: effect {doubled[0]!r} is declared twice; give one a prefix=, a curve a name="
+            )
+
+    def _force(self, velocity: str) -> Force:
+        return next(f for f in self.forces if f.velocity == velocity)
+
+    def _force_unit(self, f: Force) -> str:
+        unit = next(s.unit for s in self.states if s.name == f.velocity)
+        return f.unit or (f"{unit}^2" if unit.endswith("/s") else f"{unit}/s")
+
+    def names_of(self, e: Stock) -> Names:
+        """Names and units of what a stock effect acts on."""
+        units = {s.name: s.unit for s in (*self.inputs, *self.states, *self.outputs)}
+        if e.place == "actuator" or (isinstance(e, Curve) and e.signal in {s.name for s in self.inputs}):
+            return Names(force=e.signal, force_unit=units[e.signal])
+        if e.place == "change" or e.signal not in units:
+            unit = next(p.unit for p in self.parameters if p.name == e.signal)
+            return Names(force=e.signal, force_unit=unit)
+        if e.place == "force" or (isinstance(e, Curve) and any(f.velocity == e.signal for f in self.forces)):
+            f = self._force(e.signal)
+            unit = units[f.position] if f.position else "1"
+            return Names(f.name, self._force_unit(f), f.position, unit, units[f.velocity])
+        force = self.forces[0].name if self.forces else "force"
+        unit = units[e.signal]
+        return Names(force, unit, e.signal, unit, f"{unit}/s")
+
+    def inertia_of(self, f: Force) -> float:
+        """What a force is divided by, at the nominal parameters."""
+        if not f.inertia:
+            return 1.0
+        p = named("Params", param_names(self), params_of(self, self.nominal))
+        found = getattr(p, f.inertia, None)
+        return float(getattr(type(self), f.inertia)(None, p) if found is None else found)
+
+    def speeds(self) -> list[float]:
+        """A typical speed of each velocity on which forces act."""
+        by_velocity = {
+            e.signal: s.velocity for e, s in zip(self.stock, self.sizes, strict=True) if e.place == "force"
+        }
+        return [by_velocity.get(f.velocity, 1.0) for f in self.forces]
+
+    def typical(self, output: str) -> tuple[float, float]:
+        """A large command, and the typical size of an output.
+
+        Args:
+            output: Name of the output.
+        """
+        pairs = list(zip(self.stock, self.sizes, strict=True))
+        commands = [s.high_forces[0] for e, s in pairs if e.place == "actuator"]
+        sizes = [s.position for e, s in pairs if e.place == "sensor" and e.signal == output]
+        return max(commands, default=1.0), max(sizes, default=1.0)
+
+    def commands(self, recording: Recording, last: IntArray) -> FloatArray:
+        """What drives the machine on every sample of a recording, shape (n, inputs).
+
+        Args:
+            recording: The measured data.
+            last: Last sample of each sample's episode, shape (n,).
+        """
+        del last
+        columns = [recording[s.name] for s in self.inputs] or [np.zeros(len(recording))]
+        return np.column_stack(columns).astype(np.float64)
+
+    def between(self, commands: FloatArray, refine: int) -> FloatArray:
+        """Commands on a finer grid, held or interpolated as the machine's inputs are."""
+        if self.hold == "held":
+            return super().between(commands, refine)
+        n = len(commands)
+        at = np.minimum(np.arange(n * refine) / refine, n - 1)
+        return np.column_stack([np.interp(at, np.arange(n), column) for column in commands.T])
+
+
+def named(title: str, names: list[str], values: list[float]) -> Any:
+    """A named tuple; None for one without fields, which Numba does not know."""
+    make: Any = namedtuple
+    return make(title, names)(*values) if names else None
+
+
+def param_names(machine: Declaration) -> list[str]:
+    """Names of ``p``: base parameters, then own effects' as ``effect_parameter``."""
+    own = [e for e in machine.own_effects if not isinstance(e, Stock)]
+    return [p.name for p in machine.parameters] + [f"{e.name}_{p.name}" for e in own for p in e.parameters]
+
+
+def param_indices(machine: Declaration) -> list[int]:
+    """Where the numbers of ``p`` stand in the parameter vector."""
+    own = [e for e in machine.own_effects if not isinstance(e, Stock)]
+    return [machine.index(p.name) for p in machine.parameters] + [
+        machine.index(f"{e.name}.{p.name}") for e in own for p in e.parameters
+    ]
+
+
+def params_of(machine: Declaration, vector: Any) -> list[float]:
+    """The numbers of ``p`` in a parameter vector."""
+    return [float(vector[i]) for i in param_indices(machine)]
