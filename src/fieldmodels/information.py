@@ -1,15 +1,15 @@
-"""Bits that an estimate tells of a parameter: the n-bit channel of Sujan and Dubowsky, eqs (9)-(15).
+"""Information in an estimate of a parameter [bits]: the n-bit channel of Sujan and Dubowsky, eqs (9)-(15).
 
-A parameter lies in [low, high], cut into 2^n bins. Before measuring, each bin is as likely as any other:
-H(x) = n bits. An estimate is a Gaussian, cut off at the range; the entropy of its bins is H(x|y), and
-In = H(x) - H(x|y) is what is known, 0 to n bits. Three forms of it:
+A parameter lies in [low, high], divided into 2^n bins. Before measuring, all bins are equally likely:
+H(x) = n bits. An estimate is a Gaussian truncated to the range; the entropy over its bins is H(x|y), and
+In = H(x) - H(x|y) is the information gained, 0 to n bits. There are three forms of it:
 
 * ``binned``: eq (15b) as a sum over bins. The reference, and slow.
 * ``closed``: entropy of the truncated Gaussian, without bins; near ``binned`` where sigma >= 2 bins.
 * ``fast``: one logarithm, of sigma alone; for kernels, rewards and searches.
 
 All three clip a mean outside the range to its edge: the truncated Gaussian of a mean far outside has all
-its mass in the edge's bin and would read as certain.
+its mass in the outermost bin, which would count as certainty.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BITS = 10
 """Precision of the source's sensors [bits] (section VII-A)."""
 
 _TWO_PI_E = 2.0 * math.pi * math.e
-# Beyond these, in widths of the range, a Gaussian is uniform and a spike to the last digits.
+# In widths of the range: outside these limits a Gaussian is uniform or a spike to machine precision.
 _WIDEST = 1e4
 _NARROWEST = 1e-12
 
@@ -78,7 +78,7 @@ def binned(
 
     Args:
         mean: Estimate of each parameter, any shape that broadcasts with the others.
-        sigma: Its standard deviation, not negative; infinity means that nothing is known.
+        sigma: Its standard deviation, not negative; infinity for no knowledge.
         low: Least possible value, the source's min.
         high: Greatest possible value, the source's max.
         bits: Precision n; the source calls both this and the number of bins n.
@@ -94,13 +94,13 @@ def binned(
     m, s, a, b = _checked(mean, sigma, low, high, bits)
     width = b - a
     s = np.clip(s, _NARROWEST * width, _WIDEST * width)
-    # Even as printed a mean stays where the logarithms have digits left.
+    # Even as printed the mean stays where the logarithms are accurate.
     beyond = (_WIDEST if printed else 0.0) * width
     m = np.clip(m, a - beyond, b + beyond)
     count = 2**bits
     edges = a[..., None] + width[..., None] * (np.arange(count + 1) / count)
     z = (edges - m[..., None]) / s[..., None]
-    # Mass of each bin, in logarithms and from the nearer tail: a mean far outside leaves no digits else.
+    # Mass of each bin, in logarithms and from the nearer tail: else digits cancel for a mean far outside.
     left, right = z[..., :-1], z[..., 1:]
     flipped = left > 0.0
     near, far = np.where(flipped, -left, right), np.where(flipped, -right, left)

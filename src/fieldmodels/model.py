@@ -1,4 +1,4 @@
-"""What a simulation is made of: parameters, signals, effects, and the model that joins them."""
+"""Components of a simulation: parameters, signals, effects, and the model that combines them."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Parameter:
         nominal: Value in the nominal simulation; of an effect's parameter, the neutral value.
         lower: Smallest allowed value.
         upper: Largest allowed value.
-        scale: A change that matters; fits step and screen their starts by it.
+        scale: Typical significant change; step size and screening of starts in a fit are proportional to it.
         source: Where the nominal value comes from ("Table I", "section 2.4.3", "assumed").
-        starts: Values from which a fit tries to start (several where the misfit has local minima).
+        starts: Initial values tried by a fit (several where the cost has local minima).
         smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
         refitted: False for one that is known (a wheel's radius, a curve's range): a diagnosis keeps it.
     """
@@ -76,8 +76,8 @@ class Signal:
         optional: True for an output that a recording may lack.
         angle: True for an angle in radians (so that a column in degrees can be suspected).
         averaged: True for a mean since the sample before, as of a counter (an encoder), else a sample.
-        event: True for a look that found something (1) or not (0), NaN where none was made; its simulation
-            is the probability of a 1.
+        event: True for a binary observation: 1 if the event happened, 0 if not, NaN if not observed; its
+            simulation is the probability of a 1.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Effect:
 
     Attributes:
         name: Shared name of the effect (see the architecture page).
-        cause: One plain sentence that says what happens in the real machine.
+        cause: What happens in the real machine, in one plain sentence.
         where: Where in the loop it acts.
         parameters: Its parameters; all at their nominal value means that the effect is off.
         equation: The term it adds, in plain notation.
@@ -143,12 +143,12 @@ class Model(ABC):
         horizons: Prediction horizons [s] of a diagnosis, shortest first; the second is the main one.
         disturbance_unit: Unit of the additive generalised force that ``Windows.disturbance`` holds,
             empty if the model has no such entry.
-        measured_inputs: Signals that a recording may have of what the machine made of its commands, one for
-            each input; see ``stages``.
+        measured_inputs: Signals that measure the actual response to each input, if a recording has them; see
+            ``stages``.
         random_force: True if random forces drive the real machine, so that errors far above the sensors'
             noise prove nothing by themselves.
-        inputs_are_free: False where nobody can play any input that he likes (a walker's own steering).
-        unbounded_outputs: Outputs that may go beyond what was recorded (a robot's place on an open floor).
+        inputs_are_free: False if inputs cannot be chosen freely (a walker's own steering).
+        unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
     """
 
     name: str
@@ -174,7 +174,7 @@ class Model(ABC):
 
         Returns:
             Outputs, shape (batch, windows, samples, outputs), in the order of ``outputs``; samples
-            beyond a window's length are NaN.
+            after a window's end are NaN.
         """
 
     @abstractmethod
@@ -201,9 +201,9 @@ class Model(ABC):
     def scaled_to(self, recordings: Sequence[Recording]) -> Model:
         """The same model with scales, starts and sensor noise that suit these data.
 
-        A bench may weigh a gram or a tonne: its model can only say what a small force or a short time
-        is once it has seen the data. Names, order, bounds and neutral values stay as they are. A
-        diagnosis calls this first; a model whose scales are known keeps this default.
+        A bench may weigh a gram or a tonne: which force is small and which time is short depends on the
+        data. Names, order, bounds and neutral values stay unchanged. A diagnosis calls this first; a model
+        whose scales are known keeps this default.
         """
         del recordings
         return self
@@ -221,9 +221,9 @@ class Model(ABC):
         return np.repeat(commands, refine, axis=0)
 
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
-        """The parts that these data let a diagnosis look at one by one; by default the whole.
+        """The parts that a diagnosis can examine separately with these data; by default the whole.
 
-        A drive whose wheels are measured is such a machine: command to wheels, wheels to motion.
+        A drive with measured wheel speeds has two: command to wheels, wheels to motion.
         """
         del recordings
         return (Stage(self, tuple(effect.name for effect in self.effects)),)
@@ -274,7 +274,7 @@ class Model(ABC):
         )
 
     def slice_of(self, effect: str) -> slice:
-        """Where an effect's parameters stand in the vector."""
+        """Positions of an effect's parameters in the vector."""
         start = len(self.parameters)
         for candidate in self.effects:
             stop = start + len(candidate.parameters)
@@ -286,7 +286,7 @@ class Model(ABC):
     def vector(
         self, base: Mapping[str, float] | None = None, effects: EffectValues | None = None
     ) -> FloatArray:
-        """Build a parameter vector from named values; what is not named stays nominal.
+        """Build a parameter vector from named values; all others stay nominal.
 
         Args:
             base: Values of base parameters.

@@ -79,8 +79,8 @@ def fit_output_error(
         outputs = np.asarray(simulate(batch), dtype=np.float64)
         if outputs.shape[1:] != data.shape:
             raise ModelError(f"the simulation gives {outputs.shape[1:]} outputs for {data.shape} measured")
-        misfit = (outputs - data).reshape(len(batch), -1) * weight
-        return np.hstack([misfit, (batch[:, free] - prior[free]) / scale])
+        error = (outputs - data).reshape(len(batch), -1) * weight
+        return np.hstack([error, (batch[:, free] - prior[free]) / scale])
 
     x = feasible(np.array(start, dtype=np.float64))
     r = residuals(x[None])[0]
@@ -109,8 +109,8 @@ def fit_output_error(
             break
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = np.linalg.inv(normal) * np.outer(scale, scale)
-    misfit = r[: data.size]
-    return OutputError(x, covariance, float(misfit @ misfit), data.size, taken)
+    error = r[: data.size]
+    return OutputError(x, covariance, float(error @ error), data.size, taken)
 
 
 def _normal_equations(

@@ -10,7 +10,7 @@ way to read this statistic:
   estimate towards zero.
 * ``compensated``: subtracts both moments (bias-compensated least squares, Söderström 2007), weights each
   equation by the noise of F - A x at the current estimate, and gives the score the covariance it has.
-* ``low_passed``: the same on means of 8 neighbouring samples, regressor and target alike.
+* ``low_passed``: the same on means of 8 neighbouring samples, for regressor and target.
 
 The compensated filter in a few lines, unknowns scaled to prior mean 0 and prior covariance I:
 

@@ -18,7 +18,7 @@ class LeastSquares:
 
     Attributes:
         x: The unknowns, shape (unknowns,); of least norm (in columns of unit length) if rank is lacking.
-        rank: Of the regressor; equal to the number of unknowns if all are determined.
+        rank: Of the regressor; equal to the number of unknowns if all are identifiable.
         condition: Condition number of the regressor as it is, the quality measure that the source compares
             with (its reference [2]); infinite if rank is lacking.
     """

@@ -1,4 +1,4 @@
-"""Measured data: what they are, how files of them are read, checked, put on a clock and cut into windows."""
+"""Measured data: recordings, and reading, checking, resampling and cutting them into windows."""
 
 from fieldmodels.recording.data import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.windows import Windows, uniform_windows

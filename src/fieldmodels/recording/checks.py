@@ -1,4 +1,4 @@
-"""What must hold of measured data before anything is computed from them."""
+"""Checks of measured data before anything is computed from them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ GAP = 1.5
 MAX_ANGLE_SPAN = 20.0
 """An angle that spans more radians than this (three turns) is suspected to be in degrees."""
 REST = 0.1
-"""How near to 1 an accelerometer's usual value is that counts gravity in g."""
+"""Largest distance from 1 of the median of an accelerometer that is suspected to be in g."""
 LEAST_COUNTED = 0.5
-"""Least time step [s] that is suspected to be counted in fractions of a second."""
+"""Smallest time step [s] that is suspected to be in a fraction of a second."""
 STUCK = 5
-"""Rows at one extreme value, in a signal that is not coarse, that count as saturation."""
+"""Consecutive rows at an extreme value that count as saturation, unless the signal is coarse."""
 MIN_SAMPLES = 4
 """Fewest samples in which a window can be predicted."""
 
-_BLOCK = 1_000_000  # rows looked at together
+_BLOCK = 1_000_000  # rows examined together
 
 
 def check_episodes(episode: FloatArray) -> list[Problem]:
-    """Check that episode numbers are integers and that no episode is taken up again."""
+    """Check that episode numbers are integers and that no episode is resumed later."""
     broken = np.flatnonzero(episode != np.round(episode))
     if len(broken):
         return [Problem(f"{episode[broken[0]]:g} is not an integer", "episode", int(broken[0]))]
@@ -44,7 +44,7 @@ def check_episodes(episode: FloatArray) -> list[Problem]:
 
 
 def check_time(recording: Recording) -> list[Problem]:
-    """Check that time does not stand still, nor fall by more than a step within an episode."""
+    """Check that time is not constant, nor decreases by more than a step within an episode."""
     time, episode, median = recording.time, recording.episode, recording.step
     backward: list[int] = []
     for start in range(0, len(time) - 1, _BLOCK):  # in blocks, so that a long record needs no second array
@@ -125,7 +125,7 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
         if signal in model.outputs and not signal.event and (rows := _stuck(values)):
             found.append(
                 f"column {signal.name!r} stays at its extreme values for up to {rows} rows at a time; if the "
-                "sensor saturates there, leave these stretches out and start new episodes"
+                "sensor saturates there, leave these rows out and start new episodes"
             )
         usual = float(np.median(np.abs(values)))
         if signal.unit == "m/s^2" and abs(usual - 1.0) < REST and np.abs(values).max() < STANDARD_GRAVITY:
@@ -140,7 +140,7 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
 
 
 def _stuck(values: FloatArray) -> int:
-    """Longest run at the largest or smallest value of a signal that moves elsewhere; 0 for a normal one."""
+    """Longest run at the extreme values of a signal that varies otherwise; 0 if it is unsuspicious."""
     first = values[:_BLOCK]
     coarse = len(np.unique(first)) < 0.25 * len(first)
     longest = 0
@@ -166,9 +166,9 @@ def _backward(time: FloatArray, row: int) -> Problem:
 
 
 def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[str]:
-    """Compare a signal's changes with its measured rate: their ratio tells a wrong unit."""
+    """Compare a signal's changes with its measured rate: their ratio reveals a wrong unit."""
     count = min(len(recording), _BLOCK)
-    span = max(1, min(50, count // 100))  # so that noise does not hide the change
+    span = max(1, min(50, count // 100))  # so that noise does not mask the change
     inside = recording.episode[span:count] == recording.episode[: count - span]
     change = (recording[position.name][span:count] - recording[position.name][: count - span])[inside]
     steps = (
@@ -177,8 +177,8 @@ def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[s
         * (recording[rate.name][1:count] + recording[rate.name][: count - 1])
     )
     whole = np.concatenate([[0.0], np.cumsum(np.where(np.diff(recording.episode[:count]) == 0, steps, 0.0))])
-    told = (whole[span:] - whole[:-span])[inside]
-    product, power = float(change @ told), float(told @ told)
+    expected = (whole[span:] - whole[:-span])[inside]
+    product, power = float(change @ expected), float(expected @ expected)
     if not product > 0 or not product > 0.8 * np.sqrt(power * float(change @ change)):
         return []
     ratio = product / power

@@ -12,11 +12,11 @@ from fieldmodels.arrays import FloatArray, IntArray
 
 
 class RecordingError(ValueError):
-    """Measured data that cannot be used as they are; the message names the place and the remedy."""
+    """Measured data that cannot be used as they are; the message gives the place and the remedy."""
 
 
 class RecordingWarning(UserWarning):
-    """Measured data that can be used, but that look as if something about them were mistaken."""
+    """Measured data that can be used, but are suspected to contain a mistake."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Recording:
         episode: Episode number of each sample, shape (n,); episodes are contiguous.
         source: Where the data come from (a path, "simulation of rig"), for messages and reports.
         known: Values of a model's base parameters that are known of this machine (a wheel's radius).
-        notes: What is odd about the data, or was done to them on reading.
+        notes: Peculiarities of the data, and changes made to them when they were read.
     """
 
     time: FloatArray

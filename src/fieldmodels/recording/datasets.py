@@ -154,7 +154,7 @@ _DATASETS = (
     _dfki(
         "gravity_compensation", 3058857, "1d15acddde86dbe513418bc964cfac8230c3d2afa4d088a2ba9fd94b68da0c78",
         _FIRST_VIDEO, "results/video_recorded_gravity_compensation/data_measured.csv",
-        "gravity compensation, moved by hand (forces that nobody logged), 1 kHz",
+        "gravity compensation, moved by hand (forces not logged), 1 kHz",
     ),
     _dfki(
         "ilqr", 101625, "f678b8650c167b04476be244f1b2d807d3e0949c5d7b7fa58522164bdcad0afe",

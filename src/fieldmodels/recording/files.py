@@ -19,7 +19,7 @@ from fieldmodels.recording.units import UnitError, canonical, factor, known_unit
 
 TIME, EPISODE = "t", "episode"
 LEAST_SCALED = 50
-"""Rows from which on a recording says how slow its bench is."""
+"""Number of rows above which the sampling rate of a recording indicates a slow bench."""
 _USUAL = {TIME: ("time", "time_s", "timestamp", "seconds", "zeit", "tempo"), EPISODE: ("run", "trial")}
 
 

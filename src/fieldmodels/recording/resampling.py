@@ -1,9 +1,9 @@
-"""Recordings whose rows do not come evenly: put on an even grid, as simulations need them.
+"""Resampling of unevenly sampled recordings to the even grid that simulations need.
 
-Two things look alike in a file. Either the samples themselves were taken at uneven times, which the stamps
-tell; or they were taken evenly, and only the stamps wander (a busy logger) or are coarse. What the signals
-look like decides: on the right times they are smoother. Noise stays what it was: a grid point takes the
-nearest measured value, moved along a cubic through its neighbours.
+There are two indistinguishable kinds of file. Either samples were taken at uneven times, and the time stamps
+are right; or they were taken evenly, and only the stamps jitter (a busy logger) or are coarse. The signals
+decide: on the right times they are smoother. The noise level is preserved: a grid point takes the nearest
+measured value, shifted along a cubic through its neighbours.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ MOST_FILLED = 0.25
 MOST_JITTER = 0.6
 """Largest standard deviation of the time step, as a share of the step."""
 COARSE = 0.2
-"""Share of repeated stamps from which on the clock is taken to be coarse."""
+"""Share of repeated stamps above which the clock is taken to be coarse."""
 
-_NEIGHBOURS = 8  # rows that a local cubic goes through
-_LOOKED_AT = 20_000  # rows on which the two readings are compared, and the step is measured
-_FINE = 16  # bins a step, in which stamps are counted
-_BEAT = 5.0  # times what chance gives: the least height of the line of even rows
+_NEIGHBOURS = 8  # rows to which a local cubic is fitted
+_EXAMINED = 20_000  # rows on which the two hypotheses are compared and the step is measured
+_FINE = 16  # bins per step, in which stamps are counted
+_BEAT = 5.0  # least height of the spectral line of even rows, relative to chance
 _BLOCK = 100_000  # grid points at once
 
 
 @dataclass(frozen=True)
 class Evened:
-    """A recording on an even grid, and what was done to it.
+    """A recording on an even grid, with a description of the resampling.
 
     Attributes:
-        recording: The result; episodes are numbered anew where gaps have split them.
+        recording: The result; episodes are renumbered where gaps have split them.
         note: What was found and done, in one sentence.
     """
 
@@ -48,16 +48,16 @@ class Evened:
 
 
 def evened(recording: Recording, model: Model | None) -> Evened:
-    """Put a recording on an even grid of its own usual step.
+    """Resample a recording to an even grid of its own usual step.
 
-    Commands are held from row to row, so a grid step gets their mean over it; measured values are moved as
-    this module says. Rows that repeat the row before are dropped; rows out of order by less than a step are
+    Commands are held from row to row, so a grid step gets their mean over it; measured values are shifted as
+    described above. Rows that repeat the row before are dropped; rows out of order by less than a step are
     sorted.
 
     Args:
-        recording: Time does not fall by more than a step within an episode.
-        model: Says which signals are commands, and which are angles that may wrap; None takes every signal
-            as measured.
+        recording: Within an episode time may decrease by at most one step.
+        model: Declares which signals are commands, and which are angles that may wrap; None takes every
+            signal as measured.
 
     Raises:
         RecordingError: If too many rows are missing, or their times vary too much.
@@ -122,7 +122,7 @@ def _rows(recording: Recording, rows: IntArray) -> Recording:
 
 
 def _ordered(part: Recording) -> Recording:
-    """Rows by time, without those that repeat the row before in everything."""
+    """Rows sorted by time, without exact repetitions of the row before."""
     part = _rows(part, np.argsort(part.time, kind="stable"))
     columns = np.column_stack([part.time, *part.signals.values()])
     again = np.concatenate([[False], (columns[1:] == columns[:-1]).all(axis=1)])
@@ -130,7 +130,7 @@ def _ordered(part: Recording) -> Recording:
 
 
 def _merged(part: Recording) -> Recording:
-    """One row a stamp: of several the last, which is the newest."""
+    """One row per stamp: of several the last, which is the newest."""
     last = np.concatenate([np.diff(part.time) > 0, [True]])
     return _rows(part, np.flatnonzero(last))
 
@@ -138,13 +138,13 @@ def _merged(part: Recording) -> Recording:
 def _usual(times: Sequence[FloatArray]) -> tuple[float, float]:
     """Usual step, and the standard deviation of the steps that span no missing row, as a share of it.
 
-    Even rows beat at one frequency, however their stamps wander and whatever is missing: the highest line
-    of the stamps near the median step. Rows without a beat have the mean of their steps.
+    Even rows give a spectral line at one frequency even if stamps jitter and rows are missing: the highest
+    line of the stamps near the median step. Without such a line it is the mean of the steps.
     """
     steps = np.concatenate([np.diff(t) for t in times])
     median = float(np.median(steps))
     near = steps[steps < 1.5 * median]
-    longest = max(times, key=len)[:_LOOKED_AT]
+    longest = max(times, key=len)[:_EXAMINED]
     bins = np.bincount(np.floor((longest - longest[0]) * (_FINE / median)).astype(np.int64))
     size = 1 << int(np.ceil(np.log2(4 * len(bins))))
     frequency = np.arange(size // 2 + 1) * (_FINE / median / size)
@@ -157,10 +157,10 @@ def _usual(times: Sequence[FloatArray]) -> tuple[float, float]:
 
 @compiled
 def _follow(time: FloatArray, step: float) -> FloatArray:
-    """Even times behind wandering stamps: whole steps from a phase that follows slowly.
+    """Even times estimated from jittering stamps: whole steps from a slowly tracking phase.
 
-    Two rows never share a step: the earlier one goes back if the step before it is free, else the later one
-    goes on.
+    Two rows never share a step: the earlier one moves back if the step before it is free, else the later
+    one moves on.
     """
     count = np.zeros(len(time), dtype=np.int64)
     phase = time[0]
@@ -176,11 +176,11 @@ def _follow(time: FloatArray, step: float) -> FloatArray:
 def _roughness(
     parts: Sequence[Recording], times: Sequence[FloatArray], names: Sequence[str], model: Model | None
 ) -> float:
-    """How badly neighbours predict a row, as the mean logarithm over signals."""
+    """Median error of predicting rows from their neighbours, as the mean logarithm over signals."""
     errors: dict[str, list[FloatArray]] = {name: [] for name in names}
     half = _NEIGHBOURS // 2
     for part, time in zip(parts, times, strict=True):
-        rows = np.arange(half, len(time) - half, max(1, len(time) * len(parts) // _LOOKED_AT))
+        rows = np.arange(half, len(time) - half, max(1, len(time) * len(parts) // _EXAMINED))
         if not len(rows):
             continue
         around = rows[:, None] + np.r_[-half:0, 1 : half + 1]
@@ -202,7 +202,7 @@ def _split(part: Recording, time: FloatArray, step: float) -> list[tuple[Recordi
 
 
 def _resampled(part: Recording, time: FloatArray, step: float, model: Model | None) -> Recording:
-    """One piece on its even grid."""
+    """One piece resampled to its even grid."""
     count = int(np.floor((time[-1] - time[0]) / step + 1e-6)) + 1
     grid = time[0] + step * np.arange(count)
     commands = {s.name for s in model.inputs} if model is not None else set()
@@ -216,7 +216,7 @@ def _resampled(part: Recording, time: FloatArray, step: float, model: Model | No
 
 
 def _continuous(values: FloatArray, name: str, model: Model | None) -> FloatArray:
-    """An angle without jumps by a turn."""
+    """An angle without jumps by whole turns."""
     angle = model is not None and any(s.angle for s in model.outputs if s.name == name)
     return np.unwrap(values) if angle else values
 
@@ -231,7 +231,7 @@ def _held_mean(values: FloatArray, time: FloatArray, grid: FloatArray, step: flo
 
 
 def _moved(values: FloatArray, time: FloatArray, grid: FloatArray, step: float) -> FloatArray:
-    """The nearest measured value to each grid point, moved along a local cubic; across a gap the cubic."""
+    """The nearest measured value to each grid point, shifted along a local cubic; in a gap, the cubic."""
     out = np.empty(len(grid))
     for start in range(0, len(grid), _BLOCK):
         at = grid[start : start + _BLOCK]

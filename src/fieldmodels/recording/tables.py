@@ -81,7 +81,7 @@ class Table(ABC):
 
     @abstractmethod
     def rows_shown(self, rows: Iterable[int]) -> dict[int, int]:
-        """Row numbers as an editor shows them, of data row indices."""
+        """Row numbers as in an editor, from data row indices."""
 
     def unit(self, name: str) -> str | None:  # noqa: ARG002
         """Unit that the file itself states for a column, None if it states none."""
@@ -105,7 +105,7 @@ def open_table(path: Path) -> Table:
     """Open a .csv or .parquet file and read its header.
 
     Raises:
-        RecordingError: If there is no such file, it is not what its name says, or it has no header.
+        RecordingError: If the file is missing, does not match its extension, or has no header.
     """
     if not path.exists():
         raise RecordingError(f"{path}: no such file{_near(path)}")
@@ -297,7 +297,7 @@ def write_table(path: Path, columns: dict[str, Any], units: dict[str, str]) -> N
 
 
 def _collect(batches: Iterable[pa.RecordBatch], names: Sequence[str], expected: int) -> dict[str, FloatArray]:
-    """Join batches into one array a column; pages beyond the last row are never touched, so cost nothing."""
+    """Join batches into one array per column; pages after the last row are never touched and cost nothing."""
     size = min(expected, _ROWS)
     columns = {name: np.empty(size) for name in names}
     n = 0

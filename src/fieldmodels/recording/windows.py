@@ -13,7 +13,7 @@ from fieldmodels.recording.data import Recording, RecordingError
 
 @dataclass(frozen=True)
 class Windows:
-    """Stretches of one recording, each predicted from its own initial state.
+    """Windows of one recording, each predicted from its own initial state.
 
     Attributes:
         recording: The measured data; commands before a window act through it too (delay, lag).
