@@ -202,11 +202,7 @@ def _search(
             continue
         here = node[label]
         if here == 1:
-            chain = [here]
-            while parent[label] >= 0:
-                label = parent[label]
-                chain.append(node[label])
-            return np.array(chain), count
+            return _path_back(label, node, parent), count
         for j in range(n):
             north, east = nodes[j, 0] - nodes[here, 0], nodes[j, 1] - nodes[here, 1]
             length = math.sqrt(north * north + east * east)
@@ -225,11 +221,7 @@ def _search(
                 continue
             if _beaten(newest[j], following, cost, timers, total, trial):
                 continue
-            other = newest[j]
-            while other >= 0:
-                if cost[other] >= total and _no_worse(trial, timers[other]):
-                    dropped[other] = True
-                other = following[other]
+            _drop_beaten(newest[j], following, cost, timers, total, trial, dropped)
             if count >= LABELS:
                 return np.zeros(0, np.int64), count
             if count == room:
@@ -248,9 +240,40 @@ def _search(
 
 
 @compiled
+def _path_back(
+    label: int,
+    node: np.ndarray[tuple[int], np.dtype[np.int64]],
+    parent: np.ndarray[tuple[int], np.dtype[np.int64]],
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Nodes of a label's path, from its own back to the start."""
+    chain = [node[label]]
+    while parent[label] >= 0:
+        label = parent[label]
+        chain.append(node[label])
+    return np.array(chain)
+
+
+@compiled
 def _first_course(before: float, north: float, east: float) -> tuple[float, float]:
     """Cosine and sine of the course before the first leg; with any, the leg's own."""
     return (north, east) if math.isnan(before) else (math.cos(before), math.sin(before))
+
+
+@compiled
+def _drop_beaten(
+    other: int,
+    following: np.ndarray[tuple[int], np.dtype[np.int64]],
+    cost: FloatArray,
+    timers: FloatArray,
+    total: float,
+    trial: FloatArray,
+    dropped: np.ndarray[tuple[int], np.dtype[np.bool_]],
+) -> None:
+    """Mark the labels at the same node that are neither shorter nor better than a new one."""
+    while other >= 0:
+        if cost[other] >= total and _no_worse(trial, timers[other]):
+            dropped[other] = True
+        other = following[other]
 
 
 @compiled
