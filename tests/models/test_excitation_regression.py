@@ -9,10 +9,15 @@ from scipy.spatial.transform import Rotation
 from fieldmodels.machines.excitation.dynamics import simulate
 from fieldmodels.machines.excitation.motion import arm_motion
 from fieldmodels.machines.excitation.parameters import (
+    CG,
+    DAMPING,
+    INERTIA,
+    MASS,
     PRESETS,
     PRIOR_VARIANCE,
     SAMPLE,
     SOFT,
+    STIFFNESS,
     TABLE1,
     Arm,
     SensorNoise,
@@ -119,6 +124,28 @@ def test_the_wrong_sign_of_r2_turns_the_centre_of_gravity_over() -> None:
     a[:, :, 7:10] *= -1
     found = np.linalg.lstsq(a.reshape(-1, 22), f.ravel(), rcond=None)[0]
     assert found[7:10] == pytest.approx(-SOFT[7:10], abs=1e-6)
+
+
+def test_the_equations_are_those_of_newton_and_euler():
+    """Signals that no vehicle gives, so that every product of rates is as large as the others."""
+    rng = np.random.default_rng(14)
+    signals, vehicle = rng.normal(size=(4, 3, 24)), rng.normal(size=22)
+    a, f = regressor(signals)
+    mass, centre = vehicle[MASS], vehicle[CG : CG + 3]
+    ix, iy, iz, ixz, iyz, ixy = vehicle[INERTIA : INERTIA + 6]
+    inertia = np.array([[ix, ixy, ixz], [ixy, iy, iyz], [ixz, iyz, iz]])
+    gravity = np.array([0.0, 0.0, -9.81])
+    for sample in range(4):
+        for mode in range(3):
+            r, v, acc, angle, w, turning, force, torque = signals[sample, mode].reshape(8, 3)
+            fall = Rotation.from_rotvec(angle).inv().apply(gravity) - gravity
+            damping, stiffness = vehicle[DAMPING : DAMPING + 6], vehicle[STIFFNESS : STIFFNESS + 6]
+            linear = mass * (fall - acc) - damping[:3] * v - stiffness[:3] * r - force
+            spin = inertia @ turning + np.cross(w, inertia @ w) + np.cross(centre, force)
+            turn = -spin - damping[3:] * w - stiffness[3:] * angle - torque
+            rows = slice(6 * mode, 6 * mode + 6)
+            found = a[sample, rows] @ vehicle - f[sample, rows]
+            np.testing.assert_allclose(found, [*linear, *turn], rtol=1e-9, atol=1e-9)
 
 
 def test_signals_are_named() -> None:
