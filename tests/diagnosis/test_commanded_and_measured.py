@@ -23,17 +23,17 @@ def logged(name, drive, reality, seed, duration=30.0, amplitude=5.0):
     """Command, measured force and motion; ``drive`` turns a command held in ticks into the force of each."""
     model = get_model(name)
     rng = np.random.default_rng(seed)
-    told = amplitude * excitation("mixed", duration, STEP, rng)
-    force = drive(np.repeat(told, FINE), STEP / FINE)
+    commanded = amplitude * excitation("mixed", duration, STEP, rng)
+    force = drive(np.repeat(commanded, FINE), STEP / FINE)
     truth = synthesise(model, reality, force, step=STEP / FINE, refine=1, rng=rng, noise=False)
     command, (position, velocity) = model.inputs[0].name, (s.name for s in model.outputs)
     signals = {
-        command: told,
-        f"{command}_measured": force[::FINE] + 2e-3 * amplitude * rng.standard_normal(len(told)),
-        position: truth[position][::FINE] + model.outputs[0].noise * rng.standard_normal(len(told)),
-        velocity: truth[velocity][::FINE] + model.outputs[1].noise * rng.standard_normal(len(told)),
+        command: commanded,
+        f"{command}_measured": force[::FINE] + 2e-3 * amplitude * rng.standard_normal(len(commanded)),
+        position: truth[position][::FINE] + model.outputs[0].noise * rng.standard_normal(len(commanded)),
+        velocity: truth[velocity][::FINE] + model.outputs[1].noise * rng.standard_normal(len(commanded)),
     }
-    return Recording(np.arange(len(told)) * STEP, signals, source=f"{name} {seed}")
+    return Recording(np.arange(len(commanded)) * STEP, signals, source=f"{name} {seed}")
 
 
 def slow(command, tick, time_constant=0.03):

@@ -185,7 +185,7 @@ def test_a_cause_that_the_test_data_contradict_is_not_named():
     assert [cause.effect for cause in again.causes] == ["leak"]
 
 
-def test_blocks_of_several_records_are_told_apart():
+def test_blocks_of_several_records_have_different_numbers():
     problem = build(Tank(), [tank_record(11), tank_record(12)], 0.8)
     own = [len(np.unique(part.blocks)) for part in problem.parts]
     assert len(np.unique(problem.blocks)) == sum(own)
@@ -286,7 +286,7 @@ def test_projected_jacobian_matches_the_true_profile(fitted):
 
 
 def test_states_go_where_measurement_and_prior_balance(fitted):
-    """With a whitener under which a window's data tell as much of its start as the prior does."""
+    """With a whitener under which a window's data are as informative about its initial state as the prior."""
     problem, _, base = fitted
     features = problem.features.shape[1]
     whitener = np.eye(features) / (PRIOR * problem.state_scale[0] * np.sqrt(features))
@@ -457,7 +457,7 @@ def test_lag_and_delay_are_ambiguous_and_a_measurement_is_proposed():
     assert {result.causes[0].effect, *result.causes[0].alternatives} == {"actuator_delay", "actuator_lag"}
     assert result.next_measurement is not None
     compared = result.next_measurement.input["compared"]
-    # The slow multisine tells least; the fastest input tells most, as was seen by others.
+    # The slow multisine is least informative and the fastest input most, as others found.
     assert compared["multisine 1 s"] == min(compared.values())
     assert result.next_measurement.input["shortest_s"] <= 0.2
 

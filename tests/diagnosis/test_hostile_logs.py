@@ -34,9 +34,9 @@ def bench(mass: float, period: float, step: float, count: int, seed: int, delay:
     a, b = cont2discrete(system, step)[:2]
     hold = max(round(0.3 * period / step), 1)
     force = 0.1 * stiffness * rng.choice([-1.0, 1.0], count // hold + 1).repeat(hold)[:count]
-    told = np.r_[np.full(delay, force[0]), force[: count - delay]]
+    delayed = np.r_[np.full(delay, force[0]), force[: count - delay]]
     state, rows = np.zeros(2), []
-    for u in told:
+    for u in delayed:
         rows.append(state)
         state = a @ state + b[:, 0] * u
     position = np.array(rows)[:, 0]

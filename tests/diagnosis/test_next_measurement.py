@@ -1,4 +1,4 @@
-"""The next measurement keeps to what the machine has shown, and tells apart what the first one could not."""
+"""The next measurement stays within the recorded range, and distinguishes what the first one could not."""
 
 from __future__ import annotations
 
@@ -72,16 +72,16 @@ def test_the_plan_keeps_the_machine_where_it_has_been(late):
 def test_the_planned_measurement_decides_between_lag_and_delay(late, tmp_path):
     """From the first diagnosis to the second through the files that a user has."""
     records, found = late
-    promised = found.next_measurement.input
-    assert promised["nats"] == max(promised["nats"], *promised["compared"].values())
-    assert 0.5 < promised["probability"] <= 1.0
+    expected = found.next_measurement.input
+    assert expected["nats"] == max(expected["nats"], *expected["compared"].values())
+    assert 0.5 < expected["probability"] <= 1.0
     paths = write_results(found, tmp_path)
     config = load_config(
         paths["next_record.yaml"], RecordConfig, ["reality.actuator_delay.delay=0.006", "seed=5"]
     )
     again = make_recording(config)
     np.testing.assert_allclose(again["force"], found.next_measurement.plan["force"])
-    assert len(again) == round(promised["duration_s"] / 0.01)
+    assert len(again) == round(expected["duration_s"] / 0.01)
     second = diagnose(RIG, [records[0], again], records[1:])
     assert named(second) == [{"actuator_delay"}]
     assert second.causes[0].parameters["delay"].value == pytest.approx(0.006, abs=3e-4)
@@ -110,7 +110,7 @@ def test_where_nobody_chooses_the_input_it_says_which_moments_count():
     assert found.input["nats"] > 1
     assert found.input["times"] > 1.2
     assert "where" in found.why
-    # Where single effects are no better than nothing, there is nothing to tell apart.
+    # Where single effects are no better than nothing, there is nothing to distinguish.
     assert next_measurement(candidates, selection, "consistent", np.random.default_rng(0)) is None
 
 

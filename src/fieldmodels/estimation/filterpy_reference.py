@@ -1,4 +1,4 @@
-"""The published Kalman filter by the library filterpy: what the compiled ones are checked against."""
+"""The published Kalman filter with the library filterpy: reference for the compiled filters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class FilterpyFilter:
         Args:
             prior_mean: Shape (unknowns,).
             prior_deviation: Standard deviations, shape (unknowns,).
-            variance: Diagonal of R_k, or all of it: shape (rows,) or (rows, rows).
+            variance: Diagonal of R_k, or the full matrix: shape (rows,) or (rows, rows).
         """
         mean = np.array(prior_mean, dtype=np.float64)
         noise = np.array(variance, dtype=np.float64)
@@ -41,5 +41,5 @@ class FilterpyFilter:
         return np.array(self._filter.P)
 
     def update(self, regressor: ArrayLike, target: ArrayLike) -> None:
-        """Take in one sample: A of shape (rows, unknowns), F of shape (rows,)."""
+        """Update with one sample: A of shape (rows, unknowns), F of shape (rows,)."""
         self._filter.update(np.asarray(target), H=np.asarray(regressor))

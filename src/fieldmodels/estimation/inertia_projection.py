@@ -1,8 +1,8 @@
-"""The nearest inertia that a body can have: positive definite, and obeying the triangle inequality.
+"""The nearest physical inertia: positive definite, and satisfying the triangle inequality.
 
 An inertia tensor I belongs to some distribution of positive mass if and only if the second moment of that
 mass, S = 1/2 tr(I) 1 - I, is positive semidefinite (Wensing, Kim and Slotine, IEEE RA-L 3(1), 2018): its
-eigenvalues are halves of I_j + I_k - I_i, so that both conditions are one.
+eigenvalues are halves of I_j + I_k - I_i, so that this covers both conditions.
 """
 
 from __future__ import annotations

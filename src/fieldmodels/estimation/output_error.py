@@ -1,4 +1,4 @@
-"""Output-error fit: the parameters whose simulation lies nearest to all that was measured.
+"""Output-error fit: the parameters whose simulation is closest to all measurements.
 
 Simulated outputs carry no noise, so there are no errors in variables to compensate; the price is a
 simulation for each parameter and step. With a Gaussian prior it is the maximum a posteriori (MAP) estimate.
@@ -29,8 +29,8 @@ class OutputError:
         mean: Parameters, shape (unknowns,).
         covariance: Inverse of the Gauss-Newton Hessian there, prior included, shape (unknowns, unknowns).
         chi_square: Sum of squared residuals in units of their noise, without the prior's: about their number
-            if model and noise are right, far above if the fit is stuck where it began too far away.
-        residuals: How many residuals that sum has.
+            if model and noise are right, far above if the fit is stuck in a local minimum.
+        residuals: Number of residuals in that sum.
         iterations: Steps taken.
     """
 
@@ -51,7 +51,7 @@ def fit_output_error(
     feasible: Callable[[FloatArray], FloatArray],
     iterations: int = 30,
 ) -> OutputError:
-    """Fit by Levenberg and Marquardt's method; each step is brought back to what can be simulated.
+    """Fit by Levenberg and Marquardt's method; each step is projected onto the feasible set.
 
     Args:
         simulate: Outputs of a batch of parameters: (n, unknowns) to (n, ...).

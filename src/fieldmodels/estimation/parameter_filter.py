@@ -1,27 +1,27 @@
-"""Filters of unknowns that enter linearly, A x = F, when A itself is measured with noise.
+"""Filters for unknowns that enter linearly, A x = F, with noise in A itself (errors in variables).
 
-A and F are linear in what a sample measures, its features y (``Terms``). So the sum of y y' over the
-samples, and the sum of the covariance V of their noise, hold all that these filters need, for any weights
-W of the equations: A'WA, A'WF, and the moments E[dA'WdA], E[dA'WdF] that noise adds to them. A filter is a
-way to read this statistic:
+A and F are linear in the measured features y of a sample (``Terms``). So the sum of y y' over the samples,
+and the sum of the covariance V of their noise, are sufficient statistics for any weights W of the equations:
+they give A'WA, A'WF, and the moments E[dA'WdA], E[dA'WdF] that noise adds to them. The filters differ in how
+they use these:
 
 * ``naive``: the Kalman filter as published (section IV of Sujan and Dubowsky; constant unknowns, no
-  process noise, R_k the noise of F). It takes A for exact: E[dA'WdA] counts as information and pulls the
+  process noise, R_k the noise of F). It treats A as exact: E[dA'WdA] counts as information and pulls the
   estimate towards zero.
 * ``compensated``: subtracts both moments (bias-compensated least squares, Söderström 2007), weights each
-  equation by the noise of F - A x at the current estimate, and gives the score the covariance it has.
+  equation by the noise of F - A x at the current estimate, and uses the score's actual covariance.
 * ``low_passed``: the same on means of 8 neighbouring samples, for regressor and target.
 
 The compensated filter in a few lines, unknowns scaled to prior mean 0 and prior covariance I:
 
     W = (covariance of F - A x, expected over a widened current estimate)^-1
-    N = sum A'WA                      what was measured
-    M = N - sum E[dA'WdA]             what it would be without noise, on average
+    N = sum A'WA                      measured
+    M = N - sum E[dA'WdA]             the same without noise, on average
     g = sum A'WF - E[dA'WdF]          a measurement of M x whose noise has covariance N
     information = I + M N^-1 M,   mean = information^-1 M N^-1 g
 
-N is a sum of squares and the information at least the prior's: whatever noise does to M, which need not be
-definite, nothing becomes singular; and what was never excited stays nearly as uncertain as it was (CAUTION).
+N is a sum of squares and the information at least the prior's, so nothing becomes singular even if noise
+makes M indefinite; and unexcited directions stay nearly as uncertain as in the prior (CAUTION).
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class Terms(NamedTuple):
 
     Attributes:
         row: Equation, int64, shape (terms,).
-        column: Unknown; their number stands for F; int64, shape (terms,).
-        feature: What is multiplied, int64, shape (terms,).
+        column: Unknown, or the number of unknowns for F; int64, shape (terms,).
+        feature: Feature that is multiplied, int64, shape (terms,).
         coefficient: Shape (terms,).
     """
 
@@ -57,10 +57,10 @@ class Terms(NamedTuple):
 
 
 class Method(NamedTuple):
-    """How a filter reads the statistic.
+    """How a filter uses the statistics.
 
     Attributes:
-        compensated: False takes A for exact.
+        compensated: False treats A as exact.
         average: Neighbouring samples that are averaged first.
     """
 
@@ -74,16 +74,17 @@ METHODS: Mapping[str, Method] = {
     "low_passed": Method(True, 8),
 }
 PASSES = 2
-"""How often weights and estimate are found from each other in one update (each starts from the last)."""
+"""Number of alternations between weights and estimate in one update (each starts from the last)."""
 CAUTION = 16.0
 """Factor of the estimate's covariance in the noise of the equations: twice the unknowns of an equation (8).
 
 M of noise alone is not zero but fluctuates, and M N^-1 M is then the number of unknowns in an equation times
-their share in its noise: fake knowledge, which would shrink the covariance, and with it the noise, and grow.
-With this factor it cannot; where anything was excited, the covariance soon adds nothing to the noise.
+their share in its noise: spurious information, which would shrink the covariance, and with it the noise, and
+so reinforce itself. This factor prevents that; where the motion excites, the covariance soon adds nothing to
+the noise.
 """
 
-# Information that a direction without any gets, beside the prior's 1: keeps N definite.
+# Information given to an unexcited direction, on top of the prior's 1: keeps N definite.
 _FLOOR = 1e-6
 # Rounding of sums, relative.
 _ROUNDING = 1e-12
@@ -149,7 +150,7 @@ def estimate(
         active: Which equations of each mode are used, shape (modes, rows).
         prior_mean: Shape (unknowns,).
         prior_deviation: Standard deviations, shape (unknowns,); 0 holds an unknown at its prior mean.
-        compensated: False takes A for exact.
+        compensated: False treats A as exact.
         passes: How often weights and estimate are found from each other.
         mean: The last estimate, or the prior's; becomes the new one; shape (unknowns,).
         covariance: The same, shape (unknowns, unknowns).

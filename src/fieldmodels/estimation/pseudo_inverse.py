@@ -1,4 +1,4 @@
-"""All samples at once: x = (A'A)^-1 A'F, section IV of Sujan and Dubowsky."""
+"""Least squares over all samples at once: x = (A'A)^-1 A'F, section IV of Sujan and Dubowsky."""
 
 from __future__ import annotations
 

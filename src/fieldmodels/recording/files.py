@@ -1,4 +1,4 @@
-"""Recordings in and out of CSV and Parquet files, checked whole before any work starts."""
+"""Reading and writing of recordings as CSV and Parquet files, with checks before any work starts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _USUAL = {TIME: ("time", "time_s", "timestamp", "seconds", "zeit", "tempo"), EPI
 class _Column:
     """A column to read: the signal's name, its name in the file, the factor to its SI unit, that unit.
 
-    Of the time, the unit that is stated, empty if none is.
+    For the time column, the declared unit, empty if there is none.
     """
 
     signal: str
@@ -42,25 +42,25 @@ def load_recording(
     columns: Mapping[str, str] | None = None,
     horizon: float | None = None,
 ) -> Recording:
-    """Load and check a recording from CSV or Parquet, in memory bounded by the columns that are kept.
+    """Load and check a recording from CSV or Parquet, keeping only the required columns in memory.
 
     The file has a header, a column ``t`` [s], optionally ``episode`` (an integer), and a column for each
     signal in the model's unit. Values are float64. A unit in a Parquet column's metadata is converted.
 
     Args:
         path: A file named .csv or .parquet.
-        model: Its inputs and outputs are read and nothing else; None reads every column.
+        model: Only its inputs and outputs are read; None reads every column.
         columns: Signal name (also ``t`` and ``episode``) to the file's column name, with the column's unit
             behind a colon if it is not the model's: ``{"t": "time", "angle": "position:deg"}``.
-        horizon: Shortest prediction [s] that must fit; None takes the model's shortest.
+        horizon: Prediction horizon [s] that must fit; None takes the model's shortest.
 
     Raises:
-        RecordingError: If the file cannot be used; names file, column and row, and what to do. Several
+        RecordingError: If the file cannot be used; gives file, column and row, and what to do. Several
             problems are reported together.
 
     Warns:
-        RecordingWarning: If a column looks as if it were in another unit than stated; or if the rows are
-            uneven, and were put on an even grid (see ``fieldmodels.recording.resampling``).
+        RecordingWarning: If a column seems to be in another unit than declared; or if the rows are
+            uneven, and were resampled to an even grid (see ``fieldmodels.recording.resampling``).
     """
     table = open_table(Path(path))
     wanted = _columns(table, model, columns or {})
@@ -99,7 +99,7 @@ def load_recording(
 def save_recording(recording: Recording, path: str | Path) -> None:
     """Save a recording so that ``load_recording`` gives equal values: ``t``, ``episode`` if any, signals.
 
-    Parquet keeps the units (in the columns' metadata), CSV does not. The file appears whole or not at all.
+    Parquet keeps the units (in the columns' metadata), CSV does not. The file is written atomically.
 
     Raises:
         RecordingError: If the extension is neither .csv nor .parquet, a value is not finite, or a signal

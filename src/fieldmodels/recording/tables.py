@@ -1,6 +1,6 @@
 """Numeric columns of CSV and Parquet files, streamed so that a file larger than memory can be read.
 
-Only the wanted columns are kept, as float64; what else the file holds never enters memory as a whole.
+Only the required columns are kept, as float64; the rest of the file is never held in memory as a whole.
 Row numbers in messages count from 1, with a CSV's header in row 1, as editors and spreadsheets show them.
 """
 
@@ -27,12 +27,12 @@ from fieldmodels.files import replacing
 from fieldmodels.recording import RecordingError
 
 SHOWN = 5
-"""Problems of one kind that a message lists."""
+"""Largest number of problems of one kind in a message."""
 
 _DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ]|$)|\d{1,2}:\d{2}")
 _BLOCK = 1 << 20  # bytes of text parsed at once
 _BATCH = 1 << 17  # Parquet rows decoded at once
-_ROWS = 1 << 27  # more than are ever expected: a damaged file may claim any number
+_ROWS = 1 << 27  # more than are ever expected: a damaged file may declare any number
 _CONTENT = {
     b"PAR1": "a Parquet file: rename it to .parquet",
     b"PK\x03\x04": "a zip archive (or an Excel workbook): unpack it, or export the sheet as CSV",
@@ -51,7 +51,7 @@ class Problem:
 
     Attributes:
         message: What is wrong and what to do.
-        column: Column in the file, empty if the problem is the file's.
+        column: Column in the file, empty if it concerns the whole file.
         row: Index of the data row (0-based), None if there is none.
     """
 

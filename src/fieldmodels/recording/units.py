@@ -1,4 +1,4 @@
-"""Units in which a column may arrive, and their factors to the SI units of the models."""
+"""Units of columns, and their factors to the SI units of the models."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DEGREE = pi / 180
 _RPM = 2 * pi / 60
 
 # SI unit -> other unit of the same quantity -> factor. Keyed by quantity, so that "g" is a gram
-# where a mass is wanted and a multiple of gravity where an acceleration is.
+# for a mass and the acceleration of gravity for an acceleration.
 _FACTORS: dict[str, dict[str, float]] = {
     "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "rad": {"mrad": 1e-3, "deg": _DEGREE, "rev": 2 * pi},

@@ -1,4 +1,4 @@
-"""The windows that a recording is cut into, each predicted from a state of its own."""
+"""Windows of a recording, each predicted from its own initial state."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Windows:
     """Windows of one recording, each predicted from its own initial state.
 
     Attributes:
-        recording: The measured data; commands before a window act through it too (delay, lag).
+        recording: The measured data; commands before a window also affect it (delay, lag).
         starts: First sample of each window, shape (windows,).
         lengths: Number of samples of each window, shape (windows,).
         states: Initial states, shape (windows, states).
-        observed: Which measured samples count, shape (windows, samples, outputs); False beyond a
-            window's length and for outputs that the recording lacks.
+        observed: Which measured samples are used, shape (windows, samples, outputs); False after a
+            window's end and for outputs that the recording lacks.
         disturbance: Additive generalised force on every sample of the recording, shape (n,), in the
             model's ``disturbance_unit``; None for none.
     """
@@ -39,7 +39,7 @@ class Windows:
 
     @property
     def samples(self) -> int:
-        """Samples that arrays over windows have room for: no window is longer."""
+        """Size of arrays over a window's samples; no window is longer."""
         return int(self.observed.shape[1])
 
     def select(self, which: BoolArray | IntArray) -> Windows:
