@@ -89,7 +89,7 @@ def _acts_on_a_force(machine: Declaration, e: Stock) -> bool:
 
 
 def _range(machine: Declaration, variable: str, recordings: Sequence[Recording]) -> tuple[float, float]:
-    """From where to where a variable of a curve goes, but for a hundredth at either end."""
+    """From where to where a variable of a curve goes, but for a twentieth at either end."""
     if variable == "time":
         return 0.0, max(len(r) * r.step for r in recordings)
     positions = {f.velocity: f.position for f in machine.forces}
@@ -104,7 +104,7 @@ def _range(machine: Declaration, variable: str, recordings: Sequence[Recording])
                 columns.append(np.gradient(without_noise(recording, position), recording.step))
         products.append(np.prod(columns, axis=0) if columns else np.zeros(0))
     values = np.concatenate(products)
-    low, high = (float(q) for q in np.quantile(values, [0.01, 0.99])) if len(values) else (-1.0, 1.0)
+    low, high = (float(q) for q in np.quantile(values, [0.05, 0.95])) if len(values) else (-1.0, 1.0)
     return (low, high) if high > low else (low - 1.0, low + 1.0)
 
 
