@@ -153,7 +153,6 @@ def test_the_model_from_rest_and_from_what_the_sensors_show(machine, effect, val
 
 @pytest.mark.parametrize("machine", CASES)
 @pytest.mark.parametrize("delay", [0.01, 0.0371])
-@pytest.mark.xfail(reason="the velocity behind a late position is guessed by one Euler step", strict=True)
 def test_a_late_position_beside_a_velocity_that_is_not(machine, delay, agree_on_a_bench):
     agree_on_a_bench(machine, {"sensor_delay": {"delay": delay}}, begins=(MIDDLE,))
 

@@ -24,6 +24,7 @@ import numpy as np
 from fieldmodels.compiled import fingerprint, inlined
 from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
+from fieldmodels.effects import sensors
 from fieldmodels.effects.curves import Curve
 
 HERE = Path(__file__).parent
@@ -167,6 +168,8 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
         "stepped": _has(machine, "step"),
         "own_pace": _has(machine, "pace"),
         "own_observe": _has(machine, "observe"),
+        "clipping": sensors.ROW.column("clipping_limit"),
+        "quantisation": sensors.ROW.column("quantisation_step"),
         "observed_states": [states.index(o) if o in states else -1 for o in outputs],
         "inertia_methods": sorted({f.inertia for f in _methods(machine)}),
     }

@@ -51,6 +51,8 @@ class Row(NamedTuple):
 
 ROW = Layout(Row)
 unpack = ROW.unpack
+PHASES = 3
+"""A rate limit holds, lets go, and holds the other way while a target goes along one line."""
 
 
 @inlined
@@ -74,6 +76,17 @@ def has_dynamics(r: Row) -> bool:
 
 
 @inlined
+def asked(command: float, r: Row, curve: FloatArray) -> float:
+    """What a command asks of the actuator, before play."""
+    u = r.gain_gain * command + r.bias_bias
+    if len(curve) > 0:
+        u += on_curve(u, curve)
+    if r.asymmetry_difference != 0.0:
+        u *= 1.0 + 0.5 * r.asymmetry_difference if u > 0.0 else 1.0 - 0.5 * r.asymmetry_difference
+    return float(u)
+
+
+@inlined
 def target(command: float, engaged: float, after: float, r: Row, curve: FloatArray) -> tuple[float, float]:
     """What the actuator aims at for a command, and what its play then transmits.
 
@@ -84,11 +97,7 @@ def target(command: float, engaged: float, after: float, r: Row, curve: FloatArr
         r: The input's row.
         curve: Row of a curve of the command, or empty.
     """
-    u = r.gain_gain * command + r.bias_bias
-    if len(curve) > 0:
-        u += on_curve(u, curve)
-    if r.asymmetry_difference != 0.0:
-        u *= 1.0 + 0.5 * r.asymmetry_difference if u > 0.0 else 1.0 - 0.5 * r.asymmetry_difference
+    u = asked(command, r, curve)
     if r.play_width > 0.0:
         engaged = min(max(engaged, u - 0.5 * r.play_width), u + 0.5 * r.play_width)
         u = engaged
@@ -112,7 +121,13 @@ def is_curved(curve: FloatArray) -> bool:
 
 @compiled
 def actuate(
-    command: FloatArray, first: IntArray, step: float, r: Row, curve: FloatArray, out: FloatArray
+    command: FloatArray,
+    first: IntArray,
+    step: float,
+    interpolated: bool,
+    r: Row,
+    curve: FloatArray,
+    out: FloatArray,
 ) -> None:
     """What the actuator aims at on each sample of a recording.
 
@@ -120,51 +135,73 @@ def actuate(
         command: Commands, shape (n,).
         first: First sample of each sample's episode, shape (n,).
         step: Sampling interval [s].
+        interpolated: Whether the target goes along lines from sample to sample, instead of being held.
         r: The input's row.
         curve: Row of a curve of the command, or empty.
         out: Receives the target, shape (n,).
     """
     engaged = 0.0
+    ahead = 0.5 if interpolated else 1.0  # so that what follows a jump has the right area
     for i in range(len(command)):
         if i == first[i]:
-            engaged = r.gain_gain * command[i] + r.bias_bias
-        after = min(max((i + 1) - r.parameter_step_time / step, 0.0), 1.0)
+            engaged = asked(command[i], r, curve)
+        after = min(max((i + ahead) - r.parameter_step_time / step, 0.0), 1.0)
         out[i], engaged = target(command[i], engaged, after, r, curve)
 
 
 @inlined
-def ramp_time(force: float, aim: float, r: Row) -> float:
-    """How long the actuator moves at its rate limit towards a held target [s]; negative if not at all."""
-    return (
-        float(abs(aim - force) / r.rate_limit_rate - r.lag_time_constant)
-        if r.rate_limit_rate < NO_LIMIT
-        else -1.0
-    )
+def phase(force: float, aim: float, slope: float, r: Row) -> tuple[float, float]:
+    """At what rate an actuator moves if its limit holds it, else 0; and how long this lasts [s].
 
-
-@inlined
-def follow(force: float, aim: float, h: float, r: Row) -> float:
-    """The actuator's force a time ``h`` later: a ramp, then a first-order lag (exact for a held target)."""
-    ramp = ramp_time(force, aim, r)
-    if ramp > 0.0:
-        if h <= ramp:
-            return float(force + math.copysign(r.rate_limit_rate * h, aim - force))
-        force += math.copysign(r.rate_limit_rate * ramp, aim - force)
-        h -= ramp
-    if r.lag_time_constant > 0.0:
-        return float(aim + (force - aim) * math.exp(-h / r.lag_time_constant))
-    return aim
+    Args:
+        force: What it gives.
+        aim: Its target.
+        slope: How fast the target moves [1/s].
+        r: The input's row.
+    """
+    if r.rate_limit_rate >= NO_LIMIT:
+        return 0.0, math.inf
+    gap, reach = aim - force, r.rate_limit_rate * r.lag_time_constant
+    sign = math.copysign(1.0, gap if gap != 0.0 else slope)
+    closing = r.rate_limit_rate - sign * slope
+    beyond = abs(gap) > reach * (1.0 + 1e-12)
+    if beyond or (closing < 0.0 and abs(gap) >= reach * (1.0 - 1e-12)):
+        return sign * r.rate_limit_rate, (abs(gap) - reach) / closing if closing > 0.0 else math.inf
+    if abs(slope) <= r.rate_limit_rate:
+        return 0.0, math.inf
+    trailing = slope * r.lag_time_constant  # what the lag's gap grows to, beyond its reach
+    left = math.log((trailing - gap) / (trailing - math.copysign(reach, slope)))
+    return 0.0, r.lag_time_constant * left
 
 
 @inlined
 def follow_line(force: float, begin: float, end: float, h: float, r: Row) -> float:
-    """As ``follow``, for a target that goes along a line; the rate limit then holds for its mean."""
-    if begin == end or r.rate_limit_rate < NO_LIMIT:
-        return follow(force, 0.5 * (begin + end), h, r)
-    if r.lag_time_constant <= 0.0:
-        return end
-    behind = (end - begin) / h * r.lag_time_constant
-    return float(end - behind + (force - begin + behind) * math.exp(-h / r.lag_time_constant))
+    """The force a time ``h`` later, for a target that goes along a line: ramps and a lag, exactly."""
+    slope, aim = (end - begin) / h, begin
+    for _ in range(PHASES):
+        rate, lasts = phase(force, aim, slope, r)
+        cut = min(lasts, h)
+        behind = slope * r.lag_time_constant
+        if rate != 0.0 and lasts <= h:
+            force = aim + slope * cut - rate * r.lag_time_constant
+        elif rate != 0.0:
+            force += rate * cut
+        elif r.lag_time_constant > 0.0:
+            decaying = (force - aim + behind) * math.exp(-cut / r.lag_time_constant)
+            force = aim + slope * cut - behind + decaying
+        else:
+            force = aim + slope * cut
+        aim += slope * cut
+        h -= cut
+        if h <= 0.0:
+            break
+    return float(force)
+
+
+@inlined
+def follow(force: float, aim: float, h: float, r: Row) -> float:
+    """As ``follow_line``, for a held target."""
+    return follow_line(force, aim, aim, h, r)
 
 
 @compiled
@@ -205,7 +242,7 @@ def mean_given(command: FloatArray, first: IntArray, step: float, r: Row) -> Flo
         r: The input's row.
     """
     aims, mean, out = np.empty(len(command)), np.empty(len(command)), np.empty(len(command))
-    actuate(command, first, step, r, command[:0], aims)
+    actuate(command, first, step, False, r, command[:0], aims)
     force = 0.0
     for i in range(len(aims)):
         if i == first[i]:

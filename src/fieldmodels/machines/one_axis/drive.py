@@ -79,7 +79,7 @@ def give(q: FloatArray, command: FloatArray, first: IntArray, step: float, out: 
     target, stored = np.empty(len(command)), np.empty(len(command))
     for p in range(len(q)):
         r = unpack(q[p])
-        actuate(command, first, step, r, q[p, :0], target)
+        actuate(command, first, step, False, r, q[p, :0], target)
         slow = has_dynamics(r)
         if slow:
             respond(target, first, step, False, r, stored)

@@ -51,7 +51,7 @@ def respond_to(
     for episode, u in enumerate(commands):
         target = np.empty(len(u))
         first = np.zeros(len(u), dtype=np.int64)
-        actuators.actuate(np.ascontiguousarray(u), first, step, r, nothing, target)
+        actuators.actuate(np.ascontiguousarray(u), first, step, False, r, nothing, target)
         x = v = bristle = 0.0
         given = float(target[0])
         for i in range(len(u)):
