@@ -127,3 +127,42 @@ def integrate(
         result[inside] = solution.y[:, : len(inside)].T
         now = solution.y[:, -1]
     return result
+
+
+def follow_lines(lines: Sequence[tuple[float, float, float]], lag: float, rate: float) -> list[Piece]:
+    """As ``follow``, of an aim that goes along lines.
+
+    Args:
+        lines: When each line begins [s], its level there and its slope, in order of time; the first level
+            holds before.
+        lag: Time constant [s]; 0 for none.
+        rate: Largest rate; infinite for none.
+    """
+    pieces = [Piece(-math.inf, lines[0][1])]
+    value, reach = lines[0][1], math.inf if math.isinf(rate) else rate * lag
+    for (begin, level, slope), end in zip(lines, [*(t for t, _, _ in lines[1:]), math.inf], strict=True):
+        time, ramping = begin, abs(level - value) > reach * (1.0 + 1e-9)
+        while True:
+            gap = level + slope * (time - begin) - value
+            sign = math.copysign(1.0, gap) if abs(gap) > HAIR else math.copysign(1.0, slope)
+            ramping = ramping or (abs(gap) >= reach * (1.0 - 1e-9) - HAIR and sign * slope > rate)
+            lasts = math.inf
+            if ramping:
+                closing = rate - sign * slope
+                lasts = (abs(gap) - reach) / closing if closing > 0.0 else math.inf
+                pieces.append(Piece(time, value, slope=sign * rate))
+            elif lag > 0.0:
+                trailing, sign = slope * lag, math.copysign(1.0, slope)
+                pieces.append(Piece(time, value + gap - trailing, slope, trailing - gap, lag))
+                if abs(slope) > rate:
+                    lasts = lag * math.log((trailing - gap) / (trailing - sign * reach))
+            else:
+                pieces.append(Piece(time, value + gap, slope))
+            stop = min(time + lasts, end)
+            if not math.isfinite(stop):
+                break
+            value = pieces[-1].at(stop)
+            if stop >= end:
+                break
+            time, ramping = stop, not ramping
+    return pieces
