@@ -153,13 +153,16 @@ def sized(kind, seed):
     """A size that adds 10 to 40 %, drawn by the seed; with what it adds [%]."""
     wanted = np.random.default_rng([seed, *kind.encode()]).uniform(13.0, 37.0)
     plain, size = nominal_error("constant_force", 0.0, seed), 3.0
-    for _ in range(12):
+    low, high = 0.0, math.inf
+    for _ in range(25):
         percent = 100.0 * (nominal_error(kind, size, seed) / plain - 1.0)
         if abs(percent - wanted) < 3.0:
             break
-        # What an effect adds is nearly independent of the noise: squares add.
+        low, high = (size, high) if percent < wanted else (low, size)
+        # What an effect adds is nearly independent of the noise, so squares add; but a limit begins abruptly.
         squares = [max((1.0 + p / 100.0) ** 2 - 1.0, 1e-3) for p in (wanted, percent)]
         size *= float(np.clip(np.sqrt(squares[0] / squares[1]), 0.3, 3.0))
+        size = size if low < size < high else 0.5 * (low + high)
     assert 10.0 <= percent <= 40.0, f"{kind}: no size adds 10 to 40 %, {size:.3g} adds {percent:.0f} %"
     return size, percent
 
