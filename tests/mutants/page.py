@@ -11,15 +11,15 @@ from table import Mutant
 PAGE = "docs/mutants.md"
 INTRODUCTION = """# Deliberate errors
 
-A test suite is worth what it notices. `make mutants` puts {count} errors into a copy of the project, one
-at a time: a flipped sign, a dropped term, exchanged parameters, a wrong power, a step too early, a wrong
-bound. For each it runs the tests that ought to notice. An error counts as *killed* only if a test fails by an
+A test suite is worth what it notices. `make mutants` puts {count} errors into a copy of the project, one at a
+time: a flipped sign, a dropped term, exchanged parameters, a wrong power, a step too early, a wrong bound.
+For each it runs the tests that ought to notice. An error counts as *killed* only if a test fails by an
 assertion; one by which the program merely falls over would prove nothing of the tests. No comparison with
 stored outputs takes part: each error is noticed by a property, a number from a source, or an independent
 computation.
 
-**{killed} of {count} are killed.** The tests of all of them take {minutes:.0f} minutes of processor time. The
-tables lie in `tests/mutants/`; this page is written by `make mutants`.
+**{killed} of {count} are killed.** One after the other, their tests took {minutes:.0f} minutes, compiling
+included. The tables lie in `tests/mutants/`; this page is written by `make mutants`.
 """
 
 

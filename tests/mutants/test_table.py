@@ -8,7 +8,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import run
-from page import page
+from page import PAGE, page
 from table import ROOT, Mutant, MutantError, read_mutants
 
 MUTANTS = read_mutants()
@@ -32,6 +32,13 @@ def test_the_list_is_long_and_without_repetition():
     assert not any(
         "golden" in test for mutant in MUTANTS for test in mutant.tests
     )  # stored outputs prove nothing
+
+
+def test_the_page_lists_every_error():
+    published = (ROOT / PAGE).read_text()
+    missing = [m.error for m in MUTANTS if f"| {m.error} | `{m.file.split('/', 1)[1]}` |" not in published]
+    assert not missing, f"make mutants; {PAGE} lacks {missing}"
+    assert f"{len(MUTANTS)} of {len(MUTANTS)} are killed" in published
 
 
 def test_a_text_that_is_gone_or_stands_twice_disarms_no_mutant(tmp_path):
