@@ -42,9 +42,9 @@ def flown(env, seed=3, steps=80):
     """Commands and observations of one episode under random actions."""
     rng = np.random.default_rng(seed)
     observation, _ = env.reset(seed=seed)
-    seen, commands = [observation[:1]], []
+    seen, commands, action = [observation[:1]], [], np.zeros(1)
     for k in range(steps):
-        action = rng.uniform(-1, 1, 1) if k % 5 == 0 else action  # noqa: F821
+        action = rng.uniform(-1, 1, 1) if k % 5 == 0 else action
         observation, _, terminated, _, info = env.step(action.astype(np.float32))
         assert not terminated
         seen.append(observation[:1])

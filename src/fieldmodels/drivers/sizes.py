@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -180,6 +180,6 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def _median(values: object) -> float:
-    found = list(values)  # type: ignore[call-overload]
+def _median(values: Iterable[float]) -> float:
+    found = list(values)
     return float(np.median(found)) if found else 0.0
