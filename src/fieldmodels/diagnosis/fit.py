@@ -27,6 +27,9 @@ INSENSITIVE = (
     0.01  # norm of a whitened column below which a change by ten coordinates is negligible (0.005 nats)
 )
 SETTLED = 0.01  # nats; a smaller improvement ends a fit
+SHARES = (1.0, 0.25, 0.0625, 0.0)  # of a window's proposed change, tried until one does not raise its cost
+ROSE = 0.5  # nats by which one window may get worse where parameters move: too little for more simulations
+SHORTEST = 1e-3  # share below which a window's state counts as settled
 
 
 @dataclass(frozen=True)
@@ -130,30 +133,104 @@ def fit(
     states = problem.states if states is None else states
     raw = problem.features - problem.simulate(parameters[None], states)[0]
     here = _linearise(problem, parameters, free, whitener, states, raw, coordinates)
-    damping = 1e-3
+    damping, reach = 1e-3, np.ones(len(problem))
     for _ in range(iterations):
-        if not np.isfinite(here.cost):
+        losses = _losses(problem, here.raw, here.states, whitener)
+        if not np.isfinite(losses).any():
             break
         step, expected = _step(here, coordinates, damping)
+        searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
         # A step that was clipped may be predicted to lose, yet gain: do not stop then.
-        if abs(expected) < SETTLED and damping <= 1e-3:
+        if abs(expected) < SETTLED and damping <= 1e-3 and not searching:
             break
-        trial_parameters = parameters_at(here, coordinates, step)
-        change = here.state_residual - here.state_jacobian @ step
-        trial_states = here.states + np.clip(change, -3, 3) * problem.state_scale
-        trial_raw = problem.features - problem.simulate(trial_parameters[None], trial_states)[0]
-        cost = _cost(problem, trial_raw, trial_states, whitener)
-        if cost < here.cost:
-            gained = here.cost - cost
-            here = _linearise(problem, trial_parameters, free, whitener, trial_states, trial_raw, coordinates)
+        trial = _moved(problem, here, parameters_at(here, coordinates, step), step, reach, losses)
+        gained = _gain(losses, trial.losses)
+        if gained > 0:
+            reach = trial.reach
+            searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
+            here = _linearise(problem, trial.parameters, free, whitener, trial.states, trial.raw, coordinates)
             damping = max(damping * 0.1, 1e-6)
-            if gained < SETTLED:
+            if gained < SETTLED and not searching:
                 break
         else:
             damping = max(damping * 10, 1e-3)
-            if damping > 1e5:
+            if damping > 1e5 or not len(free):
                 break
     return here
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Where a step ends.
+
+    Attributes:
+        parameters: Whole parameter vector, shape (parameters,).
+        states: Initial states, shape (windows, states).
+        raw: Measured minus simulated features, shape (windows, features).
+        losses: Cost of each window [nats], shape (windows,).
+        reach: Share of its next proposed change that each window's state takes, shape (windows,).
+    """
+
+    parameters: FloatArray
+    states: FloatArray
+    raw: FloatArray
+    losses: FloatArray
+    reach: FloatArray
+
+
+def _moved(
+    problem: Problem,
+    here: Fit,
+    parameters: FloatArray,
+    step: FloatArray,
+    reach: FloatArray,
+    before: FloatArray,
+) -> _Trial:
+    """Step all states to what suits the new parameters, each window as far as it gains by it.
+
+    Given the parameters windows are independent: one whose linearisation is poor keeps none of the others.
+    A window whose simulation diverges starts again from the usual state if nothing nearer helps.
+
+    Args:
+        problem: The windows.
+        here: The present fit, with its linearisation.
+        parameters: The new vector.
+        step: Its step in coordinates.
+        reach: Share of the proposed change that each window takes first.
+        before: Cost of each window at present.
+    """
+    change = np.clip(here.state_residual - here.state_jacobian @ step, -3, 3) * problem.state_scale
+    lost = ~np.isfinite(before)
+    best = _Trial(parameters, here.states, here.raw, np.full(len(problem), np.inf), reach)
+    poor = np.ones(len(problem), dtype=np.bool_)
+    most = np.where(lost, np.inf, before + (ROSE if step.any() else 1e-3))
+    for share in SHARES:
+        states = here.states + (share * reach)[:, None] * change
+        if share == 0.0 and not lost.all():
+            states[lost] = np.median(here.states[~lost], axis=0)
+        raw = problem.features - problem.simulate(parameters[None], states)[0]
+        losses = _losses(problem, raw, states, here.whitener)
+        better = poor & (losses < best.losses)
+        next_reach = np.minimum(4.0 * reach, 1.0) if share == 1.0 else max(share, SHARES[-2] / 4) * reach
+        best = _Trial(
+            parameters,
+            np.where(better[:, None], states, best.states),
+            np.where(better[:, None] | (share == 1.0), raw, best.raw),
+            np.where(better, losses, best.losses),
+            np.where(better, next_reach, best.reach),
+        )
+        poor &= ~(best.losses < most)
+        if not poor.any():
+            break
+    return best
+
+
+def _gain(before: FloatArray, after: FloatArray) -> float:
+    """By how much the cost falls [nats]; windows that a simulation gets through count first."""
+    was, now = np.isfinite(before), np.isfinite(after)
+    if now.sum() != was.sum():
+        return float("inf") if now.sum() > was.sum() else -float("inf")
+    return float(before[was].sum() - after[now].sum())
 
 
 def costs(problem: Problem, batch: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:
@@ -302,15 +379,21 @@ def project(fitted: Fit, columns: FloatArray) -> FloatArray:
 
 
 def _cost(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> float:
-    if not np.isfinite(raw).all():
-        return float("inf")
+    return float(_losses(problem, raw, states, whitener).sum())
+
+
+def _losses(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:
+    """Cost of each window [nats], infinite where its simulation failed, shape (windows,)."""
     prior = (problem.states - states) / (PRIOR * problem.state_scale)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
+    known = np.where(finite[:, None], raw, 0.0)
     observations = problem.observations
-    if observations is None:
-        return float(0.5 * np.sum((raw @ whitener.T) ** 2) + 0.5 * np.sum(prior**2))
-    _, event = observations.rows(whitener)
-    gaussian = 0.5 * np.sum((observations.averages(raw) @ whitener.T) ** 2) + 0.5 * np.sum(prior**2)
-    return float(gaussian + observations.loss(raw)[:, event].sum())
+    averages = known if observations is None else observations.averages(known)
+    result = 0.5 * np.sum((averages @ whitener.T) ** 2, axis=1) + 0.5 * np.sum(prior**2, axis=1)
+    if observations is not None:
+        _, event = observations.rows(whitener)
+        result += observations.loss(known)[:, event].sum(axis=1)
+    return np.where(finite, result, np.inf)
 
 
 def _linearise(
@@ -325,7 +408,7 @@ def _linearise(
     cost = _cost(problem, raw, states, whitener)
     n_states = states.shape[1]
     finite = np.where(np.isfinite(raw), raw, 0.0)
-    simulated = problem.features - finite
+    simulated = problem.features - raw  # not a number where the simulation failed: it says nothing there
     observations = problem.observations
     weight = None if observations is None else observations.weight(finite)
     columns = _derivatives(problem, parameters, free, states, simulated, coordinates)
@@ -340,7 +423,7 @@ def _linearise(
         free=free,
         states=states,
         cost=cost,
-        quadratic=cost if observations is None else 0.5 * float(np.sum(residual**2)),
+        quadratic=0.5 * float(np.sum(residual**2)),
         residual=_remove(basis, residual)[:, :, 0],
         jacobian=_remove(basis, jacobian),
         raw=raw,
