@@ -16,12 +16,11 @@ from fieldmodels.machines.uav_route.layouts import safe_route
 from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
     PRINTED,
-    RIGHT,
     Detection,
     LockLoss,
     Reading,
     World,
-    make_constants,
+    kernel_world,
 )
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 
@@ -32,13 +31,13 @@ PLANS = {
     "safe route": safe_route(EXAMPLE),
 }
 READINGS = {
-    "right": RIGHT,
-    "heading of the next leg": Reading(heading="next_leg"),
-    "two-quadrant arctangent": Reading(arctangent="two_quadrant"),
-    "left-handed axes": Reading(axes="left_handed"),
-    "unbroken engagement (4.33)": Reading(engaged="unbroken"),
-    "elapsed engagement (text)": Reading(engaged="elapsed"),
-    "all as printed": PRINTED,
+    "right": World(),
+    "heading of the next leg": World(reading=Reading(heading="next_leg")),
+    "two-quadrant arctangent": World(reading=Reading(arctangent="two_quadrant")),
+    "left-handed axes": World(reading=Reading(axes="left_handed")),
+    "unbroken engagement (4.33)": World(lock_loss=LockLoss(engaged="unbroken")),
+    "elapsed engagement (text)": World(lock_loss=LockLoss(engaged="elapsed")),
+    "all as printed": World(reading=PRINTED),
 }
 LOCKS = {"50 / 150 / 50": LockLoss(), "20 / 60 / 20": LockLoss(20, 60, 20), "10 / 150 / 50": LockLoss(10)}
 LOOKS = (1.0, 5.0, 10.0, 25.0, 50.0)
@@ -50,7 +49,7 @@ def readings() -> None:
     print(f"{'plan':28s}{'reading':28s}{'length':>8s}{'over':>8s}{'largest':>9s}{'hit at':>8s}")
     for name, plan in PLANS.items():
         for reading, value in READINGS.items():
-            one = simulate_plan(plan, EXAMPLE.radars, World(reading=value), step=1.0).verification
+            one = simulate_plan(plan, EXAMPLE.radars, value, step=1.0).verification
             print(
                 f"{name:28s}{reading:28s}{one.path_length:8.2f}{one.time_over:8.1f}"
                 f"{one.largest_probability:9.3f}{one.damaged_at:8.1f}"
@@ -59,9 +58,9 @@ def readings() -> None:
 
 def turns() -> None:
     """How often the printed side of a turn is right, and the printed clamp is not a number."""
-    rng, right = np.random.default_rng(0), make_constants(World())
-    side = make_constants(World(reading=Reading(side="absolute")))
-    clamp = make_constants(World(reading=Reading(clamp="upper")))
+    rng, right = np.random.default_rng(0), kernel_world(World())
+    side = kernel_world(World(reading=Reading(side="absolute")))
+    clamp = kernel_world(World(reading=Reading(clamp="upper")))
     agree, lost = [], []
     for north, east, at_north, at_east, to_north, to_east in rng.normal(size=(20_000, 6)):
         new = (to_north - at_north, to_east - at_east, to_north, to_east)
@@ -73,7 +72,7 @@ def turns() -> None:
 
 def survival(plan: FloatArray, look: float, lock_loss: LockLoss) -> float:
     """Share of flights along a plan that arrive if scans are drawn."""
-    world = World(detection=Detection(stochastic=True, scan_interval=look), lock_loss=lock_loss)
+    world = World(detection=Detection(detection="stochastic", scan_interval=look), lock_loss=lock_loss)
     flights = Flights(FLIGHTS, Rules(world, layout=EXAMPLE, longest_leg=500.0))
     for i in range(FLIGHTS):
         flights.seed(i, np.random.default_rng([1, i]))

@@ -44,7 +44,7 @@ def legs(batch: int, rules: Rules) -> Callable[[], object]:
 
 def main() -> None:
     """Print a table; ratios are to its last row."""
-    drawn = World(detection=Detection(stochastic=True))
+    drawn = World(detection=Detection(detection="stochastic"))
     route = safe_route(EXAMPLE)
     rates = {
         f"one radar, {BATCH} flights": rate(legs(BATCH, Rules(longest_leg=50.0)), BATCH),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -36,28 +36,30 @@ def page(task: Task) -> str:
     """The Markdown page of one task."""
     environment = gym.make(task.env_id).unwrapped
     text = inspect.cleandoc(environment.__doc__ or "")
-    settings = "\n".join(f"| `{n}` | `{d}` | {m} |" for n, d, m in settings_of(task.settings))
+    settings = "\n".join(f"| `{n}` | `{d}` | {r} | {m} |" for n, d, r, m in settings_of(task.settings))
     return (
         f"# {task.title}\n\n`{task.env_id}`\n\n![The task while it runs]({task.name}.png)\n\n{text}\n\n"
         f"## Settings\n\n`{task.settings.__name__}`\n\n"
-        f"| Setting | Default | Meaning |\n|---|---|---|\n{settings}\n"
+        f"| Setting | Default | Range | Meaning |\n|---|---|---|---|\n{settings}\n"
     )
 
 
-def settings_of(kind: type[Any]) -> list[tuple[str, Any, str]]:
-    """Name, default and meaning of every setting, as declared."""
+def settings_of(kind: type[Any]) -> list[tuple[str, Any, str, str]]:
+    """Name, default, range and meaning of every setting, as declared."""
     section = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2]
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE)
-    meaning = {name: re.sub(r"\s+", " ", text).replace("``", "`") for name, text in entries}
-    for name, one in declared(kind).items():
-        meaning[name] = (
-            one.setting.meaning[:-1] + f" [{one.setting.unit}]." if one.setting.unit else one.setting.meaning
-        )
-    return [
-        (f.name, round(f.default, 4) if isinstance(f.default, float) else f.default, meaning[f.name])
+    told = {name: re.sub(r"\s+", " ", text).replace("``", "`") for name, text in entries}
+    rows = [
+        (f.name, round(f.default, 4) if isinstance(f.default, float) else f.default, "", told[f.name])
         for f in fields(kind)
-        if f.default is not MISSING
+        if f.name in told
     ]
+    for name, one in declared(kind).items():
+        default = round(one.default, 4) if isinstance(one.default, float) else one.default
+        unit, fixed = one.setting.unit, one.setting.fixed
+        meaning = f"{one.setting.meaning[:-1]} [{unit}]." if unit else one.setting.meaning
+        rows.append((name, default, one.range(), f"{meaning} *Never random: {fixed}.*" if fixed else meaning))
+    return rows
 
 
 class Middle(Agent):

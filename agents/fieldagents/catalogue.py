@@ -16,6 +16,7 @@ def catalogue() -> dict[str, Any]:
     from fieldgym import TASKS
     from fieldmodels.recording.datasets import dataset_names
     from fieldmodels.registry import get_model, model_names
+    from fieldmodels.settings import declared
 
     tasks = [
         {
@@ -23,6 +24,17 @@ def catalogue() -> dict[str, Any]:
             "env_id": task.env_id,
             "description": task.description,
             "agents": describe_agents(task.name),
+            "settings": [
+                {
+                    "name": name,
+                    "default": one.default,
+                    "unit": one.setting.unit,
+                    "range": one.range().replace("`", ""),
+                    "meaning": one.setting.meaning,
+                    "fixed": one.setting.fixed,
+                }
+                for name, one in declared(task.settings).items()
+            ],
         }
         for task in TASKS.values()
     ]
@@ -68,6 +80,10 @@ def show(found: dict[str, Any], console: Console) -> None:
         table = Table("agent", "sees", "what it does")
         for agent in task["agents"]:
             table.add_row(agent["name"], agent["sees"], agent["title"])
+        console.print(table)
+        table = Table("setting", "default", "range")
+        for one in task["settings"]:
+            table.add_row(one["name"], f"{one['default']} {one['unit']}".rstrip(), one["range"])
         console.print(table)
     for model in found["models"]:
         units = {

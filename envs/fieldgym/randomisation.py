@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldgym.settings import bounds
+from fieldgym.settings import draw_setting, extreme_settings
 from fieldmodels.model import Model
 from fieldmodels.reality import Reality
-from fieldmodels.sampling import Sampler, Uniform
+from fieldmodels.sampling import Sampler
 from fieldmodels.settings import declared
 
 Floats = NDArray[np.float64]
@@ -29,11 +28,28 @@ class Drawn:
     """
 
     def __init__(
-        self, batch: int, model: Model, reality: Reality, settings: Any, samplers: Mapping[str, Sampler]
+        self,
+        batch: int,
+        model: Model,
+        reality: Reality,
+        settings: Any,
+        samplers: Mapping[str, Sampler],
+        model_of: Callable[[Any], Model] | None = None,
     ) -> None:
-        self._model, self._reality = model, reality
+        """Draw nothing yet.
+
+        Args:
+            batch: Number of rows.
+            model: The model of the typical settings.
+            reality: What holds in the simulation; its samplers draw parameters.
+            settings: The typical settings.
+            samplers: What draws settings, by name.
+            model_of: The model of some settings, if its nominal parameters depend on those that may be drawn.
+        """
+        self._model, self._reality, self._model_of = model, reality, model_of
         self._parameters = reality.samplers(model)
         self._samplers = dict(samplers)
+        self._typical = settings
         self._declared = declared(type(settings))
         self.random = bool(self._parameters or self._samplers)
         self.vectors: Floats = np.tile(reality.typical(model), (batch, 1))
@@ -42,13 +58,20 @@ class Drawn:
 
     @property
     def parameters_random(self) -> bool:
-        """Whether parameters are drawn."""
-        return bool(self._parameters)
+        """Whether parameters differ between rows: are drawn, or follow settings that are."""
+        return bool(self._parameters) or (self.settings_random and self._model_of is not None)
 
     @property
     def settings_random(self) -> bool:
         """Whether settings are drawn."""
         return bool(self._samplers)
+
+    def extremes(self) -> list[Any]:
+        """Settings as extreme as any that will be drawn: all at one end, or one choice at a time."""
+        values = {name: extreme_settings(self._declared[name], s) for name, s in self._samplers.items()}
+        ends = [{name: of[k] for name, of in values.items()} for k in (0, -1)]
+        ends += [{name: value} for name, of in values.items() for value in of[1:-1]]
+        return [dataclasses.replace(self._typical, **own) for own in ends]
 
     def draw(self, rows: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
         """Draw for some rows, each from its generator: parameters in their order, then settings by name."""
@@ -58,17 +81,18 @@ class Drawn:
                 parameter = self._model.all_parameters[k]
                 self.vectors[i, k] = sampler.draw(rng, parameter.lower, parameter.upper)
             if self._samplers:
-                values = {name: self._setting(name, sampler, rng) for name, sampler in self._samplers.items()}
-                self.settings[i] = dataclasses.replace(self.settings[i], **values)
+                drawn = {n: draw_setting(self._declared[n], s, rng) for n, s in self._samplers.items()}
+                self._set_settings(i, drawn)
         self._tell()
 
-    def _setting(self, name: str, sampler: Sampler, rng: np.random.Generator) -> Any:
-        one = self._declared[name]
-        if one.choices or one.type is bool:
-            return sampler.draw(rng)
-        if one.type is int and isinstance(sampler, Uniform):
-            return int(sampler.low + math.floor((sampler.high - sampler.low + 1.0) * float(rng.random())))
-        return one.type(sampler.draw(rng, *bounds(one)))
+    def _set_settings(self, i: int, values: Mapping[str, Any]) -> None:
+        """Give a row settings, and the parameters that these make nominal."""
+        self.settings[i] = dataclasses.replace(self._typical, **values)
+        if self._model_of is not None:
+            own = self._reality.typical(self._model_of(self.settings[i]))
+            drawn = list(self._parameters)
+            own[drawn] = self.vectors[i, drawn]
+            self.vectors[i] = own
 
     def _tell(self) -> None:
         """Make the entries of ``info["privileged"]``."""
@@ -99,12 +123,18 @@ class Drawn:
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to what had been drawn."""
+        self.vectors = self.vectors.copy()
         if self._parameters:
-            self.vectors = self.vectors.copy()
             self.vectors[:, list(self._parameters)] = state["drawn_parameters"]
-        for name in self._samplers:
-            codes = self._declared[name].choices
-            for i, value in enumerate(np.asarray(state[f"drawn_{name}"]).tolist()):
-                own = {name: codes[value] if codes else value}
-                self.settings[i] = dataclasses.replace(self.settings[i], **own)
+        if self._samplers:
+            values = {name: self._read(name, state[f"drawn_{name}"]) for name in self._samplers}
+            for i in range(len(self.settings)):
+                self._set_settings(i, {name: column[i] for name, column in values.items()})
         self._tell()
+
+    def _read(self, name: str, column: Any) -> list[Any]:
+        """A setting's values in each row, as ``state`` has them."""
+        one, values = self._declared[name], np.asarray(column).tolist()
+        if one.choices:
+            return [one.choices[value] for value in values]
+        return list(map(tuple, values)) if one.items else values

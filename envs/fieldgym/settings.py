@@ -1,7 +1,7 @@
 """How settings are read: from an object, a mapping or nothing, checked whole before any work starts.
 
-A sampler may stand in the place of a number or a choice (``fieldmodels.sampling``); the environment draws it
-for each episode. Whoever reads the settings without drawing gets a typical value.
+A sampler may stand in the place of a number, of one in a tuple, or of a choice (``fieldmodels.sampling``);
+the environment draws it for each episode. Whoever reads the settings without drawing gets a typical value.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
-from fieldmodels.sampling import KINDS, Choice, Sampler, Uniform, is_sampler, read_sampler
-from fieldmodels.settings import Declared, declared
+from fieldmodels.sampling import KINDS, Choice, Each, Sampler, Uniform, is_sampler, read_sampler
+from fieldmodels.settings import Declared, Setting, declared
 
 S = TypeVar("S")
 
@@ -85,8 +86,9 @@ def take_samplers(
     wrong = []
     for name, value in source.items():
         one = known.get(name)
-        if not is_sampler(value) or (one is None and not isinstance(value, Sampler) and set(value) - KINDS):
-            continue  # a setting may be a mapping
+        own = isinstance(value, Mapping) and bool(set(value) - KINDS)  # a setting may be a mapping
+        if not _drawn(value) or (own and (one is None or not _drawable(one))):
+            continue
         try:
             sampler = _read(name, value, one, [n for n, o in known.items() if _drawable(o)])
             samplers[name] = sampler
@@ -97,8 +99,13 @@ def take_samplers(
     return fixed, dict(sorted(samplers.items())), wrong
 
 
+def _drawn(value: Any) -> bool:
+    """Whether a value is a sampler, or a tuple some of whose numbers are."""
+    return is_sampler(value) or (isinstance(value, list | tuple) and any(map(is_sampler, value)))
+
+
 def _drawable(one: Declared) -> bool:
-    return not one.setting.fixed and (bool(one.choices) or one.type in (int, float, bool))
+    return not one.setting.fixed and (bool(one.choices or one.items) or one.type in (int, float, bool))
 
 
 def _read(name: str, value: Any, one: Declared | None, drawable: Sequence[str]) -> Sampler:
@@ -107,6 +114,8 @@ def _read(name: str, value: Any, one: Declared | None, drawable: Sequence[str]) 
         raise ModelError(
             f"{name}: one value holds for all episodes and rows{why}; drawn may be {', '.join(drawable)}"
         )
+    if one.items:
+        return _read_tuple(name, value, one)
     sampler = read_sampler(value, name)
     if one.choices or one.type is bool:
         allowed = one.choices or (False, True)
@@ -115,7 +124,7 @@ def _read(name: str, value: Any, one: Declared | None, drawable: Sequence[str]) 
                 f"{name}: a choice out of {', '.join(map(repr, allowed))} is needed, not {sampler}"
             )
         return sampler
-    lower, upper = bounds(one)
+    lower, upper = bounds(one.setting)
     if one.type is int and not isinstance(sampler, Choice | Uniform):
         raise ModelError(f"{name}: a whole number is drawn by uniform or choice, not by {sampler}")
     sampler.check(name, lower, upper, one.setting.unit)
@@ -125,9 +134,51 @@ def _read(name: str, value: Any, one: Declared | None, drawable: Sequence[str]) 
     return sampler
 
 
-def bounds(one: Declared) -> tuple[float, float]:
+def _read_tuple(name: str, value: Any, one: Declared) -> Sampler:
+    """Read what draws a tuple of numbers: a choice of whole tuples, or a sampler for some of its numbers."""
+    if isinstance(value, list | tuple):
+        if len(value) != len(one.items):
+            raise ModelError(f"{name} must be {len(one.items)} numbers or samplers, not {value!r}")
+        parts = []
+        for item, part in zip(one.items, value, strict=True):
+            if is_sampler(part):
+                part = read_sampler(part, name)
+                part.check(name, *bounds(item), one.setting.unit)
+            parts.append(part)
+        sampler: Sampler = Each(tuple(parts), tuple(map(bounds, one.items)))
+        tuples = [sampler.typical]
+    else:
+        sampler = read_sampler(value, name)
+        if not isinstance(sampler, Choice) or not all(isinstance(v, list | tuple) for v in sampler.values):
+            raise ModelError(f"{name}: a choice of tuples, or a list with samplers, is needed, not {sampler}")
+        tuples = list(sampler.values)
+        sampler = Choice(tuple(map(tuple, tuples)))
+    for numbers in tuples:
+        if problem := one.problem(numbers):
+            raise ModelError(problem)
+    return sampler
+
+
+def draw_setting(one: Declared, sampler: Sampler, generator: np.random.Generator) -> Any:
+    """Draw a setting, of its own type and within its bounds."""
+    if one.choices or one.items or one.type is bool:
+        return sampler.draw(generator)
+    if one.type is int and isinstance(sampler, Uniform):
+        return int(sampler.low + math.floor((sampler.high - sampler.low + 1.0) * float(generator.random())))
+    return one.type(sampler.draw(generator, *bounds(one.setting)))
+
+
+def extreme_settings(one: Declared, sampler: Sampler) -> tuple[Any, ...]:
+    """Values of a setting as extreme as any that will be drawn."""
+    if isinstance(sampler, Choice):
+        return sampler.values
+    ends = sampler.extremes(*bounds(one.setting))
+    return ends if one.items else tuple(map(one.type, ends))
+
+
+def bounds(setting: Setting) -> tuple[float, float]:
     """Smallest and largest number that a setting may be."""
-    setting, lower, upper = one.setting, -math.inf, math.inf
+    lower, upper = -math.inf, math.inf
     if setting.above is not None:
         lower = math.nextafter(setting.above, math.inf)
     elif setting.least is not None:

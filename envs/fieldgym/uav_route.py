@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -24,15 +24,14 @@ from fieldgym.settings import read_random_settings
 from fieldmodels.machines.uav_route.batch import (
     Flights,
     Leg,
-    LegRules,
     Rules,
-    Score,
     check_plants,
     observed_names,
 )
-from fieldmodels.machines.uav_route.layouts import distance_around, side_on_range
+from fieldmodels.machines.uav_route.layouts import distance_around
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import (
+    AROUND,
     EXAMPLE,
     INSTANT_KILL,
     PRINTED,
@@ -41,18 +40,18 @@ from fieldmodels.machines.uav_route.parameters import (
     Aircraft,
     Detection,
     Layout,
+    LegRules,
     LockLoss,
     World,
 )
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.machines.uav_route.state import FLYING, NUMBERS
 from fieldmodels.reality import read_reality
+from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Place = tuple[Annotated[float, Field(allow_inf_nan=False)], Annotated[float, Field(allow_inf_nan=False)]]
 
 OBSERVED = 100.0
@@ -77,78 +76,37 @@ class UavLayout:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class UavRouteSettings(LegRules):
-    """What can be set in ``fieldgym/UavRoute-v0``.
+class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
+    """What can be set in ``fieldgym/UavRoute-v0``: aircraft, radars, legs, and three more."""
 
-    Attributes:
-        layout: ``random`` draws start, goal and radars for each episode, so that an undetected route of two
-            legs exists; ``example`` is the source's; or a mapping of ``start``, ``goal`` and ``radars``, each
-            north and east [km].
-        threshold: Probability of detection above which a detection counts, or is certain.
-        interpolation: Table 4.2 between its entries: ``linear`` or ``log``.
-        detection: ``deterministic`` detects above the threshold; ``stochastic`` draws each scan.
-        scan_interval: Time between a radar's scans if they are drawn [s].
-        lock_loss: Whether a lock can be lost; without, whoever is detected is destroyed at once.
-        lose: Undetected time after which a lock is lost, T_LL [s].
-        engage: Detected time after which a missile is launched, T_eng [s].
-        target: Flight time of the missile, T_target [s].
-        engaged: What the engage timer counts: time detected ``accumulated`` since the last lock loss,
-            ``unbroken``, or all time ``elapsed`` since the first detection.
-        reading: The source's equations as they should be (``right``) or as ``printed``, but for the heading,
-            which is that of the leg being flown in both.
-        speed: Speed of the aircraft [km/s].
-        altitude: Its height above the radars [km].
-        bank: Bank angle in turns [rad].
-        length_cost: Cost of a kilometre flown.
-        progress_reward: Reward of a kilometre by which the goal has come nearer.
-        progress: How far the goal is, for that reward: ``straight``, or ``around`` the circle in which the
-            radar next to the goal sees an aircraft's side.
-        arrival_reward: Reward of arriving.
-        damage_cost: Cost of being hit.
-        late_cost: Cost of running out of legs.
-        detection_cost: Cost of a second of being detected.
-        sighting_cost: Cost of a leg on which the aircraft is detected.
-    """
-
-    layout: Literal["random", "example"] | UavLayout = "random"
-    threshold: Annotated[float, Field(ge=0.01, lt=0.99)] = 0.5
-    interpolation: Literal["linear", "log"] = "linear"
-    detection: Literal["deterministic", "stochastic"] = "deterministic"
-    scan_interval: Positive = 5.0
-    lock_loss: bool = True
-    lose: NotNegative = 50.0
-    engage: NotNegative = 150.0
-    target: NotNegative = 50.0
-    engaged: Literal["accumulated", "unbroken", "elapsed"] = "accumulated"
-    reading: Literal["right", "printed"] = "right"
-    speed: Annotated[float, Field(gt=0, le=1)] = 0.25
-    altitude: Annotated[float, Field(ge=0, le=50)] = 10.0
-    bank: Annotated[float, Field(ge=0, le=1.5)] = math.pi / 4
-    length_cost: NotNegative = 0.01
-    progress_reward: NotNegative = 0.01
-    progress: Literal["straight", "around"] = "straight"
-    arrival_reward: NotNegative = 1.0
-    damage_cost: NotNegative = 1.5
-    late_cost: NotNegative = 1.0
-    detection_cost: NotNegative = 0.0
-    sighting_cost: NotNegative = 0.0
+    layout: Annotated[
+        Literal["random", "example"] | UavLayout,
+        Setting(
+            "`random` draws start, goal and radars for each episode, so that an undetected route of two legs "
+            "exists; `example` is the source's; or a mapping of `start`, `goal` and `radars`, each north and "
+            "east [km].",
+            fixed="its radars shape the observation",
+        ),
+    ] = "random"
+    lock_loss: Annotated[
+        bool, Setting("Whether a lock can be lost; without, whoever is detected is destroyed at once.")
+    ] = True
+    reading: Annotated[
+        Literal["right", "printed"],
+        Setting(
+            "The source's equations as they should be (`right`) or as `printed`, but for the heading, which "
+            "is that of the leg being flown in both."
+        ),
+    ] = "right"
 
     @property
     def world(self) -> World:
         """Aircraft, detection, lock loss and reading, as the ground floor takes them."""
         return World(
-            aircraft=Aircraft(speed=self.speed, altitude=self.altitude, bank=self.bank),
-            detection=Detection(
-                threshold=self.threshold,
-                interpolation=self.interpolation,
-                stochastic=self.detection == "stochastic",
-                scan_interval=self.scan_interval,
-            ),
-            lock_loss=LockLoss(self.lose, self.engage, self.target) if self.lock_loss else INSTANT_KILL,
-            reading=replace(
-                RIGHT if self.reading == "right" else replace(PRINTED, heading="own_leg"),
-                engaged=self.engaged,
-            ),
+            aircraft=part_of(self, Aircraft),
+            detection=part_of(self, Detection),
+            lock_loss=part_of(self, LockLoss) if self.lock_loss else INSTANT_KILL,
+            reading=RIGHT if self.reading == "right" else replace(PRINTED, heading="own_leg"),
         )
 
     @property
@@ -165,18 +123,7 @@ class UavRouteSettings(LegRules):
         Raises:
             ModelError: If the legs' limits or the layout are not possible.
         """
-        return Rules(
-            world=self.world,
-            layout=self.fixed_layout,
-            **{field.name: getattr(self, field.name) for field in fields(LegRules)},
-            score=Score(
-                length=self.length_cost,
-                progress=self.progress_reward if self.progress == "straight" else 0.0,
-                arrival=self.arrival_reward,
-                damage=self.damage_cost,
-                late=self.late_cost,
-            ),
-        )
+        return part_of(self, Rules, world=self.world, layout=self.fixed_layout)
 
 
 def actions_towards(
@@ -210,6 +157,11 @@ def nearest_bearing(places: Floats, radars: Floats) -> Floats:
     return bearing
 
 
+def model_of(settings: UavRouteSettings) -> UavRoute:
+    """The model of what is set: its nominal speed is the settings'."""
+    return UavRoute(settings.world)
+
+
 class _UavRouteTask(BatchTask):
     """The task on a batch of flights."""
 
@@ -217,14 +169,14 @@ class _UavRouteTask(BatchTask):
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, UavRouteSettings)
-        rules = self.settings.rules
-        model = UavRoute(rules.world)
+        rules, model = self.settings.rules, model_of(self.settings)
         self.reality = read_reality(reality, model)
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers, model_of)
         self._model = model
-        check_plants(model.plant(self.reality.extremes(model)))
+        for extreme in self.drawn.extremes():
+            check_plants(model.plant(self.reality.extremes(model_of(extreme))))
+            extreme.rules  # noqa: B018 - raises if they are not possible
         self.flights = Flights(batch, rules, model.plant(self.reality.typical(model)))
-        self._side_on = side_on_range(rules.world.detection)
         self._drawing = drawing
         self._trails: list[list[Floats]] = [[] for _ in range(batch)]
         self._plan: Floats | None = None
@@ -272,8 +224,9 @@ class _UavRouteTask(BatchTask):
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every flight through one leg."""
         settings, flights = self.settings, self.flights.flights
-        before = flights["place"].copy(), flights["course"].copy(), flights["time_over"].copy()
-        distance = self._around()
+        before = flights["place"].copy(), flights["course"].copy()
+        around = self.flights.records["progress"] == AROUND
+        distance = self._around() if around.any() else None
         going = flights["over"] == FLYING
         legs = np.empty_like(actions)
         legs[:, 0] = math.pi * actions[:, 0]
@@ -283,24 +236,23 @@ class _UavRouteTask(BatchTask):
         if self._drawing:
             for i in np.flatnonzero(going).tolist():
                 self._trace(i, before[0][i], before[1][i])
-        detected = flights["time_over"] - before[2]
-        gain = settings.progress_reward * (distance - self._around())
-        gain -= settings.detection_cost * detected + settings.sighting_cost * (detected > 0.0)
+        reward = leg.reward
+        if distance is not None:
+            progress = self.flights.records["progress_reward"] * (distance - self._around())
+            reward = reward + np.where(around, progress, 0.0)
         return Outcome(
             observation=self.observation(),
-            reward=leg.reward + gain,
+            reward=reward,
             terminated=leg.over != FLYING,
-            truncated=np.zeros(len(gain), dtype=np.bool_),
+            truncated=np.zeros(len(reward), dtype=np.bool_),
             info=self._info(leg),
         )
 
-    def _around(self) -> Floats | float:
-        """Distance to the goal past the circle of its radar [km], or 0 if it does not count."""
-        if self.settings.progress == "straight":
-            return 0.0
-        flights, rules = self.flights.flights, self.flights.rules
-        circle = math.sqrt(max(self._side_on**2 - rules.world.aircraft.altitude**2, 0.0))
-        radars = flights["radars"][:, : rules.count]
+    def _around(self) -> Floats:
+        """Distance to the goal past the circle of its radar [km], shape (batch,)."""
+        flights, rules = self.flights.flights, self.flights.records
+        circle = np.sqrt(np.maximum(rules["side_on"] ** 2 - rules["altitude"] ** 2, 0.0))
+        radars = flights["radars"][:, : self.flights.rules.count]
         return distance_around(flights["place"], flights["goal"], radars, circle)
 
     def _info(self, leg: Leg) -> Info:
@@ -352,7 +304,7 @@ class _UavRouteTask(BatchTask):
         flown = simulate_plan(
             [start, one["place"]],
             one["radars"][: self.flights.rules.count],
-            self.flights.rules.world,
+            self.drawn.settings[i].world,
             heading=heading,
             step=TRACED,
         )
@@ -362,7 +314,7 @@ class _UavRouteTask(BatchTask):
         """Draw one flight."""
         from fieldgym.rendering.uav_route import Picture, draw
 
-        flights, rules = self.flights, self.flights.rules
+        flights, rules = self.flights, self.drawn.settings[i].rules
         one = flights.flights[i]
         trail = self._trails[i]
         return draw(
@@ -370,7 +322,7 @@ class _UavRouteTask(BatchTask):
                 layout=flights.layout(i),
                 world=rules.world,
                 capture=rules.capture,
-                horizon=rules.horizon,
+                max_legs=rules.max_legs,
                 place=one["place"].copy(),
                 course=one["course"].copy(),
                 trail=np.concatenate(trail) if trail else np.zeros((0, 3)),
@@ -473,7 +425,7 @@ class UavRouteEnv(TaskEnv):
     ## Episode End
 
     Terminated on arrival (within `capture`, 5 km, of the goal, anywhere along a leg), when a missile hits,
-    or when no leg is left of `horizon`, 60: they are observed and their end is charged. Never truncated.
+    or when no leg is left of `max_legs`, 60: they are observed and their end is charged. Never truncated.
 
     ## Arguments
 
@@ -508,7 +460,7 @@ class UavRouteEnv(TaskEnv):
       flown leg by leg. Legs have any length; its planner has steps of 50 s.
     - **Assumed**, since the source is silent: speed, height, linear interpolation in Table 4.2 (in
       logarithms, which physics prefers, the example's own start would be detected side-on), the lock-loss
-      thresholds (they mirror its four steps), scan interval, capture radius, layouts, horizon, reward.
+      thresholds (they mirror its four steps), scan interval, capture radius, layouts, number of legs, reward.
 
     ## Version History
 

@@ -240,6 +240,45 @@ class Choice(Sampler):
         super().check(place, lower, upper, unit)
 
 
+@dataclass(frozen=True)
+class Each(Sampler):
+    """A tuple of numbers, some of which are drawn: each by its own sampler, in order.
+
+    Attributes:
+        values: Numbers and samplers.
+        bounds: Smallest and largest value of each.
+    """
+
+    kind: ClassVar[str] = "each"
+    values: tuple[Any, ...]
+    bounds: tuple[tuple[float, float], ...]
+
+    def draw(
+        self, rng: np.random.Generator, lower: float = -math.inf, upper: float = math.inf
+    ) -> tuple[float, ...]:
+        """See ``Sampler.draw``; each number has bounds of its own."""
+        del lower, upper
+        pairs = zip(self.values, self.bounds, strict=True)
+        return tuple(float(v.draw(rng, *ends) if isinstance(v, Sampler) else v) for v, ends in pairs)
+
+    def extremes(self, lower: float, upper: float) -> Any:
+        """See ``Sampler.extremes``: two tuples."""
+        del lower, upper
+        pairs = zip(self.values, self.bounds, strict=True)
+        return tuple(
+            zip(*(v.extremes(*e) if isinstance(v, Sampler) else (v, v) for v, e in pairs), strict=True)
+        )
+
+    @property
+    def typical(self) -> tuple[float, ...]:
+        """Each number's typical value."""
+        return tuple(float(v.typical if isinstance(v, Sampler) else v) for v in self.values)
+
+    def as_mapping(self) -> dict[str, list[Any]]:
+        """See ``Sampler.as_mapping``; in YAML the list stands by itself."""
+        return {self.kind: [v.as_mapping() if isinstance(v, Sampler) else v for v in self.values]}
+
+
 def _ordered(kind: str, low: float, high: float) -> None:
     if not (math.isfinite(low) and math.isfinite(high)):
         raise ModelError(f"{kind} needs two finite numbers, not [{low:g}, {high:g}]")

@@ -4,8 +4,9 @@ A class of settings is a frozen dataclass whose fields are annotated::
 
     capture: Annotated[float, Setting("Distance at which the goal counts as reached.", "km", above=0)] = 5.0
 
-From that one line come the checks, the page's table, and the record in which a kernel reads the value:
-``rules[b].capture``.
+From that one line come the checks, the page's table, the list of settings, and the record in which a kernel
+reads the value: ``rules[b].capture``. Where a class of the ground floor declares its numbers so, the settings
+of an environment inherit them from it, and ``part_of`` makes it of the settings: nothing is said again.
 """
 
 from __future__ import annotations
@@ -14,14 +15,16 @@ import math
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import annotated_types
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.model import ModelError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -95,17 +98,51 @@ class Declared:
         default: Its default.
         type: Its type without the annotation.
         setting: What is declared.
+        optional: Whether it may be None.
+        items: What is declared of each number, if it is a tuple of numbers.
     """
 
     name: str
     default: Any
     type: Any
     setting: Setting
+    optional: bool = False
+    items: tuple[Setting, ...] = ()
 
     @property
     def choices(self) -> tuple[Any, ...]:
         """What it may be, if that is a list of names or numbers."""
         return get_args(self.type) if get_origin(self.type) is Literal else ()
+
+    def range(self) -> str:
+        """What it may be, in words: its choices, or its bounds and its unit."""
+        if self.choices:
+            return " or ".join(f"`{choice}`" for choice in self.choices)
+        if self.items:
+            return "; ".join(dict.fromkeys(item.range() for item in self.items))
+        return self.setting.range() if self.type in (int, float) else ""
+
+    def problem(self, value: Any) -> str:
+        """What is wrong with a value, "" if it is allowed."""
+        if value is None and self.optional:
+            return ""
+        unit = self.setting.unit
+        if self.choices:
+            if value not in self.choices:
+                return f"{self.name} must be one of {', '.join(map(repr, self.choices))}, not {value!r}"
+        elif self.items:
+            if not isinstance(value, tuple | list) or len(value) != len(self.items):
+                return f"{self.name} must be {len(self.items)} numbers, not {value!r}"
+            for item, number in zip(self.items, value, strict=True):
+                if not _is_number(number) or not item.allows(number):
+                    return f"each of {self.name} must be {item.range()} {unit}".rstrip() + f", not {value!r}"
+        elif self.type in (int, float) and not (_is_number(value) and self.setting.allows(value)):
+            return f"{self.name} must be {self.setting.range()} {unit}".rstrip() + f", not {value!r}"
+        return ""
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating)
 
 
 def declared(kind: Any) -> Mapping[str, Declared]:
@@ -120,15 +157,33 @@ def _declared(kind: Hashable) -> Mapping[str, Declared]:
     hints = get_type_hints(kind, include_extras=True)
     found = {}
     for field in fields(kind):
-        hint = hints[field.name]
-        if get_origin(hint) in (Union, UnionType):  # Annotated[float, Setting(...)] | None
-            hint = next((part for part in get_args(hint) if get_origin(part) is Annotated), hint)
-        if get_origin(hint) is Annotated:
-            own, *notes = get_args(hint)
-            setting = next((note for note in notes if isinstance(note, Setting)), None)
-            if setting is not None:
-                found[field.name] = Declared(field.name, field.default, own, setting)
+        own, setting = _annotated(hints[field.name])
+        optional = False
+        if get_origin(own) in (Union, UnionType):
+            parts = [part for part in get_args(own) if part is not NoneType]
+            optional = len(parts) < len(get_args(own))
+            if len(parts) == 1:
+                own, inner = _annotated(parts[0])
+                setting = setting or inner
+        if setting is not None:
+            items = tuple(_annotated(item)[1] for item in get_args(own)) if get_origin(own) is tuple else ()
+            found[field.name] = Declared(
+                field.name,
+                field.default,
+                own,
+                setting,
+                optional,
+                tuple(item for item in items if item is not None),
+            )
     return found
+
+
+def _annotated(hint: Any) -> tuple[Any, Setting | None]:
+    """A type without its annotation, and the setting that this declares."""
+    if get_origin(hint) is not Annotated:
+        return hint, None
+    own, *notes = get_args(hint)
+    return own, next((note for note in notes if isinstance(note, Setting)), None)
 
 
 def check_declared(settings: Any) -> None:
@@ -137,48 +192,69 @@ def check_declared(settings: Any) -> None:
     Raises:
         ModelError: With every value that is not allowed.
     """
-    wrong = []
-    for name, one in declared(type(settings)).items():
-        value = getattr(settings, name)
-        if one.choices:
-            if value not in one.choices:
-                wrong.append(f"{name} must be one of {', '.join(map(repr, one.choices))}, not {value!r}")
-        elif one.type in (int, float):
-            number = isinstance(value, int | float | np.integer | np.floating) and value == value
-            if not number or not one.setting.allows(value):
-                wrong.append(
-                    f"{name} must be {one.setting.range()} {one.setting.unit}".rstrip() + f", not {value!r}"
-                )
-    if wrong:
-        raise ModelError("; ".join(wrong))
+    wrong = [one.problem(getattr(settings, name)) for name, one in declared(type(settings)).items()]
+    if any(wrong):
+        raise ModelError("; ".join(problem for problem in wrong if problem))
 
 
-def kernel_rows(settings: Any, batch: int, derived: Mapping[str, Any]) -> NDArray[Any]:
+def part_of(settings: Any, kind: type[T], **others: Any) -> T:
+    """An object of a class of the ground floor, made of the settings that have the names of its fields.
+
+    Args:
+        settings: An object of a class of settings.
+        kind: A dataclass.
+        others: Fields whose values are not the settings' own.
+    """
+    assert is_dataclass(kind)
+    shared = {f.name: getattr(settings, f.name) for f in fields(kind) if f.name in declared(type(settings))}
+    made: T = kind(**shared | others)
+    return made
+
+
+def code(kind: Any, name: str, choice: Any) -> int:
+    """The number by which a kernel knows a choice: its place among the declared ones."""
+    return declared(kind)[name].choices.index(choice)
+
+
+def kernel_rows(settings: Any, batch: int, derived: Mapping[str, Any] | None = None) -> NDArray[Any]:
     """Settings as a kernel reads them: a record for each row, ``rules[b].capture``.
 
-    A choice is its place among the choices. Settings that are neither number, flag nor choice are left out.
+    Settings of objects that are fields of this one are read likewise, without the field's name. A choice is
+    its ``code``. What is neither number, flag, choice nor a tuple of numbers is left out, and so is None.
 
     Args:
         settings: An object of a class of settings.
         batch: Number of rows.
-        derived: What else the kernel needs, computed from the settings: numbers, flags, arrays.
+        derived: What else the kernel needs, computed from the settings: numbers, flags, arrays; or what it
+            shall read in the place of a setting.
 
     Returns:
         Structured array of shape (batch,), all rows equal.
     """
-    values: dict[str, Any] = {}
-    for name, one in declared(type(settings)).items():
-        value = getattr(settings, name)
-        if one.choices:
-            values[name] = one.choices.index(value)
-        elif one.type in (int, float, bool):
-            values[name] = one.type(value)
-    values |= derived
+    values = _kernel_values(settings) | dict(derived or {})
     kind = np.dtype([(name, *_column(value)) for name, value in values.items()])
     row = np.zeros(1, dtype=kind)
     for name, value in values.items():
         row[name] = value
     return np.repeat(row, batch)
+
+
+def _kernel_values(settings: Any) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    own = declared(type(settings))
+    for field in fields(settings):
+        value, one = getattr(settings, field.name), own.get(field.name)
+        if one is None:
+            inner = _kernel_values(value) if is_dataclass(value) else {}
+            assert not values.keys() & inner.keys(), f"{field.name}: a name is declared twice"
+            values |= inner
+        elif one.choices:
+            values[field.name] = one.choices.index(value)
+        elif one.items and value is not None:
+            values[field.name] = np.array(value, dtype=np.float64)
+        elif one.type in (int, float, bool) and value is not None:
+            values[field.name] = one.type(value)
+    return values
 
 
 def _column(value: Any) -> tuple[Any, tuple[int, ...]]:

@@ -85,6 +85,9 @@ def test_list_names_what_there_is():
     found = json.loads(run("list", "--json").stdout)
     (task,) = [task for task in found["tasks"] if task["name"] == "heel_strike"]
     assert {"ranger", "adaptive", "imm"} <= {agent["name"] for agent in task["agents"]}
+    (route,) = [task for task in found["tasks"] if task["name"] == "uav_route"]
+    (capture,) = [setting for setting in route["settings"] if setting["name"] == "capture"]
+    assert (capture["default"], capture["unit"], capture["range"]) == (5.0, "km", "greater than 0")
     effects = {model["name"]: {e["name"] for e in model["effects"]} for model in found["models"]}
     assert {"rig", "pendulum", "heel_strike"} <= set(effects)
     assert "coulomb_friction" in effects["rig"]
@@ -93,6 +96,7 @@ def test_list_names_what_there_is():
     for name in (
         "heel_strike",
         "coulomb_friction",
+        "capture",
         "adaptive",
         "dfki_simple_pendulum/ddp",
         "heel_strike/figure-2.12",

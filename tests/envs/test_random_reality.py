@@ -214,12 +214,12 @@ def test_settings_are_drawn_too():
     assert equal(dict(enumerate(after)), dict(enumerate(fresh.step(actions))))
 
 
-def test_drawn_capture_and_horizon_end_each_flight():
-    settings = {"capture": {"uniform": [5.0, 80.0]}, "horizon": {"uniform": [2, 6]}}
+def test_drawn_capture_and_number_of_legs_end_each_flight():
+    settings = {"capture": {"uniform": [5.0, 80.0]}, "max_legs": {"uniform": [2, 6]}}
     env = gym.make_vec("fieldgym/UavRoute-v0", num_envs=24, settings=settings)
     _, info = env.reset(seed=3)
     told = info["privileged"]["settings"]
-    assert set(told["horizon"]) == {2, 3, 4, 5, 6}
+    assert set(told["max_legs"]) == {2, 3, 4, 5, 6}
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(6)]
     steps = [env.step(action) for action in actions]
@@ -234,7 +234,7 @@ def test_drawn_capture_and_horizon_end_each_flight():
             if one[2]:
                 break
         else:
-            pytest.fail("no horizon is longer than these legs")
+            pytest.fail("no episode is longer than these legs")
 
 
 @pytest.mark.parametrize(

@@ -108,9 +108,9 @@ def test_damage_costs_what_the_settings_say():
 
 
 def test_reward_is_what_the_page_says():
-    """Length, progress, and what detection costs; at the horizon, the cost of being late."""
+    """Length, progress, and what detection costs; without a leg left, the cost of being late."""
     prices = {"length_cost": 0.02, "progress_reward": 0.03, "detection_cost": 0.001, "sighting_cost": 0.25}
-    envs = vector(32, horizon=4, late_cost=0.7, engage=1e9, **prices)
+    envs = vector(32, max_legs=4, late_cost=0.7, engage=1e9, **prices)
     _, before = envs.reset(seed=2)
     envs.action_space.seed(0)
     for leg in range(4):
@@ -242,7 +242,7 @@ def test_drawn_looks_of_a_vector_env_are_those_of_the_scalar_one():
 
 def test_observations_are_named_and_bounded():
     for radars in (1, 4):
-        envs = vector(4, radars=radars, longest_leg=5000.0, engage=1e9, horizon=10_000)
+        envs = vector(4, radars=radars, longest_leg=5000.0, engage=1e9, max_legs=10_000)
         observation, _ = envs.reset(seed=0)
         assert observation.shape == (4, len(observed_names(radars)))
         for _ in range(30):  # far away
@@ -256,7 +256,7 @@ def test_settings_make_the_world():
     world = UavRouteSettings(reading="printed", engaged="unbroken", threshold=0.7).world
     assert world.reading.draw == "above"
     assert world.reading.heading == "own_leg"
-    assert world.reading.engaged == "unbroken"
+    assert world.lock_loss.engaged == "unbroken"
     assert world.detection.threshold == 0.7
     assert UavRouteSettings(layout="example").rules.layout == EXAMPLE
 
@@ -320,7 +320,7 @@ def test_pictures_of_all_endings_can_be_drawn():
     frames = []
     for settings, goal in (
         ({"lock_loss": False}, EXAMPLE.goal),
-        ({"horizon": 1}, (400.0, 125.0)),
+        ({"max_legs": 1}, (400.0, 125.0)),
         ({"engage": 1e9}, EXAMPLE.goal),
     ):
         env = gym.make(ENV, render_mode="rgb_array", settings={"layout": "example", **settings}).unwrapped

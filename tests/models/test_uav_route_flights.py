@@ -185,9 +185,9 @@ def test_flights_agree_with_the_plan_simulated(radars):
             assert verification.survived
 
 
-@pytest.mark.parametrize("stochastic", [False, True])
-def test_a_batch_equals_flights_one_by_one_to_the_bit(stochastic):
-    rules = Rules(World(detection=Detection(stochastic=stochastic)), radars=2)
+@pytest.mark.parametrize("detection", ["deterministic", "stochastic"])
+def test_a_batch_equals_flights_one_by_one_to_the_bit(detection):
+    rules = Rules(World(detection=Detection(detection=detection)), radars=2)
     together = make(5, rules)
     alone = [Flights(1, rules) for _ in range(5)]
     for i, one in enumerate(alone):
@@ -206,7 +206,10 @@ def test_a_batch_equals_flights_one_by_one_to_the_bit(stochastic):
 
 
 def test_state_returns_exactly():
-    flights, rng = make(4, Rules(World(detection=Detection(stochastic=True)))), np.random.default_rng(2)
+    flights, rng = (
+        make(4, Rules(World(detection=Detection(detection="stochastic")))),
+        np.random.default_rng(2),
+    )
     for _ in range(3):
         flights.advance(random_actions(rng, 4), restarting=True)
     state, actions = flights.state(), random_actions(rng, 4)
@@ -245,7 +248,7 @@ def test_safe_route_arrives_and_scores():
 
 
 def test_a_flight_that_is_over_stays_until_it_restarts():
-    flights = make(1, Rules(layout=EXAMPLE, horizon=2))
+    flights = make(1, Rules(layout=EXAMPLE, max_legs=2))
     for _ in range(2):
         leg = flights.advance([[math.pi / 2, 5.0]])
     assert leg.over[0] == 3
@@ -271,7 +274,9 @@ def test_drawn_scans_detect_as_often_as_they_should():
     """A lone scan of 4000 flights: the share of detections within 5 standard errors, in both readings."""
     layout = replace(EXAMPLE, start=(355.0, 0.0), goal=(355.0, 300.0))
     for draw in ("below", "above"):
-        world = World(detection=Detection(stochastic=True, scan_interval=1e4), reading=Reading(draw=draw))
+        world = World(
+            detection=Detection(detection="stochastic", scan_interval=1e4), reading=Reading(draw=draw)
+        )
         flights = make(4000, Rules(world, layout=layout))
         flights.fly_to(np.broadcast_to([355.0, 20.0], (4000, 2)))
         chance = flights.flights["probability"][0, 0]
@@ -283,7 +288,7 @@ def test_drawn_scans_detect_as_often_as_they_should():
 
 def test_luck_does_not_depend_on_how_the_way_is_cut_into_legs():
     """Numbers are drawn by time: one line, flown in two legs or in five, meets the same detections."""
-    world = World(detection=Detection(stochastic=True), lock_loss=LockLoss(1e9, 1e9, 1e9))
+    world = World(detection=Detection(detection="stochastic"), lock_loss=LockLoss(1e9, 1e9, 1e9))
     layout = replace(EXAMPLE, start=(350.0, 0.0), goal=(350.0, 300.0))
     seen = []
     for stops in ((10.0, 50.0), (7.0, 13.0, 22.5, 41.0, 50.0)):
@@ -384,7 +389,7 @@ def test_a_wider_nose_cone_hides_what_would_be_seen_beside_it():
 
 
 def test_a_longer_scan_interval_makes_fewer_scans():
-    rules = Rules(World(detection=Detection(stochastic=True)), layout=EXAMPLE, longest_leg=50.0)
+    rules = Rules(World(detection=Detection(detection="stochastic")), layout=EXAMPLE, longest_leg=50.0)
     plant = UavRoute().plant(UavRoute().vector(effects={"scan_interval": {"factor": 2.0}}))
     flights = [make(1, rules), make(1, rules, plant)]
     for one in flights:
@@ -406,7 +411,7 @@ def test_a_longer_scan_interval_makes_fewer_scans():
         (lambda: make(1).advance([[math.nan, 1.0]]), "finite"),
         (lambda: Rules(radars=5), "radars must be at least 1, at most 4"),
         (lambda: Rules(least_leg=600.0), "legs"),
-        (lambda: Rules(horizon=0), "horizon"),
+        (lambda: Rules(max_legs=0), "max_legs"),
         (lambda: Rules(layout=replace(EXAMPLE, goal=EXAMPLE.start)), "capture radius"),
         (lambda: Rules(World(reading=PRINTED)), "next leg"),
         (lambda: random_layout(np.random.default_rng(0), 0), "1 to 4"),

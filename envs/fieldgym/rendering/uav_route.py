@@ -54,7 +54,7 @@ class Picture:
         layout: Start, goal and radars.
         world: Detection and lock loss.
         capture: Distance from the goal at which a flight has arrived [km].
-        horizon: Legs of the episode.
+        max_legs: Legs of the episode.
         place: North and east of the aircraft [km].
         course: Cosine and sine of its course.
         trail: North, east [km] and largest probability of detection along the path, shape (n, 3), as in
@@ -70,7 +70,7 @@ class Picture:
     layout: Layout
     world: World
     capture: float
-    horizon: int
+    max_legs: int
     place: NDArray[np.float64]
     course: NDArray[np.float64]
     trail: NDArray[np.float64]
@@ -115,7 +115,7 @@ def draw(picture: Picture) -> Frame:
     canvas.rectangle(0, TOP, LEFT, SIZE, BACKGROUND)
     canvas.rectangle(LEFT + SIZE, TOP, 960 - LEFT - SIZE, SIZE, BACKGROUND)
     canvas.text("UAV route", (LEFT, 26), INK, 18, bold=True)
-    legs = f"leg {picture.numbers['legs']:.0f} of {picture.horizon}"
+    legs = f"leg {picture.numbers['legs']:.0f} of {picture.max_legs}"
     canvas.text(legs, (LEFT + SIZE, 27), MUTED, 12, align="right")
     _legend(canvas, picture)
     _numbers(canvas, picture)

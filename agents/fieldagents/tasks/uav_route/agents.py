@@ -87,7 +87,9 @@ class Planner(Agent):
         self._settings, self._plan, self._direct = settings, plan, direct
         self._sight, self._advance = sight, advance
         detection = settings.world.detection
-        careful = replace(detection, threshold=max(detection.threshold - MARGIN, 0.01), stochastic=False)
+        careful = replace(
+            detection, threshold=max(detection.threshold - MARGIN, 0.01), detection="deterministic"
+        )
         self.world = replace(settings.world, detection=careful)
         self._plans: dict[tuple[Layout, float | None], Plan] = {}
         self._routes: list[FloatArray] = []

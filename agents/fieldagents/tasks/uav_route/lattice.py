@@ -13,6 +13,7 @@ import heapq
 import math
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from fieldmodels.compiled import compiled
 from fieldmodels.machines.uav_route.aircraft import banked_time, turn_into
 from fieldmodels.machines.uav_route.detection import probability
 from fieldmodels.machines.uav_route.lock_loss import launched, timers_after
-from fieldmodels.machines.uav_route.parameters import INSTANT_KILL, Constants, Layout, World, make_constants
+from fieldmodels.machines.uav_route.parameters import INSTANT_KILL, LOG, Layout, World, kernel_world
 from fieldmodels.machines.uav_route.signature import aspect, signature
 from fieldmodels.model import ModelError
 
@@ -66,7 +67,7 @@ def lattice_plan(
     begun = time.perf_counter()
     start, goal = np.array(layout.start), np.array(layout.goal)
     sites = np.array(layout.radars, dtype=np.float64).reshape(-1, 2)
-    c = make_constants(world if lock_loss else replace(world, lock_loss=INSTANT_KILL))
+    c = kernel_world(world if lock_loss else replace(world, lock_loss=INSTANT_KILL))
     name = "lattice-lock-loss" if lock_loss else "lattice"
     before = math.nan if heading is None else heading
     nodes = _ellipse(start, goal, spacing, detour)
@@ -113,7 +114,7 @@ def _about(path: FloatArray, spacing: float) -> FloatArray:
 
 
 def _shortest(
-    nodes: FloatArray, sites: FloatArray, c: Constants, before: float, least_leg: float
+    nodes: FloatArray, sites: FloatArray, c: Any, before: float, least_leg: float
 ) -> tuple[FloatArray, int]:
     """The path found from the first node to the second, shape (n, 2), and the number of labels."""
     chain, count = _search(nodes, sites, c, before, least_leg)
@@ -122,12 +123,13 @@ def _shortest(
 
 @compiled
 def _detected(
-    north: float, east: float, cosine: float, sine: float, bank: float, site: FloatArray, c: Constants
+    north: float, east: float, cosine: float, sine: float, bank: float, site: FloatArray, c: Any
 ) -> bool:
     slant, azimuth, elevation = aspect(
         site[0] - north, site[1] - east, c.altitude, cosine, sine, math.cos(bank), math.sin(bank)
     )
-    return slant <= c.reach and probability(signature(azimuth, elevation), slant, c.log) > c.threshold
+    likely = probability(signature(azimuth, elevation), slant, c.interpolation == LOG)
+    return bool(slant <= c.reach and likely > c.threshold)
 
 
 @compiled
@@ -137,7 +139,7 @@ def _survives(
     old_cosine: float,
     old_sine: float,
     sites: FloatArray,
-    c: Constants,
+    c: Any,
     timers: FloatArray,
 ) -> bool:
     """Fly a leg, let the timers run, and say whether no radar launches."""
@@ -179,7 +181,7 @@ def _no_worse(a: FloatArray, b: FloatArray) -> bool:
 
 @compiled
 def _search(
-    nodes: FloatArray, sites: FloatArray, c: Constants, before: float, least_leg: float
+    nodes: FloatArray, sites: FloatArray, c: Any, before: float, least_leg: float
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], int]:
     """A* from node 0 to node 1: the path's nodes, from the goal back (none without one), and labels made."""
     n, m = len(nodes), len(sites)

@@ -45,7 +45,7 @@ def bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[floa
     Returns:
         The length [km], at least 1e-3, and the bearing of the place from the goal [rad].
     """
-    certain = replace(world.detection, stochastic=False)
+    certain = replace(world.detection, detection="deterministic")
     return _bound_to_capture(layout, World(world.aircraft, certain), capture)
 
 

@@ -11,7 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 from fieldmodels.compiled import inlined
-from fieldmodels.machines.uav_route.parameters import GRAVITY, Constants
+from fieldmodels.machines.uav_route.parameters import ABSOLUTE, GRAVITY, LEFT_HANDED, UPPER
 
 
 @inlined
@@ -30,7 +30,7 @@ def turn_into(
     east: float,
     to_north: float,
     to_east: float,
-    c: Constants,
+    c: Any,
 ) -> float:
     """Turn from one direction of flight into another [rad], positive to the right, (4.2).
 
@@ -45,14 +45,14 @@ def turn_into(
     """
     cross = old_north * east - old_east * north
     dot = old_north * north + old_east * east
-    if c.upper_clamp:
+    if c.clamp == UPPER:
         lengths = math.sqrt(old_north * old_north + old_east * old_east) * math.sqrt(
             north * north + east * east
         )
         angle = math.acos(min(1.0, dot / lengths))
     else:
         angle = math.atan2(abs(cross), dot)
-    if c.absolute_side:
+    if c.side == ABSOLUTE:
         return -angle if to_east * old_north - to_north * old_east > 0.0 else angle
     return angle if cross >= 0.0 else -angle
 
@@ -64,7 +64,7 @@ def turn_time(turn: float, speed: float, bank: float) -> float:
 
 
 @inlined
-def banked_time(turn: float, speed: float, bank: float, duration: float, c: Constants) -> float:
+def banked_time(turn: float, speed: float, bank: float, duration: float, c: Any) -> float:
     """Time of a leg [s], from its start, in which the aircraft is banked."""
     if not abs(turn) >= c.least_turn:  # a turn that is not a number (the printed clamp) is none
         return 0.0
@@ -128,16 +128,16 @@ class Leg(NamedTuple):
 
 
 @inlined
-def phase_of(cosine: float, sine: float, airspeed: float, bank: float, plant: Any, c: Constants) -> Phase:
+def phase_of(cosine: float, sine: float, airspeed: float, bank: float, plant: Any, c: Any) -> Phase:
     """Velocity and attitude on a course, at an airspeed [km/s] and a signed bank [rad]; see ``leg_of``."""
     speed, ahead, aside = ground_speed(cosine, sine, airspeed, plant.wind.north, plant.wind.east)
-    tilt = -bank if c.left_handed else bank
+    tilt = -bank if c.axes == LEFT_HANDED else bank
     attitude = Attitude(ahead, aside, math.cos(tilt), math.sin(tilt))
     return Phase(speed, speed * cosine, speed * sine, attitude)
 
 
 @inlined
-def leg_of(cosine: float, sine: float, turn: float, plant: Any, c: Constants) -> Leg:
+def leg_of(cosine: float, sine: float, turn: float, plant: Any, c: Any) -> Leg:
     """How an aircraft flies a leg, with all that may differ from the nominal one.
 
     Args:

@@ -18,59 +18,10 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.declaration import PLANT, nominal_plant
 from fieldmodels.machines.uav_route.kernel import advance_all, start_all
 from fieldmodels.machines.uav_route.layouts import banked_range, side_on_range
-from fieldmodels.machines.uav_route.parameters import RADARS, Layout, World, make_constants
+from fieldmodels.machines.uav_route.parameters import RADARS, Layout, LegRules, World
 from fieldmodels.machines.uav_route.state import EACH, FLIGHT, NUMBERS, OWN
 from fieldmodels.model import ModelError
-from fieldmodels.settings import Setting, check_declared, kernel_rows
-
-
-@dataclass(frozen=True)
-class Score:
-    """What a leg is worth.
-
-    Attributes:
-        length: Cost of a kilometre flown.
-        progress: Reward of a kilometre by which the goal has come nearer.
-        arrival: Reward of arriving.
-        damage: Cost of being hit.
-        late: Cost of running out of legs.
-    """
-
-    length: float = 0.01
-    progress: float = 0.01
-    arrival: float = 1.0
-    damage: float = 1.5
-    late: float = 1.0
-
-
-SHAPE, SCALE = "it shapes the observation", "it scales the actions"
-"""Why a setting is one for all flights."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LegRules:
-    """What the rules of flights and the environment's settings have in common."""
-
-    radars: Annotated[
-        int, Setting("Number of radars of random layouts.", least=1, most=RADARS, fixed=SHAPE)
-    ] = 1
-    capture: Annotated[float, Setting("Distance from the goal at which it is reached.", "km", above=0)] = 5.0
-    horizon: Annotated[int, Setting("Legs in an episode.", least=1, most=10_000)] = 60
-    least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
-    longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, fixed=SCALE)] = 500.0
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            ModelError: If one is not possible.
-        """
-        check_declared(self)
-        if self.least_leg > self.longest_leg:
-            raise ModelError(
-                f"the shortest of the legs, {self.least_leg} km, is longer than the longest, "
-                f"{self.longest_leg} km"
-            )
+from fieldmodels.settings import Setting, kernel_rows
 
 
 @dataclass(frozen=True)
@@ -80,14 +31,11 @@ class Rules(LegRules):
     Attributes:
         world: Aircraft, detection, lock loss, and how the source's equations are read.
         layout: Start, goal and radars of every episode; None draws them anew for each.
-        step: Longest time between tests if detection is certain above the threshold [s].
-        score: What a leg is worth.
     """
 
     world: World = field(default_factory=World)
     layout: Layout | None = None
-    step: float = 5.0
-    score: Score = field(default_factory=Score)
+    step: Annotated[float, Setting("Longest time between tests if detection is certain.", "s", above=0)] = 5.0
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -98,8 +46,6 @@ class Rules(LegRules):
         super().__post_init__()
         if self.count not in range(1, RADARS + 1):
             raise ModelError(f"flights have 1 to {RADARS} radars, not {self.count}")
-        if not self.step > 0:
-            raise ModelError(f"the step must be positive [s], not {self.step}")
         if self.layout is not None and math.dist(self.layout.start, self.layout.goal) <= self.capture:
             raise ModelError("the layout's start lies within the capture radius of its goal")
         if self.world.reading.heading == "next_leg":
@@ -128,14 +74,8 @@ def kernel_rules(rules: Rules, batch: int) -> NDArray[Any]:
         "goal_north": float(layout.goal[0]),
         "goal_east": float(layout.goal[1]),
         "sites": sites,
-        "side_on": float(side_on_range(rules.world.detection)),
-        "banked": float(banked_range(rules.world.detection)),
-        "step": float(rules.step),
-        "cost": float(rules.score.length),
-        "progress": float(rules.score.progress),
-        "arrival": float(rules.score.arrival),
-        "damage": float(rules.score.damage),
-        "late": float(rules.score.late),
+        "side_on": side_on_range(rules.world.detection),
+        "banked": banked_range(rules.world.detection),
     }
     return kernel_rows(rules, batch, derived)
 
@@ -187,6 +127,7 @@ class Flights:
 
     Attributes:
         rules: What is flown.
+        records: The rules of each flight as the kernels read them, shape (batch,), see ``kernel_rules``.
         flights: All state, shape (batch,), dtype ``FLIGHT``.
         plants: What each aircraft truly is, shape (batch,), as ``UavRoute.plant`` gives it.
     """
@@ -215,8 +156,7 @@ class Flights:
         check_plants(own)
         self.flights: NDArray[Any] = np.zeros(batch, dtype=FLIGHT)
         self.plants = np.array(np.broadcast_to(own, (batch,)))
-        self._constants = make_constants(self.rules.world)
-        self._rules = kernel_rules(self.rules, batch)
+        self.records = kernel_rules(self.rules, batch)
         self._columns = len(OWN) + self.rules.count * len(EACH)
         self._still = np.zeros((batch, 2))
         self._seeded = np.zeros(batch, dtype=np.bool_)
@@ -229,7 +169,7 @@ class Flights:
 
     def set_rules(self, row: int, rules: Rules) -> None:
         """Give one flight, before its next episode, other rules with as many radars."""
-        self._rules[row] = kernel_rules(rules, 1)[0]
+        self.records[row] = kernel_rules(rules, 1)[0]
 
     def set_plants(self, rows: list[int], plants: NDArray[Any]) -> None:
         """Say what some aircraft truly are from their next episode on; shape (len(rows),).
@@ -257,7 +197,7 @@ class Flights:
         rows = np.fromiter(which, dtype=np.int64)
         if not self._seeded[rows].all():
             raise ModelError("seed every flight before its first episode")
-        start_all(self.flights, rows, self._rules)
+        start_all(self.flights, rows, self.records)
         self._begun[rows] = True
         self._ready = bool(self._begun.all())
 
@@ -338,7 +278,7 @@ class Flights:
             np.empty(batch, dtype=np.int64),
         )
         finite = advance_all(
-            self.flights, actions, flying, relative, restarting, self.plants, self._constants, self._rules,
+            self.flights, actions, flying, relative, restarting, self.plants, self.records,
             leg.observed, leg.numbers, leg.places, leg.reward, leg.over,
         )  # fmt: skip
         if not finite:

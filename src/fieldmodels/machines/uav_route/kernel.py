@@ -14,7 +14,7 @@ from fieldmodels.machines.uav_route.aircraft import Attitude, Phase, heading_of,
 from fieldmodels.machines.uav_route.layouts import draw_layout
 from fieldmodels.machines.uav_route.lock_loss import timers_after
 from fieldmodels.machines.uav_route.observation import distance_to_goal, radial, write
-from fieldmodels.machines.uav_route.parameters import RADARS, Constants
+from fieldmodels.machines.uav_route.parameters import ABOVE, AROUND, RADARS, STOCHASTIC, TWO_QUADRANT
 from fieldmodels.machines.uav_route.radar import certain, chance
 from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, ENGAGE, FLYING, LATE, LAUNCH, LOSE
 from fieldmodels.streams import GAMMA, mixed, uniform
@@ -45,38 +45,36 @@ def begin(flight: Any, p: Any) -> None:
 
 
 @inlined
-def scan(
-    flight: Any, north: float, east: float, attitude: Attitude, plant: Any, c: Constants, p: Any
-) -> None:
+def scan(flight: Any, north: float, east: float, attitude: Attitude, plant: Any, p: Any) -> None:
     """Let every radar compute its probability of detection, and detect above the threshold."""
     for r in range(p.radars):
         to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
-        likely = chance(to_north, to_east, attitude, plant, c)
+        likely = chance(to_north, to_east, attitude, plant, p)
         flight.probability[r] = likely
         flight.largest = max(flight.largest, likely)
-        flight.detected[r] = 1 if certain(likely, c) else 0
+        flight.detected[r] = 1 if certain(likely, p) else 0
 
 
 @inlined
-def draw_scans(flight: Any, c: Constants, p: Any) -> None:
+def draw_scans(flight: Any, p: Any) -> None:
     """Draw the result of each radar's scan; the numbers depend on the scan's time alone."""
     key = mixed(mixed(flight.key + np.uint64(flight.episode) * GAMMA) + GAMMA)
     for r in range(p.radars):
         number = uniform(key, RADARS * flight.scans + r)
         likely = flight.probability[r]
-        seen = number >= likely if c.draw_above else number < likely
+        seen = number >= likely if p.draw == ABOVE else number < likely
         flight.detected[r] = 1 if seen and likely > 0.0 else 0
     flight.scans += 1
 
 
 @inlined
-def run_timers(flight: Any, time: float, c: Constants, p: Any) -> bool:
+def run_timers(flight: Any, time: float, p: Any) -> bool:
     """Let all timers run for a time [s] in which nothing changes; returns whether a missile hits."""
     hit, over = False, False
     for r in range(p.radars):
         detected = flight.detected[r] == 1
         lose, engage, launch, lost, damaged = timers_after(
-            flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH], detected, time, c
+            flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH], detected, time, p
         )
         flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH] = lose, engage, launch
         flight.losses += 1 if lost else 0
@@ -90,7 +88,7 @@ def run_timers(flight: Any, time: float, c: Constants, p: Any) -> bool:
 
 
 @inlined
-def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, c: Constants, p: Any) -> bool:
+def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, p: Any) -> bool:
     """Fly with one velocity and attitude for a time [s]; returns whether it ends in a hit.
 
     Detection above the threshold is tested in the middle of steps; drawn scans come at their own times, and
@@ -100,20 +98,20 @@ def fly_phase(flight: Any, duration: float, phase: Phase, plant: Any, c: Constan
     north, east = phase.north, phase.east
     flown, hit = 0.0, False
     pieces = max(1, math.ceil(duration / p.step - 1e-9))
-    interval = c.scan_interval * plant.scan_interval.factor
+    interval = p.scan_interval * plant.scan_interval.factor
     while flown < duration and not hit:
         time = duration / pieces
-        if c.stochastic:
+        if p.detection == STOCHASTIC:
             due = flight.scans * interval - flight.time
             if due <= 1e-9:
-                scan(flight, x + flown * north, y + flown * east, phase.attitude, plant, c, p)
-                draw_scans(flight, c, p)
+                scan(flight, x + flown * north, y + flown * east, phase.attitude, plant, p)
+                draw_scans(flight, p)
                 due = flight.scans * interval - flight.time
             time = min(max(due, 1e-9), duration - flown)
         else:
             middle = flown + 0.5 * time
-            scan(flight, x + middle * north, y + middle * east, phase.attitude, plant, c, p)
-        hit = run_timers(flight, time, c, p)
+            scan(flight, x + middle * north, y + middle * east, phase.attitude, plant, p)
+        hit = run_timers(flight, time, p)
         flown = flown + time if flown + time < duration - 1e-9 else duration
     flight.place[0], flight.place[1] = x + flown * north, y + flown * east
     flight.path += flown * math.sqrt(north * north + east * east)
@@ -136,46 +134,50 @@ def length_to_capture(flight: Any, north: float, east: float, length: float, cap
 
 
 @inlined
-def fly(flight: Any, course: float, length: float, plant: Any, c: Constants, p: Any) -> None:
+def fly(flight: Any, course: float, length: float, plant: Any, p: Any) -> None:
     """Fly one leg of a course [rad] and a length [km]; the first one begins without a turn."""
     north, east = math.cos(course), math.sin(course)
     to_north, to_east = flight.place[0] + length * north, flight.place[1] + length * east
     turn = 0.0
     if flight.legs > 0:
-        turn = turn_into(flight.course[0], flight.course[1], north, east, to_north, to_east, c)
+        turn = turn_into(flight.course[0], flight.course[1], north, east, to_north, to_east, p)
     flight.course[0], flight.course[1] = north, east
-    if c.two_quadrant:
+    if p.arctangent == TWO_QUADRANT:
         course = heading_of(north, east, True)
         north, east = math.cos(course), math.sin(course)
-    leg = leg_of(north, east, turn, plant, c)
+    leg = leg_of(north, east, turn, plant, p)
     entered = length_to_capture(flight, north, east, length, p.capture)
     way = min(length, entered)
     hit = False
     banked = min(leg.banked, way / leg.turning.speed)
     if banked > 0.0:
-        hit = fly_phase(flight, banked, leg.turning, plant, c, p)
+        hit = fly_phase(flight, banked, leg.turning, plant, p)
         way = max(way - leg.turning.speed * banked, 0.0)
     if not hit and way > 1e-9:
-        hit = fly_phase(flight, way / leg.level.speed, leg.level, plant, c, p)
+        hit = fly_phase(flight, way / leg.level.speed, leg.level, plant, p)
     flight.legs += 1
     if hit:
         flight.over = DAMAGED
     elif entered <= length:
         flight.over = ARRIVED
-    elif flight.legs >= p.horizon:
+    elif flight.legs >= p.max_legs:
         flight.over = LATE
 
 
 @inlined
-def score(flight: Any, distance: float, path: float, p: Any) -> float:
+def score(flight: Any, distance: float, path: float, detected: float, p: Any) -> float:
     """What a leg was worth that began at a distance from the goal [km] with a path behind it [km]."""
-    value: float = p.progress * (distance - distance_to_goal(flight)) - p.cost * (flight.path - path)
+    value: float = -p.length_cost * (flight.path - path)
+    if p.progress != AROUND:
+        value += p.progress_reward * (distance - distance_to_goal(flight))
     if flight.over == ARRIVED:
-        value += p.arrival
+        value += p.arrival_reward
     elif flight.over == DAMAGED:
-        value -= p.damage
+        value -= p.damage_cost
     elif flight.over == LATE:
-        value -= p.late
+        value -= p.late_cost
+    if detected > 0.0:
+        value -= p.detection_cost * detected + p.sighting_cost
     return value
 
 
@@ -194,7 +196,6 @@ def advance_all(
     relative: bool,
     restarting: bool,
     plants: NDArray[Any],
-    c: Constants,
     rules: NDArray[Any],
     observed: NDArray[np.float32],
     numbers: FloatArray,
@@ -222,10 +223,10 @@ def advance_all(
             if relative:
                 cosine, sine = radial(flight, plant, p.radars)
                 course += math.atan2(sine, cosine)
-            distance, path = distance_to_goal(flight), flight.path
-            fly(flight, course, min(max(actions[b, 1], p.least_leg), p.longest_leg), plant, c, p)
-            gain = score(flight, distance, path, p)
+            distance, path, seen = distance_to_goal(flight), flight.path, flight.time_over
+            fly(flight, course, min(max(actions[b, 1], p.least_leg), p.longest_leg), plant, p)
+            gain = score(flight, distance, path, flight.time_over - seen, p)
         reward[b] = gain
         over[b] = flight.over
-        write(flight, plant, b, c, p, order, observed, numbers, places)
+        write(flight, plant, b, p, order, observed, numbers, places)
     return True

@@ -149,7 +149,9 @@ def safe_route(layout: Layout, detection: Detection | None = None) -> FloatArray
     return route
 
 
-def distance_around(places: FloatArray, goals: FloatArray, radars: FloatArray, side_on: float) -> FloatArray:
+def distance_around(
+    places: FloatArray, goals: FloatArray, radars: FloatArray, side_on: FloatArray | float
+) -> FloatArray:
     """How far it is to the goal past the circle of the radar next to it, about as an unseen flight goes.
 
     Straight from where the nose points at the radar all the way, a wedge that opens outwards at the goal;
@@ -160,7 +162,7 @@ def distance_around(places: FloatArray, goals: FloatArray, radars: FloatArray, s
         places: North and east [km], shape (batch, 2).
         goals: The same of the goals.
         radars: The same of the radars, shape (batch, radars, 2).
-        side_on: Radius of the circles on the ground [km].
+        side_on: Radius of each flight's circles on the ground [km], shape (batch,) or ().
 
     Returns:
         Distances [km], shape (batch,).

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from fieldmodels.compiled import inlined
-from fieldmodels.machines.uav_route.parameters import Constants
+from typing import Any
 
-ACCUMULATED, UNBROKEN, ELAPSED = 0, 1, 2
-"""Meanings of the engage timer, in the order of ``Engaged``."""
+from fieldmodels.compiled import inlined
+from fieldmodels.machines.uav_route.parameters import ELAPSED, IN_SAMPLES, UNBROKEN
 
 
 @inlined
-def launched(engage: float, c: Constants) -> bool:
+def launched(engage: float, c: Any) -> bool:
     """Whether a radar whose engage timer stands at ``engage`` has launched its missile."""
     return engage > 0.0 and engage >= c.engage
 
 
 @inlined
 def timers_after(
-    lose: float, engage: float, launch: float, detected: bool, time: float, c: Constants
+    lose: float, engage: float, launch: float, detected: bool, time: float, c: Any
 ) -> tuple[float, float, float, bool, bool]:
     """Let a radar's timers run.
 
@@ -32,7 +31,7 @@ def timers_after(
     Returns:
         The three timers; whether an engaged radar has lost its lock; whether the missile has hit.
     """
-    if c.samples:
+    if c.timers == IN_SAMPLES:
         return samples_after(lose, engage, launch, detected, c)
     before = engage
     if detected:
@@ -55,7 +54,7 @@ def timers_after(
 
 @inlined
 def samples_after(
-    lose: float, engage: float, launch: float, detected: bool, c: Constants
+    lose: float, engage: float, launch: float, detected: bool, c: Any
 ) -> tuple[float, float, float, bool, bool]:
     """One sample of (4.3) and (4.5)-(4.7) as printed: counts against times, events of the sample before."""
     lost, fired = lose >= c.lose, engage >= c.engage

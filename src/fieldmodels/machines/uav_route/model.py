@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.declaration import EFFECTS, as_plants, base_parameters
-from fieldmodels.machines.uav_route.parameters import World, make_constants
+from fieldmodels.machines.uav_route.parameters import World, kernel_world
 from fieldmodels.machines.uav_route.simulation import Commands, simulate
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, Windows, uniform_windows
@@ -53,7 +53,7 @@ class UavRoute(Model):
         """Declare the parameters for a world's aircraft."""
         self.world = world or World()
         self.parameters = base_parameters(self.world.aircraft)
-        self._constants = make_constants(self.world)
+        self._constants = kernel_world(self.world)
 
     def plant(self, vector: FloatArray) -> NDArray[Any]:
         """Parameter vectors as ``Flights`` take them: records of dtype ``PLANT`` in [km] and [km/s]."""

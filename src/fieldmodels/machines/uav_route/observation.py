@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
-from fieldmodels.machines.uav_route.parameters import Constants
 from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN
 
 
@@ -57,7 +56,7 @@ def radial(flight: Any, plant: Any, count: int) -> tuple[float, float]:
 
 
 @inlined
-def observe(flight: Any, plant: Any, c: Constants, p: Any, observed: NDArray[np.float32], order: Any) -> None:
+def observe(flight: Any, plant: Any, p: Any, observed: NDArray[np.float32], order: Any) -> None:
     """Write down what is observed of a flight, in the frame of the nearest radar's bearing; see ``EACH``."""
     north, east = measured_place(flight, plant)
     for r in range(p.radars):
@@ -79,7 +78,7 @@ def observe(flight: Any, plant: Any, c: Constants, p: Any, observed: NDArray[np.
         right / distance,
         flight.course[0] * cosine + flight.course[1] * sine,
         flight.course[1] * cosine - flight.course[0] * sine,
-        1.0 - flight.legs / p.horizon,
+        1.0 - flight.legs / p.max_legs,
     )
     for i in range(len(own)):
         observed[i] = own[i]
@@ -87,7 +86,7 @@ def observe(flight: Any, plant: Any, c: Constants, p: Any, observed: NDArray[np.
         r = int(order[0, k])
         row = observed[len(OWN) + k * len(EACH) :]
         to_north, to_east = flight.radars[r, 0] - north, flight.radars[r, 1] - east
-        slant = math.sqrt(order[1, k] + c.altitude * c.altitude)
+        slant = math.sqrt(order[1, k] + p.altitude * p.altitude)
         reach = max(math.sqrt(order[1, k]), 1e-9)
         each = (  # in the order of EACH
             math.tanh((slant - p.side_on) / 5.0),
@@ -95,9 +94,9 @@ def observe(flight: Any, plant: Any, c: Constants, p: Any, observed: NDArray[np.
             (slant - p.side_on) / 500.0,
             (to_north * cosine + to_east * sine) / reach,
             (to_east * cosine - to_north * sine) / reach,
-            ratio(flight.timers[r, LOSE], c.lose),
-            ratio(flight.timers[r, ENGAGE], c.engage),
-            ratio(flight.timers[r, LAUNCH], c.target),
+            ratio(flight.timers[r, LOSE], p.lose),
+            ratio(flight.timers[r, ENGAGE], p.engage),
+            ratio(flight.timers[r, LAUNCH], p.target),
             float(flight.detected[r]),
         )
         for i in range(len(each)):
@@ -106,11 +105,11 @@ def observe(flight: Any, plant: Any, c: Constants, p: Any, observed: NDArray[np.
 
 @inlined
 def write(
-    flight: Any, plant: Any, b: int, c: Constants, p: Any, order: Any, observed: NDArray[np.float32],
+    flight: Any, plant: Any, b: int, p: Any, order: Any, observed: NDArray[np.float32],
     numbers: FloatArray, places: FloatArray,
 ) -> None:  # fmt: skip
     """Write down what is observed of flight ``b``, and its ``NUMBERS``."""
-    observe(flight, plant, c, p, observed[b], order)
+    observe(flight, plant, p, observed[b], order)
     values = (  # in the order of NUMBERS
         1.0 if flight.over == ARRIVED else 0.0,
         1.0 if flight.over == DAMAGED else 0.0,

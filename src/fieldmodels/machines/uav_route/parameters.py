@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, get_args
+from functools import lru_cache
+from typing import Annotated, Any, Literal
 
 from fieldmodels.model import ModelError
 from fieldmodels.recording.units import STANDARD_GRAVITY
+from fieldmodels.settings import Setting, check_declared, code, kernel_rows
 
 GRAVITY = STANDARD_GRAVITY / 1000.0
 """Acceleration of gravity [km/s^2]."""
@@ -21,77 +23,73 @@ RADARS = 4
 """Largest number of radars that a batch of flights has room for."""
 
 Interpolation = Literal["linear", "log"]
-Engaged = Literal["accumulated", "unbroken", "elapsed"]
 
 
 @dataclass(frozen=True)
 class Aircraft:
-    """The aircraft of section 4.2.1.
+    """The aircraft of section 4.2.1."""
 
-    Attributes:
-        speed: Speed [km/s] (assumed; 12.5 km in a step of 50 s).
-        altitude: Height above the radars [km] (assumed).
-        bank: Bank angle in a turn [rad] (section 4.2.1); 0 leaves turns level.
-        least_turn: Smallest turn that is banked [rad] (the source's epsilon; assumed).
-    """
-
-    speed: float = 0.25
-    altitude: float = 10.0
-    bank: float = math.pi / 4
-    least_turn: float = 1e-3
+    speed: Annotated[
+        float,
+        Setting("Speed of the aircraft (assumed; 12.5 km in a step of 50 s).", "km/s", above=0, most=1),
+    ] = 0.25
+    altitude: Annotated[float, Setting("Its height above the radars (assumed).", "km", least=0, most=50)] = (
+        10.0
+    )
+    bank: Annotated[
+        float, Setting("Bank angle in turns (section 4.2.1); 0 leaves them level.", "rad", least=0, most=1.5)
+    ] = math.pi / 4
+    least_turn: Annotated[
+        float,
+        Setting(
+            "Smallest turn that is banked (the source's epsilon; assumed).", "rad", least=0, most=math.pi
+        ),
+    ] = 1e-3
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            ModelError: If one is not possible.
-        """
-        if not (self.speed > 0 and math.isfinite(self.speed)):
-            raise ModelError(f"the speed must be positive [km/s], not {self.speed}")
-        if not (self.altitude >= 0 and math.isfinite(self.altitude)):
-            raise ModelError(f"the altitude must not be negative [km], not {self.altitude}")
-        if not 0 <= self.bank < math.pi / 2:
-            raise ModelError(f"the bank angle must lie in [0, pi/2), not {self.bank}")
-        if not 0 <= self.least_turn <= math.pi:
-            raise ModelError(f"the least turn must lie in [0, pi], not {self.least_turn}")
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
 @dataclass(frozen=True)
 class Detection:
-    """When a radar detects the aircraft (section 4.2.2).
+    """When a radar detects the aircraft (section 4.2.2)."""
 
-    Attributes:
-        threshold: Probability of detection above which a detection is certain.
-        interpolation: Table 4.2 between its entries: ``linear`` in signature, range and probability, or
-            ``log``: in the logarithms of signature and range.
-        stochastic: True draws each scan; False detects above the threshold.
-        scan_interval: Time between a radar's scans if they are drawn [s] (assumed).
-        reach: Slant range beyond which a radar does not scan at all [km]: the largest of Table 4.2, as
-            the source has radars count only "within an engagement range".
-    """
-
-    threshold: float = 0.5
-    interpolation: Interpolation = "linear"
-    stochastic: bool = False
-    scan_interval: float = 5.0
-    reach: float = 656.6
+    threshold: Annotated[
+        float,
+        Setting(
+            "Probability of detection above which a detection counts, or is certain; within Table 4.2.",
+            least=0.01,
+            below=0.99,
+        ),
+    ] = 0.5
+    interpolation: Annotated[
+        Interpolation,
+        Setting(
+            "Table 4.2 between its entries: `linear` in signature, range and probability, or `log`: in the "
+            "logarithms of signature and range."
+        ),
+    ] = "linear"
+    detection: Annotated[
+        Literal["deterministic", "stochastic"],
+        Setting("`deterministic` detects above the threshold; `stochastic` draws each scan."),
+    ] = "deterministic"
+    scan_interval: Annotated[
+        float, Setting("Time between a radar's scans if they are drawn (assumed).", "s", above=0)
+    ] = 5.0
+    reach: Annotated[
+        float,
+        Setting(
+            "Slant range beyond which a radar does not scan at all: the largest of Table 4.2, as the source "
+            'has radars count only "within an engagement range".',
+            "km",
+            above=0,
+        ),
+    ] = 656.6
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            ModelError: If one is not possible.
-        """
-        if not 0.01 <= self.threshold < 0.99:
-            raise ModelError(
-                f"the threshold must lie in [0.01, 0.99), Table 4.2's range, not {self.threshold}"
-            )
-        if self.interpolation not in get_args(Interpolation):
-            raise ModelError(f"interpolation is linear or log, not {self.interpolation!r}")
-        if not self.scan_interval > 0:
-            raise ModelError(f"the scan interval must be positive [s], not {self.scan_interval}")
-        if not self.reach > 0:
-            raise ModelError(f"the radars' reach must be positive [km], not {self.reach}")
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
 @dataclass(frozen=True)
@@ -100,26 +98,31 @@ class LockLoss:
 
     The source leaves them to its platform. By default they mirror its example: four steps of 50 s without
     a break destroy the aircraft, one undetected step frees it (section 4.3.3).
-
-    Attributes:
-        lose: T_LL, undetected time after which a lock is lost [s].
-        engage: T_eng, detected time after which a missile is launched [s].
-        target: T_target, flight time of the missile [s].
     """
 
-    lose: float = 50.0
-    engage: float = 150.0
-    target: float = 50.0
+    lose: Annotated[
+        float,
+        Setting("Undetected time after which a lock is lost, T_LL.", "s", least=0, finite=False),
+    ] = 50.0
+    engage: Annotated[
+        float,
+        Setting("Detected time after which a missile is launched, T_eng.", "s", least=0, finite=False),
+    ] = 150.0
+    target: Annotated[float, Setting("Flight time of the missile, T_target.", "s", least=0, finite=False)] = (
+        50.0
+    )
+    engaged: Annotated[
+        Literal["accumulated", "unbroken", "elapsed"],
+        Setting(
+            "What the engage timer of (4.6) counts: time detected `accumulated` since the last lock loss "
+            "(printed); `unbroken`, as (4.33) limits; or all time `elapsed` since the first detection, as "
+            'the text says ("increments when the system is engaged").'
+        ),
+    ] = "accumulated"
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            ModelError: If a time is negative or not a number.
-        """
-        for name in ("lose", "engage", "target"):
-            if not getattr(self, name) >= 0:
-                raise ModelError(f"lock loss: {name} must not be negative [s], not {getattr(self, name)}")
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
 INSTANT_KILL = LockLoss(math.inf, 0.0, 0.0)
@@ -128,33 +131,47 @@ INSTANT_KILL = LockLoss(math.inf, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Reading:
-    """How the source's equations are read: by default as they should be, else as printed.
+    """How the source's equations are read: by default as they should be, else as printed."""
 
-    Attributes:
-        heading: (4.1): the aircraft heads along its ``own_leg``, or (printed) along the ``next_leg``.
-        arctangent: (4.1): ``four_quadrant``, or (printed) ``two_quadrant``: tan^-1 of a quotient.
-        side: Section 4.2.1: a turn's side from the ``relative`` position of the waypoint, or (printed) from
-            its ``absolute`` one, with the opposite sign.
-        clamp: (4.2): the cosine is clamped on ``both`` sides, or (printed) on the ``upper`` one only.
-        axes: Section 4.2.1: ``right_handed`` (north, east, down), or (printed) ``left_handed``
-            (north, east, up) taken as though it were right-handed: the bank tilts the wrong way.
-        draw: Section 4.2.2: detected if the drawn number is ``below`` the probability, or (printed) if it
-            is ``above``.
-        timers: (4.5)-(4.7): timers hold ``seconds``, or (printed) numbers of ``samples`` compared with
-            times, each event coming a sample late.
-        engaged: (4.6): the engage timer holds the detected time ``accumulated`` since the last lock loss
-            (printed); the ``unbroken`` one, as (4.33) limits; or all time ``elapsed`` since the first
-            detection, as the text says ("increments when the system is engaged").
-    """
-
-    heading: Literal["own_leg", "next_leg"] = "own_leg"
-    arctangent: Literal["four_quadrant", "two_quadrant"] = "four_quadrant"
-    side: Literal["relative", "absolute"] = "relative"
-    clamp: Literal["both", "upper"] = "both"
-    axes: Literal["right_handed", "left_handed"] = "right_handed"
-    draw: Literal["below", "above"] = "below"
-    timers: Literal["seconds", "samples"] = "seconds"
-    engaged: Engaged = "accumulated"
+    heading: Annotated[
+        Literal["own_leg", "next_leg"],
+        Setting("(4.1): the aircraft heads along its `own_leg`, or (printed) along the `next_leg`."),
+    ] = "own_leg"
+    arctangent: Annotated[
+        Literal["four_quadrant", "two_quadrant"],
+        Setting("(4.1): `four_quadrant`, or (printed) `two_quadrant`: tan^-1 of a quotient."),
+    ] = "four_quadrant"
+    side: Annotated[
+        Literal["relative", "absolute"],
+        Setting(
+            "Section 4.2.1: a turn's side from the `relative` position of the waypoint, or (printed) from "
+            "its `absolute` one, with the opposite sign."
+        ),
+    ] = "relative"
+    clamp: Annotated[
+        Literal["both", "upper"],
+        Setting("(4.2): the cosine is clamped on `both` sides, or (printed) on the `upper` one only."),
+    ] = "both"
+    axes: Annotated[
+        Literal["right_handed", "left_handed"],
+        Setting(
+            "Section 4.2.1: `right_handed` (north, east, down), or (printed) `left_handed` (north, east, up) "
+            "taken as though it were right-handed: the bank tilts the wrong way."
+        ),
+    ] = "right_handed"
+    draw: Annotated[
+        Literal["below", "above"],
+        Setting(
+            "Section 4.2.2: detected if the drawn number is `below` the probability, or (printed) `above`."
+        ),
+    ] = "below"
+    timers: Annotated[
+        Literal["seconds", "samples"],
+        Setting(
+            "(4.5)-(4.7): timers hold `seconds`, or (printed) numbers of `samples` compared with times, each "
+            "event coming a sample late."
+        ),
+    ] = "seconds"
 
 
 RIGHT = Reading()
@@ -201,53 +218,68 @@ SECOND_UAV = Layout((-350.0, 125.0), (-340.0, 0.0), ((0.0, 0.0),))
 """Its second aircraft; the source gives its start, its goal is assumed to mirror the first one's."""
 
 
-class Constants(NamedTuple):
-    """A world as the kernels take it."""
-
-    speed: float
-    altitude: float
-    bank: float
-    least_turn: float
-    threshold: float
-    log: bool
-    stochastic: bool
-    scan_interval: float
-    reach: float
-    lose: float
-    engage: float
-    target: float
-    next_leg: bool
-    two_quadrant: bool
-    absolute_side: bool
-    upper_clamp: bool
-    left_handed: bool
-    draw_above: bool
-    samples: bool
-    engaged: int
+SHAPE, SCALE = "it shapes the observation", "it scales the actions"
+"""Why a setting is one for all flights."""
 
 
-def make_constants(world: World) -> Constants:
-    """Put a world into the form of the kernels."""
-    aircraft, detection, lock_loss, reading = world.aircraft, world.detection, world.lock_loss, world.reading
-    return Constants(
-        speed=float(aircraft.speed),
-        altitude=float(aircraft.altitude),
-        bank=float(aircraft.bank),
-        least_turn=float(aircraft.least_turn),
-        threshold=float(detection.threshold),
-        log=detection.interpolation == "log",
-        stochastic=detection.stochastic,
-        scan_interval=float(detection.scan_interval),
-        reach=float(detection.reach),
-        lose=float(lock_loss.lose),
-        engage=float(lock_loss.engage),
-        target=float(lock_loss.target),
-        next_leg=reading.heading == "next_leg",
-        two_quadrant=reading.arctangent == "two_quadrant",
-        absolute_side=reading.side == "absolute",
-        upper_clamp=reading.clamp == "upper",
-        left_handed=reading.axes == "left_handed",
-        draw_above=reading.draw == "above",
-        samples=reading.timers == "samples",
-        engaged=get_args(Engaged).index(reading.engaged),
+@dataclass(frozen=True, kw_only=True)
+class LegRules:
+    """What an episode is, and what its legs are worth."""
+
+    radars: Annotated[
+        int, Setting("Number of radars of random layouts.", least=1, most=RADARS, fixed=SHAPE)
+    ] = 1
+    capture: Annotated[float, Setting("Distance from the goal at which it is reached.", "km", above=0)] = 5.0
+    max_legs: Annotated[int, Setting("Legs in an episode.", least=1, most=10_000)] = 60
+    least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
+    longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, fixed=SCALE)] = 500.0
+    length_cost: Annotated[float, Setting("Cost of a kilometre flown.", least=0)] = 0.01
+    progress_reward: Annotated[
+        float, Setting("Reward of a kilometre by which the goal has come nearer.", least=0)
+    ] = 0.01
+    progress: Annotated[
+        Literal["straight", "around"],
+        Setting(
+            "How far the goal is, for that reward: `straight`, or `around` the circle in which the radar "
+            "next to the goal sees an aircraft's side."
+        ),
+    ] = "straight"
+    arrival_reward: Annotated[float, Setting("Reward of arriving.", least=0)] = 1.0
+    damage_cost: Annotated[float, Setting("Cost of being hit.", least=0)] = 1.5
+    late_cost: Annotated[float, Setting("Cost of running out of legs.", least=0)] = 1.0
+    detection_cost: Annotated[float, Setting("Cost of a second of being detected.", least=0)] = 0.0
+    sighting_cost: Annotated[float, Setting("Cost of a leg on which the aircraft is detected.", least=0)] = (
+        0.0
     )
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ModelError: If one is not possible.
+        """
+        check_declared(self)
+        if self.least_leg > self.longest_leg:
+            raise ModelError(
+                f"the shortest of the legs, {self.least_leg} km, is longer than the longest, "
+                f"{self.longest_leg} km"
+            )
+
+
+LOG = code(Detection, "interpolation", "log")
+STOCHASTIC = code(Detection, "detection", "stochastic")
+UNBROKEN, ELAPSED = (code(LockLoss, "engaged", name) for name in ("unbroken", "elapsed"))
+NEXT_LEG = code(Reading, "heading", "next_leg")
+TWO_QUADRANT = code(Reading, "arctangent", "two_quadrant")
+ABSOLUTE = code(Reading, "side", "absolute")
+UPPER = code(Reading, "clamp", "upper")
+LEFT_HANDED = code(Reading, "axes", "left_handed")
+ABOVE = code(Reading, "draw", "above")
+IN_SAMPLES = code(Reading, "timers", "samples")
+AROUND = code(LegRules, "progress", "around")
+
+
+@lru_cache(maxsize=64)
+def kernel_world(world: World) -> Any:
+    """A world as the kernels read it: a record of its declared numbers."""
+    return kernel_rows(world, 1)[0]

@@ -14,7 +14,7 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.uav_route.aircraft import Attitude, heading_of, leg_of, turn_into
 from fieldmodels.machines.uav_route.declaration import nominal_plant
 from fieldmodels.machines.uav_route.lock_loss import timers_after
-from fieldmodels.machines.uav_route.parameters import Constants, World, make_constants
+from fieldmodels.machines.uav_route.parameters import NEXT_LEG, TWO_QUADRANT, World, kernel_world
 from fieldmodels.machines.uav_route.radar import certain, view
 from fieldmodels.model import ModelError
 
@@ -162,7 +162,7 @@ def simulate_plan(
             raise ModelError("a leg takes no time")
     flown = times > 0
     starts, legs, times, lengths = points[:-1][flown], legs[flown], times[flown], lengths[flown]
-    c = make_constants(world)
+    c = kernel_world(world)
     room = int(np.sum(np.ceil(times / step)) + 2 * len(times))
     trace, seen = np.zeros(room, SAMPLE), np.zeros((room, len(sites)), RADAR_SAMPLE)
     before = math.nan if heading is None else float(heading)
@@ -208,7 +208,7 @@ def _longest(detected: NDArray[np.bool_], interval: FloatArray) -> float:
 
 @inlined
 def scan(
-    north: float, east: float, attitude: Attitude, sites: FloatArray, plant: Any, c: Constants, out: Any
+    north: float, east: float, attitude: Attitude, sites: FloatArray, plant: Any, c: Any, out: Any
 ) -> float:
     """What each radar sees of an aircraft at a place [km]; the largest probability of detection."""
     largest = 0.0
@@ -221,7 +221,7 @@ def scan(
 
 
 @inlined
-def run_timers(count: int, interval: float, c: Constants, seen: Any) -> int:
+def run_timers(count: int, interval: float, c: Any, seen: Any) -> int:
     """Let the radars' timers run through sample ``count`` [s]; returns the number of lock losses."""
     losses = 0
     for r in range(seen.shape[1]):
@@ -252,18 +252,18 @@ def first_direction(legs: FloatArray, before: float) -> tuple[float, float]:
 
 @inlined
 def turn_and_heading(
-    i: int, starts: FloatArray, legs: FloatArray, old_north: float, old_east: float, c: Constants
+    i: int, starts: FloatArray, legs: FloatArray, old_north: float, old_east: float, c: Any
 ) -> tuple[float, float]:
     """Turn [rad] and heading [rad] of leg ``i``, (4.1) and (4.2); as printed, those of the next leg."""
     north, east = legs[i, 0], legs[i, 1]
-    heading = heading_of(north, east, c.two_quadrant)
-    if not c.next_leg:
+    heading = heading_of(north, east, c.arctangent == TWO_QUADRANT)
+    if c.heading != NEXT_LEG:
         to_north, to_east = starts[i, 0] + north, starts[i, 1] + east
         return turn_into(old_north, old_east, north, east, to_north, to_east, c), heading
     if i + 1 < len(legs) and (legs[i + 1, 0] != 0.0 or legs[i + 1, 1] != 0.0):
         to_north, to_east = starts[i + 1, 0] + legs[i + 1, 0], starts[i + 1, 1] + legs[i + 1, 1]
         turn = turn_into(north, east, legs[i + 1, 0], legs[i + 1, 1], to_north, to_east, c)
-        return turn, heading_of(legs[i + 1, 0], legs[i + 1, 1], c.two_quadrant)
+        return turn, heading_of(legs[i + 1, 0], legs[i + 1, 1], c.arctangent == TWO_QUADRANT)
     return 0.0, heading
 
 
@@ -276,7 +276,7 @@ def _fly(
     before: float,
     step: float,
     plants: NDArray[Any],
-    c: Constants,
+    c: Any,
     trace: NDArray[Any],
     seen: NDArray[Any],
 ) -> tuple[int, float, int]:
@@ -289,13 +289,13 @@ def _fly(
     plant = plants[0]
     at_corner = np.zeros_like(seen[0])
     old_north, old_east = first_direction(legs, before)
-    heading = heading_of(old_north, old_east, c.two_quadrant)
+    heading = heading_of(old_north, old_east, c.arctangent == TWO_QUADRANT)
     for i in range(len(legs)):
         duration = times[i]
         length = math.sqrt(legs[i, 0] * legs[i, 0] + legs[i, 1] * legs[i, 1])
         course, turn = heading, 0.0
         if length > 0.0:
-            course = heading_of(legs[i, 0], legs[i, 1], c.two_quadrant)
+            course = heading_of(legs[i, 0], legs[i, 1], c.arctangent == TWO_QUADRANT)
             turn, heading = turn_and_heading(i, starts, legs, old_north, old_east, c)
             old_north, old_east = legs[i, 0], legs[i, 1]
         plant.speed = length / duration

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from fieldmodels.compiled import inlined
 from fieldmodels.machines.uav_route.aircraft import Attitude
 from fieldmodels.machines.uav_route.detection import EXACT, probability
-from fieldmodels.machines.uav_route.parameters import Constants
+from fieldmodels.machines.uav_route.parameters import LOG
 from fieldmodels.machines.uav_route.signature import NOSE, aspect, signature
 
 
@@ -22,7 +22,7 @@ class View(NamedTuple):
 
 
 @inlined
-def view(to_north: float, to_east: float, attitude: Attitude, plant: Any, c: Constants) -> View:
+def view(to_north: float, to_east: float, attitude: Attitude, plant: Any, c: Any) -> View:
     """What a radar sees of an aircraft.
 
     Args:
@@ -40,12 +40,16 @@ def view(to_north: float, to_east: float, attitude: Attitude, plant: Any, c: Con
     # between the cones Table 4.1 does not depend on the azimuth
     entered = narrowed if narrowed <= NOSE else max(abs(azimuth), NOSE)
     seen = plant.signature_scale.factor * signature(entered, elevation)
-    likely = probability(seen, slant / plant.radar_range_scale.factor, c.log) if slant <= c.reach else 0.0
+    likely = (
+        probability(seen, slant / plant.radar_range_scale.factor, c.interpolation == LOG)
+        if slant <= c.reach
+        else 0.0
+    )
     return View(slant, azimuth, elevation, seen, likely)
 
 
 @inlined
-def chance(to_north: float, to_east: float, attitude: Attitude, plant: Any, c: Constants) -> float:
+def chance(to_north: float, to_east: float, attitude: Attitude, plant: Any, c: Any) -> float:
     """Probability with which a radar's scan detects an aircraft; arguments as of ``view``."""
     north, east = to_north + plant.radar_position.north, to_east + plant.radar_position.east
     if north * north + east * east + c.altitude * c.altitude > c.reach * c.reach:
@@ -54,6 +58,6 @@ def chance(to_north: float, to_east: float, attitude: Attitude, plant: Any, c: C
 
 
 @inlined
-def certain(likely: float, c: Constants) -> bool:
+def certain(likely: float, c: Any) -> bool:
     """Whether a probability of detection exceeds the threshold above which detection is certain."""
-    return likely > c.threshold + EXACT
+    return bool(likely > c.threshold + EXACT)

@@ -12,7 +12,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.uav_route.aircraft import Attitude, Leg, leg_of, turn_into
 from fieldmodels.machines.uav_route.declaration import KM
-from fieldmodels.machines.uav_route.parameters import Constants
+from fieldmodels.machines.uav_route.parameters import ABOVE
 from fieldmodels.machines.uav_route.radar import chance
 
 NORTH, EAST, BANK, DETECTED, GAP = range(5)
@@ -51,7 +51,7 @@ def detection(
     turning: Attitude,
     share: float,
     plant: Any,
-    c: Constants,
+    c: Any,
 ) -> float:
     """Probability that a scan detects an aircraft which is banked for a share of the time.
 
@@ -69,12 +69,12 @@ def detection(
         result += (1.0 - share) * chance(to_north, to_east, level, plant, c)
     if share > 0.0:
         result += share * chance(to_north, to_east, turning, plant, c)
-    return 1.0 - result if c.draw_above else result
+    return 1.0 - result if c.draw == ABOVE else result
 
 
 @inlined
 def begin_leg(
-    i: int, north: float, east: float, cosine: float, sine: float, log: Commands, plant: Any, c: Constants
+    i: int, north: float, east: float, cosine: float, sine: float, log: Commands, plant: Any, c: Any
 ) -> tuple[Leg, float, float]:
     """The leg flown at sample ``i`` from a place [km], and its course's cosine and sine.
 
@@ -101,7 +101,7 @@ def begin_leg(
 
 @inlined
 def predict(
-    plant: Any, state: FloatArray, log: Commands, start: int, watched: bool, c: Constants, out: FloatArray
+    plant: Any, state: FloatArray, log: Commands, start: int, watched: bool, c: Any, out: FloatArray
 ) -> None:
     """Predict one window from its first sample ``start``; ``out`` has its length, see ``simulate``."""
     step = log.step
@@ -154,7 +154,7 @@ def simulate(
     lengths: NDArray[np.int64],
     states: FloatArray,
     watched: bool,
-    c: Constants,
+    c: Any,
     out: FloatArray,
 ) -> None:
     """Predict every window with every plant.

@@ -1,0 +1,170 @@
+"""Every setting that may be drawn acts in its own row, is told, is restored; the others say why not."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import fieldgym
+from fieldmodels.settings import declared
+
+ROWS, STEPS = 4, 6
+NEAR = {"layout": "example", "capture": 120.0}
+SHOT = {"layout": "example", "lock_loss": False, "capture": 0.1}
+SEEN = {"layout": "example", "capture": 0.1, "threshold": 0.05}
+DRAWN = {
+    "pose_reaching": {
+        "starts": (("T1", "T2"), {}),
+        "success": (("strict", "loose"), {"starts": "T1"}),
+        "timeout": ((0.2, 0.4), {}),
+        "max_speed": ((0.5, 1.5), {}),
+        "max_rate": ((1.0, 5.0), {}),
+        "walls": (("stop", "slide"), {"max_speed": 10.0, "tick": 0.5}),
+        "time_cost": ((0.0, 2.0), {}),
+        "success_reward": ((1.0, 20.0), {"starts": "T1"}),
+        "progress_reward": ((0.0, 5.0), {}),
+        "wall_cost": ((0.0, 3.0), {"max_speed": 10.0, "tick": 0.5}),
+    },
+    "uav_route": {
+        "capture": ((5.0, 120.0), {"layout": "example"}),
+        "max_legs": ((2, 5), {}),
+        "length_cost": ((0.01, 0.5), {}),
+        "progress_reward": ((0.01, 0.5), {}),
+        "progress": (("straight", "around"), {}),
+        "arrival_reward": ((1.0, 7.0), NEAR),
+        "damage_cost": ((1.0, 7.0), SHOT),
+        "late_cost": ((1.0, 7.0), {"max_legs": 2, "engage": 1e6}),
+        "detection_cost": ((0.0, 1.0), SEEN),
+        "sighting_cost": ((0.0, 1.0), SEEN),
+        "threshold": ((0.05, 0.9), {}),
+        "interpolation": (("linear", "log"), {}),
+        "detection": (("deterministic", "stochastic"), {}),
+        "scan_interval": ((5.0, 40.0), {"detection": "stochastic"}),
+        "reach": ((100.0, 656.6), SEEN),
+        "lose": ((10.0, 1e4), SEEN),
+        "engage": ((0.0, 1e6), SEEN),
+        "target": ((0.0, 1e6), SEEN),
+        "engaged": (("accumulated", "elapsed"), {"threshold": 0.4, "engage": 1e5, "lose": 1e6}),
+        "lock_loss": ((True, False), SEEN),
+        "reading": (("right", "printed"), {"detection": "stochastic"}),
+        "speed": ((0.1, 0.5), SEEN),
+        "altitude": ((5.0, 30.0), {}),
+        "bank": ((0.1, 1.0), SEEN),
+        "least_turn": ((1e-3, 3.0), SEEN),
+    },
+}
+"""Of each task's settings: two values that act differently, and what else is set so that they do."""
+CASES = [(task, name) for task, table in DRAWN.items() for name in table]
+each_setting = pytest.mark.parametrize(("task", "name"), CASES, ids=[f"{t}-{n}" for t, n in CASES])
+each_task = pytest.mark.parametrize("task", list(DRAWN))
+
+
+def towards_the_ball(observation):
+    """Actions that bring robots to the ball, there to face +y: along a dipole's field lines."""
+    x, y, cosine, sine = np.atleast_2d(observation)[:, :4].T
+    bearing = np.arctan2(-y, -x)
+    off = 2.0 * bearing - np.pi / 2 - np.arctan2(sine, cosine)
+    rate = np.clip(3.0 * np.arctan2(np.sin(off), np.cos(off)) / 4.0, -1.0, 1.0)
+    return np.stack([np.full_like(rate, -0.6), rate], axis=1).astype(np.float32)
+
+
+DRIVEN = {("pose_reaching", name): towards_the_ball for name in ("success", "success_reward")}
+"""What chooses the actions where random ones would not show a setting."""
+
+
+def trace(env, actions, observation, chooses=None):
+    """Observation, reward and ends of every step, one list of bytes for each row."""
+    rows = len(env.get_state()["generators"])
+    vector = hasattr(env, "num_envs")
+    found = [[] for _ in range(rows)]
+    over = np.zeros(rows, dtype=bool)
+    for action in actions * (40 if chooses else 1):
+        if chooses:
+            action = chooses(observation)
+        one = env.step(action if vector else action[0])
+        observation = one[0]
+        for i in np.flatnonzero(~over):
+            values = [np.asarray(part)[i] if vector else np.asarray(part) for part in one[:4]]
+            found[i].append(b"".join(value.tobytes() for value in values))
+        over |= np.atleast_1d(one[2]) | np.atleast_1d(one[3])
+        if over.all():
+            break
+    return found
+
+
+def begun(task, name, seed=3):
+    """A batch whose rows have drawn both values, its first observation, and what each row has drawn."""
+    values, others = DRAWN[task][name]
+    settings = {**others, name: {"choice": list(values)}}
+    envs = gym.make_vec(fieldgym.TASKS[task].env_id, num_envs=ROWS, settings=settings)
+    while True:
+        observation, info = envs.reset(seed=seed)
+        told = info["privileged"]["settings"][name].tolist()
+        told = [tuple(value) if isinstance(value, list) else value for value in told]
+        if len(set(told)) == 2:
+            return envs, observation, told, seed
+        seed += ROWS
+
+
+def some_actions(envs, count=STEPS):
+    envs.action_space.seed(5)
+    return [envs.action_space.sample() for _ in range(count)]
+
+
+@each_task
+def test_every_setting_is_declared_and_may_be_drawn_or_says_why_not(task):
+    kind = fieldgym.TASKS[task].settings
+    assert list(declared(kind)) == list(kind.__dataclass_fields__)
+    fixed = {name for name, one in declared(kind).items() if one.setting.fixed}
+    assert set(DRAWN[task]) == set(declared(kind)) - fixed
+
+
+@each_setting
+def test_a_drawn_setting_acts_in_its_own_row_and_in_no_other(task, name):
+    envs, observation, told, seed = begun(task, name)
+    values, others = DRAWN[task][name]
+    actions = some_actions(envs)
+    chooses = DRIVEN.get((task, name))
+    ours = trace(envs, actions, observation, chooses)
+    acted = False
+    for i in range(ROWS):
+        for value in values:
+            twin = gym.make(fieldgym.TASKS[task].env_id, settings={**others, name: value}).unwrapped
+            first, _ = twin.reset(seed=seed + i)
+            same = np.array_equal(first, observation[i])
+            same &= trace(twin, [action[i : i + 1] for action in actions], first, chooses) == [ours[i]]
+            assert same or value != told[i]
+            acted |= not same
+    assert acted
+
+
+@each_setting
+def test_a_drawn_setting_comes_back_from_a_snapshot(task, name):
+    envs, *_ = begun(task, name)
+    actions = some_actions(envs, 3 * STEPS)
+    envs.step(actions[0])
+    state = envs.get_state()
+    ours = [envs.step(action) for action in actions]
+    _, others = DRAWN[task][name]
+    settings = {**others, name: {"choice": list(DRAWN[task][name][0])}}
+    fresh = gym.make_vec(fieldgym.TASKS[task].env_id, num_envs=ROWS, settings=settings)
+    fresh.set_state(state)
+    again = [fresh.step(action) for action in actions]
+    for a, b in zip(ours, again, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a[:4], b[:4], strict=True))
+        one, other = (info["privileged"]["settings"][name] for info in (a[4], b[4]))
+        assert np.array_equal(one, other)
+
+
+@each_setting
+def test_a_setting_out_of_bounds_is_refused_by_name(task, name):
+    kind, env_id = fieldgym.TASKS[task].settings, fieldgym.TASKS[task].env_id
+    one = declared(kind)[name]
+    if one.type is bool:
+        return
+    limit = one.items[0] if one.items else one.setting
+    bad = next((end for end in (limit.least, limit.above) if end is not None), 0.0) - 1.0
+    wrong = "nonsense" if one.choices else bad
+    wrong = (wrong,) * len(one.items) if one.items else wrong
+    for value in (wrong, {"choice": [wrong]}):
+        with pytest.raises(fieldgym.SettingsError, match=name):
+            gym.make(env_id, settings={name: value})
