@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -93,40 +93,46 @@ def check_environment(task: str, environment: EnvironmentConfig) -> None:
     except ValidationError as error:
         problems += [(("settings", *at), message) for at, message in readable(error, kind)]
     try:
-        check_reality(TASKS[task].model, environment.reality)
+        check_reality(TASKS[task].model, environment.reality, TASKS[task].channels)
     except ProblemsError as error:
         problems += [(("reality", *at), message) for at, message in error.problems]
     if problems:
         raise ProblemsError(problems)
 
 
-def check_reality(model: str, reality: Any) -> None:
-    """Check a reality against a model.
+def check_reality(model: str, reality: Any, channels: Any = None) -> None:
+    """Check a reality against a model and the stock effects around it.
+
+    Args:
+        model: Name of the model.
+        reality: The reality.
+        channels: Which of the model's signals a task commands and measures; None for all.
 
     Raises:
         ProblemsError: With every unknown effect, unknown parameter and value out of bounds.
     """
-    from fieldmodels.reality import read_reality
+    from fieldmodels.drivers.around import flown, stock_of
     from fieldmodels.registry import get_model
 
     problems: list[tuple[Location, str]] = []
     chosen = get_model(model)
-    for at, part in _parts(reality, [effect.name for effect in chosen.effects]):
+    known = {effect.name for effect in chosen.effects} | set(stock_of(chosen))
+    for at, part in _parts(reality, known):
         try:
-            read_reality(part, chosen)
+            flown(chosen, part, channels)
         except (ModelError, YamlError) as error:
             problems.append((at, str(error)))
     if problems:
         raise ProblemsError(problems)
 
 
-def _parts(reality: Any, effects: Sequence[str]) -> Iterator[tuple[Location, Any]]:
+def _parts(reality: Any, effects: Collection[str]) -> Iterator[tuple[Location, Any]]:
     """A reality's single values, each with its place, so that each mistake is found and placed."""
     if not isinstance(reality, dict):
         yield (), reality
         return
     for name, values in reality.items():
-        if isinstance(values, dict) and name in ("parameters", *effects):
+        if isinstance(values, dict) and (name == "parameters" or name in effects):
             yield from (((name, key), {name: {key: value}}) for key, value in values.items())
         else:
             yield (name,), {name: values}

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from fieldgym.info import InfoLike, complete, merged, row
 from fieldgym.randomisation import Drawn
 from fieldmodels.compiled import compiled
+from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.reality import Reality
 
 if TYPE_CHECKING:
@@ -55,6 +56,8 @@ class BatchTask(ABC):
         settings: The task's settings.
         reality: What the simulation truly is.
         drawn: What of both is drawn for each episode.
+        channels: Which of its model's signals it commands and measures: where stock effects can act.
+        stock: The stock effects that the reality puts there; None if it names none.
         options: Names of the options that ``reset`` takes.
         keyed_once: True if one key serves all episodes of a row's generator, not one each.
     """
@@ -62,6 +65,8 @@ class BatchTask(ABC):
     settings: Any
     reality: Reality
     drawn: Drawn
+    channels: ClassVar[Channels] = Channels()
+    stock: Stepped | None = None
     options: ClassVar[tuple[str, ...]] = ()
     keyed_once: ClassVar[bool] = False
 
@@ -102,7 +107,11 @@ class BatchTask(ABC):
     def set_drawn(self, rows: list[int]) -> None:
         """Put in force what has been drawn for some rows."""
         if self.drawn.parameters_random:
-            self.set_reality(rows, self.drawn.vectors[rows])
+            vectors = self.drawn.vectors[rows]
+            if self.stock is not None:
+                self.stock.set_parameters(rows, vectors)
+                vectors = vectors[:, : self.stock.own]
+            self.set_reality(rows, vectors)
         if self.drawn.settings_random:
             for i in rows:
                 self.set_settings(i, self.drawn.settings[i])
@@ -178,11 +187,20 @@ class BatchTask(ABC):
             ValueError: If an entry does not fit.
         """
 
+    def snapshot(self) -> dict[str, Any]:
+        """The state, what has been drawn, and what stock effects remember."""
+        return {**self.state(), **self.drawn.state(), **(self.stock.state() if self.stock else {})}
+
     def restore(self, state: Mapping[str, Any]) -> None:
         """Return to an environment's snapshot, whose entries have been checked."""
+        rows = list(range(len(state["generators"])))
         if self.drawn.random:
             self.drawn.set_state(state)
-            self.set_drawn(list(range(len(state["generators"]))))
+            self.set_drawn(rows)
+        if self.stock is not None:
+            self.stock.set_state(state)
+            if self.stock.moves:
+                self.set_reality(rows, self.stock.current)
         self.set_state({key: state[key] for key in self.state()})
 
     @abstractmethod
@@ -367,8 +385,7 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     def get_state(self) -> dict[str, Any]:
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
         return {
-            **self._task.state(),
-            **self._task.drawn.state(),
+            **self._task.snapshot(),
             "generators": [self.np_random.bit_generator.state],
             "finished": np.array([self._over]),
         }
@@ -496,8 +513,7 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
     def get_state(self) -> dict[str, Any]:
         """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
         return {
-            **self._task.state(),
-            **self._task.drawn.state(),
+            **self._task.snapshot(),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "finished": self._finished.copy(),
         }

@@ -19,6 +19,8 @@ from pydantic.dataclasses import dataclass
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
+from fieldgym.stock import read_truth
+from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.body import Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import (
@@ -30,8 +32,7 @@ from fieldmodels.machines.line_following.parameters import (
     Noise,
 )
 from fieldmodels.machines.line_following.tracks import read_track
-from fieldmodels.machines.line_following.walks import Scene, Walks
-from fieldmodels.reality import read_reality
+from fieldmodels.machines.line_following.walks import CHANNELS, Scene, Walks
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
@@ -150,17 +151,18 @@ class _LineFollowingTask(BatchTask):
     """The task on a batch of walks."""
 
     settings: LineFollowingSettings
+    channels = CHANNELS
     pixels = False
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, LineFollowingSettings)
         scene = self.settings.scene(self.pixels)
         model = LineFollowing(scene.gait, scene.camera)
-        self.reality = read_reality(reality, model)
-        truth = self.reality.typical(model)
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
+        truth = read_truth(reality, model, self.channels, batch, scene.gait.stride_time)
+        self.reality, self.stock = truth.reality, truth.stock
+        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
         self._look_ahead = scene.camera.look_ahead
-        self.walks = Walks(batch, scene, truth)
+        self.walks = Walks(batch, scene, truth.typical, truth.stock)
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._start = np.zeros(batch)
         self._overshoot = np.zeros(batch)
@@ -347,6 +349,7 @@ class _LineFollowingTask(BatchTask):
 class _PixelTask(_LineFollowingTask):
     """The task on a batch of walks, observed as images."""
 
+    channels = Channels(commands=CHANNELS.commands, without="it observes images, not the line's place")
     pixels = True
 
 

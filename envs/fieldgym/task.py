@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pkgutil import resolve_name
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fieldmodels.names import class_name
+
+if TYPE_CHECKING:
+    from fieldmodels.drivers.stepped import Channels
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,12 @@ class Task:
     def vector_entry_point(self) -> str:
         """Where its native vector environment is, ``module:class``."""
         return f"fieldgym.{self.module}:{self.class_name}VectorEnv"
+
+    @property
+    def channels(self) -> Channels:
+        """Which of its model's signals it commands and measures, imported when asked for."""
+        found: Channels = resolve_name(self.entry_point).batch_task.channels
+        return found
 
     @property
     def settings(self) -> type[Any]:

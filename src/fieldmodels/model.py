@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -149,6 +150,7 @@ class Model(ABC):
             noise prove nothing by themselves.
         inputs_are_free: False if inputs cannot be chosen freely (a walker's own steering).
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
+        measured_states: Which output a window's state is taken from, where it has another name.
     """
 
     name: str
@@ -163,6 +165,7 @@ class Model(ABC):
     inputs_are_free: bool = True
     unbounded_outputs: tuple[str, ...] = ()
     measured_inputs: tuple[Signal, ...] = ()
+    measured_states: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
@@ -219,6 +222,15 @@ class Model(ABC):
             Shape (n * refine, inputs).
         """
         return np.repeat(commands, refine, axis=0)
+
+    def with_commands(self, recording: Recording, commands: Mapping[str, FloatArray]) -> Recording:
+        """The same recording under other commands; a model that derives columns from them derives them anew.
+
+        Args:
+            recording: As ``windows`` has it.
+            commands: The inputs that change, each of shape (n,).
+        """
+        return replace(recording, signals={**recording.signals, **commands})
 
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
         """The parts that a diagnosis can examine separately with these data; by default the whole.

@@ -146,20 +146,24 @@ def read_reality(source: Reality | Mapping[str, Any] | str | Path | None, model:
             model.
         YamlError: If the file cannot be read.
     """
+    reality = parse_reality(source, model)
+    reality.typical(model)
+    return reality
+
+
+def parse_reality(source: Reality | Mapping[str, Any] | str | Path | None, model: Model) -> Reality:
+    """As ``read_reality``, before names and bounds are checked."""
     if isinstance(source, Reality):
-        reality = source
-    elif source is None:
-        reality = Reality()
-    elif isinstance(source, Mapping):
+        return source
+    if source is None:
+        return Reality()
+    if isinstance(source, Mapping):
         base = source.get("parameters", {})
-        reality = Reality(
+        return Reality(
             base=_with_samplers(dict(base), None),
             effects={k: _with_samplers(v, k) for k, v in source.items() if k != "parameters"},
         )
-    else:
-        reality = _from_file(Path(source), model)
-    reality.typical(model)
-    return reality
+    return _from_file(Path(source), model)
 
 
 def _with_samplers(values: Any, effect: str | None) -> Any:

@@ -32,8 +32,32 @@ RANDOM = {
     },
 }
 RANDOM["fieldgym/LineFollowingPixels-v0"] = RANDOM["fieldgym/LineFollowing-v0"]
+STOCK = {
+    "fieldgym/LineFollowing-v0": {
+        "steering_lag": {"time_constant": {"uniform": [0.0, 1.0]}},
+        "steering_delay": {"delay": {"choice": [0.0, 0.7, 1.9]}},
+        "steering_play": {"width": {"uniform": [0.0, 0.05]}},
+        "line_lag": {"time_constant": {"uniform": [0.0, 0.5]}},
+        "line_bend": {"curvature": {"uniform": [-0.5, 0.5]}},
+        "stride_drift": {"rate": {"uniform": [-0.002, 0.002]}},
+    },
+    "fieldgym/LineFollowingPixels-v0": {
+        "steering_curve": {
+            "low": -0.15,
+            "high": 0.15,
+            "value_1": {"uniform": [-0.05, 0.05]},
+            "value_2": 0.0,
+            "value_3": {"uniform": [-0.05, 0.05]},
+        },
+        "camera_height_step": {"time": 3.0, "change": {"uniform": [-0.3, 0.3]}},
+    },
+}
+"""The same of stock effects around a task, with all that they remember."""
 IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))
-every_environment = pytest.mark.parametrize("env_id", IDS)
+CASES = [(name, RANDOM[name]) for name in IDS] + [(name, STOCK[name]) for name in STOCK]
+every_environment = pytest.mark.parametrize(
+    ("env_id", "reality"), CASES, ids=[f"{name[9:]}-{n // len(IDS)}" for n, (name, _) in enumerate(CASES)]
+)
 
 
 def plain(reality, i=None):
@@ -61,9 +85,9 @@ def without_drawn(info):
 
 
 @every_environment
-def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id):
+def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id, reality):
     """And so it acts: the six realities differ, and so do their episodes."""
-    env = gym.make(env_id, reality=RANDOM[env_id]).unwrapped
+    env = gym.make(env_id, reality=reality).unwrapped
     seen = []
     for seed in range(6):
         observation, info = env.reset(seed=seed)
@@ -86,9 +110,9 @@ def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id):
 
 
 @every_environment
-def test_what_is_drawn_acts(env_id):
+def test_what_is_drawn_acts(env_id, reality):
     """Equal seeds and actions, each reality in turn: episodes of different realities differ."""
-    env = gym.make_vec(env_id, num_envs=6, reality=RANDOM[env_id])
+    env = gym.make_vec(env_id, num_envs=6, reality=reality)
     _, info = env.reset(seed=0)
     drawn = [plain(info["privileged"]["reality"], i) for i in range(6)]
     ends = {}
@@ -108,9 +132,9 @@ def test_what_is_drawn_acts(env_id):
 
 
 @every_environment
-def test_rows_are_scalar_environments_also_after_restarts(env_id):
-    native = gym.make_vec(env_id, num_envs=3, vectorization_mode="vector_entry_point", reality=RANDOM[env_id])
-    scalar = gym.make_vec(env_id, num_envs=3, vectorization_mode="sync", reality=RANDOM[env_id])
+def test_rows_are_scalar_environments_also_after_restarts(env_id, reality):
+    native = gym.make_vec(env_id, num_envs=3, vectorization_mode="vector_entry_point", reality=reality)
+    scalar = gym.make_vec(env_id, num_envs=3, vectorization_mode="sync", reality=reality)
     assert equal(dict(enumerate(native.reset(seed=4))), dict(enumerate(scalar.reset(seed=4))))
     native.action_space.seed(1)
     restarts = 0
@@ -126,8 +150,8 @@ def test_rows_are_scalar_environments_also_after_restarts(env_id):
 
 
 @every_environment
-def test_snapshots_restore_what_was_drawn_and_what_will_be(env_id):
-    env = gym.make_vec(env_id, num_envs=2, reality=RANDOM[env_id])
+def test_snapshots_restore_what_was_drawn_and_what_will_be(env_id, reality):
+    env = gym.make_vec(env_id, num_envs=2, reality=reality)
     env.reset(seed=4)
     env.action_space.seed(1)
     actions = [env.action_space.sample() for _ in range(8)]
@@ -135,7 +159,7 @@ def test_snapshots_restore_what_was_drawn_and_what_will_be(env_id):
         env.step(action)
     state = env.get_state()
     first = [env.step(a) for a in actions] + [env.reset()]
-    for other in (env, gym.make_vec(env_id, num_envs=2, reality=RANDOM[env_id])):
+    for other in (env, gym.make_vec(env_id, num_envs=2, reality=reality)):
         other.set_state(state)
         again = [other.step(a) for a in actions] + [other.reset()]
         for a, b in zip(first, again, strict=True):

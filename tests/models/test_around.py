@@ -22,7 +22,13 @@ class Declared(Machine):
     states = outputs = (Signal("speed", "rad/s", noise=0.2),)
     gain = number("rad/s/V", 10.0, 0.0, 1e3)
     time_constant = number("s", 0.4, 0.01, 10.0)
-    effects = actuator("voltage") + sensor("speed") + change("gain")
+    effects = (
+        actuator("voltage")
+        + sensor("speed")
+        + change("gain")
+        + curve("actuator", "voltage", knots=5)
+        + curve("sensor", "speed", knots=4)
+    )
 
     def derivative(self, state, input, p):
         return (p.gain * input.voltage - state.speed) / p.time_constant
@@ -52,7 +58,14 @@ class Plain(Model):
         return recording["speed"][starts][:, None]
 
 
-AROUND = surrounded(Plain(), actuator("voltage"), sensor("speed", without=("lag", "delay")), change("gain"))
+AROUND = surrounded(
+    Plain(),
+    actuator("voltage"),
+    sensor("speed", without=("lag", "delay")),
+    change("gain"),
+    curve("actuator", "voltage", knots=5),
+    curve("sensor", "speed", knots=4),
+)
 VALUES = {
     "actuator_gain": {"gain": 0.7},
     "actuator_bias": {"bias": 0.4},
@@ -71,6 +84,15 @@ VALUES = {
     "sensor_eccentricity": {"sine": 0.7, "cosine": -0.4, "period": 9.0},
     "sensor_clipping": {"limit": 8.0},
     "sensor_quantisation": {"step": 0.7},
+    "voltage_curve": {
+        "low": -2.0,
+        "high": 2.0,
+        "value_1": 0.9,
+        "value_2": -0.3,
+        "value_4": 0.2,
+        "value_5": -0.6,
+    },
+    "speed_curve": {"low": -20.0, "high": 20.0, "value_1": 3.0, "value_2": -2.0, "value_4": 1.5},
     "gain_step": {"time": 0.8, "change": 3.0},
     "gain_drift": {"rate": -2.0},
 }
@@ -145,7 +167,7 @@ def test_what_cannot_be_is_said():
     with pytest.raises(ModelError, match="needs a look inside"):
         surrounded(Plain(), sensor("speed", ("lag",)))
     with pytest.raises(ModelError, match="needs a look inside"):
-        surrounded(Plain(), curve("actuator", "voltage"))
+        surrounded(Plain(), curve("sensor", "speed", "voltage"))
     with pytest.raises(ModelError, match="no actuator signal 'current'"):
         surrounded(Plain(), actuator("current"))
     with pytest.raises(ModelError, match="already"):

@@ -22,8 +22,8 @@ from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summar
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
 from fieldgym import TASKS
+from fieldmodels.drivers.around import flown
 from fieldmodels.files import replacing, write_text
-from fieldmodels.reality import read_reality
 from fieldmodels.registry import get_model
 
 
@@ -92,7 +92,7 @@ def evaluate(
 
 def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     """Settings and reality as plain values; a file may change later."""
-    truth = read_reality(environment.reality, get_model(TASKS[task].model))
+    _, truth = flown(get_model(TASKS[task].model), environment.reality)
     settings = {  # JSON has no infinity
         key: str(value) if value == math.inf else value for key, value in environment.settings.items()
     }

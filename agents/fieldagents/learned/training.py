@@ -15,8 +15,8 @@ from fieldagents.config import load_config
 from fieldagents.learned.config import TrainConfig
 from fieldagents.progress import progress as showing_progress
 from fieldgym import TASKS
+from fieldmodels.drivers.around import flown
 from fieldmodels.files import write_text
-from fieldmodels.reality import read_reality
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
@@ -90,7 +90,7 @@ def _self_contained(config: TrainConfig) -> TrainConfig:
     environment = config.environment
     if not isinstance(environment.reality, str):
         return config
-    reality = read_reality(environment.reality, get_model(TASKS[config.task].model))
+    _, reality = flown(get_model(TASKS[config.task].model), environment.reality)
     plain = environment.model_copy(update={"reality": reality.plain()})
     return config.model_copy(update={"environment": plain})
 

@@ -9,8 +9,9 @@ import numpy as np
 from fieldagents.record.config import ExcitationConfig, RecordConfig
 from fieldagents.task import recorder_of
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import flown
 from fieldmodels.model import Model
-from fieldmodels.reality import Reality, read_reality
+from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
@@ -30,8 +31,7 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     """
     data = out / f"{config.name}.{config.format}"
     save_recording(make_recording(config), data)
-    model = get_model(config.model)
-    truth = _reality(config, model)
+    _, truth = _reality(config)
     hidden = out / f"{config.name}.reality.yaml"
     save_yaml(
         {
@@ -45,16 +45,20 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     return {"recording": data, "reality": hidden}
 
 
-def _reality(config: RecordConfig, model: Model) -> Reality:
-    """The hidden reality; samplers in it are drawn once, by the config's seed but apart from the noise."""
-    reality = read_reality(config.reality, model)
-    return reality.draw(model, np.random.default_rng([config.seed, 1])) if reality.random else reality
+def _reality(config: RecordConfig) -> tuple[Model, Reality]:
+    """The model with the stock effects that the hidden reality names around it, and that reality.
+
+    Samplers are drawn once, by the config's seed but apart from the noise.
+    """
+    model, reality = flown(get_model(config.model), config.reality)
+    if reality.random:
+        reality = reality.draw(model, np.random.default_rng([config.seed, 1]))
+    return model, reality
 
 
 def make_recording(config: RecordConfig) -> Recording:
     """The measured data that a config describes; equal configs give equal data."""
-    model = get_model(config.model)
-    reality = _reality(config, model)
+    model, reality = _reality(config)
     recorder = recorder_of(config.model)
     make = recorder.record if recorder else _driven
     return make(config, model, reality, np.random.default_rng(config.seed))

@@ -231,8 +231,22 @@ PIECES = 16
 """Pieces of a sampling interval over which a force that changes is averaged."""
 
 
+@inlined
+def mean_over(force: float, aim: float, h: float, r: Row) -> tuple[float, float]:
+    """Mean of what the actuator gives over a time ``h`` for a held target, and what it gives at its end."""
+    if not has_dynamics(r):
+        return aim, aim
+    mean, piece = 0.0, h / PIECES
+    for _ in range(PIECES):
+        middle = follow(force, aim, 0.5 * piece, r)
+        end = follow(middle, aim, 0.5 * piece, r)
+        mean += (force + 4.0 * middle + end) / (6.0 * PIECES)
+        force = end
+    return mean, force
+
+
 @compiled
-def mean_given(command: FloatArray, first: IntArray, step: float, r: Row) -> FloatArray:
+def mean_given(command: FloatArray, first: IntArray, step: float, r: Row, curve: FloatArray) -> FloatArray:
     """Mean of what the actuator gives over the interval after each sample.
 
     Args:
@@ -240,22 +254,15 @@ def mean_given(command: FloatArray, first: IntArray, step: float, r: Row) -> Flo
         first: First sample of each sample's episode, shape (n,).
         step: Sampling interval [s].
         r: The input's row.
+        curve: Row of a curve of the command, or empty.
     """
     aims, mean, out = np.empty(len(command)), np.empty(len(command)), np.empty(len(command))
-    actuate(command, first, step, False, r, command[:0], aims)
+    actuate(command, first, step, False, r, curve, aims)
     force = 0.0
     for i in range(len(aims)):
         if i == first[i]:
             force = aims[i]
-        mean[i] = aims[i]
-        if has_dynamics(r):
-            mean[i] = 0.0
-            h = step / PIECES
-            for _ in range(PIECES):
-                middle = follow(force, aims[i], 0.5 * h, r)
-                end = follow(middle, aims[i], 0.5 * h, r)
-                mean[i] += (force + 4.0 * middle + end) / (6.0 * PIECES)
-                force = end
+        mean[i], force = mean_over(force, aims[i], step, r)
     shift = r.delay_delay / step
     whole = math.floor(shift)
     for i in range(len(mean)):

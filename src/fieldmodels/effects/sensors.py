@@ -15,6 +15,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
+from fieldmodels.effects.curves import on_curve
 from fieldmodels.effects.stock import (
     LARGE,
     NO_LIMIT,
@@ -103,19 +104,23 @@ def measured(true: float, time: float, play: float, r: Row) -> float:
 
 
 @compiled
-def measure(values: FloatArray, times: FloatArray, r: Row) -> FloatArray:
+def measure(values: FloatArray, times: FloatArray, r: Row, curve: FloatArray) -> FloatArray:
     """What a sensor shows of true values.
 
     Args:
         values: Shape (batch, windows, samples).
         times: Shape (windows, samples) [s].
         r: The output's row.
+        curve: Row of a curve of the true value, or empty.
     """
     out: FloatArray = np.empty_like(values)
     for p in range(values.shape[0]):
         for w in range(values.shape[1]):
             for k in range(values.shape[2]):
-                out[p, w, k] = measured(values[p, w, k], times[w, k], 0.0, r)
+                true = values[p, w, k]
+                if len(curve) > 0:
+                    true += on_curve(true, curve)
+                out[p, w, k] = measured(true, times[w, k], 0.0, r)
     return out
 
 

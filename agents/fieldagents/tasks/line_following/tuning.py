@@ -14,9 +14,9 @@ from fieldagents.tasks.line_following import search as tuning
 from fieldagents.tasks.line_following.agents import TITLES, Linear, Lqg, tuned
 from fieldgym.line_following import LineFollowingSettings
 from fieldgym.settings import read_settings
+from fieldmodels.drivers.around import flown
 from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.model import LineFollowing
-from fieldmodels.reality import read_reality
 
 
 class Walks(Config):
@@ -60,8 +60,12 @@ def _searched(
 
 
 def lqg(settings: Mapping[str, Any], reality: Any, options: Walks) -> Lqg:
-    """Filter and regulator for a reality's plant, its two free numbers searched in that reality."""
-    plant = as_plants(read_reality(reality, LineFollowing()).vector(LineFollowing()))
+    """Filter and regulator for a reality's plant, its two free numbers searched in that reality.
+
+    The design knows the model's own effects; what stock effects do shows in the search only.
+    """
+    model, truth = flown(LineFollowing(), reality)
+    plant = as_plants(truth.vector(model)[: len(LineFollowing().names)])
     trials = _trials(1, settings, reality, options)
 
     def make(bend: float, effort: float) -> Lqg:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -116,6 +116,10 @@ class ExcitationModel(Model):
         spline = make_interp_spline(np.arange(count), commands[:, 0], k=min(5, count - 1))
         fine = np.arange(count * refine) / refine
         return np.column_stack([spline(fine), np.repeat(commands[:, 1], refine)])
+
+    def with_commands(self, recording: Recording, commands: Mapping[str, FloatArray]) -> Recording:
+        """The same recording under other commands, with their derivatives; see ``Model.with_commands``."""
+        return with_derivatives(super().with_commands(recording, commands))
 
 
 def with_derivatives(recording: Recording) -> Recording:

@@ -7,18 +7,27 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.tracks import straight
-from fieldmodels.machines.line_following.walks import Scene, Walks
+from fieldmodels.machines.line_following.walks import CHANNELS, Scene, Walks
 from fieldmodels.model import ModelError
-from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording
 
 LAW = (-0.3, 0.8, 0.2)
 """Weights a, b, c of eq (3.1) with which a recorded walk is steered."""
 GENTLE = (-0.2, 0.4, 0.0)
 """Weights with which the walk stands a stride of delay, but no curve of 9 m."""
+TRACKER = Channels(observed=("offset", "heading"))
+"""What an overhead tracker measures."""
+RECORDED = Channels(
+    commands=CHANNELS.commands,
+    observed=(*CHANNELS.observed, *TRACKER.observed),
+    without="a robot steers; its line is as it is",
+)
+"""Where stock effects can act on a recording."""
 
 
 def record_walk(
@@ -50,13 +59,15 @@ def record_walk(
         ModelError: If the robot leaves its line.
     """
     model = LineFollowing(None if scene is None else scene.gait, None if scene is None else scene.camera)
-    truth = read_reality(reality, model).vector(model)
+    around, truth = flown(model, reality, RECORDED)
     if scene is None:
         # a bias of the walk itself would be an effect that nobody has switched on
         scene = Scene(straight(strides * model.gait.stride + 10.0), noise=Noise(bias=0.0))
     gait = scene.gait
-    walks = robot(1, scene, truth)
+    own = truth.vector(around)[: len(model.names)]
+    walks = robot(1, scene, own, stepped(around, truth, CHANNELS, 1, gait.stride_time))
     walks.restart([0], [rng])
+    tracker = stepped(around, truth, TRACKER, 1, gait.stride_time)
     a, b, c = law
     log: dict[str, list[float]] = {name: [] for name in ("steering", "arc", "line", "offset", "heading")}
     one = walks.walks[0]
@@ -68,9 +79,12 @@ def record_walk(
         log["steering"].append(command)
         log["arc"].append(float(one["arc"]))
         log["line"].append(float(one["lines"][0, 0]))
-        log["offset"].append(float(one["offset"]) + noise * _noise(model, "offset") * rng.standard_normal())
-        turned = float(one["misalignment"])
-        log["heading"].append(turned + noise * _noise(model, "heading") * rng.standard_normal())
+        place = np.array([[one["offset"], one["misalignment"]]])
+        if tracker is not None:
+            place = tracker.shown(place)
+            tracker.tick()
+        for name, value in zip(TRACKER.observed, place[0], strict=True):
+            log[name].append(float(value) + noise * _noise(model, name) * rng.standard_normal())
         walks.advance(np.array([command]))
         if one["lost"][0] or abs(one["offset"]) > 1.0:
             raise ModelError(

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.declaration import as_plants, nominal_plant
 from fieldmodels.machines.line_following.firmware import centroid
 from fieldmodels.machines.line_following.parameters import Camera, Exposure, Gait, Lighting, Noise, Tape
 from fieldmodels.machines.line_following.plant import (
     BANDS,
+    MEMORY,
     WALK,
     draw,
     land,
@@ -34,6 +36,12 @@ from fieldmodels.model import ModelError
 Image = NDArray[np.uint8]
 YAW, LATERAL, SENSOR, PIXELS = 0, 1, 2, 5
 """Which of a stride's draws is what; each band of the sensor has its own."""
+CHANNELS = Channels(
+    commands=("steering",),
+    observed=("line",) * BANDS,
+    without="a robot steers, and its camera measures the line; offset and heading are an overhead tracker's",
+)
+"""Where stock effects can act on a walk: both bands of the camera are one sensor."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,7 @@ class Walks:
         plants: What each walk and camera truly is, shape (batch,), dtype ``PLANT``.
         images: What each camera saw last, shape (batch, rows, columns), uint8; only if the sight is
             ``image``.
+        stock: Stock effects around the walks, or None.
     """
 
     def __init__(
@@ -109,6 +118,7 @@ class Walks:
         batch: int,
         scene: Scene,
         reality: ArrayLike | None = None,
+        stock: Stepped | None = None,
     ) -> None:
         """Make walks; restart each before the first stride.
 
@@ -116,6 +126,7 @@ class Walks:
             batch: Number of walks.
             scene: What they walk on and see with.
             reality: Parameter vector of ``LineFollowing``, shape (n,) or (batch, n); None is nominal.
+            stock: Stock effects around them, by ``CHANNELS``.
 
         Raises:
             ModelError: If the batch is empty or the parameters have the wrong shape.
@@ -125,7 +136,10 @@ class Walks:
         plants = nominal_plant(scene.gait, scene.camera) if reality is None else as_plants(reality)
         if plants.shape not in ((), (batch,)):
             raise ModelError(f"a batch of {batch} takes one reality or {batch}, not {plants.shape}")
-        self.scene = scene
+        self.scene, self.stock = scene, stock
+        self._given = np.zeros((batch, MEMORY))
+        if stock is not None:
+            stock.kept["given"] = self._given
         self.plants = np.array(np.broadcast_to(plants, (batch,)))
         self.walks: NDArray[Any] = np.zeros(batch, dtype=WALK)
         one, track = scene.camera, scene.track
@@ -163,6 +177,10 @@ class Walks:
     def begin(self, rows: list[int]) -> None:
         """Start several walks, whose noise has been keyed."""
         scene = self.scene
+        if self.stock is not None:
+            self.stock.begin(rows)
+            self._given[rows] = 0.0
+            self._change(rows, 0.0)
         for i in rows:
             start(
                 self.walks, i, self.walks["key"][i], *self._track,
@@ -189,16 +207,39 @@ class Walks:
             raise ModelError(f"commands must have shape ({len(self)},), not {values.shape}")
         if not self._begun.all():
             raise ModelError("restart every walk before the first stride")
+        if self.stock is None:
+            self._walk(values)
+        else:
+            self._walk_as_given(values, self.stock)
+        self._scan(np.arange(len(self)))
+
+    def _walk(self, commands: FloatArray) -> None:
+        """Take every walk through one stride, shape (batch,) [rad]."""
         scene = self.scene
         if self._rigid:
-            for i, value in enumerate(values):
+            for i, value in enumerate(commands):
                 self._walk_bodies(self._body_of(float(self.plants["stride"][i])), i, float(value))
         else:
             move(
-                self.walks, values, *self._track, scene.latency, self.plants,
+                self.walks, commands, *self._track, scene.latency, self.plants,
                 scene.noise.yaw, scene.noise.lateral, scene.gait.limit,
             )  # fmt: skip
-        self._scan(np.arange(len(self)))
+
+    def _walk_as_given(self, commands: FloatArray, stock: Stepped) -> None:
+        """As ``_walk``, by what the actuators make of the commands; what is remembered as sent was sent."""
+        sent = self.walks["commands"].copy()
+        self.walks["commands"] = self._given
+        self._change(list(range(len(self))), self.scene.gait.stride_time)
+        self._walk(stock.given(commands[:, None])[:, 0])
+        self._given[:] = self.walks["commands"]
+        self.walks["commands"][:, 0] = np.clip(commands, -self.scene.gait.limit, self.scene.gait.limit)
+        self.walks["commands"][:, 1:] = sent[:, :-1]
+        stock.tick()
+
+    def _change(self, rows: list[int], duration: float) -> None:
+        """Let the parameters of some walks be what they are over the time that comes [s]."""
+        if self.stock is not None and self.stock.moves:
+            self.plants[rows] = as_plants(self.stock.change(rows, duration))
 
     def _walk_bodies(self, body: Body, i: int, command: float) -> None:
         """Take one walk through a stride of rigid bodies."""
@@ -220,9 +261,22 @@ class Walks:
                 self.walks, which, *self._track, scene.tape.width, self._bands,
                 scene.camera_yaws_with_inner, self.plants, scene.noise.sensor,
             )  # fmt: skip
-            return
+        else:
+            self._scan_images(which, self.images)
+        if self.stock is not None and self.stock.senses:
+            self._show(which, self.stock)
+
+    def _show(self, which: NDArray[np.int64], stock: Stepped) -> None:
+        """Put what the sensor shows of the line in the place of what it would; a lost line stays as it is."""
+        lines, lost = self.walks["lines"][which, :, 0], self.walks["lost"][which]
+        shown = stock.shown(np.where(lost, np.nan, lines), which)
+        self.walks["lines"][which, :, 0] = np.where(lost, lines, shown)
+
+    def _scan_images(self, which: NDArray[np.int64], images: Image) -> None:
+        """Let some walks take photographs, and their camera boards find the line in them."""
+        scene = self.scene
         for i in which:
-            image = self._photograph(i, self.images[i])
+            image = self._photograph(i, images[i])
             for band, (first, last) in enumerate(self._rows):
                 column, count = centroid(image, first, last, scene.exposure.threshold)
                 place = (scene.camera.width / 2.0 - column) * scene.camera.metres_per_pixel

@@ -1,0 +1,58 @@
+"""What a task truly is: its model, the reality, and the stock effects that this names around the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.stepped import Channels, Stepped
+from fieldmodels.model import Model
+from fieldmodels.reality import Reality
+
+if TYPE_CHECKING:
+    from fieldgym.base import Floats
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A task's model in a reality.
+
+    Attributes:
+        model: The model, with stock effects around it if the reality names some.
+        reality: The reality, checked.
+        typical: The model's own parameter vector, samplers at their typical values, shape (own,).
+        extremes: Two such, with every sampler at its smallest and at its largest value, shape (2, own).
+        stock: What steps the stock effects; None without any.
+    """
+
+    model: Model
+    reality: Reality
+    typical: Floats
+    extremes: Floats
+    stock: Stepped | None
+
+
+def read_truth(source: Any, model: Model, channels: Channels, batch: int, step: float) -> Truth:
+    """Read what a user hands in as ``reality=``.
+
+    Args:
+        source: See ``fieldmodels.reality.read_reality``; beside the model's own effects it may name stock
+            effects of the signals that the task commands and measures (``drivers.around.stock_of``).
+        model: The task's model.
+        channels: Which signals these are.
+        batch: Number of rows.
+        step: Sampling interval of the task [s].
+
+    Raises:
+        ModelError: As ``read_reality``; also for a stock effect that cannot act in the task.
+    """
+    around, reality = flown(model, source, channels)
+    own = len(model.names)
+    return Truth(
+        model=around,
+        reality=reality,
+        typical=reality.typical(around)[:own],
+        extremes=reality.extremes(around)[:, :own],
+        stock=stepped(around, reality, channels, batch, step),
+    )
