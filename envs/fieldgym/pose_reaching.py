@@ -29,12 +29,12 @@ from fieldgym.base import (
 from fieldgym.info import Info, complete
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
-from fieldmodels.machines.pose_reaching.batch import Robots, Rules, Tick
+from fieldgym.stock import read_truth
+from fieldmodels.machines.pose_reaching.batch import CHANNELS, Robots, Rules, Tick
 from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.kernel import NUMBERS
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.parameters import GOAL
-from fieldmodels.reality import read_reality
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
@@ -57,16 +57,17 @@ class _PoseReachingTask(BatchTask):
     """The task on a batch of robots."""
 
     settings: PoseReachingSettings
+    channels = CHANNELS
     options = ("pose",)
     keyed_once = True
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, PoseReachingSettings)
         model = PoseReaching()
-        self.reality = read_reality(reality, model)
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
-        possible = self.reality.extremes(model)
-        self.robots = Robots(batch, self.settings, self.reality.typical(model), possible=possible)
+        truth = read_truth(reality, model, self.channels, batch, self.settings.tick)
+        self.reality, self.stock = truth.reality, truth.stock
+        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
+        self.robots = Robots(batch, self.settings, truth.typical, possible=truth.extremes, stock=truth.stock)
         self._tick: Tick | None = None
         self._trails: list[list[Floats]] | None = [[] for _ in range(batch)] if drawing else None
         self._commands = [(0.0, 0.0)] * batch

@@ -150,6 +150,7 @@ class Model(ABC):
             noise prove nothing by themselves.
         inputs_are_free: False if inputs cannot be chosen freely (a walker's own steering).
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
+        wrapped_outputs: Outputs that are measured within a turn, [-pi, pi): its errors go by that.
         measured_states: Which output a window's state is taken from, where it has another name.
     """
 
@@ -165,6 +166,7 @@ class Model(ABC):
     inputs_are_free: bool = True
     unbounded_outputs: tuple[str, ...] = ()
     measured_inputs: tuple[Signal, ...] = ()
+    wrapped_outputs: tuple[str, ...] = ()
     measured_states: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod

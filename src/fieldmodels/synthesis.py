@@ -11,12 +11,13 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import flown
 from fieldmodels.drivers.declaration import params_of
 from fieldmodels.machines.one_axis.free import respond_to
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal
 from fieldmodels.names import did_you_mean
-from fieldmodels.reality import Reality, read_reality
+from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, Windows
 
 Excitation = Callable[[float, float, np.random.Generator], FloatArray]
@@ -130,7 +131,7 @@ def synthesise(
 
     Args:
         model: The model whose extended form is the reality.
-        reality: What differs from the nominal simulation.
+        reality: What differs from the nominal simulation; stock effects that it names act around the model.
         inputs: The name of an excitation ("swing" for a path, of an axis); or the commands
             themselves, each of shape (n,) per episode.
         duration: Length of an episode [s], if an excitation is named.
@@ -153,7 +154,7 @@ def synthesise(
             samples, or an ``outside`` force that the model has no entry for.
     """
     commands = _commands(model, inputs, duration, step, amplitude, episodes, rng)
-    truth = read_reality(reality, model)
+    model, truth = flown(model, reality)
     clean, quantum = _without_quantisation(truth)
     count = len(commands[0])
     fine = step / refine

@@ -51,6 +51,15 @@ STOCK = {
         },
         "camera_height_step": {"time": 3.0, "change": {"uniform": [-0.3, 0.3]}},
     },
+    "fieldgym/PoseReaching-v0": {
+        "speed_gain": {"gain": {"uniform": [0.5, 1.5]}},
+        "turn_rate_rate_limit": {"rate": {"uniform": [5.0, 20.0]}},
+        "turn_rate_lag": {"time_constant": {"choice": [0.0, 0.2]}},
+        "x_delay": {"delay": {"choice": [0.0, 0.17]}},
+        "heading_lag": {"time_constant": {"uniform": [0.0, 0.2]}},
+        "y_quantisation": {"step": {"uniform": [0.0, 0.05]}},
+        "track_drift": {"rate": {"uniform": [0.0, 0.005]}},
+    },
 }
 """The same of stock effects around a task, with all that they remember."""
 IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))

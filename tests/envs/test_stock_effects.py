@@ -15,6 +15,7 @@ from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.recording import record_walk
 from fieldmodels.machines.line_following.tracks import straight
 from fieldmodels.machines.line_following.walks import Scene
+from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.model import ModelError
 
 
@@ -167,3 +168,93 @@ def test_what_the_tasks_declare_is_in_their_models():
         model = get_model(task.model)
         assert set(task.channels.commands) <= {s.name for s in model.inputs}
         assert set(task.channels.observed) <= {s.name for s in model.outputs}
+
+
+POSE = "fieldgym/PoseReaching-v0"
+TICK = 0.1
+DRIVEN = np.random.default_rng(4).uniform(-0.9, 0.9, (25, 2))
+MOVED = np.array([0.5, 4.0]) * (DRIVEN + np.array([1.0, 0.0]))
+"""Speeds [m/s] and turn rates [rad/s] that these actions command."""
+SLOW = {"starts": "T3", "walls": "slide"}
+
+
+def driven(infos):
+    return np.array([i["privileged"]["pose"] for i in infos])
+
+
+def apart(poses, others):
+    gap = poses - others
+    return np.abs(np.column_stack([gap[:, :2], np.angle(np.exp(1j * gap[:, 2]))])).max()
+
+
+@pytest.mark.parametrize(
+    ("reality", "oracle"),
+    [
+        (
+            {"speed_gain": {"gain": 0.7}, "turn_rate_lag": {"time_constant": 0.25}},
+            lambda u: np.column_stack([0.7 * u[:, 0], lagged(u[:, 1], 0.25, TICK)]),
+        ),
+        (
+            {"turn_rate_curve": {"low": -2.0, "high": 2.0, "value_1": 0.3, "value_2": -0.4, "value_3": 0.1}},
+            lambda u: np.column_stack(
+                [u[:, 0], u[:, 1] + np.interp(u[:, 1], [-2.0, 0.0, 2.0], [0.3, -0.4, 0.1])]
+            ),
+        ),
+    ],
+    ids=["gain and lag", "curve"],
+)
+def test_a_robot_drives_as_its_drive_gives(reality, oracle):
+    """A drive that gives other speeds than commanded is one that is commanded these."""
+    infos = play(POSE, DRIVEN, reality, **SLOW)[1]
+    nominal = play(POSE, oracle(MOVED) / [0.5, 4.0] - [1.0, 0.0], {"slope": {"x": 1e-15}}, **SLOW)[1]
+    assert len(infos) == len(DRIVEN) + 1
+    assert apart(driven(infos), driven(nominal)) < 1e-9
+    assert apart(driven(infos), driven(play(POSE, DRIVEN, **SLOW)[1])) > 0.05
+
+
+def test_a_drive_may_give_more_than_can_be_commanded_and_go_backwards():
+    """A gain above 1 at full speed, and a bias against a command of nothing."""
+    for bias, action, way in (
+        ({"speed_gain": {"gain": 1.3}}, 1.0, 1.3),
+        ({"speed_bias": {"bias": -0.2}}, -1.0, -0.2),
+    ):
+        infos = play(POSE, [(action, 0.0)] * 3, bias, seed=8, starts="T1")[1]
+        x, y, heading = driven(infos)[0]
+        there = np.array([x + 0.3 * way * np.cos(heading), y + 0.3 * way * np.sin(heading)])
+        np.testing.assert_allclose(driven(infos)[-1][:2], there, atol=1e-9)
+        assert infos[-1]["path_length"] == pytest.approx(0.3 * abs(way))
+
+
+def test_a_robot_sees_what_its_sensors_show():
+    reality = {
+        "x_gain": {"gain": 1.1},
+        "x_bend": {"curvature": 0.1},
+        "y_delay": {"delay": 0.13},
+        "heading_curve": {"low": -3.0, "high": 3.0, "value_1": 0.2, "value_2": -0.1, "value_3": 0.2},
+    }
+    seen, infos = play(POSE, DRIVEN, reality, **SLOW)
+    _, nominal = play(POSE, DRIVEN, {"slope": {"x": 1e-15}}, **SLOW)
+    assert apart(driven(infos), driven(nominal)) < 1e-12
+    x, y, heading = driven(nominal).T
+    x, clock = 1.1 * x + 0.1 * x * np.abs(x), TICK * np.arange(len(x))
+    y = np.interp(clock - 0.13, clock, y)
+    heading = heading + np.interp(heading, [-3.0, 0.0, 3.0], [0.2, -0.1, 0.2])
+    ball = np.arctan2(-y, -x) - heading
+    expected = np.column_stack(
+        [x, y, np.cos(heading), np.sin(heading), np.log(np.hypot(x, y)), np.cos(ball), np.sin(ball)]
+    )
+    np.testing.assert_allclose(seen, expected, atol=2e-6)
+    shown = np.array([i["pose"] for i in infos])
+    assert apart(shown, np.column_stack([x, y, heading])) < 1e-9
+    assert apart(shown, driven(infos)) > 0.1
+
+
+def test_a_track_that_grows_while_a_robot_drives():
+    """Unequal wheels turn a robot by their difference over the track, less and less."""
+    reality = {"unequal_wheels": {"difference": 0.1}, "track_step": {"time": 0.55, "change": 0.05}}
+    infos = play(POSE, np.tile([0.0, 0.0], (12, 1)), reality, seed=9)[1]
+    turned = np.diff(np.unwrap(driven(infos)[:, 2]))
+    own = PoseReaching()
+    track = own.nominal[own.index("track")]
+    share = np.clip((0.1 * np.arange(12) + 0.1 - 0.55) / 0.1, 0.0, 1.0)
+    np.testing.assert_allclose(turned, -0.1 * 0.05 / (track + 0.05 * share), atol=1e-9)

@@ -24,6 +24,7 @@ class Plain(Model):
     parameters = (Parameter("scale", "1", 1.0, 0.2, 3.0, 0.1), Parameter("other", "1", 1.0, 0.0, 2.0, 0.1))
     effects = ()
     horizons = (1.0,)
+    wrapped_outputs = ("second",)
 
     def simulate(self, parameters, windows):
         rows = windows.starts[:, None] + np.arange(windows.samples)

@@ -31,7 +31,7 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     """
     data = out / f"{config.name}.{config.format}"
     save_recording(make_recording(config), data)
-    _, truth = _reality(config)
+    truth = _reality(config)
     hidden = out / f"{config.name}.reality.yaml"
     save_yaml(
         {
@@ -45,23 +45,18 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     return {"recording": data, "reality": hidden}
 
 
-def _reality(config: RecordConfig) -> tuple[Model, Reality]:
-    """The model with the stock effects that the hidden reality names around it, and that reality.
-
-    Samplers are drawn once, by the config's seed but apart from the noise.
-    """
+def _reality(config: RecordConfig) -> Reality:
+    """The hidden reality; samplers in it are drawn once, by the config's seed but apart from the noise."""
     model, reality = flown(get_model(config.model), config.reality)
-    if reality.random:
-        reality = reality.draw(model, np.random.default_rng([config.seed, 1]))
-    return model, reality
+    return reality.draw(model, np.random.default_rng([config.seed, 1])) if reality.random else reality
 
 
 def make_recording(config: RecordConfig) -> Recording:
     """The measured data that a config describes; equal configs give equal data."""
-    model, reality = _reality(config)
+    reality = _reality(config)
     recorder = recorder_of(config.model)
     make = recorder.record if recorder else _driven
-    return make(config, model, reality, np.random.default_rng(config.seed))
+    return make(config, get_model(config.model), reality, np.random.default_rng(config.seed))
 
 
 def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:

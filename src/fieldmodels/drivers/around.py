@@ -98,7 +98,8 @@ class Surrounded(Model):
         self.forces: tuple[()] = ()
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "random_force", "inputs_are_free", "unbounded_outputs", "measured_inputs", "measured_states",
+            "random_force", "inputs_are_free", "unbounded_outputs", "wrapped_outputs", "measured_states",
+            "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self._signals = {
@@ -204,6 +205,8 @@ class Surrounded(Model):
     def _true(self, values: FloatArray, times: FloatArray, signal: str, vector: FloatArray) -> FloatArray:
         """The true values behind those that a sensor shows, shape (n,)."""
         row, curve_row = self._numbers("sensor", signal, vector)
+        if signal in self.wrapped_outputs:
+            values = (values + np.pi) % (2.0 * np.pi) - np.pi
         true = np.array([sensors.inverted(v, t, 0.0, row) for v, t in zip(values, times, strict=True)])
         if curve_row[2:].any():
             bent = true.copy()
@@ -216,7 +219,10 @@ class Surrounded(Model):
         row, curve_row = self._numbers("sensor", self.outputs[j].name, vector)
         begin = windows.starts * windows.recording.step
         times = begin[:, None] + np.arange(windows.samples) * windows.recording.step
-        return sensors.measure(values, times, row, curve_row)
+        if self.outputs[j].name not in self.wrapped_outputs:
+            return sensors.measure(values, times, row, curve_row)
+        within = (values + np.pi) % (2.0 * np.pi) - np.pi
+        return np.asarray(values + sensors.measure(within, times, row, curve_row) - within)
 
     def _commanded(self, windows: Windows, vector: FloatArray) -> Windows:
         """The windows of a recording whose commands have passed the actuators."""
@@ -300,6 +306,8 @@ class Flown(Surrounded):
             out = np.empty((batch * count, 1))
             show_all(sensor_of, rows, np.ascontiguousarray(true[:, k]), begin + k * step, step, out)
             shown[:, k] = out
+        if self.outputs[j].name in self.wrapped_outputs:  # go on where the true one does
+            shown = true + (shown - true + np.pi) % (2.0 * np.pi) - np.pi
         return shown.reshape(values.shape)
 
 

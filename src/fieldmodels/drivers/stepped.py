@@ -28,6 +28,7 @@ LAYOUTS: Mapping[str, Layout] = {
     "sensor": sensors.ROW,
     "change": changes.ROW,
 }
+Rows = Sequence[int] | IntArray
 TAKES_TIME = {
     "actuator": frozenset({"lag", "rate_limit", "delay"}),
     "sensor": frozenset({"lag", "delay"}),
@@ -126,7 +127,7 @@ class Signals(NamedTuple):
         curves: Curves, shape (batch, signals, longest).
         lengths: Numbers of each signal's curve, shape (signals,).
         on: Where any is on, shape (batch, signals).
-        wraps: Which signals are angles, shape (signals,).
+        wraps: Which signals are measured within a turn, shape (signals,).
         counts: Samples since each row began, shape (batch, signals).
         held: What play transmitted; of a sensor, the true value before; shape (batch, signals).
         slow: What a lagging actuator gives, or what a lagging sensor shows, of that shape.
@@ -170,7 +171,7 @@ def make_signals(
         curves=np.zeros((batch, count, max((c.shape[1] for c in curves), default=0))),
         lengths=np.array([c.shape[1] for c in curves], dtype=np.int64),
         on=np.zeros((batch, count), dtype=np.bool_),
-        wraps=np.array([s.angle for s in signals], dtype=np.bool_),
+        wraps=np.array([s.name in model.wrapped_outputs for s in signals], dtype=np.bool_),
         counts=np.zeros((batch, count), dtype=np.int64),
         held=np.zeros((batch, count)),
         slow=np.zeros((batch, count)),
@@ -181,7 +182,7 @@ def make_signals(
 
 
 def fill(
-    made: Signals, model: Any, place: str, signals: Sequence[Any], rows: Sequence[int], vectors: FloatArray
+    made: Signals, model: Any, place: str, signals: Sequence[Any], rows: Rows, vectors: FloatArray
 ) -> None:
     """Put other parameter vectors, shape (len(rows), n), into some rows."""
     for k, s in enumerate(signals):
@@ -263,13 +264,16 @@ def show(s: Signals, b: int, k: int, value: float, time: float, step: float) -> 
     s.held[b, k] = value
     if s.lengths[k] > 0:
         curve = s.curves[b, k, : s.lengths[k]]
-        value, before = value + on_curve(value, curve), before + on_curve(before, curve)
+        value += on_curve(within_turn(value) if s.wraps[k] else value, curve)
+        before += on_curve(within_turn(before) if s.wraps[k] else before, curve)
     if n > 0 and r.lag_time_constant > 0.0:
         s.slow[b, k] = sensors.filtered(s.slow[b, k], before, value, step, r.lag_time_constant)
     else:
         s.slow[b, k] = value
-    shown = sensors.measured(remembered(s, b, k, s.slow[b, k], r.delay_delay, step), time, 0.0, r)
-    return within_turn(shown) if s.wraps[k] else shown
+    late = remembered(s, b, k, s.slow[b, k], r.delay_delay, step)
+    if s.wraps[k]:
+        return within_turn(sensors.measured(within_turn(late), time, 0.0, r))
+    return sensors.measured(late, time, 0.0, r)
 
 
 @compiled
@@ -370,14 +374,14 @@ class Stepped:
         """Whether a parameter changes over time."""
         return bool(self._moving)
 
-    def set_parameters(self, rows: Sequence[int], vectors: FloatArray) -> None:
+    def set_parameters(self, rows: Rows, vectors: FloatArray) -> None:
         """Give some rows, before their next episode, other parameter vectors, shape (len(rows), n)."""
         self._vectors[rows] = vectors
         self.current[rows] = vectors[:, : self.own]
         fill(self.actuators, self.model, "actuator", self._commands, rows, vectors)
         fill(self.sensors, self.model, "sensor", self._observed, rows, vectors)
 
-    def begin(self, rows: Sequence[int]) -> None:
+    def begin(self, rows: Rows) -> None:
         """Let the episodes of some rows begin: nothing has happened yet."""
         self._ticks[rows] = 0
         self.clock[rows] = 0.0
@@ -407,7 +411,7 @@ class Stepped:
         show_all(self.sensors, which, np.ascontiguousarray(values), self.clock, self.step, out)
         return out
 
-    def change(self, rows: Sequence[int], duration: float) -> FloatArray:
+    def change(self, rows: Rows, duration: float) -> FloatArray:
         """Let time act on the parameters of some rows: ``current`` is their mean over the time that comes.
 
         Args:

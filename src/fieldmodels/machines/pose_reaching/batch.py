@@ -6,15 +6,16 @@ A robot's starts depend on its seed and the number of its episode alone; its mot
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmodels.arrays import FloatArray
+from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.declared import any_on, as_rows, neutral
+from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.pose_reaching.declaration import BASE, EFFECTS, ROW
 from fieldmodels.machines.pose_reaching.extended import Extended, make_extended
 from fieldmodels.machines.pose_reaching.kernel import (
@@ -23,6 +24,7 @@ from fieldmodels.machines.pose_reaching.kernel import (
     ROBOT,
     advance_all,
     observe_all,
+    see_all,
     start_all,
     start_all_at,
 )
@@ -30,8 +32,16 @@ from fieldmodels.machines.pose_reaching.parameters import FIELD, LOOSE, STRICT, 
 from fieldmodels.model import ModelError
 from fieldmodels.settings import Setting, check_declared, kernel_rows
 
+NOBODY = np.zeros(0, dtype=np.int64)
 INSTANT = 0.01
 """Longest time between instants at which arrival is tested [s]: 1 cm and 2.3 deg at full speed and rate."""
+
+CHANNELS = Channels(
+    commands=("speed", "turn_rate"),
+    observed=("x", "y", "heading"),
+    without="a robot is told how to move, and measures its pose",
+)
+"""Where stock effects can act on a robot."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +157,7 @@ class Robots:
         field: On which field.
         robots: State of every robot, shape (batch,), dtype ``ROBOT``.
         extended: What they truly are, with effects; None if all are nominal.
+        stock: Stock effects around the robots, or None.
     """
 
     def __init__(
@@ -158,6 +169,7 @@ class Robots:
         possible: ArrayLike | None = None,
         field: Field = FIELD,
         arrival: Arrival | None = None,
+        stock: Stepped | None = None,
     ) -> None:
         """Make robots; seed and restart each before the first tick.
 
@@ -168,6 +180,7 @@ class Robots:
             possible: Parameter vectors as extreme as ``set_reality`` will give, shape (k, n); None for none.
             field: The playing field.
             arrival: When a robot has arrived; None takes that of the rules.
+            stock: Stock effects around them, by ``CHANNELS``.
 
         Raises:
             ModelError: If the reality has the wrong shape or the batch is empty.
@@ -185,11 +198,15 @@ class Robots:
         self.extended: Extended | None = None
         self.field = field
         self._rules = kernel_rules(self.rules, batch, field, arrival or self.rules.arrival)
+        self.stock = stock
+        self._shown = np.zeros((batch, len(CHANNELS.observed)))
+        if stock is not None:
+            stock.kept["shown"] = self._shown
         later = vector if possible is None else np.asarray(possible, dtype=np.float64)
-        if any_on(vector, BASE, EFFECTS).any() or any_on(later, BASE, EFFECTS).any():
+        if stock or any_on(vector, BASE, EFFECTS).any() or any_on(later, BASE, EFFECTS).any():
             vectors = np.array(np.broadcast_to(vector, (batch, len(nominal))))
             instant = self.rules.tick / int(self._rules["substeps"][0])
-            on = any_on(vectors, BASE, EFFECTS)
+            on = self._on(vectors)
             self.extended = make_extended(as_rows(vectors, ROW), on, instant, as_rows(later, ROW))
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self._ready = False
@@ -203,12 +220,16 @@ class Robots:
         """Which robots have a stream, shape (batch,)."""
         return self._seeded
 
-    def set_reality(self, rows: list[int], vectors: FloatArray) -> None:
+    def set_reality(self, rows: Sequence[int] | IntArray, vectors: FloatArray) -> None:
         """Give some robots, before their next episode, other parameters; shape (len(rows), n)."""
         if self.extended is None:
             raise ModelError("robots that are to have effects later need them among ``possible``")
         self.extended.rows[rows] = as_rows(vectors, ROW)
-        self.extended.on[rows] = any_on(vectors, BASE, EFFECTS)
+        self.extended.on[rows] = self._on(vectors)
+
+    def _on(self, vectors: FloatArray) -> NDArray[np.bool_]:
+        """Which robots go from instant to instant: those with an effect; all if stock effects are around."""
+        return any_on(vectors, BASE, EFFECTS) | (self.stock is not None)
 
     def set_rules(self, row: int, rules: Rules) -> None:
         """Give one robot, before its next episode, other rules with the same tick."""
@@ -240,9 +261,25 @@ class Robots:
         else:
             start_all_at(self.robots, rows, self._inside(poses, len(rows)), self.extended, self._rules)
         self._ready = bool(self._seeded.all())
+        if self.stock is not None:
+            self._begin_stock(rows, self.stock)
+            self._shown[rows] = self.stock.shown(self._seen().poses[rows], rows)
+
+    def _begin_stock(self, rows: IntArray, stock: Stepped) -> None:
+        """Begin the stock effects' episodes of some robots."""
+        stock.begin(rows)
+        if stock.moves:
+            self.set_reality(rows, stock.change(rows, 0.0))
 
     def observe(self) -> Tick:
         """What is observed of every robot as it stands; the rewards are zero."""
+        tick = self._seen()
+        if self.stock is not None and self.stock.senses:
+            see_all(self._shown, tick.observed, tick.poses)
+        return tick
+
+    def _seen(self) -> Tick:
+        """As ``observe``, before stock effects of the sensors."""
         tick = self._empty()
         observe_all(
             self.robots,
@@ -271,11 +308,13 @@ class Robots:
         """
         if not self._ready:
             raise ModelError("seed and restart every robot before the first tick")
+        begin = np.flatnonzero(self.robots["over"]) if self.stock and restarting else NOBODY
         tick = self._empty()
         finite = advance_all(
             self.robots,
             actions,
             restarting,
+            None if self.stock is None else self._given(actions, self.stock),
             self.extended,
             self._rules,
             tick.observed,
@@ -288,7 +327,24 @@ class Robots:
         )
         if not finite:
             raise ModelError(f"actions must be finite numbers, not {actions}")
+        if self.stock is not None:
+            self.stock.tick()
+            self._begin_stock(begin, self.stock)
+            if self.stock.senses:
+                self._shown[:] = self.stock.shown(tick.poses)
+                see_all(self._shown, tick.observed, tick.poses)
         return tick
+
+    def _given(self, actions: NDArray[np.floating[Any]], stock: Stepped) -> FloatArray:
+        """What the drive makes of commanded speeds [m/s] and turn rates [rad/s], shape (batch, 2)."""
+        if stock.moves:
+            every = np.arange(len(self))
+            self.set_reality(every, stock.change(every, self.rules.tick))
+        speed, rate = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0).T
+        rules = self._rules
+        return stock.given(
+            np.column_stack([0.5 * rules["max_speed"] * (1.0 + speed), rules["max_rate"] * rate])
+        )
 
     def state(self) -> dict[str, NDArray[Any]]:
         """An exact snapshot of all robots: plain arrays, the first structured."""

@@ -200,6 +200,38 @@ def measured_pose(robot: Any, extended: Extended, b: int, c: Any) -> tuple[float
 
 
 @inlined
+def see(
+    b: int,
+    x: float,
+    y: float,
+    heading: float,
+    cosine: float,
+    sine: float,
+    distance: float,
+    observed: Any,
+    poses: Any,
+) -> None:
+    """Write down a measured pose, and what is observed of it."""
+    distance = max(distance, NEAREST)
+    to_ball = -(x * cosine + y * sine) / distance, (x * sine - y * cosine) / distance
+    seen = (x, y, cosine, sine, math.log(distance), to_ball[0], to_ball[1])  # in the order of OBSERVED
+    for i in range(len(seen)):
+        observed[b, i] = seen[i]
+    poses[b, 0] = x
+    poses[b, 1] = y
+    poses[b, 2] = heading
+
+
+@compiled
+def see_all(shown: FloatArray, observed: NDArray[np.float32], poses: FloatArray) -> None:
+    """Write down the poses that sensors show, shape (batch, 3), and what is observed of these."""
+    for b in range(len(shown)):
+        x, y, heading = shown[b, 0], shown[b, 1], shown[b, 2]
+        distance = math.sqrt(x * x + y * y)
+        see(b, x, y, heading, math.cos(heading), math.sin(heading), distance, observed, poses)
+
+
+@inlined
 def observe(
     robot: Any,
     extended: Extended | None,
@@ -222,20 +254,13 @@ def observe(
         if q.sensor_delay.delay != 0.0 or q.heading_bias.angle != 0.0:
             x, y, heading = measured_pose(robot, extended, b, c)
             cosine, sine, distance = math.cos(heading), math.sin(heading), math.sqrt(x * x + y * y)
-    distance = max(distance, NEAREST)
-    to_ball = -(x * cosine + y * sine) / distance, (x * sine - y * cosine) / distance
-    seen = (x, y, cosine, sine, math.log(distance), to_ball[0], to_ball[1])  # in the order of OBSERVED
-    for i in range(len(seen)):
-        observed[b, i] = seen[i]
+    see(b, x, y, heading, cosine, sine, distance, observed, poses)
     numbers[SUCCESS, b] = 1.0 if there else 0.0
     numbers[TIME, b] = robot.time
     numbers[PATH, b] = robot.path_length
     numbers[DUBINS, b] = robot.dubins_length
     numbers[DUBINS_TIME, b] = robot.dubins_length / c.max_speed
     numbers[WALL_HITS, b] = robot.wall_hits
-    poses[b, 0] = x
-    poses[b, 1] = y
-    poses[b, 2] = heading
 
 
 @compiled
@@ -243,6 +268,7 @@ def advance_all(
     robots: NDArray[Any],
     actions: NDArray[np.floating[Any]],
     restarting: bool,
+    given: FloatArray | None,
     extended: Extended | None,
     rules: NDArray[Any],
     observed: NDArray[np.float32],
@@ -255,7 +281,8 @@ def advance_all(
 ) -> bool:
     """Take every robot through one tick; with ``restarting``, one whose episode is over begins its next.
 
-    See ``Robots.advance`` and ``Tick`` for the arrays.
+    See ``Robots.advance`` and ``Tick`` for the arrays; ``given`` are speeds [m/s] and turn rates [rad/s] in
+    the place of those that the actions command, shape (batch, 2), or None.
 
     Returns:
         False if an action is not a finite number; then nothing has happened.
@@ -271,6 +298,8 @@ def advance_all(
         else:
             speed = 0.5 * c.max_speed * (1.0 + min(max(float(actions[b, 0]), -1.0), 1.0))
             rate = c.max_rate * min(max(float(actions[b, 1]), -1.0), 1.0)
+            if given is not None:
+                speed, rate = given[b, 0], given[b, 1]
             time, distance = robot.time, robot.distance
             there, held = driven(robot, speed, rate, extended, b, c)
             robot.distance = math.sqrt(robot.x * robot.x + robot.y * robot.y)

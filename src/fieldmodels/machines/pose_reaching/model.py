@@ -64,6 +64,7 @@ class PoseReaching(Model):
     horizons = (0.5, 2.0, 4.0)
     disturbance_unit = "rad/s"
     unbounded_outputs = POSE
+    wrapped_outputs = ("heading",)
     wheel_front: ClassVar[bool] = False
 
     def __init__(
