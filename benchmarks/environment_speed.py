@@ -48,7 +48,7 @@ def heel_strike() -> None:
     bank = gym.make_vec(HEEL_STRIKE, num_envs=BATCH, settings={"bank": True})
     sync = gym.make_vec(HEEL_STRIKE, num_envs=BATCH, vectorization_mode="sync")
     single = gym.make(HEEL_STRIKE, settings={"strides": 1_000_000})
-    strides = Strides(BATCH, Leg(), Regimes.preset("ar1"))
+    strides = Strides(BATCH, Leg(), Regimes(collision_kind="ar1"))
     for i in range(BATCH):
         strides.seed(i, np.random.default_rng(i))
     for env in (native, bank, sync, single):

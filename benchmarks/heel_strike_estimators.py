@@ -90,7 +90,7 @@ def main() -> None:
     for kind in kinds:
         for floor in (0.0, 0.004):
             show(f"{kind}, floor {1000 * floor:g} mm", row(Noise(collision_kind=kind, floor=floor)))
-        show(f"{kind}, hidden regimes", row(Regimes.preset(kind)))
+        show(f"{kind}, hidden regimes", row(Regimes(collision_kind=kind)))
 
 
 def show(title: str, values: dict[str, float]) -> None:

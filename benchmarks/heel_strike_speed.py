@@ -53,7 +53,7 @@ def plain_python(steps: int) -> float:
 
 def walking(bank: bool, reality: np.ndarray | None = None, strides: int = 100) -> float:
     """Physics steps a second of sixteen walkers."""
-    walkers = Strides(16, noise=Regimes.preset("low_pass"), reality=reality, bank=bank)
+    walkers = Strides(16, noise=Regimes(), reality=reality, bank=bank)
     for i in range(16):
         walkers.seed(i, np.random.default_rng(i))
     walkers.advance(PAPER)

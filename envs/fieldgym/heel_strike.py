@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
-from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.parameters import CollisionKind, Leg, PushOff, Regimes
 from fieldmodels.machines.heel_strike.strides import StrideResult, Strides
-from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, TRACES
+from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, TRACES, Walk
 from fieldmodels.reality import read_reality
+from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
     from fieldgym.rendering.heel_strike import Stride
 
-Levels = tuple[Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)]]
 Observation = NDArray[np.float32]
 
 GAIN_NAMES = ("S_MS early", "S_MS late", "S_HR")
@@ -47,70 +47,62 @@ FRAMES_PER_SECOND = 25
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class HeelStrikeSettings:
-    """What can be set in ``fieldgym/HeelStrike-v0``.
+class HeelStrikeSettings(Regimes):
+    """What can be set in ``fieldgym/HeelStrike-v0``: its noise, and how an episode is scored."""
 
-    Attributes:
-        strides: Strides in an episode.
-        collision_kind: ``ar1`` (the text of section 2.4.3: errors of +-3 mm as Ranger has) or ``low_pass``
-            (the size of the errors in Fig 2.10).
-        process: Low and high amplitude of the process torque [rad/s2]; equal levels never switch.
-        floor: Low and high floor height error [m].
-        collision: Low and high amplitude of the collision noise [rad/s]; None takes the kind's own,
-            (0.02, 0.3) for ``ar1`` and (0.1, 0.9) for ``low_pass``.
-        dwell: Mean number of strides between switches of one level.
-        gyro: Standard deviation of the gyro's white noise [rad/s].
-        hold: Time for which the process torque is constant [s].
-        envelope: Time after a strike in which the collision noise dies down [s]; also the time for
-            which the first gain holds.
-        floor_one_sided: Draw the floor height from [0, h] as section 2.4.5 prints, not from [-h, h].
-        push_off: Share of the speed error at a strike that the push-off removes.
-        decay: S_FD, the inverse of the gyro filter's decay time [1/s].
-        score: ``angle`` scores the error of the angle just before the heel-strike reset;
-            ``angle_and_floor`` adds the floor's height error to it, as section 2.4.5 words it.
-        reward_scale: Error that costs a reward of one [mm]; None takes the tuned Ranger estimator's mean
-            error under the collision kind's default levels.
-        reward_limit: Largest loss of one stride, in units of ``reward_scale``.
-        tuned_reset: S_HR of the tuned Ranger estimator that is scored beside the agent's; None takes the
-            best under the kind's default levels.
-        bank: Also score the bank of Kalman filters (``error_mm_imm``); several times slower.
-    """
-
-    strides: Annotated[int, Field(ge=1, le=1_000_000)] = 200
-    collision_kind: Literal["ar1", "low_pass"] = "ar1"
-    process: Levels = (0.05, 0.8)
-    floor: Levels = (0.0005, 0.004)
-    collision: Levels | None = None
-    dwell: Annotated[float, Field(ge=1)] = 30.0
-    gyro: Annotated[float, Field(ge=0, le=1)] = 0.0041
-    hold: Annotated[float, Field(gt=0, le=100)] = 0.25
-    envelope: Annotated[float, Field(gt=0, le=10)] = 0.25
-    floor_one_sided: bool = False
-    push_off: Annotated[float, Field(ge=0, le=1)] = 0.5
-    decay: Annotated[float, Field(gt=0, lt=1000)] = 1000 / 3
-    score: Literal["angle", "angle_and_floor"] = "angle"
-    reward_scale: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    reward_limit: Annotated[float, Field(gt=0)] = 10.0
-    tuned_reset: Annotated[float, Field(ge=0, le=1)] | None = None
-    bank: bool = False
-
-    @property
-    def regimes(self) -> Regimes:
-        """The noise as the model on the ground floor takes it."""
-        preset = Regimes.preset(self.collision_kind)
-        noise = Noise(
-            gyro=self.gyro,
-            collision_kind=self.collision_kind,
-            envelope=self.envelope,
-            hold=self.hold,
-            floor_one_sided=self.floor_one_sided,
-        )
-        return Regimes(self.process, self.floor, self.collision or preset.collision, self.dwell, noise)
+    collision_kind: CollisionKind = "ar1"
+    push_off: PushOff = Leg.push_off
+    strides: Annotated[int, Setting("Strides in an episode.", least=1, most=1_000_000)] = 200
+    decay: Annotated[
+        float,
+        Setting("S_FD, the inverse of the gyro filter's decay time.", "1/s", above=0, below=1000),
+    ] = 1000 / 3
+    score: Annotated[
+        Literal["angle", "angle_and_floor"],
+        Setting(
+            "`angle` scores the error of the angle just before the heel-strike reset; `angle_and_floor` adds "
+            "the floor's height error to it, as section 2.4.5 words it."
+        ),
+    ] = "angle"
+    reward_scale: Annotated[
+        float | None,
+        Setting(
+            "Error that costs a reward of one; None takes the tuned Ranger estimator's mean error under the "
+            "collision kind's default levels.",
+            "mm",
+            above=0,
+        ),
+    ] = None
+    reward_limit: Annotated[
+        float,
+        Setting("Largest loss of one stride, in units of `reward_scale`.", above=0, finite=False),
+    ] = 10.0
+    tuned_reset: Annotated[
+        float | None,
+        Setting(
+            "S_HR of the tuned Ranger estimator that is scored beside the agent's; None takes the best under "
+            "the kind's default levels.",
+            least=0,
+            most=1,
+        ),
+    ] = None
+    bank: Annotated[
+        bool,
+        Setting(
+            "Also score the bank of Kalman filters (`error_mm_imm`); several times slower.",
+            fixed="it adds an entry to the info",
+        ),
+    ] = False
 
     @property
     def leg(self) -> Leg:
         """The leg as the model on the ground floor takes it."""
-        return Leg(push_off=self.push_off)
+        return part_of(self, Leg)
+
+    @property
+    def walk(self) -> Walk:
+        """Leg, noise and estimators as the ground floor takes them."""
+        return Walk(self.leg, part_of(self, Regimes), tuned_reset=self.ranger_reset)
 
     @property
     def ranger_reset(self) -> float:
@@ -136,13 +128,14 @@ class _HeelStrikeTask(BatchTask):
         model = HeelStrikeModel(self.settings.leg)
         self.reality = read_reality(reality, model)
         self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
+        walk = self.settings.walk
         self.strides = Strides(
             batch,
-            self.settings.leg,
-            self.settings.regimes,
+            walk.leg,
+            walk.regimes,
             self.reality.typical(model),
             bank=self.settings.bank,
-            tuned_reset=self.settings.ranger_reset,
+            tuned_reset=walk.tuned_reset,
         )
         for extreme in self.reality.extremes(model):
             self.strides.set_reality([0], extreme[None])
@@ -159,6 +152,10 @@ class _HeelStrikeTask(BatchTask):
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.set_reality``."""
         self.strides.set_reality(rows, vectors)
+
+    def set_settings(self, row: int, settings: Any) -> None:
+        """See ``BatchTask.set_settings``."""
+        self.strides.set_walk(row, settings.walk)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a walk."""
@@ -183,7 +180,7 @@ class _HeelStrikeTask(BatchTask):
         """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
         gains = np.empty((len(actions), 4))
         gains[:, :3] = GAIN_LOW * (1.0 / GAIN_LOW) ** ((actions + 1.0) / 2.0)
-        gains[:, 3] = self.settings.decay
+        gains[:, 3] = self.drawn.column("decay")
         return gains
 
     def step(self, actions: NDArray[Any]) -> Outcome:
@@ -191,17 +188,17 @@ class _HeelStrikeTask(BatchTask):
         gains = self.gains(actions)
         result = self.strides.advance(gains, traces=self._tracing)
         self.elapsed += 1
-        floor_added = self.settings.score == "angle_and_floor"
+        floor_added = self.drawn.column("score") == "angle_and_floor"
         names = ESTIMATORS if self.settings.bank else ESTIMATORS[:-1]
         error = {name: result.error_mm(name, floor_added) for name in names}
         if result.traces is not None:
             self._draw_later(result, gains, error)
-        loss = np.minimum(error["agent"] / self.settings.scale_mm, self.settings.reward_limit)
+        loss = np.minimum(error["agent"] / self.drawn.column("scale_mm"), self.drawn.column("reward_limit"))
         return Outcome(
             observation=self.observation(),
             reward=-loss,
             terminated=result.fallen.copy(),
-            truncated=(self.elapsed >= self.settings.strides) & ~result.fallen,
+            truncated=(self.elapsed >= self.drawn.column("strides")) & ~result.fallen,
             info={
                 "error_mm": error["agent"],
                 **{f"error_mm_{name}": error[name] for name in names[1:]},
@@ -262,7 +259,7 @@ class _HeelStrikeTask(BatchTask):
         return draw(
             list(self.kept[i]),
             int(self.elapsed[i]),
-            self.settings.strides,
+            self.drawn.settings[i].strides,
             self.strides.leg.step_length,
             sample,
         )

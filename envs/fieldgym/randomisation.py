@@ -54,6 +54,7 @@ class Drawn:
         self.random = bool(self._parameters or self._samplers)
         self.vectors: Floats = np.tile(reality.typical(model), (batch, 1))
         self.settings = [settings] * batch
+        self._columns: dict[str, NDArray[Any]] = {}
         self.info: dict[str, Any] = {}
 
     @property
@@ -87,12 +88,14 @@ class Drawn:
 
     def _set_settings(self, i: int, values: Mapping[str, Any]) -> None:
         """Give a row settings, and the parameters that these make nominal."""
-        self.settings[i] = dataclasses.replace(self._typical, **values)
+        own = self.settings[i] = dataclasses.replace(self._typical, **values)
+        for name, column in self._columns.items():
+            column[i] = getattr(own, name)
         if self._model_of is not None:
-            own = self._reality.typical(self._model_of(self.settings[i]))
+            vector = self._reality.typical(self._model_of(own))
             drawn = list(self._parameters)
-            own[drawn] = self.vectors[i, drawn]
-            self.vectors[i] = own
+            vector[drawn] = self.vectors[i, drawn]
+            self.vectors[i] = vector
 
     def _tell(self) -> None:
         """Make the entries of ``info["privileged"]``."""
@@ -100,15 +103,17 @@ class Drawn:
         if self._parameters:
             self.info["reality"] = self._reality.named(self._model, self.vectors)
         if self._samplers:
-            self.info["settings"] = {name: self._column(name) for name in self._samplers}
+            self.info["settings"] = {name: self.column(name).copy() for name in self._samplers}
 
-    def _column(self, name: str) -> NDArray[Any]:
-        values = [getattr(settings, name) for settings in self.settings]
-        if isinstance(values[0], str):
-            column = np.empty(len(values), dtype=object)
-            column[:] = values
-            return column
-        return np.array(values)
+    def column(self, name: str) -> NDArray[Any]:
+        """A setting's value in each row, or a property's of the settings, shape (batch, ...); read only.
+
+        Names are objects, so that each may be compared with one.
+        """
+        if name not in self._columns:
+            values = [getattr(settings, name) for settings in self.settings]
+            self._columns[name] = np.array(values, dtype=object if isinstance(values[0], str) else None)
+        return self._columns[name]
 
     def state(self) -> dict[str, Any]:
         """What has been drawn; empty if nothing is random."""

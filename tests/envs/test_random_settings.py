@@ -12,6 +12,25 @@ NEAR = {"layout": "example", "capture": 120.0}
 SHOT = {"layout": "example", "lock_loss": False, "capture": 0.1}
 SEEN = {"layout": "example", "capture": 0.1, "threshold": 0.05}
 DRAWN = {
+    "heel_strike": {
+        "gyro": ((0.0041, 0.5), {}),
+        "collision_kind": (("ar1", "low_pass"), {}),
+        "correlation": ((0.5, 0.995), {}),
+        "envelope": ((0.1, 0.4), {}),
+        "hold": ((0.1, 1.0), {}),
+        "floor_one_sided": ((False, True), {}),
+        "process": (((0.05, 0.8), (0.0, 0.1)), {}),
+        "floor": (((0.0005, 0.004), (0.0, 0.02)), {}),
+        "collision": (((0.02, 0.3), (0.1, 1.0)), {}),
+        "dwell": ((1.0, 1e6), {}),
+        "push_off": ((0.2, 0.9), {}),
+        "strides": ((2, 4), {}),
+        "decay": ((50.0, 333.0), {}),
+        "score": (("angle", "angle_and_floor"), {}),
+        "reward_scale": ((1.0, 5.0), {}),
+        "reward_limit": ((0.01, 10.0), {}),
+        "tuned_reset": ((0.1, 0.9), {}),
+    },
     "pose_reaching": {
         "starts": (("T1", "T2"), {}),
         "success": (("strict", "loose"), {"starts": "T1"}),
@@ -72,7 +91,7 @@ DRIVEN = {("pose_reaching", name): towards_the_ball for name in ("success", "suc
 
 
 def trace(env, actions, observation, chooses=None):
-    """Observation, reward and ends of every step, one list of bytes for each row."""
+    """Observation, reward, ends and public info of every step, one list of bytes for each row."""
     rows = len(env.get_state()["generators"])
     vector = hasattr(env, "num_envs")
     found = [[] for _ in range(rows)]
@@ -83,7 +102,8 @@ def trace(env, actions, observation, chooses=None):
         one = env.step(action if vector else action[0])
         observation = one[0]
         for i in np.flatnonzero(~over):
-            values = [np.asarray(part)[i] if vector else np.asarray(part) for part in one[:4]]
+            told = [one[4][key] for key in sorted(one[4]) if key[0] != "_" and type(one[4][key]) is not dict]
+            values = [np.asarray(part)[i] if vector else np.asarray(part) for part in (*one[:4], *told)]
             found[i].append(b"".join(value.tobytes() for value in values))
         over |= np.atleast_1d(one[2]) | np.atleast_1d(one[3])
         if over.all():
@@ -168,3 +188,40 @@ def test_a_setting_out_of_bounds_is_refused_by_name(task, name):
     for value in (wrong, {"choice": [wrong]}):
         with pytest.raises(fieldgym.SettingsError, match=name):
             gym.make(env_id, settings={name: value})
+
+
+def test_one_number_of_a_pair_may_be_drawn():
+    settings = {"process": [0.05, {"uniform": [0.5, 1.0]}], "floor": {"choice": [[0.0, 0.001], [0.0, 0.01]]}}
+    envs = gym.make_vec("fieldgym/HeelStrike-v0", num_envs=ROWS, settings=settings)
+    _, info = envs.reset(seed=2)
+    told = info["privileged"]["settings"]
+    assert (told["process"][:, 0] == 0.05).all()
+    assert len(np.unique(told["process"][:, 1])) == ROWS
+    assert set(map(tuple, told["floor"].tolist())) == {(0.0, 0.001), (0.0, 0.01)}
+    action = np.zeros((ROWS, 3), np.float32)
+    rewards = envs.step(action)[1]
+    for i in range(ROWS):
+        own = {name: tuple(values[i].tolist()) for name, values in told.items() if name[0] != "_"}
+        twin = gym.make("fieldgym/HeelStrike-v0", settings=own).unwrapped
+        twin.reset(seed=2 + i)
+        assert twin.step(action[i])[1] == rewards[i]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ((0.1, -0.1), "process: each of process must be at least 0|process.*greater than or equal to 0"),
+        ((0.1, 0.2, 0.3), "process"),
+        (
+            [0.1, {"uniform": [0.5, 11.0]}],
+            r"process: uniform: \[0.5, 11.0\] can draw 11, outside \[0, 10\] rad/s2",
+        ),
+        ([0.1, 0.2, {"uniform": [0.5, 1.0]}], "process must be 2 numbers or samplers"),
+        ({"uniform": [0.1, 0.2]}, "process: a choice of tuples, or a list with samplers, is needed"),
+        ({"choice": [[0.1, 0.2, 0.3]]}, "process must be 2 numbers"),
+        ({"choice": [[0.1, 20.0]]}, "each of process must be at least 0, at most 10 rad/s2"),
+    ],
+)
+def test_a_pair_that_is_not_allowed_is_named(value, words):
+    with pytest.raises(fieldgym.SettingsError, match=words):
+        gym.make("fieldgym/HeelStrike-v0", settings={"process": value})

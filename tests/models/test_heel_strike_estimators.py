@@ -12,7 +12,7 @@ from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
 from fieldmodels.machines.heel_strike.strides import Strides
-from fieldmodels.machines.heel_strike.walker import BANK, bank_levels, bank_transition, make_constants
+from fieldmodels.machines.heel_strike.walker import BANK, Walk, bank_levels, bank_transition, kernel_walk
 
 BEST_DECAY = 1000 / 3
 
@@ -142,7 +142,7 @@ class Leapfrog(ExtendedKalmanFilter):
         theta, omega, torque, collision = self.x
         middle = theta + step / 2 * omega
         faster = omega + step * (torque - stiffness * np.sin(middle))
-        memory, keeps = self.c.torque_memory, self.c.memory
+        memory, keeps = self.c.torque_memory, self.c.correlation
         self.x = np.array([middle + step / 2 * faster, faster, memory * torque, keeps * collision])
         first = np.array([[1, step / 2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         kick = np.eye(4)
@@ -159,8 +159,8 @@ class Leapfrog(ExtendedKalmanFilter):
         super().update(np.array([z]), lambda _x: h, lambda x: h @ x, R=np.array([[self.levels[2]]]))
 
     def strike(self) -> None:
-        keep = np.diag([1.0, 1 - self.c.share, 1.0, 0.0])
-        aim = np.array([0.0, self.c.share * np.copysign(self.c.speed, self.x[1]), 0.0, 0.0])
+        keep = np.diag([1.0, 1 - self.c.push_off, 1.0, 0.0])
+        aim = np.array([0.0, self.c.push_off * np.copysign(self.c.speed, self.x[1]), 0.0, 0.0])
         self.x = keep @ self.x + aim
         self.P = keep @ self.P @ keep + np.diag([0, 0, 0, self.levels[3]])
 
@@ -183,10 +183,10 @@ def test_regimes_switch_from_row_to_column():
 
 @pytest.mark.parametrize("kind", ["low_pass", "ar1"])
 def test_filters_agree_with_filterpy(kind):
-    regimes = Regimes.preset(kind)
+    regimes = Regimes(collision_kind=kind)
     strides = Strides(1, noise=regimes, bank=True)
     strides.seed(0, np.random.default_rng(3))
-    constants = make_constants(strides.leg, regimes, True, 0.1, 1.0)
+    constants = kernel_walk(Walk(strides.leg, regimes), 1).view(np.recarray)[0]
     levels = bank_levels(strides.leg, regimes)
     reference = Leapfrog(levels[BANK], constants)
     bank = IMMEstimator([Leapfrog(row, constants) for row in levels[:BANK]], np.full(8, 1 / 8), np.eye(8))

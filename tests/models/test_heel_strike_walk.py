@@ -93,8 +93,8 @@ def test_silent_stride_lasts_half_a_period():
 
 
 def test_a_batch_of_one_is_a_row_of_a_batch_to_the_bit():
-    batch = walkers(5, Regimes.preset("ar1"), seed=10, bank=True)
-    single = walkers(1, Regimes.preset("ar1"), seed=13, bank=True)
+    batch = walkers(5, Regimes(collision_kind="ar1"), seed=10, bank=True)
+    single = walkers(1, Regimes(collision_kind="ar1"), seed=13, bank=True)
     for _ in range(5):
         many, one = batch.advance(PAPER), single.advance(PAPER)
     assert batch.walkers[3].tobytes() == single.walkers[0].tobytes()
@@ -222,13 +222,13 @@ def test_bad_input_is_refused():
         Strides(2, Leg(step=0.001), reality=late)
     with pytest.raises(ModelError, match="snapshot of 2 walkers"):
         walkers(2).set_state(walkers(3).state())
-    with pytest.raises(ValueError, match="push_off must be in"):
+    with pytest.raises(ValueError, match="push_off must be at least 0, at most 1"):
         Leg(push_off=1.5)
     with pytest.raises(ValueError, match="collision_kind must be"):
         Noise(collision_kind="white")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="floor must not be negative"):
+    with pytest.raises(ValueError, match="floor must be at least 0 m"):
         Noise(floor=-0.1)
-    with pytest.raises(ValueError, match="two levels"):
+    with pytest.raises(ValueError, match="each of process must be at least 0"):
         Regimes(process=(0.1, -0.2))
 
 

@@ -118,7 +118,7 @@ def recorded(settings: HeelStrikeSettings, seeds: range, reality: Any = None) ->
     rngs = [np_random(seed)[0] for seed in seeds]
     model = HeelStrikeModel(settings.leg)
     vector = read_reality(reality, model).vector(model)
-    return record_walks(rngs, settings.strides, settings.leg, settings.regimes, vector)
+    return record_walks(rngs, settings.strides, settings.leg, settings.walk.regimes, vector)
 
 
 def fixed_gains(walks: Walks, decay: float) -> Floats:

@@ -23,7 +23,7 @@ def record(config: RecordConfig, _: Model, reality: Reality, rng: np.random.Gene
 
     walk = config.walk or WalkConfig()
     kind = walk.collision_kind
-    noise = Regimes.preset(kind) if walk.regimes else Noise(collision_kind=kind)
+    noise = Regimes(collision_kind=kind) if walk.regimes else Noise(collision_kind=kind)
     return record_walk(config.duration, rng, noise, reality)
 
 

@@ -29,7 +29,6 @@ from fieldmodels.machines.heel_strike.walker import (
     RANGER_TUNED,
     SWITCH,
     TORQUE,
-    Constants,
 )
 from fieldmodels.streams import GAMMA, gaussian, mixed, symmetric, uniform
 
@@ -38,7 +37,7 @@ SMOOTHING = 0.7
 
 
 @inlined
-def start_filter(f: FloatArray, speed: float, levels: FloatArray, c: Constants) -> None:
+def start_filter(f: FloatArray, speed: float, levels: FloatArray, c: Any) -> None:
     """Start a filter in the known state, with the torque at its stationary spread."""
     f[:] = 0.0
     f[1] = speed
@@ -53,9 +52,10 @@ def begin_feature(features: FloatArray, position: int, square: float) -> None:
 
 
 @compiled
-def start(walkers: NDArray[Any], i: int, key: np.uint64, c: Constants, levels: FloatArray) -> None:
+def start(walkers: NDArray[Any], i: int, key: np.uint64, walks: NDArray[Any]) -> None:
     """Put walker ``i`` upright at the nominal speed, just after a strike, with streams from ``key``."""
-    w = walkers[i]
+    w, c = walkers[i], walks[i]
+    levels = c.levels
     for s in range(5):
         w.keys[s] = mixed(key + np.uint64(s + 1) * GAMMA)
     w.sample = 0
@@ -101,23 +101,23 @@ class Swing(NamedTuple):
 
 
 @inlined
-def push_all(w: Any, share: float, c: Constants, levels: FloatArray, use_bank: bool) -> None:
+def push_all(w: Any, share: float, c: Any, levels: FloatArray, use_bank: bool) -> None:
     """What the latest strike left to do: the reset that the agent chose, and the push-off on all."""
     w.agent_theta = reset(w.agent_theta, w.geometry, share)
     if w.stride > 0:
-        w.omega = push_off(w.omega, c.speed, c.share)
-        w.agent_omega = push_off(w.agent_omega, c.speed, c.share)
-        w.ranger_gyro = push_off(w.ranger_gyro, c.speed, c.share)
-        kalman.strike(w.ekf, c.speed, c.share, levels[BANK, 3])
+        w.omega = push_off(w.omega, c.speed, c.push_off)
+        w.agent_omega = push_off(w.agent_omega, c.speed, c.push_off)
+        w.ranger_gyro = push_off(w.ranger_gyro, c.speed, c.push_off)
+        kalman.strike(w.ekf, c.speed, c.push_off, levels[BANK, 3])
         if use_bank:
             for m in range(BANK):
-                kalman.strike(w.bank[m], c.speed, c.share, levels[m, 3])
+                kalman.strike(w.bank[m], c.speed, c.push_off, levels[m, 3])
 
 
 @inlined
-def filter_gyro(f: FloatArray, gyro: float, envelope: float, own: FloatArray, c: Constants) -> float:
+def filter_gyro(f: FloatArray, gyro: float, envelope: float, own: FloatArray, c: Any) -> float:
     """Let a filter, given its own levels of noise, take in a reading; returns its log-likelihood."""
-    kalman.predict(f, c.step, c.stiffness, c.torque_memory, own[0], c.memory, own[1])
+    kalman.predict(f, c.step, c.stiffness, c.torque_memory, own[0], c.correlation, own[1])
     innovation, variance = kalman.update_gyro(f, gyro, envelope, c.gyro_variance)
     return kalman.log_likelihood(innovation, variance)
 
@@ -128,7 +128,7 @@ def swing(
     gains: FloatArray,
     plant: Any,
     extended: bool,
-    c: Constants,
+    c: Any,
     levels: FloatArray,
     log_weights: FloatArray,
     use_bank: bool,
@@ -149,8 +149,8 @@ def swing(
     """
     stiffness, (whole, part) = c.gravity / plant.length, samples_late(plant, c.step)
     gyro_key, collision_key, process_key = w.keys[GYRO], w.keys[COLLISION], w.keys[PROCESS]
-    process = c.process_high if w.process_level == 1 else c.process_low
-    collision = c.collision_high if w.collision_level == 1 else c.collision_low
+    process = c.process[w.process_level]
+    collision = c.collision[w.collision_level]
     theta, omega, torque, sample = w.theta, w.omega, w.torque, w.sample
     agent_theta, agent_omega, ranger_gyro, ekf = w.agent_theta, w.agent_omega, w.ranger_gyro, w.ekf
     noise = c.first * symmetric(collision_key, -1 - w.stride)
@@ -162,7 +162,7 @@ def swing(
         theta, omega = leg_step(theta, omega, torque, sample * c.step, c.step, stiffness, plant, extended)
         sample += 1
         n += 1
-        noise = c.memory * noise + c.drive * symmetric(collision_key, sample)
+        noise = c.correlation * noise + c.drive * symmetric(collision_key, sample)
         envelope = max(0.0, 1.0 - n / c.envelope)
         gyro = omega
         if extended:
@@ -197,11 +197,11 @@ def swing(
 
 
 @inlined
-def floor_error(w: Any, c: Constants) -> float:
+def floor_error(w: Any, c: Any) -> float:
     """Height error of the floor at the strike [rad]."""
-    floor = c.floor_high if w.floor_level == 1 else c.floor_low
+    floor: float = c.floor[w.floor_level]
     draw = uniform(w.keys[FLOOR], w.stride)
-    return floor * (draw if c.one_sided else 2.0 * draw - 1.0)
+    return floor * (draw if c.floor_one_sided else 2.0 * draw - 1.0)
 
 
 @inlined
@@ -225,7 +225,7 @@ def bank_estimate(
 def strike(
     w: Any,
     done: Swing,
-    c: Constants,
+    c: Any,
     levels: FloatArray,
     transition: FloatArray,
     log_weights: FloatArray,
@@ -256,7 +256,7 @@ def strike(
 
 
 @inlined
-def switch_regimes(w: Any, c: Constants) -> None:
+def switch_regimes(w: Any, c: Any) -> None:
     """Draw the regimes of the next stride."""
     if uniform(w.keys[SWITCH], 3 * w.stride) < c.switch:
         w.process_level = 1 - w.process_level
@@ -272,9 +272,7 @@ def advance(
     gains: FloatArray,
     plants: NDArray[Any],
     extended: NDArray[np.bool_],
-    c: Constants,
-    levels: FloatArray,
-    transition: FloatArray,
+    walks: NDArray[Any],
     use_bank: bool,
     errors: FloatArray,
     floors: FloatArray,
@@ -289,11 +287,12 @@ def advance(
     """
     log_weights = np.empty(BANK)
     for b in range(len(walkers)):
-        w = walkers[b]
+        w, c = walkers[b], walks[b]
+        levels = c.levels
         push_all(w, gains[b, 2], c, levels, use_bank)
         log_weights[:] = 0.0
         done = swing(w, gains[b], plants[b], extended[b], c, levels, log_weights, use_bank, traces[b])
-        height = strike(w, done, c, levels, transition, log_weights, use_bank, errors[b])
+        height = strike(w, done, c, levels, c.transition, log_weights, use_bank, errors[b])
         floors[b] = height * c.millimetres
         samples[b] = done.samples
         fallen[b] = not done.struck

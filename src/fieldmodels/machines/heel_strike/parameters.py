@@ -9,95 +9,107 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-CollisionKind = Literal["low_pass", "ar1"]
+from fieldmodels.settings import Setting, check_declared, part_of
+
+PushOff = Annotated[
+    float,
+    Setting(
+        "Share of the speed error at a strike that the push-off removes; 0 is the undamped pendulum of the "
+        "source, which goes over the top after some minutes of process noise (assumed 0.5).",
+        least=0,
+        most=1,
+    ),
+]
 
 
 @dataclass(frozen=True)
 class Leg:
-    """The pendulum that stands in for the stance leg, and the rate at which it is sampled.
+    """The pendulum that stands in for the stance leg, and the rate at which it is sampled."""
 
-    Attributes:
-        length: Length of the pendulum [m] (section 2.4.1).
-        gravity: Acceleration of free fall [m/s2].
-        step: Sampling interval [s] (500 Hz, section 2.3.1).
-        step_length: Turns angles into foot heights [m] (Ranger's step length, section 2.3.2).
-        speed: Angular speed at heel strike that the push-off aims at, and at the start [rad/s] (assumed).
-        push_off: Share of the speed error that each push-off removes; 0 is the undamped pendulum of the
-            source, which goes over the top after some minutes of process noise (assumed 0.5).
-        limit: Longest stride [s]; a leg that takes longer has fallen (assumed).
-    """
-
-    length: float = 1.0
-    gravity: float = 9.81
-    step: float = 0.002
-    step_length: float = 0.35
-    speed: float = 1.0
-    push_off: float = 0.5
-    limit: float = 2.5
+    length: Annotated[float, Setting("Length of the pendulum (section 2.4.1).", "m", above=0)] = 1.0
+    gravity: Annotated[float, Setting("Acceleration of free fall.", "m/s2", above=0)] = 9.81
+    step: Annotated[float, Setting("Sampling interval (500 Hz, section 2.3.1).", "s", above=0)] = 0.002
+    step_length: Annotated[
+        float,
+        Setting("Turns angles into foot heights (Ranger's step length, section 2.3.2).", "m", above=0),
+    ] = 0.35
+    speed: Annotated[
+        float,
+        Setting(
+            "Angular speed at heel strike that the push-off aims at, and at the start (assumed).",
+            "rad/s",
+            above=0,
+        ),
+    ] = 1.0
+    push_off: PushOff = 0.5
+    limit: Annotated[
+        float, Setting("Longest stride; a leg that takes longer has fallen (assumed).", "s", above=0)
+    ] = 2.5
 
     def __post_init__(self) -> None:
-        """Check that the numbers make sense.
-
-        Raises:
-            ValueError: If a length, speed or time is not positive or the push-off is outside [0, 1].
-        """
-        for name in ("length", "gravity", "step", "step_length", "speed", "limit"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"leg: {name} must be positive, not {getattr(self, name)}")
-        if not 0 <= self.push_off <= 1:
-            raise ValueError(f"leg: push_off must be in [0, 1], not {self.push_off}")
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Amplitudes and kinds of the four noises; the defaults are Ranger's nominal values.
+CollisionKind = Annotated[
+    Literal["ar1", "low_pass"],
+    Setting(
+        "`ar1`: x' = rho x + sqrt(1 - rho^2) U(-C, C) from U(-C, C) at every strike, the text of section "
+        "2.4.3 (errors of +-3 mm as Ranger has); `low_pass`: x' = rho x + (1 - rho) U(-C, C) from x = 0, the "
+        "size of the errors in Fig 2.10."
+    ),
+]
 
-    Attributes:
-        gyro: Standard deviation of the gyro's white noise [rad/s] (section 2.3.1, printed there as
-            "variance").
-        collision: Largest amplitude C of the collision noise [rad/s] (section 2.4.3).
-        collision_kind: ``low_pass``: x' = rho x + (1 - rho) U(-C, C) from x = 0 at every strike, which
-            gives the errors of Fig 2.10; ``ar1``: x' = rho x + sqrt(1 - rho^2) U(-C, C) from U(-C, C) at
-            every strike, which gives the amplitude of the text.
-        correlation: Correlation rho of neighbouring samples (section 2.4.3).
-        envelope: Time after a strike in which the collision noise dies down linearly [s] (section 2.4.3).
-        process: Largest amplitude A of the process torque per inertia [rad/s2] (section 2.5.2).
-        hold: Time T for which the process torque is constant [s] (section 2.5.2).
-        floor: Largest floor height error h [m] (section 2.4.5).
-        floor_one_sided: True draws the height from [0, h] as section 2.4.5 prints, False from [-h, h] as
-            section 2.6.1 does.
-    """
 
-    gyro: float = 0.0041
-    collision: float = 0.5
+@dataclass(frozen=True, kw_only=True)
+class CommonNoise:
+    """What stationary noise and hidden regimes have in common; the defaults are Ranger's nominal values."""
+
+    gyro: Annotated[
+        float,
+        Setting(
+            'Standard deviation of the gyro\'s white noise (section 2.3.1, printed there as "variance").',
+            "rad/s",
+            least=0,
+            most=1,
+        ),
+    ] = 0.0041
     collision_kind: CollisionKind = "low_pass"
-    correlation: float = 0.995
-    envelope: float = 0.25
-    process: float = 0.5
-    hold: float = 0.25
-    floor: float = 0.004
-    floor_one_sided: bool = False
+    correlation: Annotated[
+        float,
+        Setting(
+            "Correlation rho of neighbouring samples of the collision noise (section 2.4.3).",
+            least=0,
+            below=1,
+        ),
+    ] = 0.995
+    envelope: Annotated[
+        float,
+        Setting(
+            "Time after a strike in which the collision noise dies down linearly (section 2.4.3); also the "
+            "time for which the first gain holds.",
+            "s",
+            above=0,
+            most=10,
+        ),
+    ] = 0.25
+    hold: Annotated[
+        float,
+        Setting("Time for which the process torque is constant (section 2.5.2).", "s", above=0, most=100),
+    ] = 0.25
+    floor_one_sided: Annotated[
+        bool,
+        Setting(
+            "Whether the floor's height is drawn from [0, h] as section 2.4.5 prints, not from [-h, h] as "
+            "section 2.6.1 has it."
+        ),
+    ] = False
 
     def __post_init__(self) -> None:
-        """Check that the numbers make sense.
-
-        Raises:
-            ValueError: If an amplitude is negative, a time not positive, or the kind unknown.
-        """
-        for name in ("gyro", "collision", "process", "floor"):
-            if not (getattr(self, name) >= 0 and math.isfinite(getattr(self, name))):
-                raise ValueError(f"noise: {name} must not be negative, it is {getattr(self, name)}")
-        for name in ("envelope", "hold"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"noise: {name} must be positive, not {getattr(self, name)}")
-        if not 0 <= self.correlation < 1:
-            raise ValueError(f"noise: correlation must be in [0, 1), not {self.correlation}")
-        if self.collision_kind not in ("low_pass", "ar1"):
-            raise ValueError(
-                f"noise: collision_kind must be 'low_pass' or 'ar1', not {self.collision_kind!r}"
-            )
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
     @property
     def collision_drive(self) -> float:
@@ -112,58 +124,70 @@ class Noise:
         return 1.0 if self.collision_kind == "ar1" else 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class Noise(CommonNoise):
+    """Stationary noise."""
+
+    collision: Annotated[
+        float, Setting("Largest amplitude C of the collision noise (section 2.4.3).", "rad/s", least=0)
+    ] = 0.5
+    process: Annotated[
+        float,
+        Setting("Largest amplitude A of the process torque per inertia (section 2.5.2).", "rad/s2", least=0),
+    ] = 0.5
+    floor: Annotated[float, Setting("Largest height error h of the floor (section 2.4.5).", "m", least=0)] = (
+        0.004
+    )
+
+
 SILENT = Noise(gyro=0.0, collision=0.0, process=0.0, floor=0.0)
 
+Level = Annotated[float, Setting("", least=0, most=10)]
+Levels = tuple[Level, Level]
+COLLISION_LEVELS = {"ar1": (0.02, 0.3), "low_pass": (0.1, 0.9)}
+"""Low and high amplitude of the collision noise by its kind [rad/s]."""
 
-@dataclass(frozen=True)
-class Regimes:
+
+@dataclass(frozen=True, kw_only=True)
+class Regimes(CommonNoise):
     """Hidden Markov regimes: three noise levels that switch between low and high at heel strikes.
 
     Each level is a two-state chain of its own. The source's noise is stationary; with hidden regimes the
     gains become a control problem.
-
-    Attributes:
-        process: Low and high amplitude of the process torque [rad/s2].
-        floor: Low and high floor height error [m].
-        collision: Low and high amplitude of the collision noise [rad/s].
-        dwell: Mean number of strides between switches of one level.
-        noise: What does not switch: gyro noise, kinds, times.
     """
 
-    process: tuple[float, float] = (0.05, 0.8)
-    floor: tuple[float, float] = (0.0005, 0.004)
-    collision: tuple[float, float] = (0.1, 0.9)
-    dwell: float = 30.0
-    noise: Noise = Noise()
+    process: Annotated[
+        Levels,
+        Setting("Low and high amplitude of the process torque; equal levels never switch.", "rad/s2"),
+    ] = (0.05, 0.8)
+    floor: Annotated[Levels, Setting("Low and high floor height error.", "m")] = (0.0005, 0.004)
+    collision: Annotated[
+        Levels | None,
+        Setting(
+            "Low and high amplitude of the collision noise; None takes the kind's own, (0.02, 0.3) for `ar1` "
+            "and (0.1, 0.9) for `low_pass`.",
+            "rad/s",
+        ),
+    ] = None
+    dwell: Annotated[
+        float, Setting("Mean number of strides between switches of one level.", least=1, finite=False)
+    ] = 30.0
 
-    def __post_init__(self) -> None:
-        """Check that the numbers make sense.
-
-        Raises:
-            ValueError: If a level is negative or the dwell is shorter than one stride.
-        """
-        for name in ("process", "floor", "collision"):
-            levels = getattr(self, name)
-            if len(levels) != 2 or min(levels) < 0:
-                raise ValueError(f"regimes: {name} needs two levels that are not negative, not {levels}")
-        if not self.dwell >= 1:
-            raise ValueError(f"regimes: dwell must be at least one stride, not {self.dwell}")
-
-    @classmethod
-    def preset(cls, kind: CollisionKind) -> Regimes:
-        """The regimes of the environment for one kind of collision noise."""
-        collision = (0.1, 0.9) if kind == "low_pass" else (0.02, 0.3)
-        return cls(collision=collision, noise=Noise(collision_kind=kind))
+    @property
+    def collision_levels(self) -> Levels:
+        """Low and high amplitude of the collision noise [rad/s]."""
+        return self.collision or COLLISION_LEVELS[self.collision_kind]
 
     @classmethod
     def fixed(cls, noise: Noise) -> Regimes:
         """A stationary noise as a regime that never switches."""
-        return cls(
+        return part_of(
+            noise,
+            cls,
             process=(noise.process, noise.process),
             floor=(noise.floor, noise.floor),
             collision=(noise.collision, noise.collision),
             dwell=math.inf,
-            noise=noise,
         )
 
 

@@ -109,7 +109,7 @@ def record_walks(
                 )
             )
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    envelope = max(1, round(walker.regimes.noise.envelope / walker.leg.step))
+    envelope = max(1, round(walker.regimes.envelope / walker.leg.step))
     return Walks(walker.leg, envelope, *columns)
 
 

@@ -19,9 +19,8 @@ from fieldmodels.machines.heel_strike.walker import (
     HISTORY,
     TRACES,
     WALKER,
-    bank_levels,
-    bank_transition,
-    make_constants,
+    Walk,
+    kernel_walk,
 )
 from fieldmodels.model import ModelError
 
@@ -56,15 +55,15 @@ class StrideResult:
     next_levels: NDArray[np.int64]
     traces: FloatArray | None = None
 
-    def error_mm(self, estimator: str = "agent", floor_added: bool = False) -> FloatArray:
+    def error_mm(self, estimator: str = "agent", floor_added: bool | NDArray[np.bool_] = False) -> FloatArray:
         """Absolute error of one estimator [mm], shape (batch,).
 
         Args:
             estimator: One of ``ESTIMATORS``.
-            floor_added: True adds the floor's height error, as section 2.4.5 words it.
+            floor_added: True, for each walker or all, adds the floor's height error (section 2.4.5).
         """
         signed = self.signed_mm[:, ESTIMATORS.index(estimator)]
-        return np.abs(signed + self.floor_mm if floor_added else signed)
+        return np.abs(signed + np.where(floor_added, self.floor_mm, 0.0))
 
 
 class Strides:
@@ -111,9 +110,7 @@ class Strides:
         if batch < 1:
             raise ModelError(f"a batch needs at least one walker, not {batch}")
         self.leg = leg or Leg()
-        self.regimes = (
-            Regimes.fixed(noise) if isinstance(noise, Noise) else noise or Regimes.preset("low_pass")
-        )
+        self.regimes = Regimes.fixed(noise) if isinstance(noise, Noise) else noise or Regimes()
         vector = neutral(BASE, EFFECTS) if reality is None else np.asarray(reality, dtype=np.float64)
         if vector.shape[:-1] not in ((), (batch,)):
             raise ModelError(f"a reality has shape (n,) or ({batch}, n), not {vector.shape}")
@@ -125,9 +122,9 @@ class Strides:
         self.extended = np.array(np.broadcast_to(extended, (batch,)))
         self.bank = bank
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
-        self._constants = make_constants(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
-        self._levels = bank_levels(self.leg, self.regimes)
-        self._transition = bank_transition(self.regimes)
+        walk = Walk(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
+        self._walks = kernel_walk(walk, batch)
+        self._keys = np.zeros(batch, dtype=np.uint64)
         self._seeded = np.zeros(batch, dtype=np.bool_)
 
     def __len__(self) -> int:
@@ -154,9 +151,14 @@ class Strides:
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Start walker ``i`` anew with streams keyed by one draw from ``rng``."""
-        key = rng.integers(0, 2**64, dtype=np.uint64)
-        start(self.walkers, i, key, self._constants, self._levels)
+        self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
+        start(self.walkers, i, self._keys[i], self._walks)
         self._seeded[i] = True
+
+    def set_walk(self, i: int, walk: Walk) -> None:
+        """Let walker ``i``, which has been seeded, begin with another leg, of the same step, and noise."""
+        self._walks[i] = kernel_walk(walk, 1)[0]
+        start(self.walkers, i, self._keys[i], self._walks)
 
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Start several walkers anew, each from its own generator."""
@@ -198,15 +200,13 @@ class Strides:
         floors = np.empty(batch)
         samples = np.empty(batch, dtype=np.int64)
         fallen = np.empty(batch, dtype=np.bool_)
-        trace = np.full((batch, self._constants.limit if traces else 0, len(TRACES)), np.nan)
+        trace = np.full((batch, int(self._walks["limit"].max()) if traces else 0, len(TRACES)), np.nan)
         advance(
             self.walkers,
             values,
             self.plants,
             self.extended,
-            self._constants,
-            self._levels,
-            self._transition,
+            self._walks,
             self.bank,
             signed,
             floors,

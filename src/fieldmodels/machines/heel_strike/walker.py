@@ -1,15 +1,18 @@
-"""What a walker remembers between strides, and the constants and levels that its kernel takes."""
+"""What a walker remembers between strides, and what it walks with as its kernel reads it."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.heel_strike import kalman
-from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.parameters import CommonNoise, Leg, Regimes
+from fieldmodels.settings import Setting, check_declared, kernel_rows
 
 ESTIMATORS = ("agent", "ranger", "ranger_tuned", "ekf", "imm")
 AGENT, RANGER, RANGER_TUNED, EKF, IMM = range(len(ESTIMATORS))
@@ -58,73 +61,53 @@ WALKER = np.dtype(
 """All that a walker remembers between strides; a copy of the array is an exact snapshot."""
 
 
-class Constants(NamedTuple):
-    """Leg and noise as the kernels take them; lengths of time in samples, heights as angles."""
+@dataclass(frozen=True)
+class Walk:
+    """What walkers walk with: leg, noise, and the estimators beside the agent's.
 
-    step: float
-    stiffness: float
-    gravity: float
-    millimetres: float
-    speed: float
-    share: float
-    limit: int
-    gyro: float
-    memory: float
-    drive: float
-    first: float
-    envelope: int
-    hold: int
-    one_sided: bool
-    process_low: float
-    process_high: float
-    floor_low: float
-    floor_high: float
-    collision_low: float
-    collision_high: float
-    switch: float
-    gyro_variance: float
-    torque_memory: float
-    cromer: bool
-    ranger_reset: float
-    tuned_reset: float
+    Attributes:
+        leg: The nominal leg, which the estimators believe in.
+        regimes: The noise.
+    """
+
+    leg: Leg = field(default_factory=Leg)
+    regimes: Regimes = field(default_factory=Regimes)
+    cromer: Annotated[
+        bool, Setting("Whether the agent's estimator is integrated by (2.14), not by (2.9).")
+    ] = True
+    ranger_reset: Annotated[
+        float, Setting("Share of the geometry in Ranger's reset (2.3).", least=0, most=1)
+    ] = 0.1
+    tuned_reset: Annotated[float, Setting("The same of the tuned Ranger.", least=0, most=1)] = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
-def make_constants(
-    leg: Leg, regimes: Regimes, cromer: bool, ranger_reset: float, tuned_reset: float
-) -> Constants:
-    """Put leg and noise into the units of the kernels."""
-    noise = regimes.noise
-    return Constants(
-        step=leg.step,
-        stiffness=leg.gravity / leg.length,
-        gravity=leg.gravity,
-        millimetres=1000 * leg.step_length,
-        speed=leg.speed,
-        share=leg.push_off,
-        limit=round(leg.limit / leg.step),
-        gyro=noise.gyro,
-        memory=noise.correlation,
-        drive=noise.collision_drive,
-        first=noise.collision_first,
-        envelope=max(1, round(noise.envelope / leg.step)),
-        hold=max(1, round(noise.hold / leg.step)),
-        one_sided=noise.floor_one_sided,
-        process_low=regimes.process[0],
-        process_high=regimes.process[1],
-        floor_low=regimes.floor[0] / leg.step_length,
-        floor_high=regimes.floor[1] / leg.step_length,
-        collision_low=regimes.collision[0],
-        collision_high=regimes.collision[1],
-        switch=1 / regimes.dwell,
-        gyro_variance=max(noise.gyro, 1e-6) ** 2,
-        torque_memory=math.exp(-2 * leg.step / noise.hold),
-        cromer=cromer,
-        ranger_reset=ranger_reset,
-        tuned_reset=tuned_reset,
-    )
+def kernel_walk(walk: Walk, batch: int) -> NDArray[Any]:
+    """A walk as the kernels read it, shape (batch,): times in samples, heights as angles."""
+    leg, regimes = walk.leg, walk.regimes
+    derived = {
+        "stiffness": leg.gravity / leg.length,
+        "millimetres": 1000 * leg.step_length,
+        "limit": round(leg.limit / leg.step),
+        "drive": regimes.collision_drive,
+        "first": regimes.collision_first,
+        "envelope": max(1, round(regimes.envelope / leg.step)),
+        "hold": max(1, round(regimes.hold / leg.step)),
+        "floor": np.array(regimes.floor) / leg.step_length,
+        "collision": np.array(regimes.collision_levels),
+        "switch": 1 / regimes.dwell,
+        "gyro_variance": max(regimes.gyro, 1e-6) ** 2,
+        "torque_memory": math.exp(-2 * leg.step / regimes.hold),
+        "levels": bank_levels(leg, regimes),
+        "transition": bank_transition(regimes),
+    }
+    return kernel_rows(walk, batch, derived)
 
 
-def filter_levels(leg: Leg, noise: Noise, process: float, floor: float, collision: float) -> FloatArray:
+def filter_levels(leg: Leg, noise: CommonNoise, process: float, floor: float, collision: float) -> FloatArray:
     """Variances that a Kalman filter is given for one set of noise levels.
 
     A torque of amplitude A held for T has variance A^2/3 and the correlation area of a Gauss-Markov process
@@ -151,14 +134,15 @@ def bank_levels(leg: Leg, regimes: Regimes) -> FloatArray:
     Regime number: 4 * process + 2 * floor + collision. The typical filter, the reference, takes the
     geometric mean of each pair of levels.
     """
+    collision = regimes.collision_levels
     rows = [
-        filter_levels(leg, regimes.noise, regimes.process[p], regimes.floor[f], regimes.collision[c])
+        filter_levels(leg, regimes, regimes.process[p], regimes.floor[f], collision[c])
         for p in (0, 1)
         for f in (0, 1)
         for c in (0, 1)
     ]
-    typical = [math.sqrt(low * high) for low, high in (regimes.process, regimes.floor, regimes.collision)]
-    return np.array([*rows, filter_levels(leg, regimes.noise, *typical)])
+    typical = [math.sqrt(low * high) for low, high in (regimes.process, regimes.floor, collision)]
+    return np.array([*rows, filter_levels(leg, regimes, *typical)])
 
 
 def bank_transition(regimes: Regimes) -> FloatArray:
