@@ -332,49 +332,52 @@ def diagnose(
 
 @app.command()
 def exam(
-    model: Annotated[
-        list[str] | None, typer.Option(help="Model to examine; repeatable (default: all).")
+    which: Annotated[
+        Literal["develop", "report"],
+        typer.Option(
+            "--set", help="Cases to develop a diagnosis on, or to report on; they have nothing in common."
+        ),
+    ] = "report",
+    machine: Annotated[
+        list[str] | None, typer.Option(help="Machine to examine; repeatable (default: all).")
     ] = None,
     kind: Annotated[
         list[str] | None,
-        typer.Option(help="`single`, `pair`, `nothing` or `outside`; repeatable (default: all)."),
+        typer.Option(
+            help="`nothing`, `single`, `pair`, `triple`, `unlisted` or `growing`; repeatable "
+            "(default: all)."
+        ),
     ] = None,
-    seeds: Annotated[int, typer.Option(help="Seeds of each effect; the rest in proportion.", min=1)] = 2,
-    first: Annotated[
-        int | None,
-        typer.Option(help="First seed (default: of the reported seeds; development: 1000).", min=0),
-    ] = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option(metavar="SIGNAL", help="Output that is not measured; repeatable (default: none)."),
+    cases: Annotated[
+        int | None, typer.Option(help="How many at most, a sample of all (default: all).", min=1)
     ] = None,
     workers: Annotated[int, typer.Option(help="Processes of one thread each.", min=1)] = 2,
-    out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/exam"),
+    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/exam-<set>`).")] = None,
     as_json: Json = False,
 ) -> None:
     """Hide faults in simulated data and count how often the diagnosis is right.
 
-    Writes `cases.jsonl` (a line a case, as it comes: an interrupted run goes on), `exam.json`, `exam.md`,
-    `report.html`.
+    The data are simulated by code that shares nothing with the models. Writes `cases.jsonl` (a line a case,
+    as it comes: an interrupted run goes on), `exam.json`, `exam.md`, `report.html`.
 
     For example:
 
         fieldgym exam
 
-        fieldgym exam --model rig --kind single --seeds 1 --first 1000 --out results/exam-development
+        fieldgym exam --set develop --machine rig --cases 20
 
-        fieldgym exam --model line_following --without offset --without heading --out results/exam-camera
+        fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
     """
     from fieldmodels.exam import table
-    from fieldmodels.exam.benchmarks import benchmark_names
-    from fieldmodels.exam.cases import KINDS, REPORTED, cases_of
+    from fieldmodels.exam.benches import bench_names
+    from fieldmodels.exam.cases import cases_of
     from fieldmodels.exam.run import run_cases
 
-    models, start = model or benchmark_names(), REPORTED if first is None else first
-    cases = cases_of(models, kind or KINDS, seeds, start, without or ())
+    chosen = cases_of(which, machine or bench_names(), kind or (), cases)
+    folder = out or Path("results") / f"exam-{which}"
     with progress() as report:
-        rows = run_cases(cases, out, workers=workers, progress=report)
-    written = table.write(rows, out)
+        rows = run_cases(chosen, folder, workers=workers, progress=report)
+    written = table.write(rows, folder)
     if as_json:
         _print_json(table.summary(rows))
     else:

@@ -8,10 +8,7 @@ import pytest
 from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.diagnosis.next_measurement import LONGEST
 from fieldmodels.exam.benchmarks import Outside, get_benchmark
-from fieldmodels.exam.cases import cases_of
-from fieldmodels.exam.run import records
 from fieldmodels.machines.pose_reaching.recording import record_commands
-from fieldmodels.model import ModelError
 
 SLOW = pytest.mark.slow
 WITHOUT = {
@@ -27,7 +24,7 @@ INDISTINGUISHABLE = {"turn_gain": "yaw_slip", "yaw_slip": "turn_gain"}
 def diagnosed(model: str, effects: dict[str, dict[str, float]], seed: int, **how: object) -> Diagnosis:
     """From one record, without the model's additional sensors."""
     benchmark = get_benchmark(model)
-    train, _ = records(benchmark, effects, seed, without=WITHOUT[model], **how)  # type: ignore[arg-type]
+    train, _ = benchmark.pair(effects, seed, without=WITHOUT[model], **how)  # type: ignore[arg-type]
     return diagnose(benchmark.model, [train])
 
 
@@ -106,19 +103,3 @@ def test_the_position_alone_suffices_but_for_the_bank(effect: str, values: dict[
 def test_a_weaker_bank_does_not_show_in_the_position():
     """Legs are straight whatever the bank (4.1): without a logged bank nothing is seen, and none is named."""
     assert diagnosed("uav_route", {"weaker_bank": {"factor": 0.85}}, 9).verdict == "consistent"
-
-
-def test_a_case_without_a_sensor_hides_the_same_under_a_key_of_its_own():
-    whole, less = (
-        cases_of(["pose_reaching", "rig"], ["single"], 1, 1000, without)
-        for without in ((), ("left_wheel", "right_wheel"))
-    )
-    assert [case.drawn() for case in whole] == [case.drawn() for case in less]
-    without = [case.without for case in less]
-    assert set(without) == {("left_wheel", "right_wheel"), ()}  # a rig has no such sensors
-    assert len({case.key for case in [*whole, *less]}) == len(whole) + without.count(without[0])
-
-
-def test_a_sensor_that_no_model_has_is_refused():
-    with pytest.raises(ModelError, match="did you mean 'left_wheel'"):
-        cases_of(["pose_reaching"], ["single"], 1, 1000, ["left_weel"])

@@ -1,7 +1,7 @@
 """A fault hidden in a machine's records must be found; where nothing is hidden, nothing must be named.
 
-The exam's benchmarks at fixed sizes: most raise the error of the refitted nominal model by about a third,
-those of the walks and of the vehicle by more. Seeds are neither those of development nor the reported ones.
+The benchmarks at fixed sizes: most raise the error of the refitted nominal model by about a third,
+those of the walks and of the vehicle by more. Seeds are none of the exam's.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ from collections.abc import Iterable
 import pytest
 
 from fieldmodels.diagnosis import Diagnosis, diagnose
+from fieldmodels.exam.answers import read
 from fieldmodels.exam.benchmarks import Benchmark, Outside, benchmark_names, get_benchmark
-from fieldmodels.exam.cases import Case
-from fieldmodels.exam.run import records
-from fieldmodels.exam.scoring import RIGHT, outcome
+from fieldmodels.exam.scoring import RIGHT, of_listed
 
 SIZES = {
     "rig": {
@@ -173,7 +172,7 @@ def diagnosed(
     without: Iterable[str] = (),
 ) -> Diagnosis:
     """Hide faults and diagnose them, with a second record on which the gain is measured."""
-    train, test = records(benchmark, effects, seed, coloured, outside, without)
+    train, test = benchmark.pair(effects, seed, coloured, outside, without)
     return diagnose(benchmark.model, [train], [test], fixed=benchmark.fixed(effects))
 
 
@@ -189,7 +188,7 @@ def test_a_hidden_effect_is_found_with_its_size(model: str, effect: str, seed: i
     benchmark = get_benchmark(model)
     true = values(benchmark, effect)
     found = diagnosed(benchmark, {effect: true}, seed)
-    assert outcome(Case(model, "single", "moderate", (effect,), seed), found) in RIGHT, found.summary()
+    assert of_listed(read(benchmark.model, found, 0.0), [effect]) in RIGHT, found.summary()
     if found.causes[0].effect == effect:
         for parameter in benchmark.model.effect(effect).parameters:
             estimate = found.causes[0].parameters[parameter.name]
@@ -202,7 +201,7 @@ def test_a_hidden_effect_is_found_with_its_size(model: str, effect: str, seed: i
 def test_two_hidden_effects_are_both_found(model: str):
     benchmark = get_benchmark(model)
     found = diagnosed(benchmark, {effect: values(benchmark, effect) for effect in PAIRS[model]}, SEED)
-    assert outcome(Case(model, "pair", "moderate", PAIRS[model], SEED), found) in RIGHT, found.summary()
+    assert of_listed(read(benchmark.model, found, 0.0), PAIRS[model]) in RIGHT, found.summary()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import pytest
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.exam.benchmarks import get_benchmark
-from fieldmodels.exam.run import records
 from fieldmodels.machines.line_following.body import Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
@@ -61,7 +60,7 @@ def test_what_rigid_bodies_suffer_is_named(hardware: Hardware, effect: str):
 def test_a_payload_of_the_vehicle_is_named_alone_whatever_its_size(mass: float):
     """Base parameters fitted without a large one are far off, and the way back is not a straight one."""
     benchmark = get_benchmark("excitation")
-    found = diagnose(benchmark.model, records(benchmark, {"payload": {"mass": mass}}, 301)[:1])
+    found = diagnose(benchmark.model, benchmark.pair({"payload": {"mass": mass}}, 301)[:1])
     assert [cause.effect for cause in found.causes] == ["payload"]
     assert found.causes[0].parameters["mass"].value == pytest.approx(mass, rel=0.01)
     assert found.unknown is None
@@ -72,7 +71,7 @@ def test_a_payload_of_the_vehicle_is_named_alone_whatever_its_size(mass: float):
 )
 def test_base_parameters_are_refitted(model: str, parameter: str, true: float):
     benchmark = get_benchmark(model)
-    found = diagnose(benchmark.model, records(benchmark, {}, 201)[:1])
+    found = diagnose(benchmark.model, benchmark.pair({}, 201)[:1])
     assert found.parameters[parameter].value == pytest.approx(true, rel=0.01)
 
 
@@ -84,7 +83,7 @@ def test_another_speed_of_the_aircraft_is_refitted_not_named():
 def test_faults_of_both_stages_are_named_together():
     benchmark = get_benchmark("pose_reaching")
     hidden = {"yaw_slip": {"share": 0.1}, "actuator_lag": {"time_constant": 0.05}}
-    found = diagnose(benchmark.model, records(benchmark, hidden, 4)[:1])
+    found = diagnose(benchmark.model, benchmark.pair(hidden, 4)[:1])
     assert [cause.effect for cause in found.causes] == ["yaw_slip", "actuator_lag"]
     assert found.verdict == "named"
     assert found.gain["heading"].gain.percent > 50

@@ -1,31 +1,28 @@
-"""The cases of the exam: what is hidden, how large, and with which seed."""
+"""The cases of the exam: what is hidden in which machine, under what conditions, and with which seed."""
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-import math
-from collections.abc import Callable, Iterable, Iterator
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 from zlib import crc32
 
 import numpy as np
 
-from fieldmodels.exam.benchmarks import Benchmark, get_benchmark
+from fieldmodels.exam.benches import FIRST, Bench, Conditions, Set, get_bench
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 
-Kind = Literal["single", "pair", "nothing", "outside"]
-KINDS: tuple[Kind, ...] = ("single", "pair", "nothing", "outside")
-PERCENTS = {"moderate": (10.0, 40.0), "hard": (3.0, 10.0)}
-"""What an effect adds to the held-out error of the refitted nominal model [%]; each case draws one."""
-DEVELOPMENT = 1_000
-"""First of the seeds on which rules and thresholds of the diagnosis were chosen (1000 to 9999)."""
-REPORTED = 50_000
-"""First of the seeds that are reported (from 50000): nothing was chosen on them."""
-PAIRS, NOTHING, OUTSIDE = 10, 15, 1.5
-"""Cases for each seed of the single effects: pairs a model; records without a fault a model, with white noise
-and as many with coloured; seeds a fault from outside."""
+Kind = Literal["nothing", "single", "pair", "triple", "unlisted", "growing"]
+PERCENTS = (13.0, 36.0)
+"""Between which percentages each case draws what a fault adds."""
+LENGTHS = (10.0, 20.0, 40.0, 80.0)
+"""How much of a record is given, in cases of growing length [s]."""
+SEEDS, PAIRS, TRIPLES, GROWING = 2, 30, 16, 6
+"""Seeds of each null, effect and fault; pairs, triples, and growing records of each machine."""
 
 
 @dataclass(frozen=True)
@@ -33,140 +30,150 @@ class Case:
     """One case of the exam.
 
     Attributes:
-        model: Name of the model.
-        kind: ``single``, ``pair``, ``nothing`` or ``outside``.
-        size: ``moderate`` or ``hard``; of ``nothing`` the noise, ``white`` or ``coloured``.
-        hidden: Names of the hidden effects, or of the fault from outside.
-        seed: Of the excitation, the noise, the percentages and the signs.
-        without: Outputs of the model that are not measured.
+        set: ``develop`` or ``report``.
+        machine: Name of the model.
+        kind: What sort of case it is.
+        hidden: Listed effects, or the fault that is not listed.
+        seed: Of the machine, its excitation, the noise and what the case draws.
+        conditions: Of the records.
     """
 
-    model: str
+    set: Set
+    machine: str
     kind: Kind
-    size: str
     hidden: tuple[str, ...]
     seed: int
-    without: tuple[str, ...] = ()
-
-    @property
-    def key(self) -> str:
-        """Unique name of the case."""
-        return "/".join([self._drawn_by, *(f"without {name}" for name in self.without)])
-
-    @property
-    def _drawn_by(self) -> str:
-        """What the draws depend on: a case with fewer sensors hides the same."""
-        return f"{self.model}/{self.kind}/{self.size}/{'+'.join(self.hidden) or '-'}/{self.seed}"
-
-    def rng(self) -> np.random.Generator:
-        """Source of what the case draws beside its records."""
-        return np.random.default_rng([self.seed, crc32(self._drawn_by.encode())])
-
-    def drawn(self) -> list[tuple[str, float, int]]:
-        """Each hidden fault with the percentage that it shall add and the sign of its direction."""
-        if self.kind == "nothing":
-            return []
-        rng, limits = self.rng(), PERCENTS[self.size]
-        return [(name, float(rng.uniform(*limits)), int(rng.choice([-1, 1]))) for name in self.hidden]
+    conditions: Conditions
 
     def to_json(self) -> dict[str, Any]:
         """As plain data."""
         return {
-            "key": self.key,
-            "model": self.model,
+            "set": self.set,
+            "machine": self.machine,
             "kind": self.kind,
-            "size": self.size,
             "hidden": list(self.hidden),
             "seed": self.seed,
-            "without": list(self.without),
+            "conditions": self.conditions.to_json(),
         }
+
+    @property
+    def key(self) -> str:
+        """Name of the case, with a hash of all that it is."""
+        digest = hashlib.sha256(json.dumps(self.to_json(), sort_keys=True).encode()).hexdigest()[:8]
+        return f"{self.machine}/{self.kind}/{'+'.join(self.hidden) or '-'}/{self.seed}/{digest}"
+
+    def drawn(self) -> list[tuple[str, float, int]]:
+        """Each hidden fault with the percentage that it shall add and the sign of its direction."""
+        rng = np.random.default_rng([self.seed, crc32("+".join(self.hidden).encode()), 9])
+        return [(name, float(rng.uniform(*PERCENTS)), int(rng.choice([-1, 1]))) for name in self.hidden]
 
 
 def cases_of(
-    models: Iterable[str], kinds: Iterable[str], seeds: int, first: int, without: Iterable[str] = ()
+    which: Set, machines: Iterable[str], kinds: Iterable[str] = (), count: int | None = None
 ) -> list[Case]:
-    """The cases of some models.
+    """The cases of a set.
 
     Args:
-        models: Names of the models.
-        kinds: Which kinds.
-        seeds: Seeds of each single effect and size; the other kinds follow in proportion.
-        first: First seed.
-        without: Outputs that are not measured; each model leaves out those that it has.
+        which: ``develop`` or ``report``.
+        machines: Names of the machines.
+        kinds: Which kinds; all by default.
+        count: How many at most, in equal parts of every machine and kind as far as there are any.
 
     Raises:
-        ModelError: For a model that has no benchmark, a kind that there is none of, or an output that none of
-            the models can do without.
+        ModelError: For a set or a kind that there is none of, or a machine that is not examined.
     """
-    chosen = list(kinds)
+    if which not in FIRST:
+        raise ModelError(f"no set {which!r}{did_you_mean(which, FIRST)}")
+    chosen = list(kinds) or list(KINDS)
     for kind in chosen:
-        if kind not in _OF_KIND:
-            raise ModelError(f"no cases of kind {kind!r}{did_you_mean(kind, _OF_KIND)}")
-    benchmarks = [get_benchmark(name) for name in dict.fromkeys(models)]
-    missing = tuple(dict.fromkeys(without))
-    known = {output.name for one in benchmarks for output in one.model.outputs}
-    for name in missing:
-        if name not in known:
-            raise ModelError(f"no output {name!r} to leave out{did_you_mean(name, sorted(known))}")
-    cases = []
-    for benchmark in benchmarks:
-        own = tuple(name for name in missing if name in {output.name for output in benchmark.model.outputs})
-        cases += [replace(case, without=own) for case in all_cases(benchmark, chosen, seeds, first)]
-    return cases
-
-
-def all_cases(benchmark: Benchmark, kinds: Iterable[str], seeds: int, first: int) -> list[Case]:
-    """The cases of one model.
-
-    Args:
-        benchmark: The model's benchmark.
-        kinds: Which kinds.
-        seeds: Seeds of each single effect and size; the other kinds follow in proportion.
-        first: First seed.
-    """
-    return [case for kind in kinds for case in _OF_KIND[kind](benchmark, seeds, first)]
-
-
-def _singles(benchmark: Benchmark, seeds: int, first: int) -> Iterator[Case]:
-    for size in PERCENTS:
-        for effect in benchmark.model.effects:
-            for k in range(seeds):
-                yield Case(benchmark.name, "single", size, (effect.name,), first + k)
-
-
-def _pairs(benchmark: Benchmark, seeds: int, first: int) -> Iterator[Case]:
-    """Pairs drawn without replacement, then anew with the next seed."""
-    names = [effect.name for effect in benchmark.model.effects]
-    possible = [
-        pair
-        for pair in itertools.combinations(names, 2)
-        if frozenset(pair) not in benchmark.indistinguishable
+        if kind not in KINDS:
+            raise ModelError(f"no cases of kind {kind!r}{did_you_mean(kind, KINDS)}")
+    lists = [
+        _mixed(KINDS[kind](get_bench(name), which)) for name in dict.fromkeys(machines) for kind in chosen
     ]
-    order: list[int] = []
-    for number in range(PAIRS * seeds):
-        if not order:
-            again = number // len(possible)
-            order = list(np.random.default_rng([first, again]).permutation(len(possible)))
-        yield Case(
-            benchmark.name, "pair", "moderate", possible[order.pop()], first + 100 + number // len(possible)
-        )
+    whole = [case for row in itertools.zip_longest(*lists) for case in row if case is not None]
+    return whole if count is None else whole[:count]
 
 
-def _nothing(benchmark: Benchmark, seeds: int, first: int) -> Iterator[Case]:
-    for noise in ("white", "coloured"):
-        for k in range(NOTHING * seeds):
-            yield Case(benchmark.name, "nothing", noise, (), first + 200 + k)
+def _mixed(cases: Iterator[Case]) -> list[Case]:
+    """In an order in which the first ones are a sample of all; growing records stay together."""
+
+    def order(case: Case) -> tuple[int, float]:
+        same = replace(case, conditions=replace(case.conditions, cut=0.0))
+        return crc32(same.key.encode()), case.conditions.cut
+
+    return sorted(cases, key=order)
 
 
-def _outside(benchmark: Benchmark, seeds: int, first: int) -> Iterator[Case]:
-    for fault in benchmark.outside:
-        for k in range(math.ceil(OUTSIDE * seeds)):
-            yield Case(benchmark.name, "outside", "moderate", (fault,), first + 700 + k)
+def _rng(bench: Bench, which: Set, kind: str) -> np.random.Generator:
+    return np.random.default_rng([FIRST[which], crc32(f"{bench.name}/{kind}".encode())])
 
 
-_OF_KIND: dict[str, Callable[[Benchmark, int, int], Iterator[Case]]] = {
+def _nothing(bench: Bench, which: Set) -> Iterator[Case]:
+    number = itertools.count(FIRST[which])
+    for _ in range(SEEDS):
+        for conditions in bench.nothing():
+            yield Case(which, bench.name, "nothing", (), next(number), conditions)
+
+
+def _sets(
+    bench: Bench, which: Set, kind: Kind, sets: Sequence[tuple[str, ...]], first: int
+) -> Iterator[Case]:
+    """Cases that hide these effects."""
+    rng = _rng(bench, which, kind)
+    for number, names in enumerate(sets):
+        yield Case(which, bench.name, kind, names, FIRST[which] + first + number, bench.usual(rng, names))
+
+
+def _singles(bench: Bench, which: Set) -> Iterator[Case]:
+    return _sets(bench, which, "single", [(name,) for name in bench.effects] * SEEDS, 1_000)
+
+
+def _drawn(bench: Bench, which: Set, kind: Kind, size: int, count: int) -> list[tuple[str, ...]]:
+    """Sets of effects that can be told apart, drawn without replacement."""
+    possible = [
+        names
+        for names in itertools.combinations([e for e in bench.effects if e not in bench.needs_base], size)
+        if not any(frozenset(pair) in bench.alike for pair in itertools.combinations(names, 2))
+    ]
+    order = _rng(bench, which, f"{kind} drawn").permutation(len(possible))
+    return [possible[i] for i in order[:count]]
+
+
+def _pairs(bench: Bench, which: Set) -> Iterator[Case]:
+    return _sets(bench, which, "pair", _drawn(bench, which, "pair", 2, PAIRS), 2_000)
+
+
+def _triples(bench: Bench, which: Set) -> Iterator[Case]:
+    return _sets(bench, which, "triple", _drawn(bench, which, "triple", 3, TRIPLES), 3_000)
+
+
+def _unlisted(bench: Bench, which: Set) -> Iterator[Case]:
+    rng, number = _rng(bench, which, "unlisted"), itertools.count(FIRST[which] + 4_000)
+    for _ in range(SEEDS):
+        for name in bench.unlisted[which]:
+            conditions = bench.usual(rng, (name,))
+            yield Case(which, bench.name, "unlisted", (name,), next(number), conditions)
+
+
+def _growing(bench: Bench, which: Set) -> Iterator[Case]:
+    """Longer and longer beginnings of one record; half of them with a fault that is not listed."""
+    rng = _rng(bench, which, "growing")
+    steady = [name for name in bench.steady if name in bench.effects]
+    unlisted = [name for name, fault in bench.unlisted[which].items() if not fault.random]
+    half = GROWING // 2
+    chosen = [*rng.choice(steady, half, replace=False), *rng.choice(unlisted, half, replace=False)]
+    for number, name in enumerate(chosen):
+        for cut in LENGTHS:
+            conditions = Conditions(duration=LENGTHS[-1] * bench.usual_length, cut=cut * bench.usual_length)
+            yield Case(which, bench.name, "growing", (str(name),), FIRST[which] + 5_000 + number, conditions)
+
+
+KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
+    "nothing": _nothing,
     "single": _singles,
     "pair": _pairs,
-    "nothing": _nothing,
-    "outside": _outside,
+    "triple": _triples,
+    "unlisted": _unlisted,
+    "growing": _growing,
 }

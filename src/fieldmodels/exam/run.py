@@ -4,35 +4,39 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
-from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
+from types import FrameType
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 
-from fieldmodels.diagnosis import diagnose
-from fieldmodels.exam.benchmarks import Benchmark, Outside, get_benchmark
+from fieldmodels.exam import scoring
+from fieldmodels.exam.answers import Answer, ask
+from fieldmodels.exam.benches import Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
-from fieldmodels.exam.scoring import judged
-from fieldmodels.exam.sizes import Curve, curve_of, size_on
+from fieldmodels.exam.sizes import errors, find_size, records
 from fieldmodels.files import write_text
-from fieldmodels.model import EffectValues, Model, ModelError
-from fieldmodels.recording import Recording
 
 Row = dict[str, Any]
 Progress = Callable[[str, float], None]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-TEST = 500_000
-"""Added to a case's seed for the record on which its gain is measured."""
+LIMIT = 180.0
+"""Processor time after which a diagnosis counts as failed [s]."""
+DATA = ("cases.py", "sizes.py", "plants", "benches")
+"""Of what the data of a case depend on."""
+
+
+class TooLongError(Exception):
+    """A diagnosis takes too long."""
 
 
 def run_cases(
@@ -40,7 +44,7 @@ def run_cases(
 ) -> list[Row]:
     """Run the cases, or what is left of them.
 
-    ``sizes.json`` keeps how large each fault must be, ``cases.jsonl`` one line a finished case. Both are kept
+    ``sizes.jsonl`` keeps how large each fault is, ``cases.jsonl`` one line a finished case. Both are kept
     with a hash of the code that they depend on; a case whose code has changed is done again.
 
     Args:
@@ -54,109 +58,164 @@ def run_cases(
     """
     report = progress or (lambda _what, _share: None)
     out.mkdir(parents=True, exist_ok=True)
-    log = out / "cases.jsonl"
-    codes = {name: code_hash(name) for name in {case.model for case in cases}}
-    kept = read_rows(log)
-    write_text(log, "".join(json.dumps(row, allow_nan=False) + "\n" for row in kept))  # whole lines only
-    done = {row["key"]: row for row in kept if row["code"] == codes.get(row["model"])}
-    # Mixed, so that the rows of an interrupted exam are a sample of the whole.
-    left = sorted((c for c in cases if c.key not in done), key=lambda case: crc32(case.key.encode()))
-    with _pool(workers) as pool:
-        curves = _curves(left, out / "sizes.json", pool, report)
-        futures = {
-            pool.submit(run_case, case, {f: curves[case.model, f] for f in case.hidden}): case
-            for case in left
-        }
-        with log.open("a", encoding="utf-8") as lines:
-            for number, future in enumerate(as_completed(futures)):
-                case = futures[future]
-                row = {**future.result(), "code": codes[case.model]}
-                done[case.key] = row
-                lines.write(json.dumps(row, allow_nan=False) + "\n")
-                lines.flush()
-                report(f"{case.model}: {case.kind}", 0.1 + 0.9 * (number + 1) / len(left))
+    log, kept = out / "cases.jsonl", out / "sizes.jsonl"
+    done = {row["key"]: row for row in _current(log, answer_code())}
+    made = {row["key"]: row for row in _current(kept, data_code())}
+    left = [case for case in cases if case.key not in done]
+    with (
+        _pool(workers) as pool,
+        log.open("a", encoding="utf-8") as lines,
+        kept.open("a", encoding="utf-8") as to,
+    ):
+        futures = {pool.submit(run_case, case, made.get(case.key)): case for case in left}
+        for number, future in enumerate(as_completed(futures)):
+            case, row = futures[future], future.result()
+            if case.key not in made:
+                fresh = {name: row[name] for name in ("key", *MADE)}
+                _write(to, fresh | {"code": data_code()})
+            done[case.key] = row | {"code": answer_code()}
+            _write(lines, done[case.key])
+            report(f"{case.machine}: {case.kind}", (number + 1) / len(left))
     return [done[case.key] for case in cases]
 
 
-def run_case(case: Case, curves: dict[str, Curve]) -> Row:
+MADE = ("sizes", "percents", "attainable")
+"""What a row keeps of how a case was made."""
+
+
+def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
     """Hide what a case says, diagnose, and judge.
 
     Args:
         case: The case.
-        curves: Curve of each hidden fault.
+        made: Sizes, percentages and attainable gain, as found before.
 
     Returns:
-        The case with the values that were hidden and the outcome, beside those of ``scoring``: ``out of
-        reach`` if no size adds the percentage, ``failed`` if the diagnosis ended in an error.
+        The case with what was hidden and the outcome, beside those of ``scoring``: ``out of reach`` if no
+        size adds the percentage, ``failed`` if the diagnosis ended in an error or took too long.
     """
-    benchmark = get_benchmark(case.model)
-    row: Row = case.to_json() | {"percents": [], "values": {}}
-    effects: dict[str, dict[str, float]] = {}
-    outside = None
-    for name, percent, sign in case.drawn():
-        size, added = size_on(benchmark, name, percent, (case.seed, case.seed + TEST), sign, curves[name])
-        row["percents"].append(round(added, 2))
-        if size is None:
-            return row | _out_of_reach(f"{name} adds {added:.1f} % at most, not {percent:.1f} %")
-        if case.kind == "outside":
-            outside = Outside(name, size)
-            row["values"][name] = {"size": size}
-        else:
-            effects[name] = benchmark.values(name, size, sign if benchmark.signed(name) else 1)
-            row["values"][name] = effects[name]
-    coloured = benchmark.coloured_share if case.size == "coloured" else 0.0
+    bench = get_bench(case.machine)
+    row: Row = case.to_json() | {"key": case.key}
+    row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
+    if None in row["sizes"]:
+        return row | {"outcome": "out of reach", "seconds": 0.0, "summary": _out_of_reach(case, row)}
+    hidden = _hidden(case, row["sizes"])
+    known = bool(bench.needs_base & set(case.hidden))
+    base = bench.base(case.seed)
+    fixed = bench.scaled(base, "", case.conditions) if known else {}
+    train, test = (
+        bench.recording(log, case.conditions, case.seed)
+        for log in records(bench, hidden, case.conditions, case.seed)
+    )
     try:
-        pair = records(benchmark, effects, case.seed, coloured, outside, case.without)
-    except ModelError as error:
-        return row | _out_of_reach(str(error))
-    began = time.process_time()  # of one thread: other work on the machine does not count
-    try:
-        found = diagnose(benchmark.model, pair[:1], pair[1:], fixed=benchmark.fixed(effects))
+        with _limited(LIMIT):
+            answer = ask(bench.model, train, test, fixed)
     except Exception as error:  # a fault of the diagnosis counts as a case that it did not get right
         what = f"{case.key}: {type(error).__name__}: {error}"
-        return row | {"outcome": "failed", "seconds": time.process_time() - began, "summary": what}
-    seconds = time.process_time() - began
-    return row | judged(case, effects, found) | {"seconds": round(seconds, 3)}
+        return row | {
+            "outcome": "failed",
+            "seconds": LIMIT if isinstance(error, TooLongError) else 0.0,
+            "summary": what,
+        }
+    return row | judged(bench, case, hidden, row["attainable"], answer)
 
 
-def records(
-    benchmark: Benchmark,
-    effects: EffectValues,
-    seed: int,
-    coloured: float = 0.0,
-    outside: Outside | None = None,
-    without: Iterable[str] = (),
-) -> list[Recording]:
-    """A record to fit and one to measure the gain on.
+def make(bench: Bench, case: Case) -> Row:
+    """Find sizes of what a case hides, and what a diagnosis could gain by it.
 
-    Args:
-        benchmark: The machine.
-        effects: Effects of its model that are hidden.
-        seed: Of the first record.
-        coloured: Share of the noise's variance that wanders slowly.
-        outside: A fault that its model does not list.
-        without: Signals that are not measured.
-
-    Raises:
-        ModelError: If the machine does not stand what is hidden.
+    Returns:
+        ``sizes`` and ``percents`` of what is hidden; ``attainable``: the output to whose error it adds most,
+        the share of that error which an extension could remove.
     """
-    pair = [benchmark.record(effects, one, coloured=coloured, outside=outside) for one in (seed, seed + TEST)]
-    if not all(_finite(benchmark.model, recording) for recording in pair):
-        raise ModelError(f"{' and '.join(effects) or outside} lets the machine run away")
-    return [
-        replace(one, signals={name: v for name, v in one.signals.items() if name not in set(without)})
-        for one in pair
+    reference = case.conditions
+    if reference.cut:  # one fault in records of growing length
+        reference = replace(reference, cut=0.5 * reference.duration)
+    found = [
+        find_size(bench, name, sign, percent, reference, case.seed) for name, percent, sign in case.drawn()
     ]
+    sizes = [one.size for one in found if one.size is not None]
+    row: Row = {
+        "sizes": [one.size for one in found],
+        "percents": [round(one.percent, 2) for one in found],
+        "attainable": None,
+    }
+    if found and len(sizes) == len(found):
+        known = bool(bench.needs_base & set(case.hidden))
+        without = errors(bench, (), case.conditions, case.seed, known)
+        with_them = errors(bench, _hidden(case, sizes), case.conditions, case.seed, known)
+        if not np.isfinite(np.nanmax(with_them)):
+            return row | {"sizes": [None] * len(sizes)}
+        output = int(np.nanargmax(with_them / without))
+        share = 1.0 - float(without[output] / with_them[output])
+        row["attainable"] = {"output": bench.model.outputs[output].name, "share": round(share, 5)}
+    return row
 
 
-def _out_of_reach(why: str) -> Row:
-    return {"outcome": "out of reach", "seconds": 0.0, "summary": why}
+def judged(
+    bench: Bench, case: Case, hidden: Sequence[Hidden], attainable: Mapping[str, Any] | None, answer: Answer
+) -> Row:
+    """All that the table needs of an answer, as plain data."""
+    truth: dict[str, dict[str, float]] = {}
+    fault = bench.fault(case.hidden[0]) if case.hidden else None
+    regained = None
+    if not case.hidden:
+        allowed = ("sensor_quantisation",) if case.conditions.noise == "quantised" else ()
+        outcome = scoring.of_nothing(answer, allowed)
+    elif fault is None:
+        truth = {
+            one.name: bench.scaled(
+                bench.values(one.name, one.size, one.sign, case.seed), one.name, case.conditions
+            )
+            for one in hidden
+        }
+        outcome = scoring.of_listed(answer, case.hidden)
+    else:
+        outcome = scoring.of_unlisted(answer, fault.near)
+        if not fault.random:
+            regained = _regained(attainable, answer)
+    return {
+        "outcome": outcome,
+        "verdict": answer.verdict,
+        "named": [list(cause) for cause in answer.named],
+        "missing": answer.missing,
+        "deviations": scoring.deviations(truth, answer),
+        "values": truth,
+        "regained": regained,
+        "seconds": round(answer.seconds, 3),
+        "summary": answer.summary,
+    }
 
 
-def _finite(model: Model, recording: Recording) -> bool:
-    """Whether a record holds a number wherever one was measured (an event is none where nothing looked)."""
-    signals = (*model.inputs, *(output for output in model.outputs if not output.event))
-    return all(np.isfinite(recording[s.name]).all() for s in signals if s.name in recording)
+def _regained(attainable: Mapping[str, Any] | None, answer: Answer) -> float | None:
+    """Share of what can be gained on the output that suffers most that an answer gains."""
+    if attainable is None or attainable["share"] <= 0.0:
+        return None
+    before, after = answer.errors.get(attainable["output"], (math.nan, math.nan))
+    gain = (1.0 - after / before) / attainable["share"] if before > 0.0 else math.nan
+    return round(gain, 4) if math.isfinite(gain) else None
+
+
+def _hidden(case: Case, sizes: Sequence[float]) -> list[Hidden]:
+    return [Hidden(name, size, sign) for (name, _, sign), size in zip(case.drawn(), sizes, strict=True)]
+
+
+def _out_of_reach(case: Case, row: Row) -> str:
+    seen = " and ".join(
+        f"{name} {percent:.1f} %" for name, percent in zip(case.hidden, row["percents"], strict=True)
+    )
+    return f"{case.machine}: no size adds as much; at most: {seen}"
+
+
+def _write(lines: Any, row: Row) -> None:
+    lines.write(json.dumps(row, allow_nan=False) + "\n")
+    lines.flush()
+
+
+def _current(log: Path, code: str) -> list[Row]:
+    """Rows of a log that its code still gives; the others are dropped from it."""
+    rows = [row for row in read_rows(log) if row["code"] == code]
+    write_text(log, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))  # whole lines only
+    return rows
 
 
 def read_rows(log: Path) -> list[Row]:
@@ -172,28 +231,24 @@ def read_rows(log: Path) -> list[Row]:
     return rows
 
 
-def _curves(
-    cases: Sequence[Case], path: Path, pool: ProcessPoolExecutor, report: Progress
-) -> dict[tuple[str, str], Curve]:
-    """How large each fault must be: as kept, or sought now."""
-    kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    wanted = sorted({(case.model, fault) for case in cases for fault in case.hidden})
-    keys = {pair: f"{pair[0]}/{pair[1]}/{physics_hash(pair[0])}" for pair in wanted}
-    futures = {pool.submit(_curve, *pair): pair for pair in wanted if keys[pair] not in kept}
-    for number, future in enumerate(as_completed(futures)):
-        pair = futures[future]
-        kept[keys[pair]] = future.result().to_json()
-        write_text(path, json.dumps(kept, indent=1) + "\n")
-        report(f"{pair[0]}: how large {pair[1]} must be", 0.1 * (number + 1) / len(futures))
-    return {pair: Curve.from_json(kept[keys[pair]]) for pair in wanted}
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Stop what takes longer, in processor time."""
 
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise TooLongError(f"longer than {seconds:g} s")
 
-def _curve(model: str, fault: str) -> Curve:
-    return curve_of(get_benchmark(model), fault)
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+def _pool(workers: int) -> Iterator[Executor]:
     """Fresh processes of one thread each; on an interruption what has not begun is dropped."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
@@ -210,29 +265,23 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @cache
-def physics_hash(model: str) -> str:
-    """Hash of the code of a model and of its benchmark."""
-    benchmark = get_benchmark(model)
-    owners = [*type(benchmark.model).__mro__, *type(benchmark).__mro__]
-    names = {owner.__module__ for owner in owners if owner.__module__.startswith("fieldmodels.")}
-    files = {Path(str(import_module(name).__file__)) for name in names}
-    # A model in a room of its own depends on the whole room.
-    rooms = [f.parent for f in files if f.parent.name not in ("fieldmodels", "benchmarks")]
-    files |= {f for room in rooms for f in room.glob("*.py")}
+def data_code() -> str:
+    """Hash of the code on which the data of cases depend."""
     here = Path(__file__).parent
-    files |= {here.parent / "synthesis.py", here / "sizes.py"}
-    return _hash(files)
+    paths = [here / name for name in DATA]
+    return _hash([file for path in paths for file in ([path] if path.is_file() else path.rglob("*.py"))])
 
 
 @cache
-def code_hash(model: str) -> str:
-    """Hash of all code on which the outcome of a model's cases depends."""
-    here = Path(__file__).parent
-    files = {here / "cases.py", here / "scoring.py", *(here.parent / "diagnosis").glob("*.py")}
-    return _hash(files) + physics_hash(model)
+def answer_code() -> str:
+    """Hash of the code on which outcomes depend: all of this package but the tables."""
+    package = Path(__file__).parents[1]
+    return _hash(
+        [file for file in package.rglob("*") if file.suffix in (".py", ".j2") and file.name != "table.py"]
+    )
 
 
-def _hash(files: set[Path]) -> str:
+def _hash(files: Sequence[Path]) -> str:
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(file.name.encode() + b"\0" + file.read_bytes())

@@ -1,82 +1,100 @@
-"""What became of a case: right, right within a set, wrong, abstained."""
+"""What became of a case: right, right within a set, wrong, misnamed, silent, abstained."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
-from fieldmodels.diagnosis.result import Diagnosis
-from fieldmodels.exam.cases import Case
-from fieldmodels.model import EffectValues
+from fieldmodels.exam.answers import CURVE, Answer
 
 Outcome = Literal[
-    "right alone", "in a set of two", "in a larger set", "in part", "with a false one", "wrong", "abstained",
-    "consistent", "unknown", "false name", "misnamed", "out of reach",
+    "right alone", "in a set", "in a large set", "in part", "with a false one", "wrong", "abstained",
+    "silent", "consistent", "doubted", "false name", "misnamed", "near name", "curve",
+    "out of reach", "failed",
 ]  # fmt: skip
-RIGHT: tuple[Outcome, ...] = ("right alone", "in a set of two")
+RIGHT: tuple[Outcome, ...] = ("right alone", "in a set")
 """Outcomes that count as right where something listed is hidden."""
 WRONG: tuple[Outcome, ...] = ("wrong", "with a false one")
 """Outcomes in which something is named that is not there."""
+SMALL = 3
+"""Names in a set that still says something."""
+RANKS: Mapping[str, int] = {
+    "right alone": 5, "near name": 5, "curve": 4, "in a set": 4, "in a large set": 3, "in part": 3,
+    "abstained": 2, "silent": 1, "with a false one": 0, "wrong": 0, "misnamed": 0, "failed": 0,
+}  # fmt: skip
+"""How good an answer is, to see whether more data make it worse."""
 
 
-def outcome(case: Case, found: Diagnosis) -> Outcome:
-    """Judge a diagnosis.
+def of_nothing(answer: Answer, allowed: Sequence[str] = ()) -> Outcome:
+    """Judge an answer where nothing is hidden: ``consistent``, ``doubted`` or ``false name``.
 
-    ``right alone``: the hidden effects and no others are named. ``in a set of two`` or ``larger``: each named
-    cause holds another of the hidden effects among what the data cannot distinguish. ``in part``: one of a
-    pair is named and nothing else. ``with a false one``: what is hidden is named, and something beside it.
-    ``wrong``: a name that leads astray. ``abstained``: nothing is named. Where nothing listed is hidden:
-    ``consistent`` or ``unknown``, and ``false name`` or ``misnamed`` if anything is named.
+    Args:
+        answer: The answer.
+        allowed: Effects that the noise itself has (a rounding sensor), so that their names are not false.
     """
-    sets = [{cause.effect, *cause.alternatives} for cause in found.causes]
-    if case.kind == "nothing":
-        return "false name" if sets else "unknown" if found.verdict == "unknown" else "consistent"
-    if case.kind == "outside":
-        return "misnamed" if sets else "unknown" if found.verdict == "unknown" else "consistent"
+    sets = [set(cause) - {CURVE} for cause in answer.named]
+    if any(one and not one & set(allowed) for one in sets):
+        return "false name"
+    return "consistent" if answer.verdict == "consistent" or (sets and all(sets)) else "doubted"
+
+
+def of_listed(answer: Answer, hidden: Sequence[str]) -> Outcome:
+    """Judge an answer where listed effects are hidden.
+
+    ``right alone``: the hidden effects and no others are named. ``in a set`` or ``in a large set``: each
+    named cause holds another one of them among what the data cannot tell apart. ``in part``: some are named,
+    and nothing else. ``with a false one``: all are named, and something beside them. ``wrong``: a name that
+    leads astray. ``silent``: nothing is missing, it says. ``abstained``: no name.
+    """
+    sets = [set(cause) for cause in answer.named if set(cause) != {CURVE}]
     if not sets:
-        return "abstained"
-    hits = _matched(sets, case.hidden)
+        return "silent" if answer.verdict == "consistent" else "abstained"
+    hits = _matched(sets, hidden)
     if hits < len(sets):
-        return "with a false one" if hits == len(case.hidden) else "wrong"
-    if hits < len(case.hidden):
+        return "with a false one" if hits == len(hidden) else "wrong"
+    if hits < len(hidden):
         return "in part"
-    largest = max(len(s) for s in sets)
-    return "right alone" if largest == 1 else "in a set of two" if largest == 2 else "in a larger set"
+    largest = max(len(one) for one in sets)
+    return "right alone" if largest == 1 else "in a set" if largest <= SMALL else "in a large set"
 
 
-def _matched(sets: list[set[str]], hidden: tuple[str, ...]) -> int:
+def of_unlisted(answer: Answer, near: Sequence[str]) -> Outcome:
+    """Judge an answer where a fault is hidden that no model lists.
+
+    ``misnamed``: a cause has a listed name, and says neither that it may be a curve nor the same in a listed
+    word. ``near name``: it does the latter. ``curve``: it finds a curve. ``abstained``: something is missing,
+    it says, or possible. ``silent``: nothing is missing, it says.
+    """
+
+    def says(name: str) -> bool:
+        return any(name == one or name.endswith(f"_{one}") for one in near)
+
+    if any(CURVE not in cause and not any(says(name) for name in cause) for cause in answer.named):
+        return "misnamed"
+    if any(says(name) for cause in answer.named for name in cause):
+        return "near name"
+    if answer.named:
+        return "curve"
+    return "silent" if answer.verdict == "consistent" else "abstained"
+
+
+def _matched(sets: Sequence[set[str]], hidden: Sequence[str]) -> int:
     """How many causes can be given a hidden effect each of their own."""
     best = 0
     for order in itertools.permutations(hidden):
         for chosen in itertools.combinations(sets, min(len(sets), len(order))):
-            best = max(best, sum(name in s for name, s in zip(order, chosen, strict=False)))
+            best = max(best, sum(name in one for name, one in zip(order, chosen, strict=False)))
     return best
 
 
-def deviations(hidden: EffectValues, found: Diagnosis) -> dict[str, float]:
+def deviations(hidden: Mapping[str, Mapping[str, float]], answer: Answer) -> dict[str, float]:
     """How far each named parameter of a hidden effect is from the truth, in its standard errors."""
     result = {}
-    for cause in found.causes:
-        for name, true in hidden.get(cause.effect, {}).items():
-            estimate = cause.parameters[name]
-            if estimate.std > 0 and math.isfinite(estimate.std):
-                result[f"{cause.effect}.{name}"] = (estimate.value - true) / estimate.std
+    for effect, values in hidden.items():
+        for name, true in values.items():
+            value, std = answer.values.get(effect, {}).get(name, (math.nan, math.nan))
+            if std > 0 and math.isfinite(std):
+                result[f"{effect}.{name}"] = round((value - true) / std, 3)
     return result
-
-
-def named(found: Diagnosis) -> list[list[str]]:
-    """Each cause with what the data cannot distinguish from it, as plain data."""
-    return [[cause.effect, *cause.alternatives] for cause in found.causes]
-
-
-def judged(case: Case, hidden: EffectValues, found: Diagnosis) -> dict[str, Any]:
-    """All that the table needs of a diagnosis, as plain data."""
-    return {
-        "outcome": outcome(case, found),
-        "verdict": found.verdict,
-        "named": named(found),
-        "more_is_missing": bool(found.causes) and found.unknown is not None,
-        "deviations": {name: round(value, 3) for name, value in deviations(hidden, found).items()},
-        "summary": found.summary(),
-    }

@@ -1,4 +1,4 @@
-"""The benchmarks of the exam: records of one machine each, by a simulation that no diagnosis runs.
+"""Records of one machine each for tests, by its own model on a finer grid.
 
 A model has a benchmark if a module here goes by its name, with a class that does.
 """

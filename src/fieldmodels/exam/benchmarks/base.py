@@ -1,9 +1,10 @@
-"""What a benchmark offers: records of a machine with faults, and values of an effect by its size."""
+"""What a benchmark offers: records of a machine by its own model, and effects by their size."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
@@ -11,6 +12,9 @@ from typing import ClassVar, NamedTuple
 from fieldmodels.model import EffectValues, Model, Parameter
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
+
+SECOND = 500_000
+"""Added to a seed for the second record."""
 
 
 class Outside(NamedTuple):
@@ -33,8 +37,6 @@ class Benchmark(ABC):
         outside: Faults that the model does not list: name to one plain sentence.
         needs_base: Effects that a refitted base absorbs; in their cases the base is known.
         constants: Parameters of effects that do not grow with an effect's size, by full name.
-        indistinguishable: Pairs of effects that are one and the same in the data, or whose sum is; none is
-            hidden with the other.
         coloured_share: Share of the noise's variance that wanders slowly in records with coloured noise.
     """
 
@@ -42,7 +44,6 @@ class Benchmark(ABC):
     outside: ClassVar[Mapping[str, str]]
     needs_base: ClassVar[frozenset[str]] = frozenset()
     constants: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    indistinguishable: ClassVar[frozenset[frozenset[str]]] = frozenset()
     coloured_share: ClassVar[float] = 0.5
 
     @cached_property
@@ -72,6 +73,31 @@ class Benchmark(ABC):
         Raises:
             ModelError: If the machine does not stand it.
         """
+
+    def pair(
+        self,
+        effects: EffectValues,
+        seed: int,
+        coloured: float = 0.0,
+        outside: Outside | None = None,
+        without: Iterable[str] = (),
+    ) -> list[Recording]:
+        """A record to fit and one to measure the gain on.
+
+        Args:
+            effects: Effects of the model that are hidden.
+            seed: Of the first record.
+            coloured: Share of the noise's variance that wanders slowly.
+            outside: A fault that the model does not list.
+            without: Signals that are not measured.
+        """
+        left_out = set(without)
+        return [
+            replace(one, signals={name: v for name, v in one.signals.items() if name not in left_out})
+            for one in (
+                self.record(effects, k, coloured=coloured, outside=outside) for k in (seed, seed + SECOND)
+            )
+        ]
 
     def values(self, effect: str, size: float, sign: int = 1) -> dict[str, float]:
         """Values of an effect's parameters at a multiple of its typical step.

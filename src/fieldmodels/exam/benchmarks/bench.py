@@ -40,13 +40,6 @@ class Bench(Benchmark):
 
     outside = OUTSIDE
     needs_base = frozenset({"payload", "actuator_gain"})
-    indistinguishable = frozenset(
-        {
-            frozenset({"actuator_lag", "actuator_delay"}),
-            frozenset({"actuator_gain", "payload"}),
-            frozenset({"actuator_gain", "parameter_step"}),
-        }
-    )
     excitation: ClassVar[str]
     amplitude: ClassVar[float]
     motion: ClassVar[tuple[float, float]]

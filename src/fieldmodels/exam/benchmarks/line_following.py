@@ -38,10 +38,6 @@ class LineFollowing(Benchmark):
         }
     )
 
-    indistinguishable = frozenset(
-        {frozenset({"foot_slip", "turn_gain"}), frozenset({"foot_slip", "actuator_delay"})}
-    )  # slip without a shorter stride is a gain and a delay
-
     def record(
         self,
         reality: EffectValues,

@@ -31,7 +31,6 @@ class PoseReaching(Benchmark):
             "compass": "A compass whose error depends on the heading (hard iron).",
         }
     )
-    indistinguishable = frozenset({frozenset({"actuator_lag", "actuator_delay"})})
     constants = MappingProxyType({"parameter_step.time": 0.45 * DURATION})
 
     def record(

@@ -34,8 +34,6 @@ class UavRoute(Benchmark):
         }
     )
 
-    indistinguishable = frozenset({frozenset({"signature_scale", "radar_range_scale"})})
-
     def record(
         self,
         reality: EffectValues,

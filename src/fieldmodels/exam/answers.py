@@ -1,0 +1,65 @@
+"""What a diagnosis answers, as the exam needs it: the only place of the exam that knows its result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.result import Diagnosis
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording
+
+CURVE = "a curve"
+"""Stands for a cause that is a curve which no list contains."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a diagnosis says of two records.
+
+    Attributes:
+        verdict: In its own word.
+        named: Each cause with what it says cannot be told from it; curves are called ``CURVE``.
+        missing: Whether it says that something is missing beyond what it names.
+        values: Fitted values and standard errors of the named effects' parameters.
+        errors: Error of each output before and after, on the second record.
+        seconds: Processor time of one thread.
+        summary: In its own words.
+    """
+
+    verdict: str
+    named: tuple[tuple[str, ...], ...]
+    missing: bool
+    values: Mapping[str, Mapping[str, tuple[float, float]]]
+    errors: Mapping[str, tuple[float, float]]
+    seconds: float
+    summary: str
+
+
+def ask(model: Model, train: Recording, test: Recording, fixed: Mapping[str, float]) -> Answer:
+    """Diagnose, and read the result."""
+    began = time.process_time()  # of one thread: other work on the machine does not count
+    found = diagnose(model, [train], [test], fixed=fixed)
+    return read(model, found, time.process_time() - began)
+
+
+def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
+    """Read the result of a diagnosis."""
+    listed = {effect.name for effect in model.effects}
+
+    def name(effect: str) -> str:
+        return CURVE if effect not in listed and "curve" in effect else effect
+
+    return Answer(
+        verdict=found.verdict,
+        named=tuple(tuple(name(e) for e in (cause.effect, *cause.alternatives)) for cause in found.causes),
+        missing=found.unknown is not None,
+        values={
+            cause.effect: {p: (e.value, e.std) for p, e in cause.parameters.items()} for cause in found.causes
+        },
+        errors={output: (gain.rmse_before, gain.rmse_after) for output, gain in found.gain.items()},
+        seconds=seconds,
+        summary=found.summary(),
+    )

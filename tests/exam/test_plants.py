@@ -1,0 +1,136 @@
+"""The exam's plants against the oracles, which are slower and adaptive; faults that no model lists."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fieldmodels.exam.benches import Conditions, Hidden, get_bench
+from fieldmodels.exam.oracles import find_oracle
+from fieldmodels.exam.plants import axis_listed
+from fieldmodels.exam.plants.axis import simulate
+from fieldmodels.exam.plants.commands import COMMANDS
+from fieldmodels.exam.plants.noise import NOISES
+from fieldmodels.exam.plants.ruler import Ruler, Windows
+
+AXES = ("rig", "pendulum", "propeller_arm")
+STEP, SAMPLES = 0.01, 90
+NEAR = {"coulomb_friction": 0.02, "stribeck_friction": 0.05, "hysteresis": 0.02, "actuator_rate_limit": 0.02}
+"""Share of what an effect contributes by which a plant may err; else half a percent."""
+
+
+def held(largest: float, rng: np.random.Generator) -> np.ndarray:
+    """Commands that are held for 0.1 s, the first one zero, the largest one among them."""
+    levels = rng.uniform(-1.0, 1.0, SAMPLES // 10)
+    levels[0] = 0.0  # so that nothing happens before the first sample of a late sensor
+    return largest * np.repeat(levels / np.abs(levels).max(), 10)
+
+
+def shown(name: str, effects: dict[str, Any], commands: np.ndarray) -> np.ndarray:
+    """What a plant shows without noise."""
+    bench: Any = get_bench(name)
+    plant = bench.plant(bench.base(3))
+    axis_listed.install(plant, effects, float(np.abs(commands).max()), bench.linear)
+    rows = simulate(plant, lambda i, _x, _v: float(commands[i]), np.zeros((len(commands), 2)), STEP)
+    np.testing.assert_array_equal(rows[:, 0], commands)
+    return rows[:, 1:]
+
+
+@pytest.mark.parametrize(("name", "effect"), [(n, e) for n in AXES for e in get_bench(n).effects])
+def test_a_listed_effect_acts_as_its_oracle_says(name: str, effect: str):
+    bench: Any = get_bench(name)
+    commands = held(bench.sizes.u, np.random.default_rng([5, len(effect)]))
+    values = bench.values(effect, 3.0, 1, 3)
+    if effect == "parameter_step":
+        values["time"] = 0.4
+    oracle = find_oracle(name)
+    on, off = (
+        oracle.simulate(bench.base(3), hidden, commands[:, None], STEP) for hidden in ({effect: values}, {})
+    )
+    contribution = np.abs(on - off).max(axis=0)
+    assert contribution.max() > 0.0
+    error = np.abs(shown(name, {effect: values}, commands) - on).max(axis=0)
+    allowed = NEAR.get(effect, 0.005) * contribution + 1e-7 * np.abs(on).max(axis=0)
+    assert (error <= allowed).all(), (error, allowed)
+
+
+def test_several_effects_act_in_the_documented_order():
+    effects = {
+        "parameter_step": {"time": 0.3, "factor": 1.4}, "actuator_saturation": {"limit": 5.0},
+        "actuator_dead_zone": {"width": 1.0}, "actuator_asymmetry": {"difference": 0.3},
+        "actuator_gain": {"gain": 1.2}, "actuator_lag": {"time_constant": 0.03},
+        "actuator_delay": {"delay": 0.013}, "sensor_gain": {"gain": 1.1}, "sensor_drift": {"rate": 0.02},
+        "sensor_delay": {"delay": 0.017}, "backlash": {"gap": 0.01},
+    }  # fmt: skip
+    commands = held(8.0, np.random.default_rng(6))
+    on = find_oracle("rig").simulate(get_bench("rig").base(3), effects, commands[:, None], STEP)
+    np.testing.assert_allclose(shown("rig", effects, commands), on, atol=2e-3 * np.abs(on).max())
+
+
+UNLISTED = [(which, kind) for which in ("develop", "report") for kind in get_bench("rig").unlisted[which]]
+
+
+@pytest.mark.parametrize(("which", "kind"), UNLISTED)
+def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(which: str, kind: str):
+    bench = get_bench("rig")
+    conditions = Conditions(duration=6.0, factor=0.0)
+    plain, small, large = (
+        bench.log([Hidden(kind, size)] if size else [], conditions, 4, False).outputs
+        for size in (0, 1e-3, 3.0)
+    )
+    scale = plain.std(axis=0)
+    off = [float((np.abs(one - plain).std(axis=0) / scale).max()) for one in (small, large)]
+    assert off[0] < 0.02
+    assert off[1] > 3.0 * off[0]
+    assert off[1] > 1e-3
+
+
+def test_a_controller_follows_a_path_by_what_is_shown():
+    bench = get_bench("rig")
+    closed = [bench.log((), Conditions(closed=True, factor=factor), 4, False) for factor in (0.0, 1.0)]
+    assert np.abs(closed[0].inputs - closed[1].inputs).max() > 0.01  # noise is fed back
+    assert np.corrcoef(closed[0].outputs[:, 0], closed[1].outputs[:, 0])[0, 1] > 0.999
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_noise_has_the_variance_that_it_should(kind: str):
+    rng = np.random.default_rng(8)
+    noise = np.concatenate([NOISES[kind](20_000, rng) for _ in range(5)])
+    local = float(np.std(np.diff(noise))) / math.sqrt(2.0)
+    assert 0.2 < local < 1.6
+    if kind not in ("random_walk", "bursting"):
+        assert np.std(noise) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_commands_have_a_peak_of_one_at_most(kind: str):
+    time = np.arange(3000) * 0.01
+    commands = COMMANDS[kind](time, np.random.default_rng(9))
+    assert commands.shape == time.shape
+    assert 0.02 < np.abs(commands).max() <= 1.0 + 1e-12
+
+
+def test_a_ruler_finds_the_parameters_that_made_the_data():
+    """Of y = a t^2 / 2 + v t + x with noise, against the line fit in closed form."""
+    rng, time = np.random.default_rng(10), np.arange(20) * 0.1
+
+    def predict(p, states, inputs, _times):
+        push = p[:, 0, None, None] * inputs[None, :, :, 0] * time**2 / 2
+        return (push + states[:, :, 1, None] * time + states[:, :, 0, None])[..., None]
+
+    states, inputs = rng.normal(size=(30, 2)), rng.normal(size=(30, 20, 1)) * 0 + rng.normal(size=(30, 1, 1))
+    noisy = predict(np.array([[2.3]]), states[None], inputs, None)[0] + 0.05 * rng.normal(size=(30, 20, 1))
+    windows = Windows(inputs, noisy, states + 0.1, np.zeros(30))
+    ruler = Ruler(predict, np.array([0.05]), np.ones(2), np.full(2, np.inf))
+    fitted, _, _ = ruler._fit(windows, np.array([1.0]), True)
+    plane = np.column_stack([np.ones(20), time])
+    left = np.eye(20) - plane @ np.linalg.pinv(plane)
+    a = (left @ (inputs[:, :, 0] * time**2 / 2).T).ravel()
+    assert fitted[0] == pytest.approx(float(a @ (left @ noisy[:, :, 0].T).ravel() / (a @ a)), rel=1e-6)
+    expected = math.sqrt(
+        np.mean((left @ (noisy[:, :, 0] - fitted[0] * inputs[:, :, 0] * time**2 / 2).T) ** 2)
+    )
+    assert ruler.errors(windows, windows, np.array([1.0]))[0] == pytest.approx(expected, rel=1e-6)
