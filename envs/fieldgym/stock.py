@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.around import flown, stepped, with_named
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.model import Model
 from fieldmodels.reality import Reality
@@ -31,6 +31,10 @@ class Truth:
     typical: Floats
     extremes: Floats
     stock: Stepped | None
+
+    def around(self, model: Model) -> Model:
+        """The same stock effects around the model of other settings."""
+        return with_named(model, self.reality.effects)
 
 
 def read_truth(source: Any, model: Model, channels: Channels, batch: int, step: float) -> Truth:

@@ -21,11 +21,14 @@ from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, Task
 from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
+from fieldgym.stock import read_truth
 from fieldmodels.machines.uav_route.batch import (
+    CHANNELS,
     Flights,
     Leg,
     Rules,
     check_plants,
+    nearest_bearing,
     observed_names,
 )
 from fieldmodels.machines.uav_route.layouts import distance_around
@@ -46,7 +49,7 @@ from fieldmodels.machines.uav_route.parameters import (
 )
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.machines.uav_route.state import FLYING, NUMBERS
-from fieldmodels.reality import read_reality
+from fieldmodels.model import Model
 from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
@@ -148,15 +151,6 @@ def actions_towards(
     return np.column_stack([turn / np.pi, 2.0 * share - 1.0]).astype(np.float32)
 
 
-def nearest_bearing(places: Floats, radars: Floats) -> Floats:
-    """Bearing of the radar nearest to each place [rad], shape (batch,)."""
-    towards = radars - places[:, None, :]
-    nearest = np.argmin((towards**2).sum(axis=2), axis=1)
-    chosen = towards[np.arange(len(places)), nearest]
-    bearing: Floats = np.arctan2(chosen[:, 1], chosen[:, 0])
-    return bearing
-
-
 def model_of(settings: UavRouteSettings) -> UavRoute:
     """The model of what is set: its nominal speed is the settings'."""
     return UavRoute(settings.world)
@@ -166,17 +160,24 @@ class _UavRouteTask(BatchTask):
     """The task on a batch of flights."""
 
     settings: UavRouteSettings
+    channels = CHANNELS
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, UavRouteSettings)
         rules, model = self.settings.rules, model_of(self.settings)
-        self.reality = read_reality(reality, model)
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers, model_of)
+        truth = read_truth(reality, model, self.channels, batch, 0.0)
+        self.reality, self.stock = truth.reality, truth.stock
+
+        def around(own: UavRouteSettings) -> Model:
+            return truth.around(model_of(own))
+
+        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers, around)
         self._model = model
         for extreme in self.drawn.extremes():
-            check_plants(model.plant(self.reality.extremes(model_of(extreme))))
+            ends = self.reality.extremes(around(extreme))
+            check_plants(model.plant(ends[:, : len(model.names)]))
             extreme.rules  # noqa: B018 - raises if they are not possible
-        self.flights = Flights(batch, rules, model.plant(self.reality.typical(model)))
+        self.flights = Flights(batch, rules, model.plant(truth.typical), truth.stock)
         self._drawing = drawing
         self._trails: list[list[Floats]] = [[] for _ in range(batch)]
         self._plan: Floats | None = None

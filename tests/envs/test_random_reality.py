@@ -60,6 +60,13 @@ STOCK = {
         "y_quantisation": {"step": {"uniform": [0.0, 0.05]}},
         "track_drift": {"rate": {"uniform": [0.0, 0.005]}},
     },
+    "fieldgym/UavRoute-v0": {
+        "to_north_play": {"width": {"uniform": [0.0, 20e3]}},
+        "to_east_gain": {"gain": {"uniform": [0.9, 1.1]}},
+        "north_bend": {"curvature": {"uniform": [0.0, 1e-7]}},
+        "east_quantisation": {"step": {"uniform": [0.0, 5e3]}},
+        "speed_drift": {"rate": {"uniform": [-0.02, 0.02]}},
+    },
 }
 """The same of stock effects around a task, with all that they remember."""
 IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))

@@ -16,6 +16,8 @@ from fieldmodels.machines.line_following.recording import record_walk
 from fieldmodels.machines.line_following.tracks import straight
 from fieldmodels.machines.line_following.walks import Scene
 from fieldmodels.machines.pose_reaching.model import PoseReaching
+from fieldmodels.machines.uav_route.model import UavRoute
+from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.model import ModelError
 
 
@@ -41,7 +43,7 @@ def play(env_id, actions, reality=None, seed=3, **settings):
     return np.array([o for o, _ in steps], dtype=np.float64), [i for _, i in steps]
 
 
-LINE = "fieldgym/LineFollowing-v0"
+LINE, UAV = "fieldgym/LineFollowing-v0", "fieldgym/UavRoute-v0"
 STRIDE = LineFollowing().gait.stride_time
 TURNS = 0.7 * np.diff(np.random.default_rng(1).uniform(-1.0, 1.0, 31))
 ENDLESS = {"lost_strides": 1000, "lost_offset": 100.0}
@@ -152,6 +154,8 @@ def test_a_parameter_that_jumps_between_windows_is_predicted():
         (LINE, {"offset_gain": {"gain": 1.1}}, "the commands steering; the sensors line"),
         (LINE, {"curvature_lag": {"time_constant": 1.0}}, "a robot steers"),
         ("fieldgym/LineFollowingPixels-v0", {"line_gain": {"gain": 1.1}}, "it observes images"),
+        (UAV, {"to_north_lag": {"time_constant": 1.0}}, "a leg is flown as a whole"),
+        (UAV, {"bank_gain": {"gain": 1.1}}, "the sensors north, east"),
         (LINE, {"steering_gian": {"gain": 1.1}}, "did you mean 'steering_gain'"),
         (LINE, {"steering_lag": {"time_constant": -1.0}}, "outside"),
     ],
@@ -258,3 +262,110 @@ def test_a_track_that_grows_while_a_robot_drives():
     track = own.nominal[own.index("track")]
     share = np.clip((0.1 * np.arange(12) + 0.1 - 0.55) / 0.1, 0.0, 1.0)
     np.testing.assert_allclose(turned, -0.1 * 0.05 / (track + 0.05 * share), atol=1e-9)
+
+
+LEGS = np.random.default_rng(6).uniform(-0.6, 0.2, (12, 2))
+SAFE = {"lock_loss": True, "engage": 1e9, "radars": 2, "capture": 0.01}
+
+
+def leg(action):
+    """Heading from the bearing of the nearest radar [rad] and length [km] of a leg."""
+    return np.pi * action[0], 2.5 * 200.0 ** (0.5 * (1.0 + action[1]))
+
+
+@pytest.mark.parametrize(
+    ("reality", "oracle"),
+    [
+        (
+            {"to_north_gain": {"gain": 1.1}, "to_east_bias": {"bias": -3000.0}},
+            lambda n, e, t: (1.1 * n, e - 3000.0),
+        ),
+        (
+            {"to_east_curve": {"low": -2e5, "high": 2e5, "value_1": 8e3, "value_2": -5e3, "value_3": 2e3}},
+            lambda n, e, t: (n, e + np.interp(e, [-2e5, 0.0, 2e5], [8e3, -5e3, 2e3])),
+        ),
+        (
+            {"to_north_parameter_step": {"time": 300.0, "factor": 0.9}},
+            lambda n, e, t: (n * (0.9 if t >= 300.0 else 1.0), e),
+        ),
+    ],
+    ids=["gain and bias", "curve", "jump"],
+)
+def test_an_aircraft_flies_to_the_waypoint_that_it_is_given(reality, oracle):
+    env, twin = (gym.make(UAV, reality=r, settings=SAFE).unwrapped for r in (reality, None))
+    (_, info), (_, told) = env.reset(seed=5), twin.reset(seed=5)
+    other = gym.make(UAV, settings=SAFE).unwrapped
+    other.reset(seed=5)
+    for action in LEGS:
+        turn, length = leg(action)
+        course = told["radial"] + turn
+        north, east = 1000.0 * (told["place"] + length * np.array([np.cos(course), np.sin(course)]))
+        aim = np.array(oracle(north, east, told["time"])) / 1000.0 - told["place"]
+        bearing = (np.arctan2(aim[1], aim[0]) - told["radial"] + np.pi) % (2 * np.pi) - np.pi
+        length = np.clip(np.hypot(*aim), 2.5, 500.0)
+        towards = np.array([bearing / np.pi, 2.0 * np.log(length / 2.5) / np.log(200.0) - 1.0])
+        seen, _, _, _, info = env.step(action)
+        same, _, _, _, told = twin.step(towards)
+        third = other.step(action)[4]
+        np.testing.assert_allclose(info["place"], told["place"], atol=1e-6)
+        np.testing.assert_allclose(seen, same, atol=1e-4)
+    assert np.abs(info["place"] - third["place"]).max() > 1.0
+
+
+def test_an_aircraft_believes_the_position_that_its_sensors_show():
+    reality = {
+        "sensor_bias": {"north": 2000.0, "east": 0.0},  # the model's own comes first
+        "north_gain": {"gain": 1.02},
+        "east_bend": {"curvature": 2e-7},
+        "east_drift": {"rate": 0.5},
+    }
+    env = gym.make(UAV, reality=reality, settings=SAFE).unwrapped
+    _, info = env.reset(seed=5)
+    infos = [info]
+    for action in LEGS:
+        observation, *_, info = env.step(action)
+        infos.append(info)
+        north, east = 1000.0 * info["privileged"]["place"]
+        shown = 1.02 * (north + 2000.0), east + 2e-7 * east * abs(east) + 0.5 * info["time"]
+        np.testing.assert_allclose(info["place"], np.array(shown) / 1000.0, atol=1e-9)
+        goal = info["layout"]["goal"] - info["place"]
+        assert observation[2] == pytest.approx(np.log(np.hypot(*goal) / 100.0), abs=1e-4)
+    course = infos[-2]["radial"] + leg(LEGS[-1])[0]  # from where it believed to be
+    flown_leg = infos[-1]["privileged"]["place"] - infos[-2]["privileged"]["place"]
+    assert abs(np.angle(np.exp(1j * (np.arctan2(flown_leg[1], flown_leg[0]) - course)))) < 1e-6
+
+
+def test_an_aircraft_that_becomes_slower_leg_by_leg():
+    reality = {"speed_drift": {"rate": -0.05}}
+    env, other = (gym.make(UAV, reality=r, settings=SAFE).unwrapped for r in (reality, None))
+    info, before = env.reset(seed=5)[1], 0.0
+    other.reset(seed=5)
+    begun = 0.0
+    for action in LEGS:
+        info, same = env.step(action)[4], other.step(action)[4]
+        way, time = info["path_length"] - before, info["time"] - begun
+        speed = 0.25 - 0.05e-3 * begun
+        assert way / time == pytest.approx(speed, rel=1e-9)
+        begun, before = info["time"], info["path_length"]
+        np.testing.assert_allclose(info["path_length"], same["path_length"], rtol=1e-9)
+
+
+FLOWN = {
+    "gain and bias": {"to_north_gain": {"gain": 1.03}, "to_east_bias": {"bias": 4000.0}},
+    "lag": {"to_north_lag": {"time_constant": 8.0}},
+    "bend": {"east_bend": {"curvature": 1e-7}, "north_drift": {"rate": 1.0}},
+    "curve": {"to_east_curve": {"low": -3e5, "high": 3e5, "value_1": -6e3, "value_2": 3e3, "value_3": 5e3}},
+}
+
+
+@pytest.mark.parametrize("name", FLOWN)
+def test_the_model_with_the_same_effects_predicts_a_recorded_flight(name):
+    """The recorder integrates with complex numbers, in small pieces, sample by sample."""
+    plain = UavRoute()
+    recording = record_flight(FLOWN[name], 3000.0, noise=0.0, scans=False, rng=np.random.default_rng(2))
+    model, truth = flown(plain, FLOWN[name])
+    windows = plain.windows(recording, plain.horizons[1])
+    measured = windows.measured(tuple(s.name for s in plain.outputs))[..., :2]
+    error = np.abs(model.simulate(truth.vector(model)[None], windows)[0][..., :2] - measured).max()
+    assert error < 1.0  # [m], of 30 km flown in a window
+    assert np.abs(plain.simulate(plain.nominal[None], windows)[0][..., :2] - measured).max() > 100.0

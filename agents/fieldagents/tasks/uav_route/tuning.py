@@ -26,9 +26,9 @@ from fieldagents.tasks.uav_route.agents import Planner, Planning, legs, two_legs
 from fieldagents.tasks.uav_route.plan import Plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
+from fieldmodels.drivers.around import flown
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import Layout, World
-from fieldmodels.reality import Reality, read_reality
 
 Threshold = Annotated[float, Field(ge=0.01, lt=0.99)]
 
@@ -83,17 +83,19 @@ class Replanner(Planner):
         title: str,
         settings: UavRouteSettings,
         plan: Planning,
-        reality: Reality,
+        reality: Any,
         options: Thresholds,
     ) -> None:
-        plant = UavRoute(settings.world).plant(reality.vector(UavRoute(settings.world)))
+        nominal = UavRoute(settings.world)
+        model, truth = flown(nominal, reality)
+        plant = nominal.plant(truth.vector(model)[: len(nominal.names)])
         bank = min(settings.bank * float(plant["weaker_bank"]["factor"]), LARGEST_BANK)
         believed = replace(settings, speed=float(plant["speed"]), bank=bank)
         super().__init__(name, title, believed, self._tried)
         own = self.world.detection.threshold
         self._thresholds = sorted({own, *options.thresholds}, reverse=True)
         self._most = own - options.margin
-        self._candidate, self._simulated, self._reality = plan, settings, reality
+        self._candidate, self._simulated, self._reality = plan, settings, truth
         self._bias = _north_east(plant["sensor_bias"])
         self._site = _north_east(plant["radar_position"])
         self._answers: dict[Layout, Plan] = {}
@@ -159,8 +161,7 @@ def _tuner(name: str, plan: Planning) -> Tuner:
 
     def design(settings: Mapping[str, Any], reality: Any, options: Thresholds) -> Agent:
         own = read_settings(dict(settings), UavRouteSettings)
-        truth = read_reality(reality, UavRoute(own.world))
-        return Replanner(name, title, own, plan, truth, options)
+        return Replanner(name, title, own, plan, reality, options)
 
     return Tuner(name, title, Thresholds, design)
 

@@ -7,15 +7,16 @@ radars' scans on these and the scan's time: equal seeds give every agent the sam
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.uav_route.declaration import PLANT, nominal_plant
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.drivers.stepped import Channels, Stepped
+from fieldmodels.machines.uav_route.declaration import KM, PLANT, as_plants, nominal_plant
 from fieldmodels.machines.uav_route.kernel import advance_all, start_all
 from fieldmodels.machines.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.machines.uav_route.parameters import RADARS, Layout, LegRules, World
@@ -122,6 +123,15 @@ def check_plants(own: NDArray[Any]) -> None:
         raise ModelError(f"the factors of {', '.join(factors)} must be positive")
 
 
+CHANNELS = Channels(
+    commands=("to_north", "to_east"),
+    observed=("north", "east"),
+    without="an aircraft is sent to a waypoint and measures its position",
+    sampled=False,
+)
+"""Where stock effects can act on a flight: on the waypoint of each leg, and on the position at its end."""
+
+
 class Flights:
     """A batch of flights, each with an episode of its own.
 
@@ -129,16 +139,25 @@ class Flights:
         rules: What is flown.
         records: The rules of each flight as the kernels read them, shape (batch,), see ``kernel_rules``.
         flights: All state, shape (batch,), dtype ``FLIGHT``.
-        plants: What each aircraft truly is, shape (batch,), as ``UavRoute.plant`` gives it.
+        plants: What each aircraft truly is, shape (batch,), as ``UavRoute.plant`` gives it; where stock
+            effects act on sensors, its sensor's bias is how far the position that they show is off.
+        stock: Stock effects around the flights, or None.
     """
 
-    def __init__(self, batch: int, rules: Rules | None = None, plant: NDArray[Any] | None = None) -> None:
+    def __init__(
+        self,
+        batch: int,
+        rules: Rules | None = None,
+        plant: NDArray[Any] | None = None,
+        stock: Stepped | None = None,
+    ) -> None:
         """Make flights; seed and restart each before the first leg.
 
         Args:
             batch: Number of flights.
             rules: What is flown.
             plant: What the aircraft truly is, shape () or (batch,), see ``UavRoute.plant``; None is nominal.
+            stock: Stock effects around them, by ``CHANNELS``.
 
         Raises:
             ModelError: If the batch is empty, the plant has the wrong type or shape, its wind is stronger
@@ -162,6 +181,10 @@ class Flights:
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self._begun = np.zeros(batch, dtype=np.bool_)
         self._ready = False
+        self.stock = stock
+        self._shown = np.zeros((batch, 2))
+        if stock is not None:
+            stock.kept["shown"] = self._shown
 
     def __len__(self) -> int:
         """Number of flights."""
@@ -171,7 +194,7 @@ class Flights:
         """Give one flight, before its next episode, other rules with as many radars."""
         self.records[row] = kernel_rules(rules, 1)[0]
 
-    def set_plants(self, rows: list[int], plants: NDArray[Any]) -> None:
+    def set_plants(self, rows: Sequence[int] | IntArray, plants: NDArray[Any]) -> None:
         """Say what some aircraft truly are from their next episode on; shape (len(rows),).
 
         Raises:
@@ -200,6 +223,8 @@ class Flights:
         start_all(self.flights, rows, self.records)
         self._begun[rows] = True
         self._ready = bool(self._begun.all())
+        if self.stock is not None:
+            self._begin_stock(rows, self.stock)
 
     def observe(self) -> Leg:
         """What is observed of every flight as it stands; the rewards are zero."""
@@ -217,7 +242,58 @@ class Flights:
         Raises:
             ModelError: If the actions have the wrong shape or are not finite, or a flight never began.
         """
-        return self._step(self._checked(actions), relative=True, restarting=restarting)
+        checked = self._checked(actions)
+        if self.stock is None:
+            return self._step(checked, relative=True, restarting=restarting)
+        return self._fly_as_given(checked, restarting, self.stock)
+
+    def _fly_as_given(self, actions: FloatArray, restarting: bool, stock: Stepped) -> Leg:
+        """As ``advance``, to the waypoints that stock effects make of those commanded."""
+        every = np.arange(len(self))
+        stock.clock[:] = self.flights["time"]
+        self._change(every, stock)
+        if stock.acts:
+            believed = self.flights["place"] + _north_east(self.plants)
+            length = np.clip(actions[:, 1], self.records["least_leg"], self.records["longest_leg"])
+            course = actions[:, 0] + nearest_bearing(believed, self.flights["radars"][:, : self.rules.count])
+            ahead = length[:, None] * np.column_stack([np.cos(course), np.sin(course)])
+            ahead = stock.given(KM * (believed + ahead)) / KM - believed
+            actions = np.column_stack([np.arctan2(ahead[:, 1], ahead[:, 0]), np.hypot(*ahead.T)])
+        begin = np.flatnonzero(self.flights["over"]) if restarting else every[:0]
+        flown = self._step(actions, relative=not stock.acts, restarting=restarting)
+        stock.clock[:] = self.flights["time"]
+        self._begin_stock(begin, stock)
+        if not stock.senses:
+            return flown
+        self._sense(np.setdiff1d(every, begin), stock)
+        seen = self.observe()
+        return replace(seen, reward=flown.reward)
+
+    def _begin_stock(self, rows: IntArray, stock: Stepped) -> None:
+        """Begin the stock effects' episodes of some flights."""
+        stock.begin(rows)
+        self._change(rows, stock)
+        if stock.senses:
+            self._sense(rows, stock)
+
+    def _change(self, rows: IntArray, stock: Stepped) -> None:
+        """Let the parameters of some flights be what they are by now."""
+        if stock.moves:
+            self.set_plants(rows, as_plants(stock.change(rows, 0.0)))
+            if stock.senses:
+                self._believe(rows)
+
+    def _sense(self, rows: IntArray, stock: Stepped) -> None:
+        """Let some aircraft measure their positions, and believe them."""
+        own = _north_east(as_plants(stock.current[rows]))
+        self._shown[rows] = stock.shown(KM * (self.flights["place"][rows] + own), rows) / KM
+        self._believe(rows)
+
+    def _believe(self, rows: IntArray) -> None:
+        """Put how far the shown positions are off in the place of the sensors' bias."""
+        off = self._shown[rows] - self.flights["place"][rows]
+        for axis, name in enumerate(("north", "east")):
+            self.plants["sensor_bias"][name][rows] = off[:, axis]
 
     def fly_to(self, waypoints: ArrayLike) -> Leg:
         """Take every flight towards a waypoint, given as north and east [km], shape (batch, 2).
@@ -256,6 +332,8 @@ class Flights:
         self._seeded[:] = True
         self._begun[:] = True
         self._ready = True
+        if self.stock is not None and self.stock.senses:
+            self._believe(np.arange(len(self)))
 
     def _checked(self, values: ArrayLike) -> FloatArray:
         """Actions or waypoints, checked, shape (batch, 2)."""
@@ -284,3 +362,17 @@ class Flights:
         if not finite:
             raise ModelError(f"actions must be finite numbers, not {actions}")
         return leg
+
+
+def nearest_bearing(places: FloatArray, radars: FloatArray) -> FloatArray:
+    """Bearing of the radar nearest to each place [rad], shape (batch,)."""
+    towards = radars - places[:, None, :]
+    nearest = np.argmin((towards**2).sum(axis=2), axis=1)
+    chosen = towards[np.arange(len(places)), nearest]
+    bearing: FloatArray = np.arctan2(chosen[:, 1], chosen[:, 0])
+    return bearing
+
+
+def _north_east(plants: NDArray[Any]) -> FloatArray:
+    """Bias of each aircraft's sensor [km], shape (batch, 2)."""
+    return np.column_stack([plants["sensor_bias"]["north"], plants["sensor_bias"]["east"]])

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.uav_route import detection, signature
 from fieldmodels.machines.uav_route.model import DETECTED, GAP, UavRoute
 from fieldmodels.model import ModelError
-from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording
 from fieldmodels.recording.units import STANDARD_GRAVITY
 
@@ -28,6 +29,13 @@ SUBSTEPS = 40
 """Pieces of a sample in which the flight is integrated."""
 JITTER = 0.1
 """Standard deviation of the time between scans [s]."""
+
+RECORDED = Channels(
+    commands=("to_north", "to_east"),
+    observed=("north", "east", "bank"),
+    without="an aircraft is sent to a waypoint; its radar's scans are events",
+)
+"""Where stock effects can act on a recording, sample by sample."""
 
 Detected = Callable[[complex, float], float]
 
@@ -69,7 +77,9 @@ def record_flight(
     if not (step > 0 and episodes >= 1 and duration >= 10 * step):
         raise ModelError(f"an episode needs at least 10 samples, not {duration:g} s in steps of {step:g} s")
     model = UavRoute()
-    values = dict(zip(model.names, read_reality(reality, model).vector(model).tolist(), strict=True))
+    around, truth = flown(model, reality, RECORDED)
+    stock = stepped(around, truth, RECORDED, 1, step)
+    values = dict(zip(around.names, truth.vector(around).tolist(), strict=True))
     interval = model.world.detection.scan_interval * values["scan_interval.factor"]
     if scans and step > 0.9 * interval:
         raise ModelError(
@@ -77,18 +87,18 @@ def record_flight(
         )
     count = round(duration / step)
     luck = rng.spawn(1)[0]
-    flown = [
-        _fly(model, values, count, step, 2 * math.pi * e / episodes, added, faded, rng, luck)
+    episodes_flown = [
+        _fly(model, values, count, step, 2 * math.pi * e / episodes, added, faded, rng, luck, stock)
         for e in range(episodes)
     ]
-    columns = np.concatenate(flown)
+    columns = np.concatenate(episodes_flown)
     deviations = noise * np.array([output.noise for output in model.outputs[:3]])
     measured = columns[:, 2:5] + deviations * rng.standard_normal((len(columns), 3))
     signals = {
         "to_north": columns[:, 0],
         "to_east": columns[:, 1],
-        "north": measured[:, 0] + values["sensor_bias.north"],
-        "east": measured[:, 1] + values["sensor_bias.east"],
+        "north": measured[:, 0],
+        "east": measured[:, 1],
     }
     if bank:
         signals["bank"] = measured[:, 2]
@@ -115,31 +125,46 @@ def _fly(
     faded: Detected | None,
     rng: np.random.Generator,
     luck: np.random.Generator,
+    stock: Stepped | None,
 ) -> FloatArray:
-    """One episode: waypoint, position, mean bank, detected, scan gap, shape (samples, 7)."""
+    """One episode: waypoint, position and mean bank as shown, detected, scan gap, shape (samples, 7)."""
     aircraft, radar = model.world.aircraft, model.world.detection
-    speed, loss = values["speed"], values["turn_speed_loss.share"]
     wind = complex(values["wind.north"], values["wind.east"])
     angle = values["weaker_bank.factor"] * aircraft.bank
     believed = complex(values["radar_north"], values["radar_east"])
-    site = believed + complex(values["radar_position.north"], values["radar_position.east"])
+    moved = complex(values["radar_position.north"], values["radar_position.east"])
     interval = radar.scan_interval * values["scan_interval.factor"]
     place = target = believed + cmath.rect(0.5 * (NEAREST + FARTHEST), bearing)
-    course, turn_left, side = 1 + 0j, 0.0, 0.0
+    aim, course, turn_left, side = target, 1 + 0j, 0.0, 0.0
     columns = np.zeros((count, 7))
     mean_bank, detected, gap = 0.0, 0.0, 0.0
     piece = step / SUBSTEPS
     scanned, due = -interval, 0.0
+    shift = complex(values["sensor_bias.north"], values["sensor_bias.east"])
+    if stock is not None:
+        stock.begin([0])
     for i in range(count):
-        if i == 0 or abs(target - place) <= 1.5 * speed * step:
+        if stock is not None and stock.moves:
+            values = values | dict(zip(model.names, stock.change([0], step)[0].tolist(), strict=True))
+        speed, slow = values["speed"], values["speed"] * (1.0 - values["turn_speed_loss.share"])
+        site = complex(values["radar_north"], values["radar_east"]) + moved
+        if i == 0 or abs(aim - place) <= 1.5 * speed * step:
             target = _next_target(place, believed, course if i > 0 else None, rng)
-            new = (target - place) / abs(target - place)
+        given = target
+        if stock is not None:
+            given = complex(*stock.given(np.array([[target.real, target.imag]]))[0])
+        if i == 0 or given != aim:
+            aim = given
+            new = (aim - place) / abs(aim - place)
             angle_turned = cmath.phase(new / course) if i > 0 else 0.0
             course = new
-            slow = speed * (1.0 - loss)
             turn_left = abs(angle_turned) * slow / (STANDARD_GRAVITY * math.tan(angle))
             side = math.copysign(angle, angle_turned)
-        columns[i] = target.real, target.imag, place.real, place.imag, mean_bank, detected, gap
+        sensed = place + shift
+        columns[i] = target.real, target.imag, sensed.real, sensed.imag, mean_bank, detected, gap
+        if stock is not None:
+            columns[i, 2:5] = stock.shown(columns[i : i + 1, 2:5])[0]
+            stock.tick()
         banked, detected, gap = 0.0, 0.0, 0.0
         extra = added(place) if added else 0.0
         for j in range(SUBSTEPS):
