@@ -20,11 +20,11 @@ from pydantic.dataclasses import dataclass
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
+from fieldgym.stock import read_truth
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import CollisionKind, Leg, PushOff, Regimes
-from fieldmodels.machines.heel_strike.strides import StrideResult, Strides
+from fieldmodels.machines.heel_strike.strides import CHANNELS, StrideResult, Strides
 from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, TRACES, Walk
-from fieldmodels.reality import read_reality
 from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
@@ -122,24 +122,26 @@ class _HeelStrikeTask(BatchTask):
     """The task on a batch of walkers: what the scalar and the vector environment share."""
 
     settings: HeelStrikeSettings
+    channels = CHANNELS
 
     def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, HeelStrikeSettings)
         model = HeelStrikeModel(self.settings.leg)
-        self.reality = read_reality(reality, model)
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
+        truth = read_truth(reality, model, self.channels, batch, model.leg.step)
+        self.reality, self.stock = truth.reality, truth.stock
+        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
         walk = self.settings.walk
         self.strides = Strides(
             batch,
             walk.leg,
             walk.regimes,
-            self.reality.typical(model),
+            truth.typical,
             bank=self.settings.bank,
             tuned_reset=walk.tuned_reset,
+            stock=truth.stock,
         )
-        for extreme in self.reality.extremes(model):
+        for extreme in (*truth.extremes, truth.typical):
             self.strides.set_reality([0], extreme[None])
-        self.strides.set_reality([0], self.reality.typical(model)[None])
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._tracing = drawing
         self.kept: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]

@@ -234,6 +234,17 @@ class Model(ABC):
         """
         return replace(recording, signals={**recording.signals, **commands})
 
+    def derived(self, outputs: FloatArray, shown: FloatArray, windows: Windows) -> FloatArray:
+        """Outputs behind sensors that err, with those that the model derives from them; by default none.
+
+        Args:
+            outputs: As simulated, shape (batch, windows, samples, outputs).
+            shown: What the sensors show of them; what is derived is still as simulated.
+            windows: The windows.
+        """
+        del outputs, windows
+        return shown
+
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
         """The parts that a diagnosis can examine separately with these data; by default the whole.
 

@@ -67,6 +67,12 @@ STOCK = {
         "east_quantisation": {"step": {"uniform": [0.0, 5e3]}},
         "speed_drift": {"rate": {"uniform": [-0.02, 0.02]}},
     },
+    "fieldgym/HeelStrike-v0": {
+        "gyro_bend": {"curvature": {"uniform": [-0.2, 0.2]}},
+        "gyro_lag": {"time_constant": {"choice": [0.0, 0.004, 0.02]}},
+        "strike_angle_bias": {"bias": {"uniform": [0.0, 0.02]}},
+        "length_drift": {"rate": {"uniform": [-0.01, 0.01]}},
+    },
 }
 """The same of stock effects around a task, with all that they remember."""
 IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))

@@ -4,12 +4,17 @@ An environment under an actuator's effect moves as the nominal one does under co
 computed; a sensor's effect moves nothing, and shows what NumPy makes of what the nominal one shows.
 """
 
+import itertools
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import fieldgym
 from fieldmodels.drivers.around import flown
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.parameters import Noise as GaitNoise
+from fieldmodels.machines.heel_strike.recording import record_walk as record_gyro
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.recording import record_walk
@@ -154,8 +159,14 @@ def test_a_parameter_that_jumps_between_windows_is_predicted():
         (LINE, {"offset_gain": {"gain": 1.1}}, "the commands steering; the sensors line"),
         (LINE, {"curvature_lag": {"time_constant": 1.0}}, "a robot steers"),
         ("fieldgym/LineFollowingPixels-v0", {"line_gain": {"gain": 1.1}}, "it observes images"),
-        (UAV, {"to_north_lag": {"time_constant": 1.0}}, "a leg is flown as a whole"),
+        (UAV, {"to_north_lag": {"time_constant": 1.0}}, "at moments only"),
         (UAV, {"bank_gain": {"gain": 1.1}}, "the sensors north, east"),
+        (
+            "fieldgym/HeelStrike-v0",
+            {"strike_gain": {"gain": 1.1}},
+            "estimator's gains.*sensors gyro, strike_angle",
+        ),
+        ("fieldgym/HeelStrike-v0", {"strike_angle_lag": {"time_constant": 0.1}}, "at moments only"),
         (LINE, {"steering_gian": {"gain": 1.1}}, "did you mean 'steering_gain'"),
         (LINE, {"steering_lag": {"time_constant": -1.0}}, "outside"),
     ],
@@ -369,3 +380,85 @@ def test_the_model_with_the_same_effects_predicts_a_recorded_flight(name):
     error = np.abs(model.simulate(truth.vector(model)[None], windows)[0][..., :2] - measured).max()
     assert error < 1.0  # [m], of 30 km flown in a window
     assert np.abs(plain.simulate(plain.nominal[None], windows)[0][..., :2] - measured).max() > 100.0
+
+
+HEEL = "fieldgym/HeelStrike-v0"
+GAINS = np.random.default_rng(8).uniform(-1.0, 1.0, (12, 3))
+
+
+@pytest.mark.parametrize(
+    ("stock", "own"),
+    [
+        (
+            {"gyro_curve": {"low": -1.0, "high": 1.0, "value_1": 0.01, "value_2": 0.01}},
+            {"gyro_bias": {"rate": 0.01}},
+        ),
+        (
+            {"gyro_curve": {"low": -4.0, "high": 4.0, "value_1": -0.2, "value_2": 0.0, "value_3": 0.2}},
+            {"gyro_gain": {"gain": 1.05}},
+        ),
+        ({"length_step": {"time": 0.0, "change": 0.05}}, {"parameters": {"length": 1.05}}),
+    ],
+    ids=["curve as bias", "curve as gain", "length"],
+)
+def test_a_stock_effect_that_is_one_of_the_walkers_own_does_the_same(stock, own):
+    settings = {"gyro": 0.0, "collision": (0.0, 0.0)}  # noise comes before one and after the other
+    seen, infos = play(HEEL, GAINS, stock, **settings)
+    same, others = play(HEEL, GAINS, own, **settings)
+    nominal = play(HEEL, GAINS, **settings)[0]
+    np.testing.assert_allclose(seen, same, atol=1e-5)
+    errors = np.array([[i["error_mm"], i["error_mm_ranger"], i["error_mm_ekf"]] for i in infos[1:]])
+    expected = np.array([[i["error_mm"], i["error_mm_ranger"], i["error_mm_ekf"]] for i in others[1:]])
+    np.testing.assert_allclose(errors, expected, atol=1e-6)
+    assert np.abs(seen - nominal).max() > 0.1
+
+
+def test_a_recorded_gyro_bends_and_lags_as_numpy_says():
+    """The walk is the same to the bit; what is measured of it, noise included, goes through the sensor."""
+    reality = {
+        "gyro_bend": {"curvature": 0.1},
+        "strike_angle_gain": {"gain": 1.2},
+        "strike_angle_bias": {"bias": 0.01},
+    }
+    walk, plain = (record_gyro(10.0, np.random.default_rng(3), None, r) for r in (reality, None))
+    gyro = plain["gyro"]
+    np.testing.assert_array_equal(walk["strike"], plain["strike"])
+    np.testing.assert_allclose(walk["gyro"], gyro + 0.1 * gyro * np.abs(gyro), atol=1e-12)
+    struck = np.cumsum(plain["strike"]) > 0  # before, nothing has been measured
+    np.testing.assert_allclose(
+        walk["strike_angle"][struck], 1.2 * plain["strike_angle"][struck] + 0.01, atol=1e-12
+    )
+    late = record_gyro(10.0, np.random.default_rng(3), None, {"gyro_lag": {"time_constant": 0.02}})["gyro"]
+    filtered, step, kept = [gyro[0]], 0.002, np.exp(-0.1)
+    for before, now in itertools.pairwise(gyro):
+        slope = (now - before) / step
+        filtered.append(now - 0.02 * slope + (filtered[-1] - before + 0.02 * slope) * kept)
+    np.testing.assert_allclose(late, filtered, atol=1e-9)
+
+
+MEASURED = {
+    "bend": ({"gyro_bend": {"curvature": 0.05}}, (1e-3, 1e-4, 1e-4, 2e-4)),
+    "curve": (
+        {"gyro_curve": {"low": -1.0, "high": 1.0, "value_1": 0.05, "value_2": 0.02, "value_3": -0.04}},
+        (1e-3, 1e-4, 1e-4, 2e-4),
+    ),
+    "strike angle": ({"strike_angle_bias": {"bias": 0.02}}, (2e-3, 1e-4, 1e-4, 1e-4)),
+}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_the_model_with_the_same_effects_predicts_a_recorded_gait(name):
+    """Also what it derives: the closure of the gyro's integral, and the push-off."""
+    reality, errors = MEASURED[name]
+    plain = HeelStrikeModel()
+    quiet = GaitNoise(gyro=0.0, collision=0.0, process=0.0, floor=0.0)
+    recording = record_gyro(30.0, np.random.default_rng(0), quiet, reality)
+    model, truth = flown(plain, reality)
+    windows = plain.windows(recording, plain.horizons[1])
+    measured = windows.measured(tuple(s.name for s in plain.outputs))
+
+    def rms(simulated):
+        return np.sqrt(np.nanmean((simulated[0] - measured) ** 2, axis=(0, 1)))
+
+    assert (rms(model.simulate(truth.vector(model)[None], windows)) < errors).all()
+    assert rms(plain.simulate(plain.nominal[None], windows)).max() > 0.01

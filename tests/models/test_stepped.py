@@ -286,10 +286,10 @@ def test_each_row_remembers_its_own_and_comes_back_from_a_snapshot():
 
 
 def test_what_cannot_act_is_said():
-    legs = Channels(("left",), ("first",), "the other one is a mirror", sampled=False)
+    legs = Channels(("left",), ("first",), "the other one is a mirror", moments=("left",))
     with pytest.raises(ModelError, match=r"mirror. There are the commands left; the sensors first"):
         flown(Plain(), {"right_gain": {"gain": 1.1}}, legs)
-    with pytest.raises(ModelError, match="as a whole"):
+    with pytest.raises(ModelError, match="at moments only"):
         flown(Plain(), {"left_lag": {"time_constant": 1.1}}, legs)
     with pytest.raises(ModelError, match="did you mean 'left_gain'"):
         flown(Plain(), {"left_gian": {"gain": 1.1}})
@@ -298,13 +298,13 @@ def test_what_cannot_act_is_said():
 
 
 def test_where_legs_are_taken_a_jump_acts_from_the_next_leg_on():
-    legs = Channels(("left",), ("first",), sampled=False)
+    legs = Channels(("left",), ("first",), moments=("left", "first"))
     reality = {
         "left_parameter_step": {"time": 3.0, "factor": 0.5},
         "scale_step": {"time": 3.0, "change": 0.5},
     }
     model, read = flown(Plain(), reality, legs)
-    made = stepped(model, read, legs, 1, STEP)
+    made = stepped(model, read, legs, 1, 0.0)
     made.begin([0])
     for time, factor in ((0.0, 1.0), (2.9, 1.0), (3.0, 0.5), (7.0, 0.5)):
         made.clock[:] = time

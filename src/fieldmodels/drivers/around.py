@@ -188,9 +188,12 @@ class Surrounded(Model):
                 if measured.get(state.name, state.name) == name:
                     states[:, i] = self._true(np.asarray(states[:, i]), clock, name, vector)
         out = self._changed(own, vector, given.with_states(states))
+        if not bent:
+            return out
+        shown = out.copy()
         for j in bent:
-            out[..., j] = self._shown(np.ascontiguousarray(out[..., j]), j, windows, vector)
-        return out
+            shown[..., j] = self._shown(np.ascontiguousarray(out[..., j]), j, windows, vector)
+        return self.inner.derived(out, shown, windows)
 
     def _numbers(self, place: str, signal: str, vector: FloatArray) -> tuple[Any, FloatArray]:
         """A signal's stock effects as a named tuple, and the row of its curve, empty if there is none."""

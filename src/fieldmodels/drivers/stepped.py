@@ -44,14 +44,14 @@ class Channels:
         commands: Inputs that it commands, in the order of the columns that it hands over.
         observed: Outputs that it measures, likewise.
         without: Why it commands nothing, or why an input of the model is no command.
-        sampled: Whether it goes from sample to sample; a leg of a flight is no sample, and what takes time
-            cannot act within it.
+        moments: Those of them that come at moments (a leg's waypoint, a heel strike), not from sample to
+            sample: what takes time cannot act on them.
     """
 
     commands: tuple[str, ...] = ()
     observed: tuple[str, ...] = ()
     without: str = ""
-    sampled: bool = True
+    moments: tuple[str, ...] = ()
 
     def check(self, name: str, stock: Sequence[Stock]) -> None:
         """Make sure that stock effects can act here.
@@ -61,8 +61,8 @@ class Channels:
             stock: What is around its model.
 
         Raises:
-            ModelError: If one acts on a signal that the task does not have, or needs samples where there are
-                none.
+            ModelError: If one acts on a signal that the task does not have, or takes time where there are
+                moments only.
         """
         for e in stock:
             place = place_of(e)
@@ -70,10 +70,10 @@ class Channels:
             if known is not None and e.signal not in known:
                 why = f"; {self.without}" if self.without else ""
                 raise ModelError(f"{name}: {e.name!r} cannot act here{why}. There are {self}")
-            if not self.sampled and e.kind in TAKES_TIME.get(place, ()):
+            if e.signal in self.moments and e.kind in TAKES_TIME.get(place, ()):
                 raise ModelError(
-                    f"{name}: {e.name!r} acts from sample to sample, and a leg is flown as a whole; "
-                    "what takes no time can act here"
+                    f"{name}: {e.name!r} acts from sample to sample, and {e.signal} comes at moments only; "
+                    "what takes no time can act on it"
                 )
 
     def __str__(self) -> str:
@@ -319,7 +319,7 @@ class Stepped:
         model: The model with the stock effects around it.
         channels: Which of its signals the task commands and measures.
         own: How many numbers of a parameter vector are the model's own.
-        step: Sampling interval [s]; 0 where legs are taken as a whole.
+        step: Sampling interval [s]; 0 where the task only knows moments.
         clock: Time since each row's episode began [s], shape (batch,).
         current: The model's own vectors as they are by now, shape (batch, own).
         actuators: Those of the commands.
@@ -337,10 +337,10 @@ class Stepped:
             channels: Which of its signals the task commands and measures.
             vectors: Parameter vectors, shape (batch, n).
             longest: Vectors as extreme as ``set_parameters`` will give, shape (k, n).
-            step: Sampling interval [s].
+            step: Sampling interval [s]; 0 where a task only knows moments.
         """
         self.model, self.channels = model, channels
-        self.step = float(step) if channels.sampled else 0.0
+        self.step = float(step)
         self.own = len(model.inner.names)
         inputs, outputs = ({s.name: s for s in part} for part in (model.inputs, model.outputs))
         self._commands = [inputs[name] for name in channels.commands]

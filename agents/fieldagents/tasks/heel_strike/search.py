@@ -21,10 +21,11 @@ from scipy.optimize import minimize_scalar
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.agents import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
+from fieldmodels.drivers.around import flown, stepped
 from fieldmodels.files import write_text
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.search import Walks, record_walks, score_gains
-from fieldmodels.reality import read_reality
+from fieldmodels.machines.heel_strike.strides import CHANNELS
 
 Floats = NDArray[np.float64]
 
@@ -117,8 +118,10 @@ def recorded(settings: HeelStrikeSettings, seeds: range, reality: Any = None) ->
     """
     rngs = [np_random(seed)[0] for seed in seeds]
     model = HeelStrikeModel(settings.leg)
-    vector = read_reality(reality, model).vector(model)
-    return record_walks(rngs, settings.strides, settings.leg, settings.walk.regimes, vector)
+    around, truth = flown(model, reality, CHANNELS)
+    own = truth.vector(around)[: len(model.names)]
+    stock = stepped(around, truth, CHANNELS, 1, settings.leg.step)
+    return record_walks(rngs, settings.strides, settings.leg, settings.walk.regimes, own, stock=stock)
 
 
 def fixed_gains(walks: Walks, decay: float) -> Floats:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
+from fieldmodels.drivers.stepped import Signals, show
 from fieldmodels.machines.heel_strike import kalman
 from fieldmodels.machines.heel_strike.estimators import observer_step, ranger_step, reset
 from fieldmodels.machines.heel_strike.leg import gyro_reading, leg_step, push_off, quantised, samples_late
@@ -32,6 +33,8 @@ from fieldmodels.machines.heel_strike.walker import (
 )
 from fieldmodels.streams import GAMMA, gaussian, mixed, symmetric, uniform
 
+GYRO_SHOWN, ANGLE_SHOWN = range(2)
+"""Sensors around which stock effects can act."""
 SMOOTHING = 0.7
 """Share of the past in a smoothed feature."""
 
@@ -125,9 +128,11 @@ def filter_gyro(f: FloatArray, gyro: float, envelope: float, own: FloatArray, c:
 @inlined
 def swing(
     w: Any,
+    b: int,
     gains: FloatArray,
     plant: Any,
     extended: bool,
+    sensors: Signals | None,
     c: Any,
     levels: FloatArray,
     log_weights: FloatArray,
@@ -138,9 +143,11 @@ def swing(
 
     Args:
         w: The walker.
+        b: Its number.
         gains: Of the agent's estimator, shape (4,).
         plant: What leg and gyro truly are.
         extended: Whether any effect is on.
+        sensors: Stock effects around all walkers' sensors, or None.
         c: Leg and noise.
         levels: What the filters are given, shape (9, 4).
         log_weights: Receives the log-likelihoods of the bank's filters, shape (8,).
@@ -172,6 +179,8 @@ def swing(
         gyro += envelope * collision * noise + c.gyro * gaussian(gyro_key, sample)
         if extended:
             gyro = quantised(gyro, plant)
+        if sensors is not None:
+            gyro = show(sensors, b, GYRO_SHOWN, gyro, sample * c.step, c.step)
         ratio = gains[0] if n <= c.envelope else gains[1]
         agent_theta, agent_omega = observer_step(
             agent_theta, agent_omega, gyro, c.step, c.stiffness, ratio, gains[3], c.cromer
@@ -224,7 +233,9 @@ def bank_estimate(
 @inlined
 def strike(
     w: Any,
+    b: int,
     done: Swing,
+    sensors: Signals | None,
     c: Any,
     levels: FloatArray,
     transition: FloatArray,
@@ -237,6 +248,8 @@ def strike(
     w.tuned_theta += done.swung
     height = floor_error(w, c)
     w.geometry = w.theta + height
+    if sensors is not None:
+        w.geometry = show(sensors, b, ANGLE_SHOWN, w.geometry, w.sample * c.step, 0.0)
     errors[AGENT] = w.agent_theta - w.theta
     errors[RANGER] = w.ranger_theta - w.theta
     errors[RANGER_TUNED] = w.tuned_theta - w.theta
@@ -272,6 +285,7 @@ def advance(
     gains: FloatArray,
     plants: NDArray[Any],
     extended: NDArray[np.bool_],
+    sensors: Signals | None,
     walks: NDArray[Any],
     use_bank: bool,
     errors: FloatArray,
@@ -291,8 +305,10 @@ def advance(
         levels = c.levels
         push_all(w, gains[b, 2], c, levels, use_bank)
         log_weights[:] = 0.0
-        done = swing(w, gains[b], plants[b], extended[b], c, levels, log_weights, use_bank, traces[b])
-        height = strike(w, done, c, levels, c.transition, log_weights, use_bank, errors[b])
+        done = swing(
+            w, b, gains[b], plants[b], extended[b], sensors, c, levels, log_weights, use_bank, traces[b]
+        )
+        height = strike(w, b, done, sensors, c, levels, c.transition, log_weights, use_bank, errors[b])
         floors[b] = height * c.millimetres
         samples[b] = done.samples
         fallen[b] = not done.struck

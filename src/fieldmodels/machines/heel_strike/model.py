@@ -8,8 +8,9 @@ they show a gyro's effects through noise that hides it in the path itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -61,6 +62,7 @@ class HeelStrikeModel(Model):
     horizons = (0.5, 1.0, 2.0)
     disturbance_unit = "rad/s2"
     random_force = True
+    measured_states: Mapping[str, str] = MappingProxyType({"theta": "strike_angle", "reading": "gyro"})
 
     def __init__(self, leg: Leg | None = None) -> None:
         """Take the nominal leg."""
@@ -95,6 +97,28 @@ class HeelStrikeModel(Model):
         states = np.ascontiguousarray(windows.states)
         simulate(plants, extended, windows.starts, states, windows.lengths, walk, out)
         return out
+
+    def derived(self, outputs: FloatArray, shown: FloatArray, windows: Windows) -> FloatArray:
+        """Closure and push-off of sensors that err; see ``Model.derived``.
+
+        Before a window nothing is simulated: the gyro's error there is taken as that of the window's first
+        sample, which is read before the push-off like those before it.
+        """
+        recording, result = windows.recording, shown.copy()
+        error = np.nan_to_num(shown - outputs)
+        gyro, angle = error[..., 0], error[..., 1]
+        around, samples = samples_around(recording), np.arange(windows.samples)
+        rows = np.minimum(windows.starts[:, None] + samples, len(recording) - 1)
+        struck = np.where(recording["strike"][rows] > 0.5, samples, 0)
+        latest = np.zeros_like(struck)  # the strike before each sample, or the window's start
+        latest[:, 1:] = np.maximum.accumulate(struck, axis=1)[:, :-1]
+        turned = np.cumsum(gyro, axis=2) * recording.step
+        then = np.broadcast_to(latest, gyro.shape)
+        result[..., 2] += angle - np.take_along_axis(angle, then, axis=2)
+        result[..., 2] -= turned - np.take_along_axis(turned, then, axis=2)
+        after = (turned[..., min(around, windows.samples - 1)] - turned[..., 0]) / (around * recording.step)
+        result[..., 3] += (after - (1.0 - self.leg.push_off) * gyro[..., 0])[..., None]
+        return result
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
         """Angle from the geometry and the gyro's integral since; the gyro's reading up to the start."""

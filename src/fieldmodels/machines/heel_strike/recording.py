@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from fieldmodels.drivers.around import flown, stepped
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
-from fieldmodels.machines.heel_strike.strides import Strides
+from fieldmodels.machines.heel_strike.strides import CHANNELS, Strides
 from fieldmodels.model import ModelError
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording
@@ -40,8 +41,10 @@ def record_walk(
         ModelError: For a reality that the model does not know, or if the leg falls.
     """
     model = HeelStrikeModel(leg)
-    vector = np.concatenate([(reality or Reality()).vector(model), cogging])
-    walker = Strides(1, model.leg, noise or Noise(), vector)
+    around, truth = flown(model, reality, CHANNELS)
+    vector = np.concatenate([truth.vector(around)[: len(model.names)], cogging])
+    stock = stepped(around, truth, CHANNELS, 1, model.leg.step)
+    walker = Strides(1, model.leg, noise or Noise(), vector, stock=stock)
     walker.seed(0, rng)
     gyro, strike, angle = [], [], []
     samples, latest = 0, 0.0

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
+from fieldmodels.drivers.stepped import Stepped
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.strides import Strides
 from fieldmodels.model import ModelError
@@ -66,6 +67,7 @@ def record_walks(
     *,
     bank: bool = False,
     tuned_reset: float = 1.0,
+    stock: Stepped | None = None,
 ) -> Walks:
     """Record one walk for each generator.
 
@@ -79,12 +81,13 @@ def record_walks(
         reality: As for ``Strides``.
         bank: True also runs the interacting-multiple-model bank.
         tuned_reset: Share of the geometry in the tuned Ranger's reset.
+        stock: Stock effects around a walker.
 
     Raises:
         ModelError: If a leg falls.
     """
     parts: list[tuple[NDArray[np.generic], ...]] = []
-    walker = Strides(1, leg, noise, reality, bank=bank, tuned_reset=tuned_reset)
+    walker = Strides(1, leg, noise, reality, bank=bank, tuned_reset=tuned_reset, stock=stock)
     for number, rng in enumerate(rngs):
         walker.seed(0, rng)
         for _ in range(strides):
@@ -102,7 +105,7 @@ def record_walks(
                     result.samples,
                     np.array([number]),
                     trace[-1:, 1],
-                    result.floor_mm / (1000 * walker.leg.step_length),
+                    walker.walkers["geometry"] - trace[-1:, 1],
                     features,
                     result.levels,
                     result.signed_mm,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.declared import neutral
+from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.heel_strike.declaration import BASE, EFFECTS, as_plants
 from fieldmodels.machines.heel_strike.kernel import advance, start
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
@@ -23,6 +24,13 @@ from fieldmodels.machines.heel_strike.walker import (
     kernel_walk,
 )
 from fieldmodels.model import ModelError
+
+CHANNELS = Channels(
+    observed=("gyro", "strike_angle"),
+    without="its actions are an estimator's gains, and nobody commands the leg",
+    moments=("strike_angle",),
+)
+"""Where stock effects can act on a walker."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +84,7 @@ class Strides:
         walkers: All state, shape (batch,), dtype ``WALKER``.
         plants: What each leg and gyro truly are, shape (batch,), dtype ``PLANT``.
         extended: Which of them have an effect, shape (batch,).
+        stock: Stock effects around the walkers, or None.
     """
 
     def __init__(
@@ -89,6 +98,7 @@ class Strides:
         cromer: bool = True,
         ranger_reset: float = 0.1,
         tuned_reset: float = 1.0,
+        stock: Stepped | None = None,
     ) -> None:
         """Make walkers; seed each before the first stride.
 
@@ -102,6 +112,7 @@ class Strides:
             cromer: True integrates the agent's estimator by (2.14), False by (2.9).
             ranger_reset: Share of the geometry in Ranger's reset (2.3).
             tuned_reset: The same of the tuned Ranger.
+            stock: Stock effects around them, by ``CHANNELS``; parameters change from stride to stride.
 
         Raises:
             ModelError: If the reality has the wrong shape, the batch is empty, or the gyro's delay holds more
@@ -126,6 +137,7 @@ class Strides:
         self._walks = kernel_walk(walk, batch)
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._seeded = np.zeros(batch, dtype=np.bool_)
+        self.stock = stock
 
     def __len__(self) -> int:
         """Number of walkers."""
@@ -153,6 +165,8 @@ class Strides:
         """Start walker ``i`` anew with streams keyed by one draw from ``rng``."""
         self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
         start(self.walkers, i, self._keys[i], self._walks)
+        if self.stock is not None:
+            self.stock.begin([i])
         self._seeded[i] = True
 
     def set_walk(self, i: int, walk: Walk) -> None:
@@ -195,6 +209,10 @@ class Strides:
         if not self._seeded.all():
             raise ModelError("seed every walker before the first stride")
         values = np.ascontiguousarray(np.broadcast_to(values, (batch, 4)))
+        sensors = None
+        if self.stock is not None:
+            self._change(self.stock)
+            sensors = self.stock.sensors if self.stock.senses else None
         levels = self.levels
         signed = np.empty((batch, len(ESTIMATORS)))
         floors = np.empty(batch)
@@ -206,6 +224,7 @@ class Strides:
             values,
             self.plants,
             self.extended,
+            sensors,
             self._walks,
             self.bank,
             signed,
@@ -225,6 +244,13 @@ class Strides:
             next_levels=self.levels,
             traces=trace[:, : samples.max()].copy() if traces else None,
         )
+
+    def _change(self, stock: Stepped) -> None:
+        """Let parameters be what they are when a stride begins."""
+        if stock.moves:
+            every = list(range(len(self)))
+            stock.clock[:] = self.walkers["sample"] * self.leg.step
+            self.set_reality(every, stock.change(every, 0.0))
 
     def state(self) -> NDArray[Any]:
         """An exact snapshot of all walkers: a plain structured array, shape (batch,)."""
