@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
@@ -26,20 +26,19 @@ from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
     INERTIA,
-    LIMITS,
     MASS,
     NAMES,
-    PRESETS,
     PRIOR_MEAN,
     PRIOR_VARIANCE,
     SAMPLES,
     STIFFNESS,
     UNKNOWNS,
-    SensorNoise,
+    Rules,
 )
 from fieldmodels.machines.excitation.shaker import Shaken, Shakers, average_percent, normalised_percent
 from fieldmodels.model import ModelError
 from fieldmodels.reality import read_reality
+from fieldmodels.settings import Setting
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
@@ -58,41 +57,19 @@ GROUPS = {
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class ExcitationSettings:
-    """What can be set in ``fieldgym/Excitation-v0``.
+class ExcitationSettings(Rules):
+    """What can be set in ``fieldgym/Excitation-v0``."""
 
-    Attributes:
-        decisions: Decisions of 0.4 s in an episode.
-        preset: The vehicle: ``table1`` has the true values of Table I, ``soft`` the same body on a
-            suspension so soft that its inertia shows.
-        truth_spread: Each episode's vehicle is drawn around the preset: mass, its distribution, lever arms,
-            damping and stiffness are multiplied by factors from [1 - spread, 1 + spread]. 0 is the
-            preset itself.
-        limits: What the arm may do: ``paper`` up to 3 rad/s and 5 rad/s2; ``wide`` up to 12 rad/s and
-            25 rad/s2.
-        noise: ``full_scale``: each sensor's noise is a share of what it senses at most under the constant
-            excitation (24); ``running_max``: of the maximum in this run so far.
-        noise_fraction: That share.
-        estimator: Filter that is scored: ``compensated`` for the noise in its regressor, ``low_passed``
-            likewise on means of 8 samples, or ``naive``, as published.
-        variant: ``full``: 22 unknowns; ``table2``: an inclinometer and no accelerometer, five unknowns of
-            pitch, the others known.
-        bits: Precision n of the channel in which information is counted [bits].
-    """
-
-    decisions: Annotated[int, Field(ge=1, le=100_000)] = 25
-    preset: Literal["table1", "soft"] = "table1"
-    truth_spread: Annotated[float, Field(ge=0, le=0.5)] = 0.0
-    limits: Literal["paper", "wide"] = "wide"
-    noise: Literal["full_scale", "running_max"] = "full_scale"
-    noise_fraction: Annotated[float, Field(ge=0, le=1)] = 0.1
-    estimator: Literal["compensated", "low_passed", "naive"] = "compensated"
-    variant: Literal["full", "table2"] = "full"
-    bits: Annotated[int, Field(ge=1, le=20)] = 10
+    decisions: Annotated[int, Setting("Decisions of 0.4 s in an episode.", least=1, most=100_000)] = 25
 
 
 DIAGNOSED = "soft"
 """The vehicle of the model ``excitation`` that a diagnosis extends."""
+
+
+def model_of(settings: ExcitationSettings) -> ExcitationModel:
+    """The model of what is set: its nominal vehicle is the preset's."""
+    return ExcitationModel(settings.preset)
 
 
 class _ExcitationTask(BatchTask):
@@ -102,32 +79,28 @@ class _ExcitationTask(BatchTask):
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, ExcitationSettings)
-        model = ExcitationModel(self.settings.preset)
+        model = model_of(self.settings)
         self.reality = read_reality(reality, model)
-        if isinstance(reality, str | Path) and self.reality.base and self.settings.preset != DIAGNOSED:
+        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers, model_of)
+        others = {one.preset for one in self.drawn.extremes()} - {DIAGNOSED}
+        if isinstance(reality, str | Path) and self.reality.base and others:
             raise ModelError(
                 f"{reality}: its base parameters are of the vehicle {DIAGNOSED!r}, the one diagnosed, but "
-                f"the environment's is {self.settings.preset!r}; set preset: {DIAGNOSED}"
+                f"the environment's is {min(others)!r}; set preset: {DIAGNOSED}"
             )
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers)
         self.shakers = Shakers(
             batch,
+            self.settings,
             self.reality.typical(model),
             possible=self.reality.extremes(model),
-            preset=PRESETS[self.settings.preset],
-            limits=LIMITS[self.settings.limits],
-            noise=SensorNoise(self.settings.noise, self.settings.noise_fraction),
-            estimator=self.settings.estimator,
-            variant=self.settings.variant,
-            spread=self.settings.truth_spread,
-            bits=self.settings.bits,
         )
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self.below_since = np.full(batch, -1, dtype=np.int64)
         self._shaken: Shaken | None = None
         self._traces: list[deque[tuple[Floats, Floats]]] | None = None
         if drawing:
-            self._traces = [deque(maxlen=self.settings.decisions) for _ in range(batch)]
+            longest = max(one.decisions for one in self.drawn.extremes())
+            self._traces = [deque(maxlen=longest) for _ in range(batch)]
 
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one vehicle."""
@@ -139,6 +112,10 @@ class _ExcitationTask(BatchTask):
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.set_reality``."""
         self.shakers.set_reality(rows, vectors)
+
+    def set_settings(self, row: int, settings: Any) -> None:
+        """See ``BatchTask.set_settings``."""
+        self.shakers.set_rules(row, settings)
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a vehicle and its noise."""
@@ -182,7 +159,7 @@ class _ExcitationTask(BatchTask):
             observation=self.observation(),
             reward=shaken.bits.sum(axis=1) - before,
             terminated=np.zeros(len(self.elapsed), dtype=np.bool_),
-            truncated=self.elapsed >= self.settings.decisions,
+            truncated=self.elapsed >= self.drawn.column("decisions"),
             info=self.reset_info(),
         )
 
@@ -200,7 +177,7 @@ class _ExcitationTask(BatchTask):
                 logs,
                 np.clip(2.0 * (shaken.command - low) / (high - low) - 1.0, -1.0, 1.0),
                 np.column_stack([np.cos(shaken.phase), np.sin(shaken.phase)]),
-                np.maximum(1.0 - self.elapsed / self.settings.decisions, 0.0)[:, None],
+                np.maximum(1.0 - self.elapsed / self.drawn.column("decisions"), 0.0)[:, None],
             ]
         ).astype(np.float32)
 
@@ -275,7 +252,7 @@ class _ExcitationTask(BatchTask):
         return draw(
             Scene(
                 time=float(times[-1]) if len(times) else DECISION * int(self.elapsed[i]),
-                duration=DECISION * self.settings.decisions,
+                duration=DECISION * self.drawn.settings[i].decisions,
                 base=base,
                 largest=largest,
                 joint=truth[CG:DAMPING],
@@ -287,7 +264,7 @@ class _ExcitationTask(BatchTask):
                 groups={title: places for title, places in groups.items() if places},
                 bits=shaken.bits[i],
                 bits_naive=shaken.bits_naive[i],
-                most=self.settings.bits,
+                most=self.drawn.settings[i].bits,
                 errors=spread * (shaken.mean[i] - truth),
                 errors_naive=spread * (shaken.mean_naive[i] - truth),
                 percent=(

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import fieldgym
+from fieldmodels.machines.excitation.parameters import NAMES, PRESETS
 from fieldmodels.settings import declared
 
 ROWS, STEPS = 4, 6
@@ -12,6 +13,15 @@ NEAR = {"layout": "example", "capture": 120.0}
 SHOT = {"layout": "example", "lock_loss": False, "capture": 0.1}
 SEEN = {"layout": "example", "capture": 0.1, "threshold": 0.05}
 DRAWN = {
+    "excitation": {
+        "preset": (("table1", "soft"), {}),
+        "truth_spread": ((0.0, 0.5), {}),
+        "limits": (("paper", "wide"), {}),
+        "noise": (("full_scale", "running_max"), {}),
+        "noise_fraction": ((0.02, 0.5), {}),
+        "bits": ((5, 15), {}),
+        "decisions": ((2, 4), {}),
+    },
     "heel_strike": {
         "gyro": ((0.0041, 0.5), {}),
         "collision_kind": (("ar1", "low_pass"), {}),
@@ -225,3 +235,22 @@ def test_one_number_of_a_pair_may_be_drawn():
 def test_a_pair_that_is_not_allowed_is_named(value, words):
     with pytest.raises(fieldgym.SettingsError, match=words):
         gym.make("fieldgym/HeelStrike-v0", settings={"process": value})
+
+
+def test_a_drawn_vehicle_is_what_its_filter_takes_for_known():
+    """With five unknowns the others are the drawn preset's, also after a snapshot's restart."""
+    settings = {"variant": "table2", "preset": {"choice": ["table1", "soft"]}, "decisions": 2}
+    envs, fresh = (gym.make_vec("fieldgym/Excitation-v0", num_envs=ROWS, settings=settings) for _ in range(2))
+    action = np.zeros((ROWS, 3), np.float32)
+    known = ~np.isin(NAMES, ("inertia_x", "cg_y", "cg_z", "damping_pitch", "stiffness_pitch"))
+    infos = [envs.reset(seed=1)[1], envs.step(action)[4]]
+    fresh.reset(seed=9)
+    fresh.set_state(envs.get_state())
+    infos += [env.step(action)[4] for env in (envs, fresh) for _ in range(4)]  # into the next episode
+    drawn = [info["privileged"]["settings"]["preset"].tolist() for info in infos]
+    assert drawn[0] == drawn[2] == drawn[6]
+    assert drawn[2] != drawn[3] == drawn[7]
+    for info, presets in zip(infos, drawn, strict=True):
+        for i, preset in enumerate(presets):
+            np.testing.assert_array_equal(info["estimate"]["mean"][i][known], PRESETS[preset][known])
+            np.testing.assert_array_equal(info["privileged"]["truth"][i], PRESETS[preset])

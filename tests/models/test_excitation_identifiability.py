@@ -70,9 +70,9 @@ def test_equation_noise_is_that_of_noisy_equations() -> None:
     noise = SensorNoise(fraction=0.01)
     maxima = full_scale(SOFT)
     measured, _ = measure(signals, maxima, noise, np.random.default_rng(1))
-    a, f = regressor(measured.transpose(1, 0, 2), variances=variances(maxima, noise))
+    a, f = regressor(measured.transpose(1, 0, 2), variances=variances(maxima, noise.fraction))
     found = np.einsum("nmi,nmj->mij", *[(a @ SOFT - f).reshape(-1, 3, 6)] * 2) / len(f)
-    expected = equation_noise(signals, variances(maxima, noise), SOFT, ARM.gravity).mean(axis=0)
+    expected = equation_noise(signals, variances(maxima, noise.fraction), SOFT, ARM.gravity).mean(axis=0)
     size = np.sqrt(np.einsum("mii->mi", expected))
     assert np.abs((found - expected) / (size[:, :, None] * size[:, None, :])).max() < 0.15
 
@@ -85,7 +85,7 @@ def test_no_estimator_of_a_x_is_f_beats_its_bound() -> None:
     signals = simulate(SOFT, STEADY, ARM.row(), SAMPLE)[0]
     noise = SensorNoise(fraction=1e-3)
     maxima = full_scale(SOFT)
-    spread = variances(maxima, noise)
+    spread = variances(maxima, noise.fraction)
     weights = np.linalg.inv(equation_noise(signals, spread, SOFT, ARM.gravity))
     rng, size = np.random.default_rng(2), np.sqrt(PRIOR_VARIANCE)
     found = []

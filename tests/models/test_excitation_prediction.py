@@ -16,6 +16,7 @@ from fieldmodels.machines.excitation.parameters import (
     SAMPLE,
     UPPER,
     Arm,
+    Rules,
     SensorNoise,
 )
 from fieldmodels.machines.excitation.prediction import Predictor, Situation, make_physical
@@ -44,7 +45,7 @@ def bits(covariance, estimated):
 
 
 def started(preset="table1", noise="full_scale", estimator="compensated", variant="full", batch=BATCH):
-    shakers = Shakers(batch, PRESETS[preset], noise=SensorNoise(noise), estimator=estimator, variant=variant)
+    shakers = Shakers(batch, Rules(preset=preset, noise=noise, estimator=estimator, variant=variant))
     shakers.restart(range(batch), [np.random.default_rng(i) for i in range(batch)])
     predictor = Predictor(noise=SensorNoise(noise), method=estimator, variant=VARIANTS[variant])
     return shakers, predictor
@@ -56,7 +57,7 @@ def midway():
     shakers, predictor = started()
     rng = np.random.default_rng(5)
     for _ in range(6):
-        shakers.advance(rng.uniform(*shakers.ranges, (BATCH, 3)))
+        shakers.advance(rng.uniform(*shakers.ranges))
     return situation(shakers.observe()), predictor
 
 
@@ -75,7 +76,7 @@ def test_the_expected_bits_are_those_that_come(preset, noise, estimator, variant
     shakers, predictor = started(preset, noise, estimator, variant)
     rng = np.random.default_rng(1)
     for decision in range(12):
-        command = rng.uniform(*shakers.ranges, (BATCH, 3))
+        command = rng.uniform(*shakers.ranges)
         expected = predictor.outlook(situation(shakers.observe()), command[:, None, None]).covariance[:, 0]
         got = shakers.advance(command).covariance
         if decision >= 4:
@@ -87,8 +88,8 @@ def test_several_decisions_ahead_are_foreseen_as_one_after_the_other_come():
     shakers, predictor = started()
     rng = np.random.default_rng(2)
     for _ in range(6):
-        shakers.advance(rng.uniform(*shakers.ranges, (BATCH, 3)))
-    plan = rng.uniform(*shakers.ranges, (BATCH, 4, 3))
+        shakers.advance(rng.uniform(*shakers.ranges))
+    plan = rng.uniform(shakers.ranges[0][0], shakers.ranges[1][0], (BATCH, 4, 3))
     expected = predictor.outlook(situation(shakers.observe()), plan[:, None]).covariance[:, 0]
     for k in range(4):
         got = shakers.advance(plan[:, k]).covariance

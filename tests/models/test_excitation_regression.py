@@ -201,7 +201,7 @@ def test_noise_is_white_and_of_the_stated_size(kind: str) -> None:
     assert np.abs(error).max() <= np.sqrt(3) + 1e-9
     assert np.var(error, axis=1) == pytest.approx(np.ones((3, SIGNALS)), rel=0.12)
     if kind == "full_scale":
-        assert spread[:, 0] == pytest.approx(variances(maxima, noise))
+        assert spread[:, 0] == pytest.approx(variances(maxima, noise.fraction))
     else:
         assert (np.diff(spread, axis=1) >= 0).all()
 

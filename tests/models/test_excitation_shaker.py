@@ -21,7 +21,7 @@ from fieldmodels.machines.excitation.parameters import (
     SAMPLES,
     TABLE1,
     Arm,
-    SensorNoise,
+    Rules,
 )
 from fieldmodels.machines.excitation.regression import ANGLE, POSITION, SIGNALS
 from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS, measure_with_effects
@@ -38,9 +38,9 @@ from fieldmodels.model import ModelError
 EVERY = np.ones(22, dtype=bool)
 
 
-def started(batch=2, seed=0, **options):
+def started(batch=2, seed=0, vehicle=None, **rules):
     """Experiments at their beginning."""
-    shakers = Shakers(batch, **options)
+    shakers = Shakers(batch, Rules(**rules), vehicle)
     shakers.restart(range(batch), [np.random.default_rng(seed + i) for i in range(batch)])
     return shakers
 
@@ -117,13 +117,13 @@ def test_a_row_equals_a_batch_of_one():
 
 
 def test_state_restores_to_the_bit():
-    shakers = started(2, noise=SensorNoise("running_max"), spread=0.3)
+    shakers = started(2, noise="running_max", truth_spread=0.3)
     wanted = commands(6, 2)
     for c in wanted[:3]:
         shakers.advance(c)
     state = shakers.state()
     first = [shakers.advance(c) for c in wanted[3:]]
-    fresh = Shakers(2, noise=SensorNoise("running_max"), spread=0.3)
+    fresh = Shakers(2, Rules(noise="running_max", truth_spread=0.3))
     fresh.set_state(state)
     for c, before in zip(wanted[3:], first, strict=True):
         after = fresh.advance(c)
@@ -136,7 +136,7 @@ def test_state_restores_to_the_bit():
 
 def test_running_maximum_follows_the_signals():
     """One sensor's maximum over all three runs, so far; at full scale it is that of eq (24) all the time."""
-    shakers = started(1, noise=SensorNoise("running_max"))
+    shakers = started(1, noise="running_max")
     fixed = started(1)
     wanted = commands(3, 1)
     motion, _ = arm_motion(wanted[:, 0], LIMITS["wide"].acceleration, per_decision=SAMPLES * SUBSTEPS)
@@ -164,7 +164,7 @@ def test_noise_in_the_regressor_is_what_misleads_the_naive_filter():
 
 
 def test_table_2_estimates_five_of_pitch():
-    shakers = started(2, variant="table2", spread=0.3)
+    shakers = started(2, variant="table2", truth_spread=0.3)
     names = [name for name, flag in zip(NAMES, shakers.estimated, strict=True) if flag]
     assert names == ["inertia_x", "cg_y", "cg_z", "damping_pitch", "stiffness_pitch"]
     known = ~shakers.estimated
@@ -185,7 +185,7 @@ def vector(**effects):
 
 def shaken_by(vehicle, decisions=6, **options):
     """Estimates of an almost noise-free experiment under random commands."""
-    shakers = started(1, vehicle=vehicle, preset=TABLE1, noise=SensorNoise(fraction=1e-3), **options)
+    shakers = started(1, vehicle=vehicle, noise_fraction=1e-3, **options)
     for wanted in commands(decisions, 1):
         shaken = shakers.advance(wanted)
     return shaken.mean[0]
@@ -281,9 +281,9 @@ def test_drawn_vehicles_are_physical(spread, seed, preset):
 
 def test_vehicles_differ_only_where_a_spread_is_asked_for():
     assert np.array_equal(started(2).truth, np.tile(TABLE1, (2, 1)))
-    truth = started(2, spread=0.3).truth
+    truth = started(2, truth_spread=0.3).truth
     assert (np.abs(truth[0] - truth[1])[TABLE1 != 0.0] > 0).all()
-    assert np.array_equal(truth, started(2, spread=0.3).truth)
+    assert np.array_equal(truth, started(2, truth_spread=0.3).truth)
 
 
 def test_before_the_first_decision_the_prior_is_known():
@@ -298,15 +298,15 @@ def test_before_the_first_decision_the_prior_is_known():
     ("options", "message"),
     [
         ({"batch": 0}, "at least one"),
-        ({"variant": "table3"}, "variant"),
-        ({"spread": 1.5}, "spread"),
+        ({"variant": "table3"}, "variant must be one of 'full', 'table2'"),
+        ({"truth_spread": 1.5}, "truth_spread must be at least 0, at most 0.5"),
         ({"vehicle": np.zeros(5)}, "22 or 38"),
-        ({"estimator": "perfect"}, "methods"),
+        ({"estimator": "perfect"}, "estimator must be one of"),
     ],
 )
 def test_wrong_experiments_are_refused(options, message):
     with pytest.raises(ModelError, match=message):
-        Shakers(**{"batch": 1, **options})
+        started(**options)
 
 
 def test_wrong_commands_are_refused():

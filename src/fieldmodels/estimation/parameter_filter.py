@@ -438,7 +438,7 @@ def _estimate_all(
                 noise[b],
                 samples[b],
                 active,
-                prior_mean,
+                prior_mean[b],
                 prior_deviation,
                 compensated,
                 passes,
@@ -492,9 +492,9 @@ class ParameterFilters:
             raise ModelError("batch, modes and passes are each at least 1")
         row, column, feature = (np.ascontiguousarray(part, dtype=np.int64) for part in terms[:3])
         self._terms = Terms(row, column, feature, np.array(terms.coefficient, dtype=np.float64))
-        self._prior_mean = np.array(prior_mean, dtype=np.float64)
+        self._prior_mean = np.tile(np.asarray(prior_mean, dtype=np.float64), (batch, 1))
         self._prior_deviation = np.array(prior_deviation, dtype=np.float64)
-        unknowns = len(self._prior_mean)
+        unknowns = self._prior_mean.shape[1]
         if self._prior_deviation.shape != (unknowns,) or terms.column.max() != unknowns:
             raise ModelError(f"the terms have {terms.column.max()} unknowns; the prior must have as many")
         if not np.all(self._prior_deviation >= 0.0) or not np.all(np.isfinite(self._prior_mean)):
@@ -512,7 +512,7 @@ class ParameterFilters:
         self._moments = {average: np.zeros(shape) for average in averages}
         self._noise = {average: np.zeros(shape) for average in averages}
         self._samples = np.zeros(batch)
-        self.mean = {name: np.tile(self._prior_mean, (batch, 1)) for name in methods}
+        self.mean = {name: self._prior_mean.copy() for name in methods}
         self.covariance = {
             name: np.tile(np.diag(self._prior_deviation**2), (batch, 1, 1)) for name in methods
         }
@@ -521,15 +521,23 @@ class ParameterFilters:
         """Number of filters."""
         return len(self._samples)
 
-    def restart(self, which: Iterable[int] | None = None) -> None:
-        """Forget all samples of some filters, or of all."""
+    def restart(self, which: Iterable[int] | None = None, prior_mean: ArrayLike | None = None) -> None:
+        """Forget all samples of some filters, or of all.
+
+        Args:
+            which: Their numbers; None for all.
+            prior_mean: What they take for the prior's mean from now on, shape (unknowns,) or
+                (len(which), unknowns); None keeps it.
+        """
         index = slice(None) if which is None else np.array(list(which), dtype=np.int64)
+        if prior_mean is not None:
+            self._prior_mean[index] = prior_mean
         self._samples[index] = 0.0
         for average in self._moments:
             self._moments[average][index] = 0.0
             self._noise[average][index] = 0.0
         for name in self.methods:
-            self.mean[name][index] = self._prior_mean
+            self.mean[name][index] = self._prior_mean[index]
             self.covariance[name][index] = np.diag(self._prior_deviation**2)
 
     def update(self, features: ArrayLike, noise: ArrayLike) -> None:

@@ -29,7 +29,7 @@ from fieldgym.excitation import ExcitationSettings
 from fieldgym.settings import read_settings
 from fieldmodels.machines.excitation.adjustment import adjust
 from fieldmodels.machines.excitation.motion import CONSTANT
-from fieldmodels.machines.excitation.parameters import LIMITS, Limits, SensorNoise
+from fieldmodels.machines.excitation.parameters import LIMITS, Limits
 from fieldmodels.machines.excitation.prediction import Predictor, Situation
 from fieldmodels.machines.excitation.shaker import VARIANTS
 
@@ -129,7 +129,7 @@ class ModelBased(Agent):
         self._estimated, self._most = variant.unknowns, settings.bits
         self._predictor = Predictor(
             limits=self.limits,
-            noise=SensorNoise(settings.noise, settings.noise_fraction),
+            noise=settings.sensor_noise,
             method=settings.estimator,
             variant=variant,
         )

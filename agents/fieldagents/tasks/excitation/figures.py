@@ -6,7 +6,7 @@ identification", IEEE/ASME Trans. Mechatronics 8(2), 2003.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -23,7 +23,7 @@ from fieldagents.task import Reproducible, Reproduction, get_task
 from fieldagents.tasks.excitation.agents import to_command
 from fieldgym.excitation import ExcitationSettings
 from fieldmodels.machines.excitation.motion import DECISION
-from fieldmodels.machines.excitation.parameters import LIMITS, NAMES, SOFT, TABLE1, VEHICLE, SensorNoise
+from fieldmodels.machines.excitation.parameters import LIMITS, NAMES, SOFT, TABLE1, VEHICLE
 from fieldmodels.machines.excitation.shaker import Shaken, Shakers
 
 if TYPE_CHECKING:
@@ -90,12 +90,9 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
     limits = LIMITS[settings.limits]
     shakers = Shakers(
         episodes,
+        replace(settings, truth_spread=0.0),
         vehicle,
-        limits=limits,
-        noise=SensorNoise(settings.noise, settings.noise_fraction),
-        estimator=settings.estimator,
-        variant=settings.variant,
-        bits=settings.bits,
+        nominal=vehicle,
     )
     shakers.restart(range(episodes), [np_random(seed)[0] for seed in TEST_SEEDS[:episodes]])
     agent.reset(TEST_SEEDS.start)

@@ -99,7 +99,7 @@ def start_of(vehicles: Floats, maxima: Floats, noise: SensorNoise) -> Situation:
         samples=np.zeros(count),
         command=np.tile(CONSTANT, (count, 1)),
         phase=np.zeros(count),
-        variances=np.tile(variances(scale, noise), (count, 1, 1)),
+        variances=np.tile(variances(scale, noise.fraction), (count, 1, 1)),
     )
 
 
@@ -112,7 +112,7 @@ class Schedules:
     """
 
     def __init__(self, settings: ExcitationSettings, vehicles: Floats) -> None:
-        noise = SensorNoise(settings.noise, settings.noise_fraction)
+        noise = settings.sensor_noise
         self._limits, self._most = LIMITS[settings.limits], settings.bits
         self._predictor = Predictor(limits=self._limits, noise=noise)
         self._start = start_of(vehicles, full_scale(PRESETS[settings.preset]), noise)
@@ -144,14 +144,8 @@ def ending_errors(
     batch = len(schedules) * len(seeds)
     shakers = Shakers(
         batch,
+        settings,
         read_reality(reality, model).vector(model),
-        preset=PRESETS[settings.preset],
-        limits=limits,
-        noise=SensorNoise(settings.noise, settings.noise_fraction),
-        estimator=settings.estimator,
-        variant=settings.variant,
-        spread=settings.truth_spread,
-        bits=settings.bits,
     )
     shakers.restart(range(batch), [np_random(seed)[0] for _ in schedules for seed in seeds])
     commands = np.repeat(to_command(repeated(schedules, settings.decisions), limits), len(seeds), axis=0)

@@ -206,7 +206,7 @@ def identifiability(
     """
     arm = arm or Arm()
     noise = noise or SensorNoise()
-    spread = variances(full_scale(unknowns, arm, per_mode=noise.per_mode), noise)
+    spread = variances(full_scale(unknowns, arm, per_mode=noise.per_mode), noise.fraction)
     signals = simulate(unknowns, motion, arm.row(), SAMPLE, SUBSTEPS)[0]
     a, _ = regressor(signals.transpose(1, 0, 2), arm.gravity)
     singular, rank, lost = rank_test(a)

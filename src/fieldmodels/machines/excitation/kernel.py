@@ -18,7 +18,7 @@ from fieldmodels.machines.excitation.motion import (
     lag_motion,
     phase_after,
 )
-from fieldmodels.machines.excitation.parameters import MODES, SAMPLE, SAMPLES
+from fieldmodels.machines.excitation.parameters import MODES, RUNNING, SAMPLE, SAMPLES
 from fieldmodels.machines.excitation.regression import (
     ANGLE,
     POSITION,
@@ -33,24 +33,6 @@ from fieldmodels.machines.excitation.sensors import corrupt, first_draw
 
 BASE = 12
 """Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
-
-
-class Setup(NamedTuple):
-    """What is the same in all experiments.
-
-    Attributes:
-        acceleration: Largest |f''| of the arm [rad/s2].
-        arm: ``Arm.row()``, shape (5,).
-        running: Whether a sensor's noise follows its running maximum.
-        per_mode: Whether each mode has maxima of its own.
-        fraction: Share of the maximum that the noise reaches.
-    """
-
-    acceleration: float
-    arm: FloatArray
-    running: bool
-    per_mode: bool
-    fraction: float
 
 
 class Experiments(NamedTuple):
@@ -107,13 +89,13 @@ def move_arm(
 
 
 @inlined
-def raise_maxima(signals: FloatArray, k: int, per_mode: bool, maxima: FloatArray) -> None:
+def raise_maxima(signals: FloatArray, k: int, maxima: FloatArray) -> None:
     """Let the maximum sensed values, shape (3, 24), follow sample ``k`` of the signals, shape (3, n, 24)."""
     for mode in range(MODES):
         for i in range(SIGNALS):
             size = abs(signals[mode, k, i])
             for other in range(MODES):
-                if (mode == other or not per_mode) and size > maxima[other, i]:
+                if size > maxima[other, i]:
                     maxima[other, i] = size
 
 
@@ -128,19 +110,25 @@ def keep_base(measured: FloatArray, base: FloatArray) -> None:
 
 @inlined
 def sense(
-    e: Experiments, b: int, setup: Setup, signals: FloatArray, features: FloatArray, noise: FloatArray
+    e: Experiments,
+    b: int,
+    p: Any,
+    gravity: float,
+    signals: FloatArray,
+    features: FloatArray,
+    noise: FloatArray,
 ) -> None:
     """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features."""
     measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
-    gravity, maxima = setup.arm[GRAVITY], e.maxima[b]
+    running, fraction, maxima = p.noise == RUNNING, p.noise_fraction, e.maxima[b]
     for k in range(SAMPLES):
-        if setup.running:
-            raise_maxima(signals, k, setup.per_mode, maxima)
+        if running:
+            raise_maxima(signals, k, maxima)
         for mode in range(MODES):
             counter = first_draw(e.counts[b] + k, mode)
-            corrupt(signals[mode, k], maxima[mode], False, setup.fraction, e.keys[b], counter, measured)
+            corrupt(signals[mode, k], maxima[mode], False, fraction, e.keys[b], counter, measured)
             for i in range(SIGNALS):
-                size = setup.fraction * maxima[mode, i]
+                size = fraction * maxima[mode, i]
                 variance[i] = size * size / 3.0
             fill_features(measured, variance, gravity, features[mode, k])
             add_feature_noise(measured, variance, gravity, noise[mode])
@@ -151,7 +139,8 @@ def sense(
 @compiled
 def shake(
     e: Experiments,
-    setup: Setup,
+    rules: NDArray[Any],
+    arm: FloatArray,
     wanted: FloatArray,
     features: FloatArray,
     noise: FloatArray,
@@ -162,7 +151,8 @@ def shake(
 
     Args:
         e: The experiments.
-        setup: What is the same in all.
+        rules: What is shaken and sensed in each, see ``shaker.kernel_rules``, shape (batch,).
+        arm: ``Arm.row()``, shape (5,).
         wanted: Commands that the agents want, shape (batch, 3).
         features: Receives the features, shape (batch, 3, 80, 30).
         noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
@@ -172,11 +162,11 @@ def shake(
     path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
     signals = np.empty((MODES, SAMPLES, SIGNALS))
     for b in range(len(wanted)):
-        moved = late if move_arm(e, b, wanted[b], setup.acceleration, path, late) else path
+        moved = late if move_arm(e, b, wanted[b], rules[b].acceleration, path, late) else path
         time = e.counts[b] * SAMPLE
         for mode in range(MODES):
             advance_mode(
-                e.vehicles[b], setup.arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time,
+                e.vehicles[b], arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time,
                 e.states[b, mode], signals[mode],
             )  # fmt: skip
         if len(motion) > 0:
@@ -185,6 +175,6 @@ def shake(
             bodies[b, :, :, 3:6] = signals[:, :, ANGLE : ANGLE + 3]
         if e.sensing[b]:
             for mode in range(MODES):
-                measure_with_effects(e.vehicles[b], setup.arm[GRAVITY], e.history[b, mode], signals[mode])
-        sense(e, b, setup, signals, features[b], noise[b])
+                measure_with_effects(e.vehicles[b], arm[GRAVITY], e.history[b, mode], signals[mode])
+        sense(e, b, rules[b], arm[GRAVITY], signals, features[b], noise[b])
         e.counts[b] += SAMPLES

@@ -11,15 +11,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.information import BITS
 from fieldmodels.model import ModelError, Parameter
 from fieldmodels.names import did_you_mean
-
-NoiseKind = Literal["full_scale", "running_max"]
+from fieldmodels.settings import Setting, check_declared, code
 
 MODES = 3
 """Runs of the experiment: the arm turns about x, y, z in turn (section III)."""
@@ -152,28 +152,90 @@ LIMITS: Mapping[str, Limits] = MappingProxyType(
 )
 
 
+NoiseKind = Annotated[
+    Literal["full_scale", "running_max"],
+    Setting(
+        "`full_scale`: each sensor's noise is a share of what it senses at most under the constant "
+        "excitation (24); `running_max`: of the maximum in this run so far."
+    ),
+]
+NoiseFraction = Annotated[float, Setting('That share (the source: "up to 10 %").', least=0, most=1)]
+
+
 @dataclass(frozen=True)
 class SensorNoise:
     """White noise on every measured signal, uniform up to a share of the maximum sensed value (VII-A).
 
     Attributes:
-        kind: ``full_scale``: the maximum is fixed, that of the constant excitation (24); ``running_max``:
-            the maximum so far in this run.
-        fraction: Share of the maximum (the source: "up to 10 %").
         per_mode: True takes each mode's own maximum; False, one sensor's, which is the same in all modes.
     """
 
     kind: NoiseKind = "full_scale"
-    fraction: float = 0.1
+    fraction: NoiseFraction = 0.1
     per_mode: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the numbers make sense.
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
-        Raises:
-            ModelError: If the kind is unknown or the fraction negative.
-        """
-        if self.kind not in ("full_scale", "running_max"):
-            raise ModelError(f"noise: kind must be 'full_scale' or 'running_max', not {self.kind!r}")
-        if not (self.fraction >= 0 and math.isfinite(self.fraction)):
-            raise ModelError(f"noise: fraction must not be negative, it is {self.fraction}")
+
+@dataclass(frozen=True)
+class Rules:
+    """What is shaken, how it is sensed, and who estimates."""
+
+    preset: Annotated[
+        Literal["table1", "soft"],
+        Setting(
+            "The vehicle: `table1` has the true values of Table I, `soft` the same body on a suspension so "
+            "soft that its inertia shows."
+        ),
+    ] = "table1"
+    truth_spread: Annotated[
+        float,
+        Setting(
+            "Each episode's vehicle is drawn around the preset: mass, its distribution, lever arms, damping "
+            "and stiffness are multiplied by factors from [1 - spread, 1 + spread]. 0 is the preset itself.",
+            least=0,
+            most=0.5,
+        ),
+    ] = 0.0
+    limits: Annotated[
+        Literal["paper", "wide"],
+        Setting(
+            "What the arm may do: `paper` up to 3 rad/s and 5 rad/s2; `wide` up to 12 rad/s and 25 rad/s2."
+        ),
+    ] = "wide"
+    noise: NoiseKind = SensorNoise.kind
+    noise_fraction: NoiseFraction = SensorNoise.fraction
+    estimator: Annotated[
+        Literal["compensated", "low_passed", "naive"],
+        Setting(
+            "Filter that is scored: `compensated` for the noise in its regressor, `low_passed` likewise on "
+            "means of 8 samples, or `naive`, as published.",
+            fixed="one kind of filter runs for all rows",
+        ),
+    ] = "compensated"
+    variant: Annotated[
+        Literal["full", "table2"],
+        Setting(
+            "`full`: 22 unknowns; `table2`: an inclinometer and no accelerometer, five unknowns of pitch, "
+            "the others known.",
+            fixed="it shapes the filters' equations",
+        ),
+    ] = "full"
+    bits: Annotated[
+        int,
+        Setting("Precision n of the channel in which information is counted.", "bits", least=1, most=20),
+    ] = BITS
+
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
+
+    @property
+    def sensor_noise(self) -> SensorNoise:
+        """The sensors' noise."""
+        return SensorNoise(self.noise, self.noise_fraction)
+
+
+RUNNING = code(Rules, "noise", "running_max")

@@ -135,9 +135,9 @@ def full_scale(vehicle: FloatArray, arm: Arm | None = None, *, per_mode: bool = 
     return np.array(maxima)
 
 
-def variances(maxima: FloatArray, noise: SensorNoise) -> FloatArray:
+def variances(maxima: FloatArray, fraction: FloatArray | float) -> FloatArray:
     """Variances of uniform noise up to a share of the maxima, of the maxima's shape."""
-    return np.asarray((noise.fraction * maxima) ** 2 / 3.0)
+    return np.asarray((fraction * maxima) ** 2 / 3.0)
 
 
 def measure(
@@ -161,4 +161,4 @@ def measure(
     else:
         scale = np.broadcast_to(maxima[:, None, :], signals.shape)
     draws = rng.uniform(-1.0, 1.0, signals.shape)
-    return signals + noise.fraction * scale * draws, variances(scale, noise)
+    return signals + noise.fraction * scale * draws, variances(scale, noise.fraction)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.declared import any_on, as_rows
 from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
-from fieldmodels.information import BITS, fast
+from fieldmodels.information import fast
 from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
 from fieldmodels.machines.excitation.dynamics import STATE
-from fieldmodels.machines.excitation.kernel import BASE, Experiments, Setup, shake
+from fieldmodels.machines.excitation.kernel import BASE, Experiments, shake
 from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, FREQUENCY, OFFSET
 from fieldmodels.machines.excitation.parameters import (
     CG,
@@ -28,16 +29,16 @@ from fieldmodels.machines.excitation.parameters import (
     LOWER,
     MASS,
     MODES,
+    PRESETS,
     PRIOR_MEAN,
     PRIOR_VARIANCE,
+    RUNNING,
     SAMPLES,
-    TABLE1,
     UNKNOWNS,
     UPPER,
     VEHICLE,
     Arm,
-    Limits,
-    SensorNoise,
+    Rules,
 )
 from fieldmodels.machines.excitation.regression import FEATURES, SIGNALS, TERMS
 from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS
@@ -50,6 +51,7 @@ from fieldmodels.machines.excitation.sensors import (
     variances,
 )
 from fieldmodels.model import ModelError
+from fieldmodels.settings import kernel_rows
 
 VARIANTS: Mapping[str, Variant] = {"full": FULL, "table2": TABLE2}
 
@@ -149,6 +151,33 @@ class Shaken:
     bodies: FloatArray | None = None
 
 
+@lru_cache(maxsize=16)
+def _full_scale(vehicle: tuple[float, ...], arm: Arm) -> FloatArray:
+    return full_scale(np.array(vehicle), arm)
+
+
+def kernel_rules(rules: Rules, arm: Arm, batch: int, nominal: ArrayLike | None = None) -> NDArray[Any]:
+    """Rules as the kernel reads them, shape (batch,).
+
+    Args:
+        rules: What is shaken, sensed and estimated.
+        arm: The arm.
+        batch: Number of experiments.
+        nominal: The nominal vehicle, shape (22,); None takes the rules' preset.
+    """
+    vehicle = np.array(PRESETS[rules.preset] if nominal is None else nominal, dtype=np.float64)
+    limits = LIMITS[rules.limits]
+    ends = np.array([(0.0, limits.amplitude), limits.frequency, limits.offset])
+    derived = {
+        "acceleration": limits.acceleration,
+        "least": ends[:, 0],
+        "most": ends[:, 1],
+        "nominal": vehicle,
+        "full_scale": _full_scale(tuple(vehicle.tolist()), arm),
+    }
+    return kernel_rows(rules, batch, derived)
+
+
 def _checked(vehicle: ArrayLike) -> FloatArray:
     """A vehicle's whole vector, from that or the 22 unknowns."""
     vector = np.asarray(vehicle, dtype=np.float64)
@@ -166,88 +195,62 @@ class Shakers:
     neighbours in the batch: equal seeds give every agent the same vehicle and the same draws.
 
     Attributes:
+        rules: What is shaken, sensed and estimated.
         truth: The 22 true values of every experiment, shape (batch, 22).
         estimated: Which of them are estimated, shape (22,).
-        ranges: Smallest and largest command, each of shape (3,).
+        ranges: Smallest and largest command of each, each of shape (batch, 3).
         arm: The arm.
     """
 
     def __init__(
         self,
         batch: int,
-        vehicle: ArrayLike = TABLE1,
+        rules: Rules | None = None,
+        vehicle: ArrayLike | None = None,
         *,
         possible: ArrayLike | None = None,
-        preset: ArrayLike | None = None,
+        nominal: ArrayLike | None = None,
         arm: Arm | None = None,
-        limits: Limits = LIMITS["wide"],
-        noise: SensorNoise | None = None,
-        estimator: str = "compensated",
-        variant: Literal["full", "table2"] = "full",
-        spread: float = 0.0,
-        bits: int = BITS,
     ) -> None:
         """Make experiments; restart each before the first decision.
 
         Args:
             batch: Number of experiments.
+            rules: What is shaken, sensed and estimated.
             vehicle: What the vehicles truly are: the 22 unknowns, or the whole vector of ``ExcitationModel``
-                with the effects of vehicle, arm and sensors, 38 numbers.
+                with the effects of vehicle, arm and sensors, 38 numbers; None takes the rules' preset.
             possible: Whole vectors as extreme as ``set_reality`` will give, shape (k, n); None for none.
-            preset: The nominal vehicle: fixes the sensors' full scale, and the unknowns that a variant takes
-                for known, shape (22,); None takes ``vehicle``.
+            nominal: The nominal vehicle: fixes the sensors' full scale, and the unknowns that a variant takes
+                for known, shape (22,); None takes the rules' preset.
             arm: The arm (default: the source's).
-            limits: What the arm may do.
-            noise: The sensors' noise (default: 10 % of full scale).
-            estimator: Out of ``METHODS``: the filter that is scored.
-            variant: ``full`` or ``table2``.
-            spread: Each episode's vehicle is drawn around ``vehicle`` (see ``drawn_around``).
-            bits: Precision of the channel in which information is counted.
 
         Raises:
-            ModelError: If a name is unknown, a shape wrong, or a number out of range.
+            ModelError: If a shape is wrong or a number is out of range.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one experiment, not {batch}")
-        if variant not in VARIANTS:
-            raise ModelError(f"variant must be one of {', '.join(VARIANTS)}, not {variant!r}")
-        if not 0.0 <= spread < 1.0:
-            raise ModelError(f"spread must be in [0, 1), not {spread}")
-        center = _checked(vehicle)
+        self.rules = rules or Rules()
+        center = _checked(PRESETS[self.rules.preset] if vehicle is None else vehicle)
         self._centers = np.tile(center, (batch, 1))
         self._sensing = any_on(self._centers, VEHICLE, EFFECTS, "sensor")
         remembering = bool(self._sensing.any())
         if possible is not None:
             ends = np.asarray(possible, dtype=np.float64)
             remembering = remembering or bool(any_on(ends, VEHICLE, EFFECTS, "sensor").any())
-        nominal = np.array(center[:UNKNOWNS] if preset is None else preset, dtype=np.float64)
         self.arm = arm or Arm()
-        self.estimated = VARIANTS[variant].unknowns.copy()
-        self.ranges = tuple(
-            np.array(ends)
-            for ends in zip((0.0, limits.amplitude), limits.frequency, limits.offset, strict=True)
-        )
-        self._spread, self._bits = spread, bits
-        self._noise = noise or SensorNoise()
-        self._full_scale = full_scale(nominal, self.arm, per_mode=self._noise.per_mode)
-        self._nominal = nominal
-        self._estimator = estimator
+        variant = VARIANTS[self.rules.variant]
+        self.estimated = variant.unknowns.copy()
+        self._records = kernel_rules(self.rules, self.arm, batch, nominal)
+        self._estimator = self.rules.estimator
         row, column, feature, coefficient = TERMS
         self._filters = ParameterFilters(
             batch,
             Terms(row, column, feature, coefficient),
-            np.where(self.estimated, PRIOR_MEAN, nominal),
+            self._prior_means([0])[0],
             np.where(self.estimated, np.sqrt(PRIOR_VARIANCE), 0.0),
             modes=MODES,
-            methods=tuple(dict.fromkeys((estimator, "naive"))),
-            active=VARIANTS[variant].rows,
-        )
-        self._setup = Setup(
-            acceleration=limits.acceleration,
-            arm=self.arm.row(),
-            running=self._noise.kind == "running_max",
-            per_mode=self._noise.per_mode,
-            fraction=self._noise.fraction,
+            methods=tuple(dict.fromkeys((self._estimator, "naive"))),
+            active=variant.rows,
         )
         self._vehicles = np.zeros((batch, len(NUMBERS)))
         self._keys = np.zeros(batch, dtype=np.uint64)
@@ -268,6 +271,11 @@ class Shakers:
     def __len__(self) -> int:
         """Number of experiments."""
         return len(self._counts)
+
+    @property
+    def ranges(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest command of each experiment, each of shape (batch, 3)."""
+        return self._records["least"], self._records["most"]
 
     @property
     def truth(self) -> FloatArray:
@@ -296,6 +304,15 @@ class Shakers:
         self._centers[rows] = vectors
         self._sensing[rows] = any_on(vectors, VEHICLE, EFFECTS, "sensor")
 
+    def set_rules(self, i: int, rules: Rules) -> None:
+        """Give an experiment, before it begins again, other rules; estimator and variant stay."""
+        self._records[i] = kernel_rules(rules, self.arm, 1)[0]
+        self._filters.restart([i], self._prior_means([i]))
+
+    def _prior_means(self, rows: list[int]) -> FloatArray:
+        """What the filters of some experiments take for the prior's mean, shape (len(rows), 22)."""
+        return np.where(self.estimated, PRIOR_MEAN, self._records["nominal"][rows])
+
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Draw the key of experiment ``i``'s noise and its vehicle's factors; ``begin`` then starts it."""
         self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
@@ -303,17 +320,20 @@ class Shakers:
 
     def begin(self, rows: list[int]) -> None:
         """Begin several experiments that have been seeded: at rest, the arm in eq (24)."""
-        # Without a spread the preset stays as it is, to the bit; what counts as known is known.
-        free = self.estimated if self._spread > 0.0 else np.zeros(UNKNOWNS, dtype=np.bool_)
         for i in rows:
-            drawn = drawn_around(self._centers[i], self._spread, self._factors[i])
+            spread = float(self._records["truth_spread"][i])
+            # Without a spread the preset stays as it is, to the bit; what counts as known is known.
+            free = self.estimated if spread > 0.0 else np.zeros(UNKNOWNS, dtype=np.bool_)
+            drawn = drawn_around(self._centers[i], spread, self._factors[i])
             self._vehicles[i] = self._centers[i]
             self._vehicles[i, :UNKNOWNS][free] = drawn[:UNKNOWNS][free]
         self._counts[rows] = 0
         self._command[rows] = CONSTANT
         self._phase[rows] = 0.0
         self._states[rows] = 0.0
-        self._maxima[rows] = 0.0 if self._noise.kind == "running_max" else self._full_scale
+        records = self._records[rows]
+        running = (records["noise"] == RUNNING)[:, None, None]
+        self._maxima[rows] = np.where(running, 0.0, records["full_scale"])
         self._base[rows] = 0.0
         # A lagging arm is behind its command already: (24) begins at its largest speed, unaccelerated.
         rate = CONSTANT[AMPLITUDE] * CONSTANT[FREQUENCY]
@@ -347,7 +367,7 @@ class Shakers:
         traced = batch if traces else 0
         motion, bodies = np.empty((traced, SAMPLES + 1, 3)), np.empty((traced, MODES, SAMPLES, 6))
         clipped = np.clip(wanted, *self.ranges)
-        shake(self._experiments, self._setup, clipped, features, noise, motion, bodies)
+        shake(self._experiments, self._records, self.arm.row(), clipped, features, noise, motion, bodies)
         self._filters.update(features, noise)
         return self._shaken(motion if traces else None, bodies if traces else None)
 
@@ -371,14 +391,18 @@ class Shakers:
             command=self._command.copy(),
             phase=self._phase.copy(),
             base=self._base.copy(),
-            variances=variances(self._maxima, self._noise),
+            variances=variances(self._maxima, self._records["noise_fraction"][:, None, None]),
             motion=motion,
             bodies=bodies,
         )
 
     def _information(self, covariance: FloatArray) -> FloatArray:
         sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        return np.where(self.estimated, fast(sigma, LOWER, UPPER, self._bits), 0.0)
+        information = np.empty(sigma.shape)
+        for bits in np.unique(self._records["bits"]).tolist():
+            rows = self._records["bits"] == bits
+            information[rows] = fast(sigma[rows], LOWER, UPPER, bits)
+        return np.where(self.estimated, information, 0.0)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """An exact snapshot: plain arrays by name."""
