@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.oracles import find_oracle
+from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
+from fieldmodels.exam.oracles import find_oracle, line_following
 from fieldmodels.exam.plants import axis_listed
 from fieldmodels.exam.plants.axis import simulate
 from fieldmodels.exam.plants.commands import COMMANDS
@@ -70,22 +70,61 @@ def test_several_effects_act_in_the_documented_order():
     np.testing.assert_allclose(shown("rig", effects, commands), on, atol=2e-3 * np.abs(on).max())
 
 
-UNLISTED = [(which, kind) for which in ("develop", "report") for kind in get_bench("rig").unlisted[which]]
+DRIVES = ("pose_reaching", "differential_drive")
 
 
-@pytest.mark.parametrize(("which", "kind"), UNLISTED)
-def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(which: str, kind: str):
-    bench = get_bench("rig")
-    conditions = Conditions(duration=6.0, factor=0.0)
-    plain, small, large = (
-        bench.log([Hidden(kind, size)] if size else [], conditions, 4, False).outputs
-        for size in (0, 1e-3, 3.0)
-    )
-    scale = plain.std(axis=0)
-    off = [float((np.abs(one - plain).std(axis=0) / scale).max()) for one in (small, large)]
-    assert off[0] < 0.02
-    assert off[1] > 3.0 * off[0]
-    assert off[1] > 1e-3
+@pytest.mark.parametrize(("name", "effect"), [(n, e) for n in DRIVES for e in get_bench(n).effects])
+def test_a_listed_effect_of_a_drive_acts_as_its_oracle_says(name: str, effect: str):
+    bench: Any = get_bench(name)
+    conditions = Conditions(factor=0.0, duration=6.0)
+    values = bench.values(effect, 6.0, 1, 3)
+    if effect == "parameter_step":  # within the record
+        bench = type(bench)()
+        values["time"] = 2.5
+        bench.values = lambda *_: values
+    on, off = (bench.log(hidden, conditions, 3, False) for hidden in ([Hidden(effect, 6.0)], []))
+    signals = bench.recording(on, conditions, 3)
+    commands = np.column_stack([signals[s.name] for s in bench.model.inputs])
+    truth = find_oracle(name).simulate(bench.base(3), {effect: values}, commands, on.step)
+    contribution = np.abs(on.outputs - off.outputs).max(axis=0)
+    assert contribution.max() > 0.0
+    allowed = 5e-3 * contribution + 1e-8
+    assert (np.abs(on.outputs - truth).max(axis=0) <= allowed).all()
+
+
+@pytest.mark.parametrize("effect", [*get_bench("line_following").effects, "all"])
+def test_a_listed_effect_of_a_walk_acts_as_its_oracle_says(effect: str):
+    bench = get_bench("line_following")
+    names = [name for name in bench.effects if effect in (name, "all")]
+    hidden = [Hidden(name, 1.5) for name in names]
+    rows = bench.log(hidden, Conditions(factor=0.0, duration=60.0), 3, False)
+    values = {name: bench.values(name, 1.5, 1, 3) for name in names}
+    line = line_following.Line(((100.0, 0.0),))
+    truth = line_following.walk(line_following.Robot(values), line, 0.0, 0.0, rows.inputs[:, 0])
+    np.testing.assert_allclose(rows.outputs, truth[:-1], atol=1e-9)
+
+
+UNLISTED = [
+    (name, kind)
+    for name in bench_names()
+    for which in ("develop", "report")
+    for kind in get_bench(name).unlisted[which]
+]
+
+
+@pytest.mark.parametrize(("name", "kind"), UNLISTED)
+def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(name: str, kind: str):
+    bench = get_bench(name)
+    conditions = Conditions(duration=60.0 if name == "line_following" else 6.0, factor=0.0)
+    plain = bench.log([], conditions, 4, False).outputs
+
+    def off(size: float) -> float:
+        one = bench.log([Hidden(kind, size)], conditions, 4, False).outputs
+        return float((np.abs(one - plain).std(axis=0) / plain.std(axis=0)).max())
+
+    small = off(1e-3)
+    assert small < 0.02
+    assert any(off(size) > max(3.0 * small, 1e-3) for size in (3.0, 10.0, 30.0))
 
 
 def test_a_controller_follows_a_path_by_what_is_shown():

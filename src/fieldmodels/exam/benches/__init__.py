@@ -8,7 +8,14 @@ from fieldmodels.exam.benches.base import FIRST, Bench, Conditions, Hidden, Log,
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 
-PLACES = {"rig": "axis", "pendulum": "axis", "propeller_arm": "axis"}
+PLACES = {
+    "rig": "axis",
+    "pendulum": "axis",
+    "propeller_arm": "axis",
+    "pose_reaching": "drive",
+    "differential_drive": "drive",
+    "line_following": "walk",
+}
 """Which module here makes the records of a machine."""
 
 

@@ -217,7 +217,7 @@ class _Run:
         before, lag = self.given, axis.lag
         if axis.fall is not None and abs(aim) < abs(before):
             lag = axis.fall
-        # The mean of an exponential within the step, not of its ends: a lag may be shorter than the step.
+        # The mean of an exponential or a ramp in the step, not of its ends: either may be shorter.
         decay = math.exp(-h / lag) if lag > 0.0 else 0.0
         change = (aim - before) * (1.0 - decay)
         if abs(change) > axis.rate * h:
@@ -225,7 +225,7 @@ class _Run:
             self.given = before + change
             return before + 0.5 * change
         self.given = before + change
-        share = lag / h * (1.0 - decay) if lag > 0.0 else 0.0
+        share = lag / h * (1.0 - decay) if lag > 0.0 else 0.5 * abs(change) / (axis.rate * h)
         return aim + (before - aim) * share
 
     def _advance(self, now: float) -> None:

@@ -190,7 +190,7 @@ def _lost_commands(axis: Axis, k: float, s: Scale, rng: Rng) -> None:
 
 
 def _one_sided_saturation(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
-    limit = s.u / (1.0 + 0.1 * k)
+    limit = 1.5 * s.u / (1.0 + 0.1 * k)
     axis.maps.append(lambda u, _t: min(u, limit))
 
 

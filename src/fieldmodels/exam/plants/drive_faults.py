@@ -1,0 +1,357 @@
+"""What can be wrong with a drive: listed effects by their documented equations, and unlisted faults.
+
+The documented chain: gains, dead zone, saturation, jump of the rims -> delay -> lag at a limited rate ->
+unequal wheels, slip, slope -> pose -> late, turned sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmodels.exam.plants.drive import Command, Drive, Ground, Motion, Pose, Rim
+from fieldmodels.exam.plants.faults import Fault
+
+Rng = np.random.Generator
+Values = Mapping[str, float]
+
+
+def install(drive: Drive, effects: Mapping[str, Values]) -> None:
+    """Let listed effects act on a drive, in the documented order."""
+    for name in ORDER:
+        if name in effects:
+            LISTED[name](drive, effects[name])
+
+
+def _gain(drive: Drive, values: Values) -> None:
+    drive.rims.append(lambda rim, _side, _t: values["gain"] * rim)
+
+
+def _turn(drive: Drive, values: Values) -> None:
+    drive.commands.append(lambda speed, rate, _t: (speed, values["gain"] * rate))
+
+
+def _dead_zone(drive: Drive, values: Values) -> None:
+    width = values["width"]
+    drive.rims.append(lambda rim, _side, _t: math.copysign(max(abs(rim) - width, 0.0), rim))
+
+
+def _saturation(drive: Drive, values: Values) -> None:
+    limit = values["limit"]
+    drive.rims.append(lambda rim, _side, _t: min(max(rim, -limit), limit))
+
+
+def _jump(drive: Drive, values: Values) -> None:
+    drive.rims.append(lambda rim, _side, t: rim * (values["factor"] if t >= values["time"] else 1.0))
+
+
+def _delay(drive: Drive, values: Values) -> None:
+    drive.delay = values["delay"]
+
+
+def _lag(drive: Drive, values: Values) -> None:
+    drive.lag = values["time_constant"]
+
+
+def _rate(drive: Drive, values: Values) -> None:
+    drive.rate = values["rate"]
+
+
+def _unequal(drive: Drive, values: Values) -> None:
+    half, track = 0.5 * values["difference"], drive.track
+
+    def veer(motion: Motion, _pose: Pose, _t: float) -> Motion:
+        forward, sideways, rate = motion
+        left = (forward - 0.5 * track * rate) * (1.0 + half)
+        right = (forward + 0.5 * track * rate) * (1.0 - half)
+        return 0.5 * (left + right), sideways, (right - left) / track
+
+    drive.ground.append(veer)
+
+
+def _yaw_slip(drive: Drive, values: Values) -> None:
+    kept = 1.0 - values["share"]
+    drive.ground.append(lambda motion, _pose, _t: (motion[0], motion[1], kept * motion[2]))
+
+
+def _sideways(drive: Drive, values: Values) -> None:
+    size = values["coefficient"]
+    drive.ground.append(
+        lambda motion, _pose, _t: (motion[0], motion[1] - size * motion[0] * motion[2], motion[2])
+    )
+
+
+def _slope(drive: Drive, values: Values) -> None:
+    def creep(motion: Motion, pose: Pose, _t: float) -> Motion:
+        fast, cosine, sine = abs(motion[0]), math.cos(pose[2]), math.sin(pose[2])
+        x, y = values["x"] * fast, values["y"] * fast
+        return motion[0] + cosine * x + sine * y, motion[1] - sine * x + cosine * y, motion[2]
+
+    drive.ground.append(creep)
+
+
+def _late(drive: Drive, values: Values) -> None:
+    drive.late = lambda _t: values["delay"]
+
+
+def _askew(drive: Drive, values: Values) -> None:
+    drive.sensors.append(lambda shown, _true, _t: (shown[0], shown[1], shown[2] + values["angle"]))
+
+
+LISTED: Mapping[str, Callable[[Drive, Values], None]] = {
+    "turn_gain": _turn,
+    "actuator_gain": _gain,
+    "actuator_dead_zone": _dead_zone,
+    "actuator_saturation": _saturation,
+    "parameter_step": _jump,
+    "actuator_delay": _delay,
+    "actuator_lag": _lag,
+    "actuator_rate_limit": _rate,
+    "unequal_wheels": _unequal,
+    "yaw_slip": _yaw_slip,
+    "sideways_slip": _sideways,
+    "slope": _slope,
+    "sensor_delay": _late,
+    "heading_bias": _askew,
+}
+ORDER = tuple(LISTED)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Typical sizes of a drive, by which faults are measured.
+
+    Attributes:
+        speed: Largest speed [m/s].
+        rate: Largest turn rate [rad/s].
+        rim: Largest speed of a rim [m/s].
+        duration: Of a record [s].
+        step: Sampling interval [s].
+    """
+
+    speed: float
+    rate: float
+    rim: float
+    duration: float
+    step: float
+
+
+DriveFault = Fault[Drive, Scale]
+
+
+def _command(drive: Drive, change: Command) -> None:
+    drive.commands.append(change)
+
+
+def _rim(drive: Drive, change: Rim) -> None:
+    drive.rims.append(change)
+
+
+def _on_ground(drive: Drive, change: Ground) -> None:
+    drive.ground.append(change)
+
+
+def _samples(s: Scale) -> int:
+    return round(s.duration / s.step) + 2
+
+
+# To develop on.
+
+
+def _weak_left(drive: Drive, k: float, _s: Scale, _rng: Rng) -> None:
+    share = math.exp(-0.02 * k)
+    _command(drive, lambda speed, rate, _t: (speed, share * rate if rate > 0.0 else rate))
+
+
+def _surging_drive(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    way = [0.0]
+
+    def surge(motion: Motion, _pose: Pose, _t: float) -> Motion:
+        way[0] += motion[0] * s.step / 8.0
+        return motion[0] * (1.0 + 0.02 * k * math.sin(way[0] / drive.radius)), motion[1], motion[2]
+
+    _on_ground(drive, surge)
+
+
+def _marker_ahead(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    ahead = 0.002 * k * s.speed
+    drive.sensors.append(
+        lambda p, true, _t: (p[0] + ahead * math.cos(true[2]), p[1] + ahead * math.sin(true[2]), p[2])
+    )
+
+
+def _turn_dead_zone(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    width = 0.02 * k * s.rate
+    _command(drive, lambda speed, rate, _t: (speed, math.copysign(max(abs(rate) - width, 0.0), rate)))
+
+
+def _yaw_inertia(drive: Drive, k: float, _s: Scale, _rng: Rng) -> None:
+    share, turning = 1.0 - math.exp(-1.0 / (0.8 * k)), [0.0]
+
+    def follow(motion: Motion, _pose: Pose, _t: float) -> Motion:
+        turning[0] += share * (motion[2] - turning[0])
+        return motion[0], motion[1], turning[0]
+
+    _on_ground(drive, follow)
+
+
+def _soft_tyres(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _on_ground(drive, lambda m, _p, _t: (m[0] / (1.0 + 0.02 * k * abs(m[0]) / s.speed), m[1], m[2]))
+
+
+def _tracker_scale(drive: Drive, k: float, _s: Scale, _rng: Rng) -> None:
+    scale = math.exp(0.005 * k)
+    drive.sensors.append(lambda p, _true, _t: (scale * p[0], scale * p[1], p[2]))
+
+
+def _stiff_wheel(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    width = 0.01 * k * s.rim
+    _rim(
+        drive,
+        lambda rim, side, _t: math.copysign(max(abs(rim) - width, 0.0), rim) if side < 0.0 else rim,
+    )
+
+
+def _slippery_patch(drive: Drive, k: float, _s: Scale, _rng: Rng) -> None:
+    kept = math.exp(-0.05 * k)
+
+    def slip(motion: Motion, pose: Pose, _t: float) -> Motion:
+        share = kept if math.sin(pose[0]) > 0.0 else 1.0
+        return share * motion[0], motion[1], share * motion[2]
+
+    _on_ground(drive, slip)
+
+
+def _lost_commands(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    lost = (rng.uniform(size=_samples(s)) < min(0.01 * k, 0.95)).tolist()
+    last = [(0.0, 0.0)]
+
+    def lose(speed: float, rate: float, t: float) -> tuple[float, float]:
+        if not lost[round(t / s.step)]:
+            last[0] = speed, rate
+        return last[0]
+
+    _command(drive, lose)
+
+
+def _held_samples(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    fresh = (rng.uniform(size=_samples(s)) >= min(0.01 * k, 0.95)).tolist()
+    drive.holds = lambda i: fresh[i]
+
+
+def _input_play(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    half, engaged = 0.01 * k * s.rate, [0.0]
+
+    def play(speed: float, rate: float, _t: float) -> tuple[float, float]:
+        engaged[0] = min(max(engaged[0], rate - half), rate + half)
+        return speed, engaged[0]
+
+    _command(drive, play)
+
+
+def _sagging_supply(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    load, share = [0.0], s.step / 1.5
+
+    def sag(speed: float, rate: float, _t: float) -> tuple[float, float]:
+        load[0] += share * ((speed / s.speed) ** 2 - load[0])
+        weaker = 1.0 / (1.0 + 0.05 * k * load[0])
+        return weaker * speed, weaker * rate
+
+    _command(drive, sag)
+
+
+DEVELOP: Mapping[str, DriveFault] = {
+    "weak_left": Fault("It turns less to the left than to the right.", _weak_left),
+    "surging_drive": Fault("It surges once a turn of an eccentric wheel.", _surging_drive),
+    "marker_ahead": Fault("The tracked marker is ahead of the axle.", _marker_ahead),
+    "turn_dead_zone": Fault("Small turn rates are not carried out.", _turn_dead_zone),
+    "yaw_inertia": Fault("The body turns later than its wheels.", _yaw_inertia),
+    "soft_tyres": Fault("Tyres slip the more, the faster it goes.", _soft_tyres),
+    "tracker_scale": Fault("The tracker's unit of length is wrong.", _tracker_scale),
+    "stiff_wheel": Fault("One wheel has a dead zone.", _stiff_wheel, ("dead_zone",)),
+    "slippery_patch": Fault("It slips where the ground is slippery.", _slippery_patch),
+    "lost_commands": Fault("Commands are lost; the last one holds.", _lost_commands, random=True),
+    "held_samples": Fault("Poses are lost; the last one is shown.", _held_samples, random=True),
+    "input_play": Fault("The turn rate has play.", _input_play, ("play",)),
+    "sagging_supply": Fault("The supply sags at speed.", _sagging_supply),
+}
+
+
+# To report on.
+
+
+def _understeer(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _on_ground(drive, lambda m, _p, _t: (m[0], m[1], m[2] / (1.0 + 0.02 * k * (m[0] / s.speed) ** 2)))
+
+
+def _compass(drive: Drive, k: float, _s: Scale, rng: Rng) -> None:
+    size, phase = 0.01 * k, rng.uniform(0.0, 2.0 * math.pi)
+    drive.sensors.append(lambda p, true, _t: (p[0], p[1], p[2] + size * math.sin(true[2] + phase)))
+
+
+def _conveyor(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    way = rng.uniform(0.0, 2.0 * math.pi)
+    drive.drift = 0.001 * k * s.speed * math.cos(way), 0.001 * k * s.speed * math.sin(way)
+
+
+def _gyro_drift(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    rate = 0.03 * k / s.duration
+    drive.sensors.append(lambda p, _true, t: (p[0], p[1], p[2] + rate * t))
+
+
+def _scrub(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _on_ground(drive, lambda m, _p, _t: (m[0] / (1.0 + 0.02 * k * abs(m[2]) / s.rate), m[1], m[2]))
+
+
+def _tracker_shear(drive: Drive, k: float, _s: Scale, _rng: Rng) -> None:
+    drive.sensors.append(lambda p, _true, _t: (p[0] + 0.01 * k * p[1], p[1], p[2]))
+
+
+def _pull_at_speed(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _on_ground(drive, lambda m, _p, _t: (m[0], m[1], m[2] + 0.002 * k * s.rate * (m[0] / s.speed) ** 2))
+
+
+def _slow_fall(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    drive.fall = 0.1 * k * s.step
+
+
+def _time_jitter(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    late = (0.05 * k * s.step * np.abs(rng.standard_normal(_samples(s)))).tolist()
+    drive.late = lambda t: late[round(t / s.step)]
+
+
+def _coarse_command(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    quantum = 0.01 * k * s.rate
+    _command(drive, lambda speed, rate, _t: (speed, quantum * math.floor(rate / quantum + 0.5)))
+
+
+def _fading_gain(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    def fade(speed: float, rate: float, t: float) -> tuple[float, float]:
+        share = math.exp(-0.01 * k * t / s.duration)
+        return share * speed, share * rate
+
+    _command(drive, fade)
+
+
+def _soft_saturation(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    knee = s.rim / (0.1 * k)
+    _rim(drive, lambda rim, _side, _t: knee * math.tanh(rim / knee))
+
+
+REPORT: Mapping[str, DriveFault] = {
+    "understeer": Fault("It turns the less, the faster it goes.", _understeer),
+    "compass": Fault("The heading's error depends on the heading (hard iron).", _compass),
+    "conveyor": Fault("The ground itself moves.", _conveyor),
+    "gyro_drift": Fault("The heading drifts.", _gyro_drift, ("heading_drift",)),
+    "scrub": Fault("It is slower in turns.", _scrub),
+    "tracker_shear": Fault("The tracker's axes are not at right angles.", _tracker_shear),
+    "pull_at_speed": Fault("It pulls to one side with the square of the speed.", _pull_at_speed),
+    "slow_fall": Fault("Wheels slow down late and speed up at once.", _slow_fall, ("actuator_lag",)),
+    "time_jitter": Fault("Poses are late by random times.", _time_jitter, random=True),
+    "coarse_command": Fault("Turn rates know few levels.", _coarse_command),
+    "fading_gain": Fault("The drive fades.", _fading_gain),
+    "soft_saturation": Fault("Wheels saturate softly.", _soft_saturation, ("saturation",)),
+}
