@@ -13,12 +13,13 @@ import time
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from numba.core import config
 
 import fieldagents
 import fieldmodels
-from fieldmodels.compiled import cache, cache_folder, compiled, fingerprint, folder
+from fieldmodels.compiled import allocation_free, cache, cache_folder, compiled, fingerprint, folder
 from fieldmodels.compiled.fingerprint import _globals_read
 
 LAB = {
@@ -340,3 +341,17 @@ def test_a_folder_refused_for_its_owner(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(os, "getuid", lambda: 12345)  # the folder will be of another owner
     assert folder._private_temporary() is None
+
+
+def test_what_counts_no_references_may_hand_out_no_array():
+    @allocation_free
+    def first(x):
+        return x[0]
+
+    @allocation_free
+    def same(x):
+        return 1.0, x
+
+    assert first(np.array([3.0])) == 3.0
+    with pytest.raises(TypeError, match="returns an array"):
+        same(np.array([3.0]))

@@ -101,3 +101,18 @@ def test_a_disturbance_acts_like_the_command():
     )
     acted = rig.simulate(rig.nominal[None, :], windows)[0, 0]
     np.testing.assert_allclose(acted, respond(push), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"coulomb_friction": {"force": 1e-9}},
+        {"constant_force": {"force": 1e-9}},
+        {"hysteresis": {"force": 1e-9}},
+    ],
+)
+def test_play_follows_the_present_command_whatever_else_acts(beside):
+    command = np.repeat(np.random.default_rng(1).uniform(-8.0, 8.0, 40), 5)
+    alone = respond(command, effects={"backlash": {"gap": 0.01}})
+    both = respond(command, effects={"backlash": {"gap": 0.01}} | beside)
+    np.testing.assert_allclose(both, alone, atol=1e-6)

@@ -9,7 +9,7 @@ from fieldmodels.compiled.cache import KernelCache
 from fieldmodels.compiled.fingerprint import fingerprint
 from fieldmodels.compiled.folder import cache_folder
 
-__all__ = ["cache_folder", "compiled", "fingerprint", "inlined"]
+__all__ = ["allocation_free", "allocation_free_inlined", "cache_folder", "compiled", "fingerprint", "inlined"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -27,6 +27,20 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a small helper that is always inlined by LLVM into the kernels that call it."""
     return _compile(function, forceinline=True)
+
+
+def allocation_free(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a kernel as ``compiled`` does, without Numba's counting of references to arrays.
+
+    A count is an atomic operation for every view of an array, even one that is only handed on: ten times the
+    cost of a short loop's body. Such a kernel creates no array but views, and returns none.
+    """
+    return _compile(function, _nrt=False)
+
+
+def allocation_free_inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a small helper as ``inlined`` does, with the limits of ``allocation_free``."""
+    return _compile(function, _nrt=False, forceinline=True)
 
 
 def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:

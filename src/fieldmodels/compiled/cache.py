@@ -83,7 +83,13 @@ class KernelCache(_Cache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel; where that fails the program goes on without."""
+        """Keep a compiled kernel; where that fails the program goes on without.
+
+        Raises:
+            TypeError: If one that counts no references returns an array: its memory would be freed too early.
+        """
+        if not self._kernel.targetoptions.get("_nrt", True) and _holds_array(data.signature.return_type):
+            raise TypeError(f"{self._name} returns an array; compile it with compiled")
         name = self._file_name(sig, data.codegen)
         if name is None or any(not one.can_cache for one in data.lifted) or data.library.has_dynamic_globals:
             return
@@ -134,6 +140,11 @@ class KernelCache(_Cache):
         for path in files:
             if _content(path.name) not in kept:
                 _remove(path)
+
+
+def _holds_array(kind: Any) -> bool:
+    inside = getattr(kind, "types", ()) if isinstance(kind, numba.types.BaseTuple) else ()
+    return isinstance(kind, numba.types.Array) or any(_holds_array(one) for one in inside)
 
 
 def _content(name: str) -> str:

@@ -32,8 +32,11 @@ EQUATIONS = "equations.py.j2"
 """What every driver begins with: the machine's equations with the stock effects, and single steps."""
 METHODS = {"derivative": "derivative", "step": "advance", "observe": "observe", "pace": "fastest"}
 """A machine's methods, and what drivers call them."""
-JIT = "from fieldmodels.compiled import compiled, inlined\n"
-AS_IT_IS = "def compiled(f):\n    return f\n\n\ninlined = compiled\n"
+JIT = (
+    "from fieldmodels.compiled import allocation_free, compiled\n"
+    "from fieldmodels.compiled import allocation_free_inlined as inlined\n"
+)
+AS_IT_IS = "def compiled(f):\n    return f\n\n\nallocation_free = inlined = compiled\n"
 
 
 def driver_module(machine: Declaration, template: str) -> ModuleType:

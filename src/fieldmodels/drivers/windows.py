@@ -75,7 +75,9 @@ class WindowDriver:
         first, last = episode_edges(recording)
         command = machine.commands(recording, last)
         force_rows = rows.of("force", parameters)
-        out = np.full((len(parameters), len(windows), windows.samples, len(machine.outputs)), np.nan)
+        out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs)))
+        if np.any(windows.lengths < windows.samples):
+            out[:] = np.nan
         if not len(windows):
             return out
         states = np.ascontiguousarray(windows.states, dtype=np.float64)

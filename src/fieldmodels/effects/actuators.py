@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free, compiled
+from fieldmodels.compiled import allocation_free_inlined as inlined
 from fieldmodels.effects.curves import on_curve
 from fieldmodels.effects.stock import (
     LARGE,
@@ -119,7 +120,7 @@ def is_curved(curve: FloatArray) -> bool:
     return False
 
 
-@compiled
+@allocation_free
 def actuate(
     command: FloatArray,
     first: IntArray,
@@ -204,7 +205,7 @@ def follow(force: float, aim: float, h: float, r: Row) -> float:
     return follow_line(force, aim, aim, h, r)
 
 
-@compiled
+@allocation_free
 def respond(
     aims: FloatArray, first: IntArray, step: float, interpolated: bool, r: Row, out: FloatArray
 ) -> None:

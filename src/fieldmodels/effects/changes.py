@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldmodels.compiled import inlined
+from fieldmodels.compiled import allocation_free_inlined as inlined
 from fieldmodels.effects.stock import Declare, Layout, Names, Sizes, Stock, choose, effect
 from fieldmodels.model import Effect, Parameter
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import inlined
+from fieldmodels.compiled import allocation_free_inlined as inlined
 from fieldmodels.effects.stock import LARGE, Declare, Names, Sizes, Stock
 from fieldmodels.model import Effect, ModelError, Parameter, Where
 

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free
+from fieldmodels.compiled import allocation_free_inlined as inlined
 from fieldmodels.effects.stock import (
     LARGE,
     Declare,
@@ -32,6 +33,7 @@ from fieldmodels.effects.stock import (
     signed,
     span,
 )
+from fieldmodels.elementary import cosine, exponential, sine
 from fieldmodels.model import Effect, Parameter
 
 
@@ -116,21 +118,18 @@ def has_no_smooth(r: Row) -> bool:
 @inlined
 def smooth(x: float, v: float, t: float, r: Row) -> float:
     """All forces but dry friction and hysteresis."""
+    # Without a condition, so that loops over it become vector instructions: what is off is zero.
     total = r.constant_force_force - r.viscous_friction_coefficient * v
-    if r.quadratic_drag_coefficient != 0.0:
-        total -= r.quadratic_drag_coefficient * v * abs(v)
-    if r.cubic_stiffness_coefficient != 0.0:
-        total -= r.cubic_stiffness_coefficient * x * x * x
+    total -= r.quadratic_drag_coefficient * v * abs(v)
+    total -= r.cubic_stiffness_coefficient * x * x * x
+    total -= r.elastic_stop_stiffness * math.copysign(max(abs(x) - r.elastic_stop_place, 0.0), x)
+    total -= r.one_sided_spring_stiffness * max(x - r.one_sided_spring_place, 0.0)
     if r.periodic_force_sine != 0.0 or r.periodic_force_cosine != 0.0:
         phase = 2.0 * math.pi * r.periodic_force_frequency * t
-        total += r.periodic_force_sine * math.sin(phase) + r.periodic_force_cosine * math.cos(phase)
+        total += r.periodic_force_sine * sine(phase) + r.periodic_force_cosine * cosine(phase)
     if r.cogging_sine != 0.0 or r.cogging_cosine != 0.0:
         phase = 2.0 * math.pi * x / r.cogging_period
-        total += r.cogging_sine * math.sin(phase) + r.cogging_cosine * math.cos(phase)
-    if r.elastic_stop_stiffness != 0.0:
-        total -= r.elastic_stop_stiffness * math.copysign(max(abs(x) - r.elastic_stop_place, 0.0), x)
-    if r.one_sided_spring_stiffness != 0.0:
-        total -= r.one_sided_spring_stiffness * max(x - r.one_sided_spring_place, 0.0)
+        total += r.cogging_sine * sine(phase) + r.cogging_cosine * cosine(phase)
     return float(total)
 
 
@@ -144,7 +143,7 @@ def holding(load: float, r: Row) -> float:
 def bend(bristle: float, moved: float, r: Row) -> float:
     """Dahl's bristle after a motion in one direction: it approaches its largest force along the path."""
     level = math.copysign(r.hysteresis_force, moved)
-    return float(level + (bristle - level) * math.exp(-abs(moved) / r.hysteresis_distance))
+    return float(level + (bristle - level) * exponential(-abs(moved) / r.hysteresis_distance))
 
 
 @inlined
@@ -153,13 +152,13 @@ def resistance(moved: float, v: float, sign: float, bristle: float, load: float,
     total = sign * (r.coulomb_friction_force + r.load_friction_share * abs(load))
     if r.stribeck_friction_force != 0.0:
         ratio = v / r.stribeck_friction_velocity
-        total += sign * r.stribeck_friction_force * math.exp(-ratio * ratio)
+        total += sign * r.stribeck_friction_force * exponential(-ratio * ratio)
     if r.hysteresis_force != 0.0:
         total += bend(bristle, moved, r)
     return float(total)
 
 
-@compiled
+@allocation_free
 def bend_along(path: FloatArray, first: IntArray, r: Row, out: FloatArray) -> None:
     """The bristle's force along a measured path, unbent at the start of every episode.
 

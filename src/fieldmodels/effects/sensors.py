@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free_inlined as inlined
+from fieldmodels.compiled import compiled
 from fieldmodels.effects.curves import on_curve
 from fieldmodels.effects.stock import (
     LARGE,
@@ -31,6 +32,7 @@ from fieldmodels.effects.stock import (
     signed,
     span,
 )
+from fieldmodels.elementary import hyperbolic_tangent
 from fieldmodels.model import Effect, Parameter
 
 
@@ -160,7 +162,7 @@ def inverted(value: float, time: float, play: float, r: Row) -> float:
 @inlined
 def play(force: float, scale: float, r: Row) -> float:
     """Displacement of a motor's sensor against the load: the force pushes one flank or the other."""
-    return float(0.5 * r.backlash_gap * math.tanh(force / scale)) if r.backlash_gap != 0.0 else 0.0
+    return float(0.5 * r.backlash_gap * hyperbolic_tangent(force / scale)) if r.backlash_gap != 0.0 else 0.0
 
 
 @inlined

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import inlined
+from fieldmodels.compiled import allocation_free_inlined as inlined
 from fieldmodels.model import Effect, ModelError, Parameter, Where
 from fieldmodels.names import did_you_mean
 

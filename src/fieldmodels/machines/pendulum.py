@@ -8,6 +8,7 @@ from typing import Any
 
 from fieldmodels.effects import actuator, force, sensor
 from fieldmodels.effects.stock import LARGE
+from fieldmodels.elementary import sine
 from fieldmodels.machine import Force, number
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.machines.one_axis.scales import Scales
@@ -81,7 +82,7 @@ class Pendulum(OneAxis):
         """Rates of angle and velocity."""
         gravity = p.gravity_moment + p.payload_mass * p.payload_length * STANDARD_GRAVITY
         inertia = p.inertia + p.payload_mass * p.payload_length**2
-        return state.velocity, (input.torque - gravity * math.sin(state.angle)) / inertia
+        return state.velocity, (input.torque - gravity * sine(state.angle)) * (1.0 / inertia)
 
     def pace(self, p: Any) -> Any:
         """The frequency of its small swings [rad/s]."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.effects import actuator, force
+from fieldmodels.elementary import sine
 from fieldmodels.machine import Force, number
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.machines.one_axis.scales import Scales
@@ -69,8 +70,8 @@ class PropellerArm(OneAxis):
 
     def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of angle and velocity."""
-        left = input.command - p.damping * state.velocity - p.gravity_moment * math.sin(state.angle)
-        return state.velocity, left / p.inertia
+        left = input.command - p.damping * state.velocity - p.gravity_moment * sine(state.angle)
+        return state.velocity, left * (1.0 / p.inertia)
 
     def pace(self, p: Any) -> Any:
         """The frequency of its small swings, and the rate of its damping [1/s]."""

@@ -63,7 +63,9 @@ class Rig(OneAxis):
     def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of position and velocity."""
         left = input.force - p.damping * state.velocity - p.stiffness * state.position
-        return state.velocity, left / (p.mass + p.payload_mass)
+        return state.velocity, left * (
+            1.0 / (p.mass + p.payload_mass)
+        )  # the quotient is taken once for all steps
 
     def pace(self, p: Any) -> Any:
         """Its natural frequency, and the rate of its damping [1/s]."""
