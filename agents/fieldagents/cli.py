@@ -344,7 +344,8 @@ def exam(
     kind: Annotated[
         list[str] | None,
         typer.Option(
-            help="`nothing`, `single`, `pair`, `triple`, `unlisted` or `growing`; repeatable (default: all)."
+            help="`nothing`, `single`, `pair`, `triple`, `unlisted`, `growing` or `log`; repeatable "
+            "(default: all)."
         ),
     ] = None,
     cases: Annotated[

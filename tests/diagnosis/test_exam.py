@@ -16,6 +16,7 @@ from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, read
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
 from fieldmodels.exam.cases import KINDS, cases_of
+from fieldmodels.exam.logs import STATEMENTS, failures
 from fieldmodels.exam.run import make, run_case, run_cases
 from fieldmodels.exam.scoring import RIGHT, deviations, of_listed, of_nothing, of_unlisted
 from fieldmodels.exam.sizes import added, errors, find_size
@@ -67,10 +68,13 @@ def test_cases_have_keys_of_their_own_and_are_the_same_in_every_run(which: Any):
     cases = cases_of(which, bench_names())
     assert len({case.key for case in cases}) == len(cases)
     assert {case.kind for case in cases} == set(KINDS)
+    assert {case.hidden[0] for case in cases if case.kind == "log"} == set(STATEMENTS)
     assert cases == cases_of(which, bench_names())
     for case in cases:
         assert json.loads(json.dumps(case.to_json())) == case.to_json()
         assert Conditions.from_json(case.to_json()["conditions"]) == case.conditions
+        if case.kind == "log":
+            continue
         assert not set(get_bench(case.machine).needed(case.hidden)) & set(case.conditions.without)
         assert all(not pair <= set(case.hidden) for pair in get_bench(case.machine).alike)
 
@@ -220,7 +224,7 @@ def test_a_result_is_read_with_its_curves_and_values():
     )
     found: Any = SimpleNamespace(
         verdict="ambiguous", causes=[cause], unknown=None, summary=lambda: "words",
-        gain={"position": SimpleNamespace(rmse_before=2.0, rmse_after=1.0)},
+        gain={"position": SimpleNamespace(rmse_before=2.0, rmse_after=1.0, horizons=())},
     )  # fmt: skip
     given = read(get_model("rig"), found, 1.5)
     assert given.named == (("coulomb_friction", CURVE, "hysteresis"),)
@@ -340,6 +344,42 @@ def test_what_takes_too_long_and_what_ends_in_an_error_counts_as_failed(monkeypa
         row = run_case(case)
         assert row["outcome"] == "failed"
         assert words in row["summary"]
+
+
+def test_a_log_that_is_not_there_is_skipped_and_says_where_it_was_looked_for(monkeypatch, tmp_path):
+    monkeypatch.setenv("FIELDGYM_DATA", str(tmp_path))
+    row = run_case(next(case for case in cases_of("report", ["rig"], ["log"])))
+    assert row["outcome"] == "skipped"
+    assert "FIELDGYM_DATA" in row["summary"]
+    assert not table.goals([row])
+
+
+def test_statements_on_logs_say_what_does_not_hold():
+    wrong = replace(answer(("cogging",)), errors={"position": (7e-4, 6e-4)})
+    assert failures(STATEMENTS["emps"], wrong) == [
+        "dry friction is not named", "the offset is not named", "something else is named",
+        "0.5 s ahead it errs by 0.600 mm, not 0.15 mm",
+    ]  # fmt: skip
+    right = replace(
+        answer(("coulomb_friction", "hysteresis"), ("constant_force",)),
+        by_horizon={"position": ((0.2, 1e-4, 1e-4), (0.5, 7e-4, 1.4e-4), (1.0, 2e-3, 1e-3))},
+    )
+    assert failures(STATEMENTS["emps"], right) == []
+    assert failures(STATEMENTS["emps_piece_0"], wrong) == ["cogging is named"]
+    assert failures(STATEMENTS["dfki_energy_shaping"], UNKNOWN) == []
+    assert failures(STATEMENTS["dfki_energy_shaping"], answer()) == ["nothing is missing, it says"]
+
+
+def test_logs_are_read_as_their_publishers_say(public_data):
+    if not (public_data / "emps").is_dir():
+        pytest.skip("no real data: FIELDGYM_DATA holds no emps")
+    (train,), (test,) = STATEMENTS["emps"].records(get_model("rig"))
+    assert train.step == pytest.approx(1e-3, rel=1e-3)
+    assert np.abs(train["force"]).max() == pytest.approx(4.3256619 * 35.15065, rel=1e-6)
+    pieces = STATEMENTS["emps_piece_1"].records(get_model("rig"))
+    assert [len(one[0]) for one in pieces] == [2000, 2000]
+    np.testing.assert_array_equal(pieces[0][0]["position"], train["position"][4000:6000])
+    assert len(test) > 20_000
 
 
 @pytest.mark.parametrize("name", bench_names())

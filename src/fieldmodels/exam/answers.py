@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.result import Diagnosis
@@ -25,6 +25,7 @@ class Answer:
         missing: Whether it says that something is missing beyond what it names.
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, on the second record.
+        by_horizon: The same on windows of several lengths [s]: length, before, after.
         seconds: Processor time of one thread.
         summary: In its own words.
     """
@@ -36,12 +37,15 @@ class Answer:
     errors: Mapping[str, tuple[float, float]]
     seconds: float
     summary: str
+    by_horizon: Mapping[str, tuple[tuple[float, float, float], ...]] = field(default_factory=dict)
 
 
-def ask(model: Model, train: Recording, test: Recording, fixed: Mapping[str, float]) -> Answer:
+def ask(
+    model: Model, train: Sequence[Recording], test: Sequence[Recording], fixed: Mapping[str, float]
+) -> Answer:
     """Diagnose, and read the result."""
     began = time.process_time()  # of one thread: other work on the machine does not count
-    found = diagnose(model, [train], [test], fixed=fixed)
+    found = diagnose(model, train, test, fixed=fixed)
     return read(model, found, time.process_time() - began)
 
 
@@ -62,4 +66,8 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
         errors={output: (gain.rmse_before, gain.rmse_after) for output, gain in found.gain.items()},
         seconds=seconds,
         summary=found.summary(),
+        by_horizon={
+            output: tuple((row.horizon, row.rmse_before, row.rmse_after) for row in gain.horizons)
+            for output, gain in found.gain.items()
+        },
     )

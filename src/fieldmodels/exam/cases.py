@@ -13,10 +13,11 @@ from zlib import crc32
 import numpy as np
 
 from fieldmodels.exam.benches import FIRST, Bench, Conditions, Set, get_bench
+from fieldmodels.exam.logs import STATEMENTS
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 
-Kind = Literal["nothing", "single", "pair", "triple", "unlisted", "growing"]
+Kind = Literal["nothing", "single", "pair", "triple", "unlisted", "growing", "log"]
 PERCENTS = (13.0, 36.0)
 """Between which percentages each case draws what a fault adds."""
 LENGTHS = (10.0, 20.0, 40.0, 80.0)
@@ -33,7 +34,7 @@ class Case:
         set: ``develop`` or ``report``.
         machine: Name of the model.
         kind: What sort of case it is.
-        hidden: Listed effects, or the fault that is not listed.
+        hidden: Listed effects, or the fault that is not listed; the name of a real log.
         seed: Of the machine, its excitation, the noise and what the case draws.
         conditions: Of the records.
     """
@@ -169,6 +170,13 @@ def _growing(bench: Bench, which: Set) -> Iterator[Case]:
             yield Case(which, bench.name, "growing", (str(name),), FIRST[which] + 5_000 + number, conditions)
 
 
+def _logs(bench: Bench, which: Set) -> Iterator[Case]:
+    """Statements on real logs; the same in both sets, as there is nothing to draw."""
+    for number, (name, statement) in enumerate(STATEMENTS.items()):
+        if statement.machine == bench.name:
+            yield Case(which, bench.name, "log", (name,), FIRST[which] + 6_000 + number, Conditions())
+
+
 KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
     "nothing": _nothing,
     "single": _singles,
@@ -176,4 +184,5 @@ KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
     "triple": _triples,
     "unlisted": _unlisted,
     "growing": _growing,
+    "log": _logs,
 }

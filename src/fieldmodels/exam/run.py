@@ -23,8 +23,10 @@ from fieldmodels.exam import scoring
 from fieldmodels.exam.answers import Answer, ask
 from fieldmodels.exam.benches import Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
+from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
 from fieldmodels.exam.sizes import errors, find_size, records
 from fieldmodels.files import write_text
+from fieldmodels.model import Model
 
 Row = dict[str, Any]
 Progress = Callable[[str, float], None]
@@ -96,28 +98,57 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
     """
     bench = get_bench(case.machine)
     row: Row = case.to_json() | {"key": case.key}
+    if case.kind == "log":
+        return row | _of_log(bench.model, case)
     row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
     if None in row["sizes"]:
         return row | {"outcome": "out of reach", "seconds": 0.0, "summary": _out_of_reach(case, row)}
     hidden = _hidden(case, row["sizes"])
     known = bool(bench.needs_base & set(case.hidden))
-    base = bench.base(case.seed)
-    fixed = bench.scaled(base, "", case.conditions) if known else {}
+    fixed = bench.scaled(bench.base(case.seed), "", case.conditions) if known else {}
     train, test = (
         bench.recording(log, case.conditions, case.seed)
         for log in records(bench, hidden, case.conditions, case.seed)
     )
+    answer = _answered(case, bench.model, ([train], [test]), fixed)
+    if isinstance(answer, dict):
+        return row | answer
+    return row | judged(bench, case, hidden, row["attainable"], answer)
+
+
+def _answered(case: Case, model: Model, pair: Pair, fixed: Mapping[str, float]) -> Answer | Row:
+    """An answer; or why there is none: a fault of the diagnosis is a case that it did not get right."""
     try:
         with _limited(LIMIT):
-            answer = ask(bench.model, train, test, fixed)
-    except Exception as error:  # a fault of the diagnosis counts as a case that it did not get right
-        what = f"{case.key}: {type(error).__name__}: {error}"
-        return row | {
-            "outcome": "failed",
-            "seconds": LIMIT if isinstance(error, TooLongError) else 0.0,
-            "summary": what,
-        }
-    return row | judged(bench, case, hidden, row["attainable"], answer)
+            return ask(model, *pair, fixed)
+    except Exception as error:
+        seconds = LIMIT if isinstance(error, TooLongError) else 0.0
+        return {
+            "outcome": "failed", "verdict": "failed", "named": [], "deviations": {}, "regained": None,
+            "seconds": seconds, "summary": f"{case.key}: {type(error).__name__}: {error}",
+        }  # fmt: skip
+
+
+def _of_log(model: Model, case: Case) -> Row:
+    """What becomes of a statement on a real log."""
+    statement = STATEMENTS[case.hidden[0]]
+    row: Row = {"sizes": [], "percents": [], "attainable": None, "deviations": {}, "regained": None}
+    try:
+        pair = statement.records(model)
+    except NoDataError as error:
+        return row | {"outcome": "skipped", "named": [], "seconds": 0.0, "summary": str(error)}
+    answer = _answered(case, model, pair, {})
+    if isinstance(answer, dict):
+        return row | answer
+    missed = failures(statement, answer)
+    return row | {
+        "outcome": "not held" if missed else "held",
+        "verdict": answer.verdict,
+        "named": [list(cause) for cause in answer.named],
+        "missed": missed,
+        "seconds": round(answer.seconds, 3),
+        "summary": answer.summary,
+    }
 
 
 def make(bench: Bench, case: Case) -> Row:

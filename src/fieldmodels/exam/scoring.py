@@ -12,7 +12,7 @@ from fieldmodels.exam.answers import CURVE, Answer
 Outcome = Literal[
     "right alone", "in a set", "in a large set", "in part", "with a false one", "wrong", "abstained",
     "silent", "consistent", "doubted", "false name", "misnamed", "near name", "curve",
-    "out of reach", "failed",
+    "out of reach", "failed", "held", "not held", "skipped",
 ]  # fmt: skip
 RIGHT: tuple[Outcome, ...] = ("right alone", "in a set")
 """Outcomes that count as right where something listed is hidden."""

@@ -162,6 +162,9 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "hidden": _by_hidden(rows),
         "confusions": _confusions(rows),
         "out_of_reach": sorted({r["summary"] for r in rows if r["outcome"] == "out of reach"}),
+        "not_held": [
+            f"{row['hidden'][0]}: {'; '.join(row['missed'])}" for row in rows if row["outcome"] == "not held"
+        ],
         "skipped": sorted({r["summary"] for r in rows if r["outcome"] == "skipped"}),
         "failed": sorted(r["summary"] for r in rows if r["outcome"] == "failed"),
     }
@@ -178,7 +181,7 @@ def _by_hidden(rows: Iterable[Row]) -> list[dict[str, Any]]:
     """Outcomes of singles and of faults that are not listed, one by one."""
     result: dict[tuple[str, str, str], Counter[str]] = {}
     for row in rows:
-        if row["kind"] in ("single", "unlisted"):
+        if row["kind"] in ("single", "unlisted", "log"):
             result.setdefault((row["kind"], row["machine"], row["hidden"][0]), Counter())[row["outcome"]] += 1
     return [
         {"kind": kind, "machine": machine, "hidden": hidden, "outcomes": dict(counts)}
@@ -266,6 +269,7 @@ def _notes(found: Mapping[str, Any]) -> list[str]:
     notes = [f"{found['cases']} cases of the set {found['set']}."]
     notes += [f"Out of reach: {one}." for one in found["out_of_reach"]]
     notes += [f"Skipped: {one}." for one in found["skipped"]]
+    notes += [f"Not held on {one}." for one in found["not_held"]]
     return notes + [f"Ended in an error: {one}." for one in found["failed"]]
 
 
