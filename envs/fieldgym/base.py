@@ -120,6 +120,10 @@ class BatchTask(ABC):
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """Give some rows other true parameters, shape (len(rows), n), before their next episode."""
 
+    def resume(self, rows: list[int], vectors: Floats) -> None:
+        """Put in force what time had made of the parameters of some rows, shape (len(rows), n)."""
+        self.set_reality(rows, vectors)
+
     def set_settings(self, row: int, settings: Any) -> None:
         """Give one row other settings before its next episode; only those that may be drawn differ."""
         raise NotImplementedError
@@ -200,7 +204,7 @@ class BatchTask(ABC):
         if self.stock is not None:
             self.stock.set_state(state)
             if self.stock.moves:
-                self.set_reality(rows, self.stock.current)
+                self.resume(rows, self.stock.current)
         self.set_state({key: state[key] for key in self.state()})
 
     @abstractmethod

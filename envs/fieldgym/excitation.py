@@ -20,6 +20,7 @@ from pydantic.dataclasses import dataclass
 from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
+from fieldgym.stock import read_truth
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
 from fieldmodels.machines.excitation.parameters import (
@@ -35,9 +36,15 @@ from fieldmodels.machines.excitation.parameters import (
     UNKNOWNS,
     Rules,
 )
-from fieldmodels.machines.excitation.shaker import Shaken, Shakers, average_percent, normalised_percent
-from fieldmodels.model import ModelError
-from fieldmodels.reality import read_reality
+from fieldmodels.machines.excitation.shaker import (
+    CHANNELS,
+    FINEST,
+    Shaken,
+    Shakers,
+    average_percent,
+    normalised_percent,
+)
+from fieldmodels.model import Model, ModelError
 from fieldmodels.settings import Setting
 
 if TYPE_CHECKING:
@@ -76,12 +83,18 @@ class _ExcitationTask(BatchTask):
     """The task on a batch of vehicles."""
 
     settings: ExcitationSettings
+    channels = CHANNELS
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, ExcitationSettings)
         model = model_of(self.settings)
-        self.reality = read_reality(reality, model)
-        self.drawn = Drawn(batch, model, self.reality, self.settings, samplers, model_of)
+        truth = read_truth(reality, model, self.channels, batch, FINEST)
+        self.reality, self.stock = truth.reality, truth.stock
+
+        def around(own: ExcitationSettings) -> Model:
+            return truth.around(model_of(own))
+
+        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers, around)
         others = {one.preset for one in self.drawn.extremes()} - {DIAGNOSED}
         if isinstance(reality, str | Path) and self.reality.base and others:
             raise ModelError(
@@ -91,8 +104,9 @@ class _ExcitationTask(BatchTask):
         self.shakers = Shakers(
             batch,
             self.settings,
-            self.reality.typical(model),
-            possible=self.reality.extremes(model),
+            truth.typical,
+            possible=truth.extremes,
+            stock=truth.stock,
         )
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self.below_since = np.full(batch, -1, dtype=np.int64)
@@ -112,6 +126,9 @@ class _ExcitationTask(BatchTask):
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.set_reality``."""
         self.shakers.set_reality(rows, vectors)
+
+    def resume(self, rows: list[int], vectors: Floats) -> None:
+        """See ``BatchTask.resume``; a snapshot holds the vehicles as they have become."""
 
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""

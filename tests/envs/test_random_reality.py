@@ -73,6 +73,14 @@ STOCK = {
         "strike_angle_bias": {"bias": {"uniform": [0.0, 0.02]}},
         "length_drift": {"rate": {"uniform": [-0.01, 0.01]}},
     },
+    "fieldgym/Excitation-v0": {
+        "arm_angle_gain": {"gain": {"uniform": [0.8, 1.2]}},
+        "arm_angle_lag": {"time_constant": {"choice": [0.0, 0.03]}},
+        "arm_angle_delay": {"delay": {"choice": [0.0, 0.011]}},
+        "pitch_bend": {"curvature": {"uniform": [0.0, 2.0]}},
+        "force_x_lag": {"time_constant": {"uniform": [0.0, 0.02]}},
+        "stiffness_z_drift": {"rate": {"uniform": [-20.0, 20.0]}},
+    },
 }
 """The same of stock effects around a task, with all that they remember."""
 IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))

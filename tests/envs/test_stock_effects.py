@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 import fieldgym
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.recording import record_experiment
+from fieldmodels.machines.excitation.shaker import CHANNELS as SHAKER_CHANNELS
+from fieldmodels.machines.excitation.shaker import FINEST, Shakers
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Noise as GaitNoise
 from fieldmodels.machines.heel_strike.recording import record_walk as record_gyro
@@ -159,14 +163,16 @@ def test_a_parameter_that_jumps_between_windows_is_predicted():
         (LINE, {"offset_gain": {"gain": 1.1}}, "the commands steering; the sensors line"),
         (LINE, {"curvature_lag": {"time_constant": 1.0}}, "a robot steers"),
         ("fieldgym/LineFollowingPixels-v0", {"line_gain": {"gain": 1.1}}, "it observes images"),
-        (UAV, {"to_north_lag": {"time_constant": 1.0}}, "at moments only"),
+        (UAV, {"to_north_lag": {"time_constant": 1.0}}, "only what takes no time"),
         (UAV, {"bank_gain": {"gain": 1.1}}, "the sensors north, east"),
         (
             "fieldgym/HeelStrike-v0",
             {"strike_gain": {"gain": 1.1}},
             "estimator's gains.*sensors gyro, strike_angle",
         ),
-        ("fieldgym/HeelStrike-v0", {"strike_angle_lag": {"time_constant": 0.1}}, "at moments only"),
+        ("fieldgym/HeelStrike-v0", {"strike_angle_lag": {"time_constant": 0.1}}, "only what takes no time"),
+        ("fieldgym/Excitation-v0", {"pitch_lag": {"time_constant": 0.1}}, "only what takes no time"),
+        ("fieldgym/Excitation-v0", {"arm_axis_gain": {"gain": 1.1}}, "the commands arm_angle"),
         (LINE, {"steering_gian": {"gain": 1.1}}, "did you mean 'steering_gain'"),
         (LINE, {"steering_lag": {"time_constant": -1.0}}, "outside"),
     ],
@@ -462,3 +468,125 @@ def test_the_model_with_the_same_effects_predicts_a_recorded_gait(name):
 
     assert (rms(model.simulate(truth.vector(model)[None], windows)) < errors).all()
     assert rms(plain.simulate(plain.nominal[None], windows)).max() > 0.01
+
+
+SHAKE = "fieldgym/Excitation-v0"
+SHAKEN = np.random.default_rng(2).uniform(-0.8, 0.3, (5, 3))
+
+
+@pytest.mark.parametrize(
+    ("stock", "own"),
+    [
+        (
+            {f"{what}_{axis}_gain": {"gain": 1.1} for what in ("force", "torque") for axis in "xyz"},
+            {"force_torque_gain": {"gain": 1.1}},
+        ),
+        (
+            {f"acceleration_{axis}_gain": {"gain": 1.1} for axis in "xyz"},
+            {"accelerometer_gain": {"gain": 1.1}},
+        ),
+        (
+            {
+                "pitch_bias": {"bias": 0.02},
+                "roll_curve": {"low": -1, "high": 1, "value_1": -0.01, "value_2": -0.01},
+            },
+            {"inclinometer_bias": {"pitch": 0.02, "roll": -0.01}},
+        ),
+        (
+            {"stiffness_z_step": {"time": 0.0, "change": 300.0}, "damping_x_drift": {"rate": 0.0}},
+            {"parameters": {"stiffness_z": 1800.0}},
+        ),
+    ],
+    ids=["forces", "accelerometer", "inclinometer", "stiffness"],
+)
+def test_a_stock_effect_that_is_one_of_the_vehicles_own_does_the_same(stock, own):
+    settings = {"preset": "soft", "noise_fraction": 0.02}
+    seen, infos = play(SHAKE, SHAKEN, stock, **settings)
+    same, others = play(SHAKE, SHAKEN, own, **settings)
+    nominal = play(SHAKE, SHAKEN, **settings)[0]
+    np.testing.assert_allclose(seen, same, atol=1e-4)
+    np.testing.assert_allclose(
+        [i["privileged"]["truth"] for i in infos], [i["privileged"]["truth"] for i in others]
+    )
+    assert np.abs(seen - nominal).max() > 1e-2
+
+
+def test_a_stiffness_that_jumps_between_decisions_is_the_truth_from_then_on():
+    reality = {"stiffness_z_step": {"time": 0.8, "change": 300.0}}
+    infos = play(SHAKE, SHAKEN, reality, preset="soft")[1]
+    place = ExcitationModel().index("stiffness_z")
+    truth = [i["privileged"]["truth"][place] for i in infos]
+    assert truth == [1500.0] * 3 + [1800.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("reality", "oracle"),
+    [
+        ({"arm_angle_gain": {"gain": 0.8}, "arm_angle_bias": {"bias": 0.1}}, lambda t, f: 0.8 * f + 0.1),
+        ({"arm_angle_delay": {"delay": 0.03}}, lambda t, f: np.interp(t - 0.03, t, f)),
+        ({"arm_angle_lag": {"time_constant": 0.05}}, lambda t, f: slowed(t, f, 0.05)),
+    ],
+    ids=["gain and bias", "delay", "lag"],
+)
+def test_an_arm_moves_as_its_drive_gives(reality, oracle):
+    """Its angle is what NumPy makes of the commanded one, and its derivatives are that angle's."""
+    actions = np.tile([[0.3, 0.2, 0.6], [-0.5, 0.4, 0.4]], (3, 1))
+    commanded, moved = (arm_of(r, actions) for r in (None, reality))
+    time = 0.005 * np.arange(len(commanded))
+    expected = oracle(time, commanded[:, 0])
+    assert np.abs(expected - commanded[:, 0]).max() > 0.05
+    np.testing.assert_allclose(moved[:, 0], expected, atol=4e-3)  # a command holds for 1.25 ms
+    for k, rough in ((1, 0.02), (2, 0.2)):
+        slope = np.gradient(moved[:, k - 1], time)
+        inner = slice(20, -2)  # an arm that is late begins with a jolt
+        np.testing.assert_allclose(moved[inner, k], slope[inner], atol=rough * np.abs(slope).max())
+
+
+def slowed(time, angle, time_constant):
+    """A lag behind an angle, by small steps."""
+    fine = np.linspace(time[0], time[-1], 40 * (len(time) - 1) + 1)
+    out, value = [], angle[0]
+    for u in np.interp(fine, time, angle):
+        out.append(value)
+        value += (u - value) * (fine[1] - fine[0]) / time_constant
+    return np.interp(time, fine, out)
+
+
+def arm_of(reality, actions):
+    """f, f', f'' at the samples of an episode's decisions."""
+    model, truth = flown(ExcitationModel(), reality, SHAKER_CHANNELS)
+    own = truth.vector(model)[: len(ExcitationModel().names)]
+    shakers = Shakers(1, vehicle=own, stock=stepped(model, truth, SHAKER_CHANNELS, 1, FINEST))
+    shakers.restart([0], [np.random.default_rng(1)])
+    parts = []
+    for action in actions:
+        low, high = shakers.ranges
+        shaken = shakers.advance(low + (high - low) * (action + 1.0) / 2.0, traces=True)
+        parts.append(shaken.motion[0] if not parts else shaken.motion[0, 1:])
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize(
+    ("reality", "share"),
+    [
+        ({"arm_angle_gain": {"gain": 0.8}, "arm_angle_lag": {"time_constant": 0.05}}, 0.1),
+        ({"force_x_bend": {"curvature": 0.05}, "pitch_bend": {"curvature": 5.0}}, 0.01),
+        ({"arm_angle_curve": {"low": -4.0, "high": 4.0, "value_1": 0.6, "value_2": -0.6}}, 0.01),
+    ],
+    ids=["gain and lag", "bend", "curve"],
+)
+def test_the_model_with_the_same_effects_predicts_a_recorded_experiment(reality, share):
+    """The recorder works on a grid eight times finer."""
+    plain = ExcitationModel()
+    recording = record_experiment(np.random.default_rng(1), reality, duration=4.0, noise=False)
+    model, truth = flown(plain, reality)
+    windows = plain.windows(recording, plain.horizons[2])
+    measured = windows.measured(tuple(s.name for s in plain.outputs))
+
+    def rms(simulated):
+        return np.sqrt(np.nanmean((simulated[0] - measured) ** 2, axis=(0, 1)))
+
+    error = rms(model.simulate(truth.vector(model)[None], windows))
+    nominal = rms(plain.simulate(plain.nominal[None], windows))
+    missed = nominal > 0.02 * nominal.max()
+    assert (error[missed] < share * nominal[missed] + 1e-6).all()

@@ -286,10 +286,10 @@ def test_each_row_remembers_its_own_and_comes_back_from_a_snapshot():
 
 
 def test_what_cannot_act_is_said():
-    legs = Channels(("left",), ("first",), "the other one is a mirror", moments=("left",))
+    legs = Channels(("left",), ("first",), "the other one is a mirror", prompt=("left",))
     with pytest.raises(ModelError, match=r"mirror. There are the commands left; the sensors first"):
         flown(Plain(), {"right_gain": {"gain": 1.1}}, legs)
-    with pytest.raises(ModelError, match="at moments only"):
+    with pytest.raises(ModelError, match="takes no time"):
         flown(Plain(), {"left_lag": {"time_constant": 1.1}}, legs)
     with pytest.raises(ModelError, match="did you mean 'left_gain'"):
         flown(Plain(), {"left_gian": {"gain": 1.1}})
@@ -298,7 +298,7 @@ def test_what_cannot_act_is_said():
 
 
 def test_where_legs_are_taken_a_jump_acts_from_the_next_leg_on():
-    legs = Channels(("left",), ("first",), moments=("left", "first"))
+    legs = Channels(("left",), ("first",), prompt=("left", "first"))
     reality = {
         "left_parameter_step": {"time": 3.0, "factor": 0.5},
         "scale_step": {"time": 3.0, "change": 0.5},

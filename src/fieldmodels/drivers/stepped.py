@@ -44,14 +44,14 @@ class Channels:
         commands: Inputs that it commands, in the order of the columns that it hands over.
         observed: Outputs that it measures, likewise.
         without: Why it commands nothing, or why an input of the model is no command.
-        moments: Those of them that come at moments (a leg's waypoint, a heel strike), not from sample to
-            sample: what takes time cannot act on them.
+        prompt: Those of them on which only what takes no time can act, since they do not come sample by
+            sample (a leg's waypoint, a heel strike), or their integrals and derivatives come with them.
     """
 
     commands: tuple[str, ...] = ()
     observed: tuple[str, ...] = ()
     without: str = ""
-    moments: tuple[str, ...] = ()
+    prompt: tuple[str, ...] = ()
 
     def check(self, name: str, stock: Sequence[Stock]) -> None:
         """Make sure that stock effects can act here.
@@ -61,8 +61,8 @@ class Channels:
             stock: What is around its model.
 
         Raises:
-            ModelError: If one acts on a signal that the task does not have, or takes time where there are
-                moments only.
+            ModelError: If one acts on a signal that the task does not have, or takes time on one
+                where nothing can that does.
         """
         for e in stock:
             place = place_of(e)
@@ -70,10 +70,9 @@ class Channels:
             if known is not None and e.signal not in known:
                 why = f"; {self.without}" if self.without else ""
                 raise ModelError(f"{name}: {e.name!r} cannot act here{why}. There are {self}")
-            if e.signal in self.moments and e.kind in TAKES_TIME.get(place, ()):
+            if e.signal in self.prompt and e.kind in TAKES_TIME.get(place, ()):
                 raise ModelError(
-                    f"{name}: {e.name!r} acts from sample to sample, and {e.signal} comes at moments only; "
-                    "what takes no time can act on it"
+                    f"{name}: {e.name!r} takes time; on {e.signal} only what takes no time can act here"
                 )
 
     def __str__(self) -> str:
@@ -276,6 +275,23 @@ def show(s: Signals, b: int, k: int, value: float, time: float, step: float) -> 
     return sensors.measured(late, time, 0.0, r)
 
 
+@inlined
+def slope_shown(s: Signals, b: int, k: int, value: float) -> float:
+    """How what a sensor without delay shows grows with the true value; quantisation apart."""
+    if not s.on[b, k]:
+        return 1.0
+    r = sensors.unpack(s.rows[b, k])
+    steep = 1.0
+    if s.lengths[k] > 0:
+        curve = s.curves[b, k, : s.lengths[k]]
+        near = 1e-6 * (curve[1] - curve[0])
+        steep += (on_curve(value + near, curve) - on_curve(value - near, curve)) / (2.0 * near)
+        value += on_curve(value, curve)
+    if abs(sensors.measured(value, 0.0, 0.0, r)) >= r.clipping_limit:
+        return 0.0
+    return float(steep * sensors.slope(value, r))
+
+
 @compiled
 def give_all(s: Signals, commands: FloatArray, times: FloatArray, step: float, out: FloatArray) -> None:
     """What every row's actuators give for its commands, shape (batch, commands)."""
@@ -319,7 +335,7 @@ class Stepped:
         model: The model with the stock effects around it.
         channels: Which of its signals the task commands and measures.
         own: How many numbers of a parameter vector are the model's own.
-        step: Sampling interval [s]; 0 where the task only knows moments.
+        step: Sampling interval [s]; 0 where nothing takes time.
         clock: Time since each row's episode began [s], shape (batch,).
         current: The model's own vectors as they are by now, shape (batch, own).
         actuators: Those of the commands.
@@ -337,7 +353,7 @@ class Stepped:
             channels: Which of its signals the task commands and measures.
             vectors: Parameter vectors, shape (batch, n).
             longest: Vectors as extreme as ``set_parameters`` will give, shape (k, n).
-            step: Sampling interval [s]; 0 where a task only knows moments.
+            step: Sampling interval [s]; 0 where nothing takes time.
         """
         self.model, self.channels = model, channels
         self.step = float(step)
@@ -381,6 +397,10 @@ class Stepped:
         fill(self.actuators, self.model, "actuator", self._commands, rows, vectors)
         fill(self.sensors, self.model, "sensor", self._observed, rows, vectors)
 
+    def unchanged(self, rows: Rows) -> FloatArray:
+        """The own vectors of some rows before time acts on them, shape (len(rows), own)."""
+        return self._vectors[rows][:, : self.own]
+
     def begin(self, rows: Rows) -> None:
         """Let the episodes of some rows begin: nothing has happened yet."""
         self._ticks[rows] = 0
@@ -399,7 +419,7 @@ class Stepped:
         give_all(self.actuators, np.ascontiguousarray(commands), self.clock, self.step, out)
         return out
 
-    def shown(self, values: FloatArray, rows: IntArray | None = None) -> FloatArray:
+    def shown(self, values: FloatArray, rows: Rows | None = None) -> FloatArray:
         """What the sensors show of true values, a sample after the last one.
 
         Args:

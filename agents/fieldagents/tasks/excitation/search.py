@@ -22,6 +22,7 @@ from fieldagents.tasks.excitation.agents import to_command
 from fieldagents.tasks.excitation.criteria import forecast, relative_error
 from fieldagents.tasks.heel_strike.search import TuningError
 from fieldgym.excitation import ExcitationSettings
+from fieldmodels.drivers.around import flown, stepped
 from fieldmodels.files import write_text
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import CONSTANT
@@ -39,8 +40,7 @@ from fieldmodels.machines.excitation.parameters import (
 from fieldmodels.machines.excitation.prediction import Predictor, Situation
 from fieldmodels.machines.excitation.regression import FEATURES
 from fieldmodels.machines.excitation.sensors import FULL, full_scale, variances
-from fieldmodels.machines.excitation.shaker import Shakers, average_percent
-from fieldmodels.reality import read_reality
+from fieldmodels.machines.excitation.shaker import CHANNELS, FINEST, Shakers, average_percent
 
 Floats = NDArray[np.float64]
 
@@ -142,10 +142,12 @@ def ending_errors(
     """
     model, limits = ExcitationModel(settings.preset), LIMITS[settings.limits]
     batch = len(schedules) * len(seeds)
+    around, truth = flown(model, reality, CHANNELS)
     shakers = Shakers(
         batch,
         settings,
-        read_reality(reality, model).vector(model),
+        truth.vector(around)[: len(model.names)],
+        stock=stepped(around, truth, CHANNELS, batch, FINEST),
     )
     shakers.restart(range(batch), [np_random(seed)[0] for _ in schedules for seed in seeds])
     commands = np.repeat(to_command(repeated(schedules, settings.decisions), limits), len(seeds), axis=0)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
+from fieldmodels.drivers.stepped import Signals, give
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
 from fieldmodels.machines.excitation.motion import (
     CONSTANT,
@@ -28,7 +29,7 @@ from fieldmodels.machines.excitation.regression import (
     add_feature_noise,
     fill_features,
 )
-from fieldmodels.machines.excitation.sensor_effects import measure_with_effects
+from fieldmodels.machines.excitation.sensor_effects import compensate, measure_raw, show_raw
 from fieldmodels.machines.excitation.sensors import corrupt, first_draw
 
 BASE = 12
@@ -65,9 +66,54 @@ class Experiments(NamedTuple):
     history: FloatArray
 
 
+class Around(NamedTuple):
+    """Stock effects around a batch of experiments.
+
+    Attributes:
+        arm: Of the arm's commanded angle.
+        sensors: Of the outputs of all modes.
+        given: The latest f, f', f'' that they make of the command, shape (batch, 3).
+        senses: Whether any is around a sensor.
+    """
+
+    arm: Signals
+    sensors: Signals
+    given: FloatArray
+    senses: bool
+
+
+@inlined
+def give_path(around: Around, b: int, time: float, path: FloatArray) -> None:
+    """Let stock effects act on the angle that is commanded along a decision, in place.
+
+    Its derivatives are taken by differences, to second order; where the decision began they go on.
+    """
+    arm, h, last = around.arm, SAMPLE / SUBSTEPS, len(path) - 1
+    begins = arm.counts[b, 0] == 0
+    path[0, 0] = give(arm, b, 0, path[0, 0], time, h) if begins else around.given[b, 0]
+    for i in range(1, last + 1):
+        path[i, 0] = give(arm, b, 0, path[i, 0], time + i * h, h)
+    for i in range(1, last):
+        path[i, 1] = (path[i + 1, 0] - path[i - 1, 0]) / (2.0 * h)
+        path[i, 2] = (path[i + 1, 0] - 2.0 * path[i, 0] + path[i - 1, 0]) / (h * h)
+    for end, step in ((0, 1), (last, -1)):
+        f0, f1, f2, f3 = path[end, 0], path[end + step, 0], path[end + 2 * step, 0], path[end + 3 * step, 0]
+        path[end, 1] = step * (-3.0 * f0 + 4.0 * f1 - f2) / (2.0 * h)
+        path[end, 2] = (2.0 * f0 - 5.0 * f1 + 4.0 * f2 - f3) / (h * h)
+    if not begins:
+        path[0] = around.given[b]
+    around.given[b] = path[last]
+
+
 @inlined
 def move_arm(
-    e: Experiments, b: int, wanted: FloatArray, acceleration: float, path: FloatArray, late: FloatArray
+    e: Experiments,
+    b: int,
+    around: Around | None,
+    wanted: FloatArray,
+    acceleration: float,
+    path: FloatArray,
+    late: FloatArray,
 ) -> bool:
     """Move experiment ``b``'s arm towards a command: commanded along ``path``, lagging along ``late``.
 
@@ -79,6 +125,9 @@ def move_arm(
     fill_motion(e.command[b], e.phase[b], following, path)
     e.phase[b] = phase_after(e.phase[b], e.command[b], following)
     e.command[b] = following
+    if around is not None:  # noqa: SIM102 - compiled: without any, the rest is left out
+        if around.arm.on[b, 0]:
+            give_path(around, b, e.counts[b] * SAMPLE, path)
     lag = e.vehicles[b].actuator_lag.time_constant
     if lag > 0.0:
         late[0] = e.arm_motion[b]
@@ -141,6 +190,7 @@ def shake(
     e: Experiments,
     rules: NDArray[Any],
     arm: FloatArray,
+    around: Around | None,
     wanted: FloatArray,
     features: FloatArray,
     noise: FloatArray,
@@ -153,6 +203,7 @@ def shake(
         e: The experiments.
         rules: What is shaken and sensed in each, see ``shaker.kernel_rules``, shape (batch,).
         arm: ``Arm.row()``, shape (5,).
+        around: Stock effects around them, or None.
         wanted: Commands that the agents want, shape (batch, 3).
         features: Receives the features, shape (batch, 3, 80, 30).
         noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
@@ -162,7 +213,7 @@ def shake(
     path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
     signals = np.empty((MODES, SAMPLES, SIGNALS))
     for b in range(len(wanted)):
-        moved = late if move_arm(e, b, wanted[b], rules[b].acceleration, path, late) else path
+        moved = late if move_arm(e, b, around, wanted[b], rules[b].acceleration, path, late) else path
         time = e.counts[b] * SAMPLE
         for mode in range(MODES):
             advance_mode(
@@ -173,8 +224,14 @@ def shake(
             motion[b] = moved[::SUBSTEPS]
             bodies[b, :, :, 0:3] = signals[:, :, POSITION : POSITION + 3]
             bodies[b, :, :, 3:6] = signals[:, :, ANGLE : ANGLE + 3]
-        if e.sensing[b]:
+        erring = e.sensing[b]
+        if around is not None:
+            erring = erring or around.senses
+        if erring:
             for mode in range(MODES):
-                measure_with_effects(e.vehicles[b], arm[GRAVITY], e.history[b, mode], signals[mode])
+                measure_raw(e.vehicles[b], arm[GRAVITY], e.history[b, mode], signals[mode])
+                if around is not None:
+                    show_raw(around.sensors, b, mode, time, signals[mode])
+                compensate(arm[GRAVITY], signals[mode])
         sense(e, b, rules[b], arm[GRAVITY], signals, features[b], noise[b])
         e.counts[b] += SAMPLES

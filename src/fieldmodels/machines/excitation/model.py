@@ -12,7 +12,8 @@ from scipy.interpolate import make_interp_spline
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.excitation.declaration import EFFECTS, as_vehicles
 from fieldmodels.machines.excitation.parameters import DAMPING, VEHICLE, Arm, preset
-from fieldmodels.machines.excitation.simulation import OUTPUTS, Runs, simulate_runs
+from fieldmodels.machines.excitation.sensor_effects import OUTPUTS
+from fieldmodels.machines.excitation.simulation import Runs, simulate_runs
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording, RecordingError, Windows, uniform_windows
 

@@ -11,6 +11,8 @@ from typing import Any
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
+from fieldmodels.drivers.stepped import Signals, show, slope_shown
+from fieldmodels.effects.sensors import unpack
 from fieldmodels.machines.excitation.parameters import SAMPLE
 from fieldmodels.machines.excitation.regression import (
     ACCELERATION,
@@ -20,10 +22,15 @@ from fieldmodels.machines.excitation.regression import (
     RATE,
     SIGNALS,
     TURNING,
+    VELOCITY,
     gravity_change,
 )
 from fieldmodels.machines.excitation.vectors import Vector
 
+OUTPUTS = 11
+"""Accelerometer x, y, z; pitch, roll; force x, y, z; torque x, y, z."""
+TILT, FORCES = 3, 5
+"""Where these begin among the outputs."""
 TURNS = 9
 """Signals that come from the inclinometer: dtheta, w, w'."""
 HISTORY = 41
@@ -101,14 +108,14 @@ def delay_inclinometer(signals: FloatArray, before: FloatArray, q: Any) -> None:
 
 
 @inlined
-def measure_with_effects(q: Any, gravity: float, history: FloatArray, signals: FloatArray) -> None:
-    """Turn a decision's true signals into those of sensors with effects, before noise, in place.
+def measure_raw(q: Any, gravity: float, history: FloatArray, signals: FloatArray) -> None:
+    """Turn a decision's true signals into what sensors with effects measure, in place.
 
     Args:
         q: The vehicle and its effects, dtype ``ROW``.
         gravity: Acceleration of free fall [m/s2].
         history: Latest true dtheta, w, w' before the decision, shape (41, 9); receives those at its end.
-        signals: Shape (samples, 24), at least 41 samples.
+        signals: Shape (samples, 24), at least 41 samples; dr'' becomes the specific force.
     """
     before = history.copy()
     history[:, :] = signals[len(signals) - HISTORY :, ANGLE : ANGLE + TURNS]
@@ -121,12 +128,61 @@ def measure_with_effects(q: Any, gravity: float, history: FloatArray, signals: F
         s = signals[n]
         s[ANGLE] += q.inclinometer_bias.pitch
         s[ANGLE + 1] += q.inclinometer_bias.roll
-        # The robot takes gravity's share out of the specific force, by the tilt that it measures.
-        gx, gy, gz = gravity_change(s[ANGLE], s[ANGLE + 1], s[ANGLE + 2], gravity)
-        s[ACCELERATION] += gx
-        s[ACCELERATION + 1] += gy
-        s[ACCELERATION + 2] += gz
         for k in range(POSITION, ACCELERATION):
             s[k] *= q.accelerometer_gain.gain
         for k in range(FORCE, SIGNALS):
             s[k] *= q.force_torque_gain.gain
+
+
+@inlined
+def show_raw(sensors: Signals, b: int, mode: int, time: float, signals: FloatArray) -> None:
+    """Let stock effects act on what the sensors measure of a decision, in place.
+
+    An accelerometer's gain reaches its integrals dr', dr too, as a gain of the machine's own does; an
+    inclinometer's derivatives w, w' are taken by its slope.
+
+    Args:
+        sensors: Stock effects of the outputs of all modes.
+        b: The experiment.
+        mode: The mode.
+        time: When the decision began [s].
+        signals: Shape (samples, 24).
+    """
+    first = mode * OUTPUTS
+    for n in range(len(signals)):
+        s, now = signals[n], time + (n + 1) * SAMPLE
+        for axis in range(3):
+            k = first + axis
+            s[ACCELERATION + axis] = show(sensors, b, k, s[ACCELERATION + axis], now, SAMPLE)
+            gain = unpack(sensors.rows[b, k]).gain_gain
+            s[VELOCITY + axis] *= gain
+            s[POSITION + axis] *= gain
+        for axis in range(2):
+            k, true = first + TILT + axis, s[ANGLE + axis]
+            s[ANGLE + axis] = show(sensors, b, k, true, now, SAMPLE)
+            steep = slope_shown(sensors, b, k, true)
+            s[RATE + axis] *= steep
+            s[TURNING + axis] *= steep
+        for i in range(SIGNALS - FORCE):
+            s[FORCE + i] = show(sensors, b, first + FORCES + i, s[FORCE + i], now, SAMPLE)
+
+
+@inlined
+def compensate(gravity: float, signals: FloatArray) -> None:
+    """Take gravity's share out of the specific force, by the tilt that is measured, in place."""
+    for n in range(len(signals)):
+        s = signals[n]
+        gx, gy, gz = gravity_change(s[ANGLE], s[ANGLE + 1], s[ANGLE + 2], gravity)
+        s[ACCELERATION] += gx
+        s[ACCELERATION + 1] += gy
+        s[ACCELERATION + 2] += gz
+
+
+@inlined
+def measure_with_effects(q: Any, gravity: float, history: FloatArray, signals: FloatArray) -> None:
+    """Turn a decision's true signals into those of sensors with effects, before noise, in place.
+
+    Arguments as of ``measure_raw``.
+    """
+    measure_raw(q, gravity, history, signals)
+    compensate(gravity, signals)

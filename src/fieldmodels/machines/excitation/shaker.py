@@ -5,7 +5,7 @@ What environments and evaluations work with.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.declared import any_on, as_rows
+from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.information import fast
 from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
-from fieldmodels.machines.excitation.dynamics import STATE
-from fieldmodels.machines.excitation.kernel import BASE, Experiments, shake
-from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, FREQUENCY, OFFSET
+from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS
+from fieldmodels.machines.excitation.kernel import BASE, Around, Experiments, shake
+from fieldmodels.machines.excitation.model import ExcitationModel
+from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, DECISION, FREQUENCY, OFFSET
 from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
@@ -33,6 +35,7 @@ from fieldmodels.machines.excitation.parameters import (
     PRIOR_MEAN,
     PRIOR_VARIANCE,
     RUNNING,
+    SAMPLE,
     SAMPLES,
     UNKNOWNS,
     UPPER,
@@ -52,6 +55,16 @@ from fieldmodels.machines.excitation.sensors import (
 )
 from fieldmodels.model import ModelError
 from fieldmodels.settings import kernel_rows
+
+CHANNELS = Channels(
+    commands=("arm_angle",),
+    observed=tuple(s.name for s in ExcitationModel.outputs) * MODES,
+    without="the arm turns about one axis a run",
+    prompt=("acceleration_x", "acceleration_y", "acceleration_z", "pitch", "roll"),
+)
+"""Where stock effects can act on an experiment: the angle that sinusoids command, the sensors of each run."""
+FINEST = SAMPLE / SUBSTEPS
+"""Time between the commanded angles on which stock effects act [s]; sensors sense each ``SAMPLE``."""
 
 VARIANTS: Mapping[str, Variant] = {"full": FULL, "table2": TABLE2}
 
@@ -211,6 +224,7 @@ class Shakers:
         possible: ArrayLike | None = None,
         nominal: ArrayLike | None = None,
         arm: Arm | None = None,
+        stock: Stepped | None = None,
     ) -> None:
         """Make experiments; restart each before the first decision.
 
@@ -223,6 +237,7 @@ class Shakers:
             nominal: The nominal vehicle: fixes the sensors' full scale, and the unknowns that a variant takes
                 for known, shape (22,); None takes the rules' preset.
             arm: The arm (default: the source's).
+            stock: Stock effects around them, by ``CHANNELS``, stepped by ``FINEST``.
 
         Raises:
             ModelError: If a shape is wrong or a number is out of range.
@@ -233,7 +248,8 @@ class Shakers:
         center = _checked(PRESETS[self.rules.preset] if vehicle is None else vehicle)
         self._centers = np.tile(center, (batch, 1))
         self._sensing = any_on(self._centers, VEHICLE, EFFECTS, "sensor")
-        remembering = bool(self._sensing.any())
+        self.stock = stock
+        remembering = bool(self._sensing.any()) or (stock is not None and stock.senses)
         if possible is not None:
             ends = np.asarray(possible, dtype=np.float64)
             remembering = remembering or bool(any_on(ends, VEHICLE, EFFECTS, "sensor").any())
@@ -262,6 +278,12 @@ class Shakers:
         self._maxima = np.zeros((batch, MODES, SIGNALS))
         self._base = np.zeros((batch, MODES, BASE))
         self._arm_motion = np.zeros((batch, 3))
+        self._begun = np.zeros((batch, UNKNOWNS))
+        self._around: Around | None = None
+        if stock is not None:
+            given = np.zeros((batch, 3))
+            stock.kept |= {"given": given, "begun": self._begun}
+            self._around = Around(stock.actuators, stock.sensors, given, stock.senses)
         self._history = np.zeros((batch, MODES, HISTORY if remembering else 0, TURNS))
         self._experiments = Experiments(
             vehicles=as_rows(self._vehicles, ROW),
@@ -343,6 +365,17 @@ class Shakers:
         self._arm_motion[rows, 1] = rate
         self._history[rows] = 0.0
         self._filters.restart(rows)
+        self._begun[rows] = self._vehicles[rows, :UNKNOWNS]
+        if self.stock is not None:
+            self.stock.begin(rows)
+            self.stock.shown(np.zeros((len(rows), len(CHANNELS.observed))), rows)  # zeroed at rest
+            self._change(rows, 0.0, self.stock)
+
+    def _change(self, rows: Sequence[int], duration: float, stock: Stepped) -> None:
+        """Let the unknowns of some vehicles be what they are over the time that comes [s]."""
+        if stock.moves:
+            change = stock.change(rows, duration) - stock.unchanged(rows)
+            self._vehicles[rows, :UNKNOWNS] = self._begun[rows] + change[:, :UNKNOWNS]
 
     def advance(self, commands: ArrayLike, traces: bool = False) -> Shaken:
         """Shake every vehicle for one decision of 0.4 s in each of its three runs, and estimate.
@@ -367,7 +400,13 @@ class Shakers:
         traced = batch if traces else 0
         motion, bodies = np.empty((traced, SAMPLES + 1, 3)), np.empty((traced, MODES, SAMPLES, 6))
         clipped = np.clip(wanted, *self.ranges)
-        shake(self._experiments, self._records, self.arm.row(), clipped, features, noise, motion, bodies)
+        if self.stock is not None:
+            self.stock.clock[:] = self._counts * SAMPLE
+            self._change(range(batch), DECISION, self.stock)
+        around = self._around
+        shake(
+            self._experiments, self._records, self.arm.row(), around, clipped, features, noise, motion, bodies
+        )
         self._filters.update(features, noise)
         return self._shaken(motion if traces else None, bodies if traces else None)
 

@@ -13,12 +13,7 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
 from fieldmodels.machines.excitation.motion import lag_motion
 from fieldmodels.machines.excitation.regression import ANGLE, FORCE, SIGNALS
-from fieldmodels.machines.excitation.sensor_effects import accelerometer, late_turn
-
-OUTPUTS = 11
-"""Accelerometer x, y, z; pitch, roll; force x, y, z; torque x, y, z."""
-TILT, FORCES = 3, 5
-"""Where these begin among the outputs."""
+from fieldmodels.machines.excitation.sensor_effects import FORCES, TILT, accelerometer, late_turn
 
 
 class Runs(NamedTuple):

@@ -28,7 +28,7 @@ from fieldmodels.model import ModelError
 CHANNELS = Channels(
     observed=("gyro", "strike_angle"),
     without="its actions are an estimator's gains, and nobody commands the leg",
-    moments=("strike_angle",),
+    prompt=("strike_angle",),
 )
 """Where stock effects can act on a walker."""
 

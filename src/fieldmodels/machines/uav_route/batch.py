@@ -127,7 +127,7 @@ CHANNELS = Channels(
     commands=("to_north", "to_east"),
     observed=("north", "east"),
     without="an aircraft is sent to a waypoint and measures its position",
-    moments=("to_north", "to_east", "north", "east"),
+    prompt=("to_north", "to_east", "north", "east"),
 )
 """Where stock effects can act on a flight: on the waypoint of each leg, and on the position at its end."""
 
