@@ -8,9 +8,7 @@ A page is the class docstring of the environment, followed by its settings as a 
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Mapping
-from dataclasses import fields
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -46,14 +44,7 @@ def page(task: Task) -> str:
 
 def settings_of(kind: type[Any]) -> list[tuple[str, Any, str, str]]:
     """Name, default, range and meaning of every setting, as declared."""
-    section = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2]
-    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE)
-    told = {name: re.sub(r"\s+", " ", text).replace("``", "`") for name, text in entries}
-    rows = [
-        (f.name, round(f.default, 4) if isinstance(f.default, float) else f.default, "", told[f.name])
-        for f in fields(kind)
-        if f.name in told
-    ]
+    rows = []
     for name, one in declared(kind).items():
         default = round(one.default, 4) if isinstance(one.default, float) else one.default
         unit, fixed = one.setting.unit, one.setting.fixed

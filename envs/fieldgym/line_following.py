@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
@@ -21,25 +21,23 @@ from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
 from fieldmodels.drivers.stepped import Channels
-from fieldmodels.machines.line_following.body import Hardware
+from fieldmodels.machines.line_following.body import Friction, Hardware, MotorTorque
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import (
-    FLOORS,
-    TAPES,
     Exposure,
     Gait,
     Lighting,
     Noise,
+    Threshold,
+    TurnLimit,
+    WalkRules,
 )
-from fieldmodels.machines.line_following.tracks import read_track
+from fieldmodels.machines.line_following.tracks import Track, read_track
 from fieldmodels.machines.line_following.walks import CHANNELS, Scene, Walks
+from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 WIDTH_SCALE = 0.3
 """The line's place that is 1 in an observation [m]."""
@@ -55,95 +53,54 @@ TRAIL = 400
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class LineFollowingSettings:
-    """What can be set in ``fieldgym/LineFollowing-v0`` and ``fieldgym/LineFollowingPixels-v0``.
+class LineFollowingSettings(WalkRules, Noise, Lighting):
+    """What can be set in ``fieldgym/LineFollowing-v0`` and ``fieldgym/LineFollowingPixels-v0``."""
 
-    Attributes:
-        track: ``straight``, ``s``, ``oval``, ``figure_eight``, or the path of a CSV file with columns ``x``
-            and ``y`` [m], seen from the working folder.
-        strides: Strides in an episode.
-        plant: ``kinematic``, or ``pymunk``: rigid bodies whose feet can slip and whose motor can give way.
-        sight: ``geometry`` computes where the line's centroid is, ``image`` renders an image and runs the
-            firmware on it (always so with pixels).
-        bands: Bands of rows whose centroid is observed, 1 or 2.
-        latency_strides: Strides that a command waits beside the gait's own delay, 0 or 1.
-        camera_yaws_with_inner: Whether the camera turns with the inner legs, not with the body.
-        limit: Largest turn of a stride [rad].
-        sensor: Standard deviation of the line's place [m].
-        yaw: Standard deviation of a stride's turn [rad].
-        lateral: Standard deviation of a stride's sideways slip [m].
-        bias: Largest steering bias; each episode draws its own from +- this [rad a stride].
-        offset: Largest distance from the line at the start [m].
-        misalignment: Largest heading error at the start [rad].
-        sided: Whether every episode starts at the largest distance, to either side.
-        tape: ``duvetyne``, ``shurtape``, ``masking``, ``gaffer`` or ``duvetyne_wide``.
-        floor: ``linoleum``, ``cement``, ``white`` or ``dark_grey``.
-        light: Light everywhere, 1 for a well lit hall; acts where images are rendered, as the next two.
-        dark_corner: Centre x, y and radius of a dark corner [m], and the light there; None for none.
-        sun: Direction to which the sun throws the robot's shadow [rad] and the shadow's length [m]; None for
-            no sun.
-        threshold: Level below which a pixel is tape.
-        friction: Coefficient of friction of the feet (``pymunk``).
-        motor: Largest torque of the steering motor [N m] (``pymunk``).
-        lost_offset: Distance from the line at which the episode ends [m].
-        lost_strides: Strides without sight of the line after which the episode ends.
-        effort_weight: Weight of changing the turn in the reward.
-        reward_limit: Largest loss of a stride; each stride that a failed episode lacks costs it.
-    """
+    track: Annotated[
+        str,
+        Setting(
+            "`straight`, `s`, `oval`, `figure_eight`, or the path of a CSV file with columns `x` and `y` "
+            "[m], seen from the working folder.",
+            fixed="all rows share its points",
+        ),
+    ] = "oval"
+    strides: Annotated[int, Setting("Strides in an episode.", least=1, most=100_000)] = 100
+    limit: TurnLimit = Gait.limit
+    threshold: Threshold = Exposure.threshold
+    friction: Friction = Hardware.friction
+    motor: MotorTorque = Hardware.motor
+    lost_offset: Annotated[
+        float, Setting("Distance from the line at which the episode ends.", "m", above=0)
+    ] = 1.0
+    lost_strides: Annotated[
+        int, Setting("Strides without sight of the line after which the episode ends.", least=1, most=100_000)
+    ] = 5
+    effort_weight: Annotated[float, Setting("Weight of changing the turn in the reward.", least=0)] = 0.1
+    reward_limit: Annotated[
+        float,
+        Setting("Largest loss of a stride; each stride that a failed episode lacks costs it.", above=0),
+    ] = 3.0
 
-    track: str = "oval"
-    strides: Annotated[int, Field(ge=1, le=100_000)] = 100
-    plant: Literal["kinematic", "pymunk"] = "kinematic"
-    sight: Literal["geometry", "image"] = "geometry"
-    bands: Literal[1, 2] = 1
-    latency_strides: Literal[0, 1] = 0
-    camera_yaws_with_inner: bool = False
-    limit: Annotated[float, Field(gt=0, le=0.5)] = 0.15
-    sensor: Annotated[float, Field(ge=0, le=0.5)] = 0.02
-    yaw: Annotated[float, Field(ge=0, le=0.2)] = 0.01
-    lateral: Annotated[float, Field(ge=0, le=0.2)] = 0.005
-    bias: Annotated[float, Field(ge=0, le=0.2)] = 0.02
-    offset: Annotated[float, Field(ge=0, le=0.5)] = 0.2
-    misalignment: Annotated[float, Field(ge=0, le=0.5)] = 0.1
-    sided: bool = False
-    tape: Literal["duvetyne", "shurtape", "masking", "gaffer", "duvetyne_wide"] = "duvetyne"
-    floor: Literal["linoleum", "cement", "white", "dark_grey"] = "linoleum"
-    light: Annotated[float, Field(ge=0, le=2)] = 1.0
-    dark_corner: tuple[Finite, Finite, Positive, Annotated[float, Field(ge=0, le=1)]] | None = None
-    sun: tuple[Finite, Positive] | None = None
-    threshold: Annotated[float, Field(gt=0, lt=255)] = 90.0
-    friction: Positive = 0.8
-    motor: Positive = 10.0
-    lost_offset: Positive = 1.0
-    lost_strides: Annotated[int, Field(ge=1)] = 5
-    effort_weight: NotNegative = 0.1
-    reward_limit: Positive = 3.0
-
-    def scene(self, images: bool) -> Scene:
+    def scene(self, images: bool, track: Track | None = None) -> Scene:
         """What the walks walk on and see with; ``images`` asks for images whatever ``sight`` says.
+
+        Args:
+            images: Whether images are rendered in any case.
+            track: The line; None reads it.
 
         Raises:
             ModelError: If there is no such track.
         """
-        corner = self.dark_corner or (0.0, 0.0, 0.0, 1.0)
-        azimuth, shadow = self.sun or (0.0, 0.0)
-        return Scene(
-            track=read_track(self.track),
-            gait=Gait(limit=self.limit),
-            noise=Noise(self.sensor, self.yaw, self.lateral, self.bias),
-            tape=TAPES[self.tape],
-            floor=FLOORS[self.floor],
-            exposure=Exposure(threshold=self.threshold),
-            lighting=Lighting(self.light, *corner, sun_azimuth=azimuth, sun_length=shadow),
-            hardware=Hardware(friction=self.friction, motor=self.motor),
-            plant=self.plant,
+        return part_of(
+            self,
+            Scene,
+            track=read_track(self.track) if track is None else track,
+            gait=part_of(self, Gait),
+            noise=part_of(self, Noise),
+            exposure=part_of(self, Exposure),
+            lighting=part_of(self, Lighting),
+            hardware=part_of(self, Hardware),
             sight="image" if images else self.sight,
-            bands=self.bands,
-            latency=self.latency_strides,
-            camera_yaws_with_inner=self.camera_yaws_with_inner,
-            offset=self.offset,
-            misalignment=self.misalignment,
-            sided=self.sided,
         )
 
 
@@ -161,6 +118,7 @@ class _LineFollowingTask(BatchTask):
         truth = read_truth(reality, model, self.channels, batch, scene.gait.stride_time)
         self.reality, self.stock = truth.reality, truth.stock
         self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
+        self._track = scene.track
         self._look_ahead = scene.camera.look_ahead
         self.walks = Walks(batch, scene, truth.typical, truth.stock)
         self.elapsed = np.zeros(batch, dtype=np.int64)
@@ -178,13 +136,17 @@ class _LineFollowingTask(BatchTask):
         """One turn; what the camera board sent, or the image."""
         action = Box(-1.0, 1.0, (1,), np.float32)
         if self.pixels:
-            camera = self.walks.scene.camera
+            camera = self.walks.scenes[0].camera
             return action, Box(0, 255, (camera.rows, camera.width, 1), np.uint8)
         return action, Box(-OBSERVED, OBSERVED, (4 + 5 * self.settings.bands,), np.float32)
 
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.set_reality``."""
         self.walks.set_reality(rows, vectors)
+
+    def set_settings(self, row: int, settings: Any) -> None:
+        """See ``BatchTask.set_settings``."""
+        self.walks.set_scene(row, settings.scene(self.pixels, self._track))
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a walk."""
@@ -208,11 +170,15 @@ class _LineFollowingTask(BatchTask):
             assert self.walks.images is not None
             return self.walks.images[..., None].copy()
         walks, bands = self.walks.walks, self.settings.bands
-        parts = [walks["lines"][:, 0] / WIDTH_SCALE, walks["commands"] / self.settings.limit]
+        parts: list[NDArray[Any]] = [
+            walks["lines"][:, 0] / WIDTH_SCALE,
+            walks["commands"] / self.drawn.column("limit")[:, None],
+        ]
         parts.append(walks["lost"][:, :1])
         if bands == 2:
             parts += [walks["lines"][:, 1] / WIDTH_SCALE, walks["lost"][:, 1:]]
-        return np.clip(np.concatenate(parts, axis=1), -OBSERVED, OBSERVED).astype(np.float32)
+        observed: NDArray[Any] = np.clip(np.concatenate(parts, axis=1), -OBSERVED, OBSERVED)
+        return observed.astype(np.float32)
 
     def reset_info(self) -> dict[str, Any]:
         """The hidden truth at the start."""
@@ -220,18 +186,18 @@ class _LineFollowingTask(BatchTask):
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every walk through one stride."""
-        settings, walks = self.settings, self.walks.walks
+        of, walks = self.drawn.column, self.walks.walks
         before = walks["commands"][:, 0].copy()
-        self.walks.advance(actions[:, 0] * settings.limit)
+        self.walks.advance(actions[:, 0] * of("limit"))
         self.elapsed += 1
         change = np.abs(walks["commands"][:, 0] - before)
         distance = np.abs(walks["offset"])
-        failed = (distance > settings.lost_offset) | (walks["lost_strides"] >= settings.lost_strides)
-        truncated = (self.elapsed >= settings.strides) & ~failed
-        reward = np.maximum(1.0 - distance / NEAR, -settings.reward_limit)
-        reward -= settings.effort_weight * change / EFFORT_SCALE
-        left = np.where(failed, settings.strides - self.elapsed, 0)
-        reward -= settings.reward_limit * left
+        failed = (distance > of("lost_offset")) | (walks["lost_strides"] >= of("lost_strides"))
+        truncated = (self.elapsed >= of("strides")) & ~failed
+        reward = np.maximum(1.0 - distance / NEAR, -of("reward_limit"))
+        reward -= of("effort_weight") * change / EFFORT_SCALE
+        left = np.where(failed, of("strides") - self.elapsed, 0)
+        reward -= of("reward_limit") * left
         if self._drawing:
             for i in range(len(self.elapsed)):
                 self._trail(i)
@@ -254,13 +220,14 @@ class _LineFollowingTask(BatchTask):
 
     def _scores(self, distance: Floats, left: NDArray[np.int64]) -> dict[str, Floats]:
         """Scores of the episode so far; strides that a failed one lacks count as lost."""
-        counting = self.elapsed > min(SETTLED, self.settings.strides - 1)
+        strides = self.drawn.column("strides")
+        first = np.minimum(SETTLED, strides - 1)
+        counting = self.elapsed > first
         self._distance += np.where(counting, distance, 0.0)
         self._near += counting & (distance <= NEAR)
-        first = min(SETTLED, self.settings.strides - 1)
         taken = np.maximum(self.elapsed - first, 0)
-        total = np.where(left > 0, self.settings.strides - first, taken)
-        missing = (total - taken) * self.settings.lost_offset
+        total = np.where(left > 0, strides - first, taken)
+        missing = (total - taken) * self.drawn.column("lost_offset")
         mean = np.where(total > 0, (self._distance + missing) / np.maximum(total, 1), distance)
         near = np.where(total > 0, self._near / np.maximum(total, 1), distance <= NEAR)
         side = np.sign(self._start) * self.walks.walks["offset"]
@@ -269,13 +236,13 @@ class _LineFollowingTask(BatchTask):
 
     def _privileged(self) -> dict[str, Any]:
         """The hidden truth: place against the line, what the line does ahead, the walk's bias."""
-        walks, track = self.walks.walks, self.walks.scene.track
+        walks, track = self.walks.walks, self._track
         arc = walks["arc"]
         return {
             "offset": walks["offset"].copy(),
             "heading": walks["misalignment"].copy(),
             "curvature": track.curvature(arc),
-            "curvature_ahead": track.curvature(arc + self.walks.scene.gait.stride),
+            "curvature_ahead": track.curvature(arc + self.walks.scenes[0].gait.stride),
             "bias": walks["bias"].copy(),
             **self.drawn.info,
         }
@@ -325,7 +292,7 @@ class _LineFollowingTask(BatchTask):
         """Draw one walk."""
         from fieldgym.rendering.line_following import Picture, draw
 
-        scene, one = self.walks.scene, self.walks.walks[i]
+        scene, one, own = self.walks.scenes[i], self.walks.walks[i], self.drawn.settings[i]
         return draw(
             Picture(
                 track=scene.track.points,
@@ -336,11 +303,11 @@ class _LineFollowingTask(BatchTask):
                 column=scene.camera.width / 2.0 - float(one["lines"][0, 0]) / scene.camera.metres_per_pixel,
                 lost=bool(one["lost"][0]),
                 threshold=scene.exposure.threshold,
-                limit=self.settings.limit,
+                limit=own.limit,
                 stride=int(self.elapsed[i]),
-                strides=self.settings.strides,
+                strides=own.strides,
                 look_ahead=self._look_ahead,
-                dark=self.settings.dark_corner,
+                dark=own.dark_corner,
                 operator=self._operator,
             )
         )

@@ -232,11 +232,16 @@ def kernel_rows(settings: Any, batch: int, derived: Mapping[str, Any] | None = N
         Structured array of shape (batch,), all rows equal.
     """
     values = _kernel_values(settings) | dict(derived or {})
-    kind = np.dtype([(name, *_column(value)) for name, value in values.items()])
-    row = np.zeros(1, dtype=kind)
+    row = np.zeros(1, dtype=_record_type(tuple((name, *_column(value)) for name, value in values.items())))
     for name, value in values.items():
         row[name] = value
     return np.repeat(row, batch)
+
+
+@lru_cache(maxsize=64)
+def _record_type(columns: tuple[Any, ...]) -> np.dtype[Any]:
+    """One and the same object for equal columns: at each call of a kernel Numba would compare others."""
+    return np.dtype(list(columns))
 
 
 def _kernel_values(settings: Any) -> dict[str, Any]:

@@ -88,7 +88,7 @@ def test_dark_loses_the_line_and_wider_tape_brings_it_back():
     """The dark corner of section 3.6: lost with two inches of tape, found with four."""
 
     def share(tape, light):
-        renderer = Renderer(straight(), CAMERA, make_view(CAMERA, tape, lighting=Lighting(ambient=light)))
+        renderer = Renderer(straight(), CAMERA, make_view(CAMERA, tape, lighting=Lighting(light=light)))
         images = (renderer.image((20, 0.05, 0.0), 20, k) for k in range(40))
         return np.mean([line_position(image, CAMERA, THRESHOLD)[1] for image in images])
 
@@ -99,7 +99,7 @@ def test_dark_loses_the_line_and_wider_tape_brings_it_back():
 
 
 def test_dark_corner_is_dark_only_there():
-    lighting = Lighting(dark_x=20.0, dark_radius=2.0, dark_light=0.03)
+    lighting = Lighting(dark_corner=(20.0, 0.0, 2.0, 0.03))
     renderer = Renderer(straight(), CAMERA, make_view(CAMERA, lighting=lighting))
     assert not line_position(renderer.image((19, 0, 0), 19, 1), CAMERA, THRESHOLD)[1]
     assert line_position(renderer.image((5, 0, 0), 5, 1), CAMERA, THRESHOLD)[1]
@@ -107,7 +107,7 @@ def test_dark_corner_is_dark_only_there():
 
 def test_own_shadow_draws_the_centroid_aside():
     """Section 3.6: at times the robot's own shadow contrasted enough with the floor to confuse it."""
-    lighting = Lighting(sun_length=2.0, sun_azimuth=0.4)
+    lighting = Lighting(sun=(0.4, 2.0))
     renderer = Renderer(straight(), CAMERA, make_view(CAMERA, lighting=lighting))
     place, found = line_position(renderer.image((20, 0, 0), 20, 1), CAMERA, THRESHOLD)
     assert found
@@ -140,7 +140,7 @@ def test_same_key_gives_the_same_image_and_another_key_another_noise():
 def photos(lights):
     images, masks = [], []
     for k, light in enumerate(lights):
-        view = make_view(CAMERA, lighting=Lighting(ambient=light))
+        view = make_view(CAMERA, lighting=Lighting(light=light))
         images.append(Renderer(straight(), CAMERA, view).image((20, 0, 0), 20, k))
         mask = np.zeros((120, 160), dtype=bool)
         mask[:, 78:82] = True

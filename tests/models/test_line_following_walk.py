@@ -88,7 +88,7 @@ def test_state_comes_back_exactly():
 def test_bodies_and_kinematics_agree_in_closed_loop(track):
     """Two plants of one robot: on dry floor they stay together within 3 mm on average."""
     walk = walks(1, track, noise=QUIET, offset=0.2, misalignment=0.1)
-    line, optics = walk.scene.track, make_optics(Camera())
+    line, optics = walk.scenes[0].track, make_optics(Camera())
     x, y, heading = (float(walk.walks[name][0]) for name in ("x", "y", "heading"))
     body, arc = Body(), float(walk.walks["arc"][0])
     body.place(x, y, heading)
@@ -190,7 +190,7 @@ def test_misalignment_is_the_heading_against_the_line():
     walk = walks(16, "oval", noise=QUIET, offset=0.1, misalignment=0.3)
     walk.advance(np.zeros(16))
     for one in walk.walks:
-        _, _, along = walk.scene.track.at(float(one["arc"]))
+        _, _, along = walk.scenes[0].track.at(float(one["arc"]))
         turned = (one["heading"] - along + math.pi) % (2 * math.pi) - math.pi
         assert one["misalignment"] == pytest.approx(turned, abs=1e-3)
 
@@ -233,7 +233,7 @@ def test_predicted_sight_is_that_of_the_walk():
 
 
 def test_latency_delays_every_command():
-    now, late = walks(noise=QUIET), walks(noise=QUIET, latency=1)
+    now, late = walks(noise=QUIET), walks(noise=QUIET, latency_strides=1)
     headings = []
     for walk in (now, late):
         start = float(walk.walks["heading"][0])
@@ -250,7 +250,7 @@ def test_latency_delays_every_command():
 def test_latency_and_delay_and_slip_together_reach_no_further_than_the_memory():
     """Three strides of waiting, and a twist by the stride before: the oldest command stands for that one."""
     effects = {"actuator_delay": {"strides": 2.0}, "foot_slip": {"twist": 0.5}}
-    late = walks(noise=QUIET, latency=1, effects=effects)
+    late = walks(noise=QUIET, latency_strides=1, effects=effects)
     late.walks["lines"][:] = 7.0  # what lies behind the commands in memory
     turns, before = [], float(late.walks["heading"][0])
     for command in (0.1, 0.0, 0.0, 0.0, 0.0):
@@ -266,7 +266,7 @@ def test_picture_without_images_shows_what_the_camera_reads():
     walk = walks(1, "oval", effects=askew, camera_yaws_with_inner=True, noise=Noise(bias=0.0))
     for _ in range(6):
         walk.advance(law(walk))
-        place, found = line_position(walk.image(0), walk.scene.camera, 90.0)
+        place, found = line_position(walk.image(0), walk.scenes[0].camera, 90.0)
         assert found
         assert abs(place - walk.walks["lines"][0, 0, 0]) < 6e-3
 
@@ -297,10 +297,10 @@ def test_lost_line_keeps_the_last_place_and_is_counted():
 
 
 def test_bad_options_are_refused():
-    with pytest.raises(ModelError, match="1 or 2 bands"):
+    with pytest.raises(ModelError, match="bands must be at least 1, at most 2"):
         Scene(straight(), bands=3)
-    with pytest.raises(ModelError, match="0 or 1 strides"):
-        Scene(straight(), latency=2)
+    with pytest.raises(ModelError, match="latency_strides must be at least 0, at most 1"):
+        Scene(straight(), latency_strides=2)
     with pytest.raises(ModelError, match="at least one walk"):
         Walks(0, Scene(straight()))
     with pytest.raises(ModelError, match="parameter vector of this machine has"):

@@ -56,7 +56,7 @@ def figure_3_13(
         progress(f"light {light:g}", k / len(lights))
         found = {}
         for tape in ("duvetyne", "duvetyne_wide"):
-            renderer = Renderer(straight(), camera, make_view(camera, tape, lighting=Lighting(ambient=light)))
+            renderer = Renderer(straight(), camera, make_view(camera, tape, lighting=Lighting(light=light)))
             images = [renderer.image((20.0, 0.0, 0.0), 20.0, key) for key in range(frames)]
             found[tape] = float(np.mean([line_position(image, camera, threshold)[1] for image in images]))
             if tape == "duvetyne":

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pymunk
@@ -16,10 +17,19 @@ import pymunk
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.line_following.parameters import Gait
 from fieldmodels.model import ModelError
+from fieldmodels.settings import Setting
 
 GRAVITY = 9.81
 FRAME_RADIUS = 0.15
 """Radius of gyration of the frame [m] (assumed)."""
+
+
+Friction = Annotated[
+    float, Setting("Coefficient of friction between feet and floor (`pymunk`; assumed).", above=0)
+]
+MotorTorque = Annotated[
+    float, Setting("Largest torque of the steering motor (`pymunk`; assumed).", "N m", above=0)
+]
 
 
 @dataclass(frozen=True)
@@ -31,8 +41,6 @@ class Hardware:
         leg_mass: Mass of each pair of legs [kg].
         width: Half the distance between the feet of the outer pair [m].
         inner_width: Half the distance between the feet of the inner pair [m].
-        friction: Coefficient of friction between feet and floor.
-        motor: Largest torque of the steering motor [N m].
         damping: Friction of the steering joint [N m s/rad].
         rate: Steps of the physics a second [1/s].
         iterations: Iterations of the contact solver a step.
@@ -42,8 +50,8 @@ class Hardware:
     leg_mass: float = 2.0
     width: float = 0.20
     inner_width: float = 0.10
-    friction: float = 0.8
-    motor: float = 10.0
+    friction: Friction = 0.8
+    motor: MotorTorque = 10.0
     damping: float = 0.2
     rate: int = 120
     iterations: int = 20

@@ -10,8 +10,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from fieldmodels.model import ModelError
+from fieldmodels.settings import Setting, check_declared
+
+TurnLimit = Annotated[
+    float,
+    Setting("Largest turn of a stride (assumed; a circle of 9 m needs 0.078).", "rad", above=0, most=0.5),
+]
 
 
 @dataclass(frozen=True)
@@ -21,12 +28,15 @@ class Gait:
     Attributes:
         step: Length of one step [m] (chapter 2).
         step_time: Time of one step [s] (assumed).
-        limit: Largest turn of one stride [rad] (assumed; a circle of 9 m needs 0.078).
     """
 
     step: float = 0.35
     step_time: float = 0.6
-    limit: float = 0.15
+    limit: TurnLimit = 0.15
+
+    def __post_init__(self) -> None:
+        """Check the limit; see ``check_declared``."""
+        check_declared(self)
 
     @property
     def stride(self) -> float:
@@ -101,19 +111,28 @@ class Camera:
 
 @dataclass(frozen=True)
 class Noise:
-    """What disturbs the walk and the sensor in the kinematic plant (all assumed).
+    """What disturbs the walk and the sensor in the kinematic plant (all assumed)."""
 
-    Attributes:
-        sensor: Standard deviation of the centroid [m].
-        yaw: Standard deviation of a stride's turn [rad].
-        lateral: Standard deviation of a stride's sideways slip [m].
-        bias: Largest steering bias of an episode [rad a stride]; drawn from +- this.
-    """
+    sensor: Annotated[float, Setting("Standard deviation of the line's place.", "m", least=0, most=0.5)] = (
+        0.02
+    )
+    yaw: Annotated[float, Setting("Standard deviation of a stride's turn.", "rad", least=0, most=0.2)] = 0.01
+    lateral: Annotated[
+        float, Setting("Standard deviation of a stride's sideways slip.", "m", least=0, most=0.2)
+    ] = 0.005
+    bias: Annotated[
+        float,
+        Setting(
+            "Largest steering bias; each episode draws its own from +- this, a stride.",
+            "rad",
+            least=0,
+            most=0.2,
+        ),
+    ] = 0.02
 
-    sensor: float = 0.02
-    yaw: float = 0.01
-    lateral: float = 0.005
-    bias: float = 0.02
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
 @dataclass(frozen=True)
@@ -144,6 +163,12 @@ FLOORS = {"linoleum": 0.30, "cement": 0.27, "white": 0.80, "dark_grey": 0.15}
 """Share of the light that floors reflect (assumed; linoleum and tape read 165 and 35, Fig 3.13)."""
 
 
+Threshold = Annotated[
+    float,
+    Setting("Level below which a pixel is tape (section 3.4.2, by its calibration).", above=0, below=255),
+]
+
+
 @dataclass(frozen=True)
 class Exposure:
     """How the camera turns light into pixels, and the firmware pixels into tape.
@@ -159,45 +184,106 @@ class Exposure:
         gain: Largest gain, in levels (assumed: five times the gain at full light).
         pedestal: Reading without light, in units of full light.
         noise: Standard deviation of a pixel at the gain of full light, in levels; grows with the gain.
-        threshold: A pixel below it is tape, in levels (section 3.4.2, by its calibration).
     """
 
     mean: float = 160.0
     gain: float = 2400.0
     pedestal: float = 0.065
     noise: float = 5.0
-    threshold: float = 90.0
+    threshold: Threshold = 90.0
 
 
 FULL_LIGHT_GAIN = 452.0
 """Gain at which linoleum at full light reads 165 [levels]."""
 
 
+Finite = Annotated[float, Setting("")]
+Length = Annotated[float, Setting("", above=0)]
+Light = Annotated[float, Setting("", least=0, most=1)]
+
+
 @dataclass(frozen=True)
 class Lighting:
-    """Light on the floor.
+    """Light on the floor; it acts where images are rendered."""
 
-    Attributes:
-        ambient: Light everywhere, 1 for a well lit hall.
-        dark_x: Centre of a dark corner [m].
-        dark_y: Centre of a dark corner [m].
-        dark_radius: Radius within which it is dark [m]; 0 for no dark corner. The light comes back over the
-            same distance.
-        dark_light: Light in the dark corner.
-        sun_azimuth: Direction to which the sun throws the robot's shadow [rad].
-        sun_length: Length of the shadow [m]; 0 for no sun.
-        sun_shade: Share of the light that is left in the shadow.
-    """
+    light: Annotated[float, Setting("Light everywhere, 1 for a well lit hall.", least=0, most=2)] = 1.0
+    dark_corner: Annotated[
+        tuple[Finite, Finite, Length, Light] | None,
+        Setting(
+            "Centre x, y and radius of a dark corner [m], and the light there, which comes back over the "
+            "same distance; None for none."
+        ),
+    ] = None
+    sun: Annotated[
+        tuple[Finite, Length] | None,
+        Setting(
+            "Direction to which the sun throws the robot's shadow [rad] and the shadow's length [m]; None "
+            "for no sun."
+        ),
+    ] = None
+    sun_shade: Annotated[
+        float, Setting("Share of the light that is left in the shadow.", least=0, most=1)
+    ] = 0.25
 
-    ambient: float = 1.0
-    dark_x: float = 0.0
-    dark_y: float = 0.0
-    dark_radius: float = 0.0
-    dark_light: float = 0.05
-    sun_azimuth: float = 0.0
-    sun_length: float = 0.0
-    sun_shade: float = 0.25
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)
 
 
 SHADOW_WIDTH = 0.5
 """Width of the robot's shadow [m] (assumed)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkRules:
+    """How a walk begins, moves and sees."""
+
+    plant: Annotated[
+        Literal["kinematic", "pymunk"],
+        Setting(
+            "`kinematic` walks by plane kinematics; `pymunk` by rigid bodies whose feet can slip and whose "
+            "motor can give way.",
+            fixed="one kind of physics moves all rows",
+        ),
+    ] = "kinematic"
+    sight: Annotated[
+        Literal["geometry", "image"],
+        Setting(
+            "`geometry` computes where the line's centroid is; `image` renders an image and runs the "
+            "firmware on it (always so with pixels).",
+            fixed="images are kept of all rows or of none",
+        ),
+    ] = "geometry"
+    bands: Annotated[
+        int,
+        Setting(
+            "Bands of rows whose centroid is observed; the second is the third of the view above the first.",
+            least=1,
+            most=2,
+            fixed="it shapes the observation",
+        ),
+    ] = 1
+    latency_strides: Annotated[
+        int, Setting("Strides that a command waits beside the gait's own delay.", least=0, most=1)
+    ] = 0
+    camera_yaws_with_inner: Annotated[
+        bool, Setting("Whether the camera turns with the inner legs, not with the body.")
+    ] = False
+    offset: Annotated[
+        float, Setting("Largest distance from the line at the start.", "m", least=0, most=0.5)
+    ] = 0.2
+    misalignment: Annotated[
+        float, Setting("Largest heading error at the start.", "rad", least=0, most=0.5)
+    ] = 0.1
+    sided: Annotated[
+        bool, Setting("Whether every episode starts at the largest distance, to either side.")
+    ] = False
+    tape: Annotated[
+        Literal["duvetyne", "shurtape", "masking", "gaffer", "duvetyne_wide"],
+        Setting("The tape; `duvetyne_wide` is twice as wide."),
+    ] = "duvetyne"
+    floor: Annotated[Literal["linoleum", "cement", "white", "dark_grey"], Setting("The floor.")] = "linoleum"
+
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        check_declared(self)

@@ -109,8 +109,7 @@ def viewing(walks: Any, i: int, plant: Any, with_inner: bool) -> float:
 
 @compiled
 def start(
-    walks: Any, i: int, key: Any, table: FloatArray, spacing: float, closed: bool,
-    bias: float, offset: float, misalignment: float, sided: bool,
+    walks: Any, i: int, key: Any, table: FloatArray, spacing: float, closed: bool, rules: NDArray[Any]
 ) -> None:  # fmt: skip
     """Put a walk on its track.
 
@@ -121,11 +120,9 @@ def start(
         table: The track's points and tangents.
         spacing: Arc length between them [m].
         closed: Whether the track is closed; then the walk starts anywhere on it.
-        bias: Largest steering bias [rad a stride].
-        offset: Largest offset [m].
-        misalignment: Largest misalignment [rad].
-        sided: Whether the offset is the largest one, to either side, and never less.
+        rules: The scene of each walk, see ``walks.kernel_scene``.
     """
+    p = rules[i]
     for k in range(MEMORY):
         walks[i]["commands"][k] = 0.0
         for b in range(BANDS):
@@ -136,13 +133,13 @@ def start(
     walks[i]["count"] = 0
     walks[i]["lost_strides"] = 0
     walks[i]["turned"] = 0.0
-    walks[i]["bias"] = bias * symmetric(key, 0)
+    walks[i]["bias"] = p.bias * symmetric(key, 0)
     count = len(table)
     first = (0.5 + 0.5 * symmetric(key, 1)) * count if closed else 0.0
     at = int(first) % count
     side = symmetric(key, 2)
-    sideways = math.copysign(offset, side) if sided else offset * side
-    crooked = misalignment * symmetric(key, 3)
+    sideways = math.copysign(p.offset, side) if p.sided else p.offset * side
+    crooked = p.misalignment * symmetric(key, 3)
     walks[i]["x"] = table[at, 0] - sideways * table[at, 3]
     walks[i]["y"] = table[at, 1] + sideways * table[at, 2]
     walks[i]["heading"] = math.atan2(table[at, 3], table[at, 2]) + crooked
@@ -152,12 +149,12 @@ def start(
 
 
 @inlined
-def ordered(walks: Any, i: int, command: float, plant: Any, latency: int, limit: float) -> float:
+def ordered(walks: Any, i: int, command: float, plant: Any, p: Any) -> float:
     """Take in a command; the turn that it and its forerunners make, before noise [rad]."""
     for k in range(MEMORY - 1, 0, -1):
         walks[i]["commands"][k] = walks[i]["commands"][k - 1]
-    walks[i]["commands"][0] = min(max(command, -limit), limit)
-    return turn_of(walks[i]["commands"][latency:], plant, walks[i]["bias"], limit)
+    walks[i]["commands"][0] = min(max(command, -p.limit), p.limit)
+    return turn_of(walks[i]["commands"][p.latency_strides :], plant, walks[i]["bias"], p.limit)
 
 
 @inlined
@@ -174,8 +171,8 @@ def locate(walks: Any, i: int, table: FloatArray, spacing: float, closed: bool, 
 
 @compiled
 def move(
-    walks: Any, commands: FloatArray, table: FloatArray, spacing: float, closed: bool, latency: int,
-    plants: NDArray[Any], yaw: float, lateral: float, limit: float,
+    walks: Any, commands: FloatArray, table: FloatArray, spacing: float, closed: bool,
+    plants: NDArray[Any], rules: NDArray[Any],
 ) -> None:  # fmt: skip
     """Take every walk through one stride.
 
@@ -185,16 +182,13 @@ def move(
         table: The track's points and tangents.
         spacing: Arc length between them [m].
         closed: Whether the track is closed.
-        latency: Strides that a command waits beside the gait's own delay.
         plants: What each walk truly is, shape (batch,), dtype ``PLANT``.
-        yaw: Standard deviation of a stride's turn [rad].
-        lateral: Standard deviation of a stride's sideways slip [m].
-        limit: Largest turn of a stride [rad].
+        rules: The scene of each walk, see ``walks.kernel_scene``.
     """
     for i in range(len(walks)):
-        plant = plants[i]
-        turn = ordered(walks, i, commands[i], plant, latency, limit) + yaw * draw_of(walks, i, 0)
-        sideways = lateral * draw_of(walks, i, 1)
+        plant, p = plants[i], rules[i]
+        turn = ordered(walks, i, commands[i], plant, p) + p.yaw * draw_of(walks, i, 0)
+        sideways = p.lateral * draw_of(walks, i, 1)
         cosine, sine = math.cos(walks[i]["heading"]), math.sin(walks[i]["heading"])
         length = plant.stride * (1.0 - plant.foot_slip.step)
         walks[i]["x"] += length * cosine - sideways * sine
@@ -207,8 +201,8 @@ def move(
 
 @compiled
 def scan(
-    walks: Any, which: NDArray[np.int64], table: FloatArray, spacing: float, closed: bool, width: float,
-    bands: tuple[Optics, ...], with_inner: bool, plants: NDArray[Any], noise: float,
+    walks: Any, which: NDArray[np.int64], table: FloatArray, spacing: float, closed: bool,
+    bands: tuple[Optics, ...], plants: NDArray[Any], rules: NDArray[Any],
 ) -> None:  # fmt: skip
     """Let walks scan the floor with their cameras, by geometry.
 
@@ -218,22 +212,20 @@ def scan(
         table: The track's points and tangents.
         spacing: Arc length between them [m].
         closed: Whether the track is closed.
-        width: Width of the tape [m].
         bands: Optics of each band.
-        with_inner: Whether the camera turns with the inner legs.
         plants: What each walk truly is, shape (batch,), dtype ``PLANT``.
-        noise: Standard deviation of the line's place [m].
+        rules: The scene of each walk, see ``walks.kernel_scene``.
     """
     for i in which:
-        plant = plants[i]
-        heading = viewing(walks, i, plant, with_inner)
+        plant, p = plants[i], rules[i]
+        heading = viewing(walks, i, plant, p.camera_yaws_with_inner)
         forward_x, forward_y = math.cos(heading), math.sin(heading)
         for b in range(len(bands)):
             place, found = see_line(
-                table, spacing, closed, width, walks[i]["x"], walks[i]["y"], forward_x, forward_y,
+                table, spacing, closed, p.tape_width, walks[i]["x"], walks[i]["y"], forward_x, forward_y,
                 walks[i]["arc"], plant.camera_pitch.angle, plant.camera_height, bands[b],
             )  # fmt: skip
-            remember(walks, i, b, measured(place + noise * draw_of(walks, i, 2 + b), plant), found)
+            remember(walks, i, b, measured(place + p.sensor * draw_of(walks, i, 2 + b), plant), found)
 
 
 @compiled
@@ -243,9 +235,9 @@ def take_in(walks: Any, i: int, band: int, place: float, found: bool, plant: Any
 
 
 @compiled
-def order(walks: Any, i: int, command: float, plant: Any, latency: int, limit: float) -> float:
+def order(walks: Any, i: int, command: float, plant: Any, rules: Any) -> float:
     """Let one walk take in a command; gives the turn that is asked of the bodies [rad]."""
-    return ordered(walks, i, command, plant, latency, limit)
+    return ordered(walks, i, command, plant, rules[i])
 
 
 @compiled

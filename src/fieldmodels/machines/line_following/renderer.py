@@ -69,6 +69,8 @@ def make_view(
     """Gather what an image depends on; names are those of ``TAPES`` and ``FLOORS``."""
     camera, exposure, lighting = camera or Camera(), exposure or Exposure(), lighting or Lighting()
     chosen = TAPES[tape] if isinstance(tape, str) else tape
+    dark_x, dark_y, dark_radius, dark_light = lighting.dark_corner or (0.0, 0.0, 0.0, 1.0)
+    azimuth, length = lighting.sun or (0.0, 0.0)
     return View(
         height=camera.height,
         pitch=camera.pitch,
@@ -82,14 +84,14 @@ def make_view(
         gain=exposure.gain,
         pedestal=exposure.pedestal,
         noise=exposure.noise / FULL_LIGHT_GAIN,
-        ambient=lighting.ambient,
-        dark_x=lighting.dark_x,
-        dark_y=lighting.dark_y,
-        dark_radius=lighting.dark_radius,
-        dark_light=lighting.dark_light,
-        sun_x=math.cos(lighting.sun_azimuth),
-        sun_y=math.sin(lighting.sun_azimuth),
-        sun_length=lighting.sun_length,
+        ambient=lighting.light,
+        dark_x=dark_x,
+        dark_y=dark_y,
+        dark_radius=dark_radius,
+        dark_light=dark_light,
+        sun_x=math.cos(azimuth),
+        sun_y=math.sin(azimuth),
+        sun_length=length,
         sun_shade=lighting.sun_shade,
     )
 

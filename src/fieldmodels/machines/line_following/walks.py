@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,15 @@ from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.declaration import as_plants, nominal_plant
 from fieldmodels.machines.line_following.firmware import centroid
-from fieldmodels.machines.line_following.parameters import Camera, Exposure, Gait, Lighting, Noise, Tape
+from fieldmodels.machines.line_following.parameters import (
+    TAPES,
+    Camera,
+    Exposure,
+    Gait,
+    Lighting,
+    Noise,
+    WalkRules,
+)
 from fieldmodels.machines.line_following.plant import (
     BANDS,
     MEMORY,
@@ -32,6 +40,7 @@ from fieldmodels.machines.line_following.renderer import Renderer, make_view
 from fieldmodels.machines.line_following.sensor import make_optics
 from fieldmodels.machines.line_following.tracks import Track
 from fieldmodels.model import ModelError
+from fieldmodels.settings import kernel_rows
 
 Image = NDArray[np.uint8]
 YAW, LATERAL, SENSOR, PIXELS = 0, 1, 2, 5
@@ -44,58 +53,37 @@ CHANNELS = Channels(
 """Where stock effects can act on a walk: both bands of the camera are one sensor."""
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, kw_only=True)
+class Scene(WalkRules):
     """What the walks walk on and see with.
 
     Attributes:
         track: The line.
-        camera: The camera; a second band is the third of the view above the first.
+        camera: The camera.
         gait: Step length, step time, largest turn.
         noise: Noise of sensor and walk.
-        tape: The tape.
-        floor: Reflectance of the floor.
         exposure: Exposure and threshold.
         lighting: Light on the floor.
         hardware: Masses, friction and motor of the rigid bodies.
-        plant: ``kinematic`` walks by plane kinematics, ``pymunk`` by rigid bodies with slipping feet.
-        sight: ``geometry`` computes the centroid, ``image`` renders an image and runs the firmware on it.
-        bands: Bands of rows that are looked at, 1 or 2.
-        latency: Strides that a command waits beside the gait's own delay, 0 or 1.
-        camera_yaws_with_inner: Whether the camera turns with the inner legs.
-        offset: Largest distance from the line at the start [m].
-        misalignment: Largest heading error at the start [rad].
-        sided: Whether each walk starts at the largest offset, to either side.
     """
 
-    track: Track
+    track: Track = field(kw_only=False)
     camera: Camera = field(default_factory=Camera)
     gait: Gait = field(default_factory=Gait)
     noise: Noise = field(default_factory=Noise)
-    tape: Tape = field(default_factory=Tape)
-    floor: float = 0.3
     exposure: Exposure = field(default_factory=Exposure)
     lighting: Lighting = field(default_factory=Lighting)
     hardware: Hardware = field(default_factory=Hardware)
-    plant: Literal["kinematic", "pymunk"] = "kinematic"
-    sight: Literal["geometry", "image"] = "geometry"
-    bands: int = 1
-    latency: int = 0
-    camera_yaws_with_inner: bool = False
-    offset: float = 0.2
-    misalignment: float = 0.1
-    sided: bool = False
 
-    def __post_init__(self) -> None:
-        """Check the numbers.
 
-        Raises:
-            ModelError: If there is no such number of bands or latency.
-        """
-        if self.bands not in range(1, BANDS + 1):
-            raise ModelError(f"the camera has 1 or 2 bands, not {self.bands}")
-        if self.latency not in (0, 1):
-            raise ModelError(f"a command can wait 0 or 1 strides, not {self.latency}")
+def kernel_scene(scene: Scene, batch: int) -> NDArray[Any]:
+    """A scene as the kernels read it, shape (batch,)."""
+    return kernel_rows(scene, batch, {"tape_width": TAPES[scene.tape].width})
+
+
+def _make_body(stride: float, gait: Gait, hardware: Hardware) -> Body:
+    """The rigid bodies of walks with strides of one length [m]."""
+    return Body(replace(gait, step=stride / 2.0), hardware)
 
 
 class Walks:
@@ -105,7 +93,7 @@ class Walks:
     its neighbours in the batch: equal seeds give every agent the same noise, to the bit.
 
     Attributes:
-        scene: What they walk on and see with.
+        scenes: What each walks on and sees with; track, camera and what is kept of each are the same.
         walks: All state, shape (batch,), dtype ``WALK``.
         plants: What each walk and camera truly is, shape (batch,), dtype ``PLANT``.
         images: What each camera saw last, shape (batch, rows, columns), uint8; only if the sight is
@@ -136,7 +124,8 @@ class Walks:
         plants = nominal_plant(scene.gait, scene.camera) if reality is None else as_plants(reality)
         if plants.shape not in ((), (batch,)):
             raise ModelError(f"a batch of {batch} takes one reality or {batch}, not {plants.shape}")
-        self.scene, self.stock = scene, stock
+        self.scenes, self.stock = [scene] * batch, stock
+        self.records = kernel_scene(scene, batch)
         self._given = np.zeros((batch, MEMORY))
         if stock is not None:
             stock.kept["given"] = self._given
@@ -146,7 +135,7 @@ class Walks:
         above = (2 * one.first_row - one.last_row, one.first_row)
         self._rows = ((one.first_row, one.last_row), above)[: scene.bands]
         self._bands = tuple(make_optics(one, *rows) for rows in self._rows)
-        self._body_of = lru_cache(maxsize=batch)(self._make_body)
+        self._body_of = lru_cache(maxsize=batch)(_make_body)
         self._renderer_of = lru_cache(maxsize=batch)(self._make_renderer)
         self._track = (track.table, track.spacing, track.closed)
         self._begun = np.zeros(batch, dtype=np.bool_)
@@ -163,6 +152,11 @@ class Walks:
         """Give some walks, before they begin again, other parameters; shape (len(rows), n)."""
         self.plants[rows] = as_plants(vectors)
 
+    def set_scene(self, i: int, scene: Scene) -> None:
+        """Let a walk, before it begins again, be in another scene with the same track, camera and bands."""
+        self.scenes[i] = scene
+        self.records[i] = kernel_scene(scene, 1)[0]
+
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Start several walks anew, each with noise keyed by one draw from its own generator."""
         rows = list(which)
@@ -176,18 +170,14 @@ class Walks:
 
     def begin(self, rows: list[int]) -> None:
         """Start several walks, whose noise has been keyed."""
-        scene = self.scene
         if self.stock is not None:
             self.stock.begin(rows)
             self._given[rows] = 0.0
             self._change(rows, 0.0)
         for i in rows:
-            start(
-                self.walks, i, self.walks["key"][i], *self._track,
-                scene.noise.bias, scene.offset, scene.misalignment, scene.sided,
-            )  # fmt: skip
+            start(self.walks, i, self.walks["key"][i], *self._track, self.records)
             if self._rigid:
-                body = self._body_of(float(self.plants["stride"][i]))
+                body = self._body(i)
                 body.place(*(float(self.walks[name][i]) for name in ("x", "y", "heading")))
                 self.walks["bodies"][i] = body.state
         self._begun[rows] = True
@@ -215,24 +205,20 @@ class Walks:
 
     def _walk(self, commands: FloatArray) -> None:
         """Take every walk through one stride, shape (batch,) [rad]."""
-        scene = self.scene
         if self._rigid:
             for i, value in enumerate(commands):
-                self._walk_bodies(self._body_of(float(self.plants["stride"][i])), i, float(value))
+                self._walk_bodies(self._body(i), i, float(value))
         else:
-            move(
-                self.walks, commands, *self._track, scene.latency, self.plants,
-                scene.noise.yaw, scene.noise.lateral, scene.gait.limit,
-            )  # fmt: skip
+            move(self.walks, commands, *self._track, self.plants, self.records)
 
     def _walk_as_given(self, commands: FloatArray, stock: Stepped) -> None:
         """As ``_walk``, by what the actuators make of the commands; what is remembered as sent was sent."""
-        sent = self.walks["commands"].copy()
+        sent, limit = self.walks["commands"].copy(), self.records["limit"]
         self.walks["commands"] = self._given
-        self._change(list(range(len(self))), self.scene.gait.stride_time)
+        self._change(list(range(len(self))), self.scenes[0].gait.stride_time)
         self._walk(stock.given(commands[:, None])[:, 0])
         self._given[:] = self.walks["commands"]
-        self.walks["commands"][:, 0] = np.clip(commands, -self.scene.gait.limit, self.scene.gait.limit)
+        self.walks["commands"][:, 0] = np.clip(commands, -limit, limit)
         self.walks["commands"][:, 1:] = sent[:, :-1]
         stock.tick()
 
@@ -243,8 +229,8 @@ class Walks:
 
     def _walk_bodies(self, body: Body, i: int, command: float) -> None:
         """Take one walk through a stride of rigid bodies."""
-        noise, gait = self.scene.noise, self.scene.gait
-        turn = order(self.walks, i, command, self.plants[i], self.scene.latency, gait.limit)
+        noise = self.scenes[i].noise
+        turn = order(self.walks, i, command, self.plants[i], self.records)
         body.state = self.walks["bodies"][i].copy()
         body.stride(turn + noise.yaw * draw(self.walks, i, YAW))
         sideways, heading = noise.lateral * draw(self.walks, i, LATERAL), float(self.walks["heading"][i])
@@ -255,12 +241,8 @@ class Walks:
 
     def _scan(self, which: NDArray[np.int64]) -> None:
         """Let some walks read their cameras."""
-        scene = self.scene
         if self.images is None:
-            scan(
-                self.walks, which, *self._track, scene.tape.width, self._bands,
-                scene.camera_yaws_with_inner, self.plants, scene.noise.sensor,
-            )  # fmt: skip
+            scan(self.walks, which, *self._track, self._bands, self.plants, self.records)
         else:
             self._scan_images(which, self.images)
         if self.stock is not None and self.stock.senses:
@@ -274,8 +256,8 @@ class Walks:
 
     def _scan_images(self, which: NDArray[np.int64], images: Image) -> None:
         """Let some walks take photographs, and their camera boards find the line in them."""
-        scene = self.scene
         for i in which:
+            scene = self.scenes[i]
             image = self._photograph(i, images[i])
             for band, (first, last) in enumerate(self._rows):
                 column, count = centroid(image, first, last, scene.exposure.threshold)
@@ -290,30 +272,38 @@ class Walks:
         if self.images is not None:
             image: Image = self.images[i]
             return image
-        camera = self.scene.camera
+        camera = self.scenes[i].camera
         return self._photograph(i, np.zeros((camera.rows, camera.width), dtype=np.uint8))
 
-    def _make_body(self, stride: float) -> Body:
-        """The rigid bodies of walks with strides of one length [m]."""
-        return Body(replace(self.scene.gait, step=stride / 2.0), self.scene.hardware)
+    def _body(self, i: int) -> Body:
+        """The rigid bodies of a walk."""
+        return self._body_of(float(self.plants["stride"][i]), self.scenes[i].gait, self.scenes[i].hardware)
 
-    def _make_renderer(self, height: float) -> Renderer:
-        """What draws the images of cameras at one height [m]."""
-        scene, camera = self.scene, replace(self.scene.camera, height=height)
-        view = make_view(camera, scene.tape, scene.floor, scene.exposure, scene.lighting)
-        return Renderer(scene.track, camera, view)
+    def _renderer(self, i: int) -> Renderer:
+        """What draws the images of a walk's camera."""
+        scene = self.scenes[i]
+        look = scene.tape, scene.floor, scene.exposure, scene.lighting
+        return self._renderer_of(float(self.plants["camera_height"][i]), *look)
+
+    def _make_renderer(
+        self, height: float, tape: str, floor: str, exposure: Exposure, lighting: Lighting
+    ) -> Renderer:
+        scene = self.scenes[0]
+        camera = replace(scene.camera, height=height)
+        return Renderer(scene.track, camera, make_view(camera, tape, floor, exposure, lighting))
 
     def _photograph(self, i: int, image: Image) -> Image:
         """Render what one walk's camera sees; a swaying body makes the line's noise."""
-        one, plant, scene = self.walks[i], self.plants[i], self.scene
+        one, plant, scene = self.walks[i], self.plants[i], self.scenes[i]
         sway = scene.noise.sensor / scene.camera.look_ahead * draw(self.walks, i, SENSOR)
         heading = float(one["heading"]) + float(plant["camera_yaw"]["angle"]) - sway
         if scene.camera_yaws_with_inner:
             heading -= float(one["turned"])
         key = (int(one["key"]) + PIXELS + 8 * int(one["count"])) % 2**64
         pose = (float(one["x"]), float(one["y"]), heading)
-        renderer = self._renderer_of(float(plant["camera_height"]))
-        return renderer.image(pose, float(one["arc"]), key, image, float(plant["camera_pitch"]["angle"]))
+        return self._renderer(i).image(
+            pose, float(one["arc"]), key, image, float(plant["camera_pitch"]["angle"])
+        )
 
     def state(self) -> NDArray[Any]:
         """An exact snapshot of all walks: a plain structured array, shape (batch,)."""
