@@ -288,7 +288,7 @@ def test_each_camera_photographs_its_own_light():
     settings = {"dark_corner": [5.0, 0.0, {"uniform": [0.5, 5.0]}, 0.0], "light": {"choice": [0.5, 1.0]}}
     settings |= {"track": "straight"}
     envs = gym.make_vec("fieldgym/LineFollowingPixels-v0", num_envs=ROWS, settings=settings)
-    images, info = envs.reset(seed=2)
+    images, info = envs.reset(seed=7)
     told = info["privileged"]["settings"]
     assert len(np.unique(told["dark_corner"][:, 2])) == ROWS
     assert len(np.unique(told["light"])) == 2
@@ -297,6 +297,6 @@ def test_each_camera_photographs_its_own_light():
     for i in range(ROWS):
         own = {"dark_corner": tuple(told["dark_corner"][i].tolist()), "light": float(told["light"][i])}
         twin = gym.make("fieldgym/LineFollowingPixels-v0", settings=settings | own).unwrapped
-        np.testing.assert_array_equal(twin.reset(seed=2 + i)[0], images[i])
+        np.testing.assert_array_equal(twin.reset(seed=7 + i)[0], images[i])
         for step in steps:
             np.testing.assert_array_equal(twin.step(action[i])[0], step[0][i])
