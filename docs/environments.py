@@ -24,6 +24,7 @@ from fieldagents.task import get_task
 from fieldagents.watch import Episode
 from fieldgym import TASKS, Task
 from fieldmodels.files import replacing, write_text
+from fieldmodels.registry import get_model
 from fieldmodels.settings import declared
 
 FOLDER = Path(__file__).parent / "environments"
@@ -38,8 +39,29 @@ def page(task: Task) -> str:
     return (
         f"# {task.title}\n\n`{task.env_id}`\n\n![The task while it runs]({task.name}.png)\n\n{text}\n\n"
         f"## Settings\n\n`{task.settings.__name__}`\n\n"
-        f"| Setting | Default | Range | Meaning |\n|---|---|---|---|\n{settings}\n"
+        f"| Setting | Default | Range | Meaning |\n|---|---|---|---|\n{settings}\n\n"
+        f"## Stock effects\n\n{stock_effects(task)}\n"
     )
+
+
+def stock_effects(task: Task) -> str:
+    """Where stock effects can act on a task, as it declares."""
+    channels, parameters = task.channels, get_model(task.model).parameters
+    names = {
+        "commands": channels.commands,
+        "sensors": tuple(dict.fromkeys(channels.observed)),
+        "parameters": tuple(p.name for p in parameters),
+    }
+    told = "\n".join(
+        f"| {title} | {', '.join(f'`{n}`' for n in own) or '-'} |" for title, own in names.items()
+    )
+    text = f"A `reality` may name [stock effects](../realities.md) of\n\n| | |\n|---|---|\n{told}\n"
+    if channels.prompt:
+        prompt = ", ".join(f"`{n}`" for n in channels.prompt)
+        text += f"\nOn {prompt} only what takes no time can act: no lag, delay or rate limit.\n"
+    if not (channels.commands and channels.observed):
+        text += f"\nThere are no others: {channels.without}.\n"
+    return text.rstrip()
 
 
 def settings_of(kind: type[Any]) -> list[tuple[str, Any, str, str]]:

@@ -399,9 +399,9 @@ class ExcitationEnv(TaskEnv):
     ```
 
     - `settings`: an `ExcitationSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `excitation`, the path of an
-      `extended.yaml` that a diagnosis wrote (of the `soft` vehicle, which is the model's), or None for the
-      nominal simulation. The filters go on believing in eq (4).
+    - `reality`: what the simulation truly is: effects of the model `excitation`, stock effects of its
+      signals, the path of an `extended.yaml` that a diagnosis wrote (of the `soft` vehicle, which is the
+      model's), or None for the nominal simulation. The filters go on believing in eq (4).
     - `render_mode`: `rgb_array` (960 x 540, one frame a decision; `step_frames` gives slices of it) or
       `human`.
 

@@ -370,9 +370,9 @@ class HeelStrikeEnv(TaskEnv):
     ```
 
     - `settings`: a `HeelStrikeSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `heel_strike`, the path of an
-      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation. The estimators go on
-      believing in the nominal leg.
+    - `reality`: what the simulation truly is: effects of the model `heel_strike`, stock effects of its
+      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation. The
+      estimators go on believing in the nominal leg.
     - `render_mode`: `rgb_array` (960 x 540, one frame a stride; `step_frames` gives slices of it) or
       `human`.
 

@@ -406,8 +406,8 @@ class LineFollowingEnv(TaskEnv):
     ```
 
     - `settings`: a `LineFollowingSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `line_following`, the path of an
-      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
+    - `reality`: what the simulation truly is: effects of the model `line_following`, stock effects of its
+      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
     - `render_mode`: `rgb_array` (960 x 540, one frame a stride) or `human`.
 
     `get_state` and `set_state` save and restore everything, to the bit.

@@ -110,7 +110,7 @@ class _PoseReachingTask(BatchTask):
     def tick(self) -> Tick:
         """What is seen of every robot as it stands."""
         if self._tick is None:
-            self._tick = self.robots.observe()
+            self._tick = self._within(self.robots.observe())
         return self._tick
 
     def observation(self) -> NDArray[Any]:
@@ -136,8 +136,14 @@ class _PoseReachingTask(BatchTask):
         info = complete(self._info(tick), len(actions))
         return tick.observed, tick.reward, tick.success, tick.late, info
 
+    def _within(self, tick: Tick) -> Tick:
+        """What is observed, within the bounds of its space: a sensor may show a place beyond the walls."""
+        if self.stock is not None:
+            np.clip(tick.observed, OBSERVATION_LOW, OBSERVATION_HIGH, out=tick.observed)
+        return tick
+
     def _seen(self, tick: Tick, actions: Floats) -> Tick:
-        self._tick = tick
+        self._tick = self._within(tick)
         if self._trails is not None:
             self._extend_trails(tick, actions)
         return tick
@@ -308,8 +314,8 @@ class PoseReachingEnv(TaskEnv):
     ```
 
     - `settings`: a `PoseReachingSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `pose_reaching`, the path of an
-      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
+    - `reality`: what the simulation truly is: effects of the model `pose_reaching`, stock effects of its
+      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
     - `render_mode`: `rgb_array` (960 x 540) or `human`. `show(memory=..., chosen=...)` of the unwrapped
       environment has an agent's remembered paths, and the state it acts on, drawn beside the task.
 

@@ -444,8 +444,8 @@ class UavRouteEnv(TaskEnv):
     ```
 
     - `settings`: a `UavRouteSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `uav_route`, the path of an
-      `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
+    - `reality`: what the simulation truly is: effects of the model `uav_route`, stock effects of its
+      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
     - `render_mode`: `rgb_array` (960 x 540, one frame a leg) or `human`. `show(plan=...)` of the unwrapped
       environment has an agent's plan drawn beside the task.
 

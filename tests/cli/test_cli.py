@@ -7,11 +7,16 @@ import sys
 import time
 from pathlib import Path
 
+import gymnasium
+import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
 from fieldagents.cli import app
+from fieldmodels.drivers.around import flown
+from fieldmodels.recording.files import load_recording
+from fieldmodels.registry import get_model
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COMMANDS = ("list", "train", "evaluate", "record", "diagnose", "reproduce", "watch", "demo")
@@ -430,3 +435,33 @@ def test_what_a_diagnosis_found_reads_in_the_terminal():
     shown = console.export_text()
     for part in ("named", "coulomb_friction", "0.18 ± 0.01 N m", "52.1 % (48.0 to 61.0)", "0.66", "0.2 s"):
         assert part in shown
+
+
+def test_stock_effects_are_recorded_and_flown_from_a_file(tmp_path):
+    """A hidden reality of stock effects goes through files: recorded, predicted, and flown by a task."""
+    config = tmp_path / "record.yaml"
+    config.write_text(
+        "name: lazy\nmodel: line_following\nduration: 360\nsettings: {yaw: 0.0, lateral: 0.0, sensor: 0.0}\n"
+        "reality: {steering_gain: {gain: 0.6}, steering_lag: {time_constant: 0.5}}\n"
+    )
+    result = run("record", config, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    extended = tmp_path / "lazy.reality.yaml"
+    walk = load_recording(tmp_path / "lazy.csv")
+    nominal = get_model("line_following")
+    model, truth = flown(nominal, extended)
+    windows = nominal.windows(walk, nominal.horizons[0])
+    measured = windows.measured([s.name for s in nominal.outputs])
+
+    def error(one, vector):
+        return np.sqrt(np.nanmean((one.simulate(vector[None], windows)[0] - measured)[..., 2] ** 2))
+
+    assert error(model, truth.vector(model)) < 0.02  # the tracker's noise
+    assert error(nominal, nominal.nominal) > 0.04
+    env = gymnasium.make("fieldgym/LineFollowing-v0", reality=str(extended)).unwrapped
+    env.reset(seed=0)
+    assert env.reality.effects["steering_lag"]["time_constant"] == 0.5
+    config.write_text(config.read_text().replace("steering_lag", "steering_lak"))
+    result = run("record", config, "--out", tmp_path)
+    assert result.exit_code != 0
+    assert "did you mean 'steering_lag'" in result.output

@@ -3,11 +3,15 @@
 import re
 from pathlib import Path
 
+import gymnasium
 import pytest
 import typer.main
+from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
+from fieldagents.config import EnvironmentConfig, check_environment
+from fieldmodels.effects import actuators, changes, sensors
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -95,3 +99,26 @@ def test_shipped_training_configs_load(path):
     config = load_config(path, TrainConfig)
     assert config.task == path.parent.name
     assert path.stem.startswith(config.algorithm)
+
+
+def test_the_page_of_realities_names_every_stock_effect():
+    page = (DOCS / "realities.md").read_text()
+    for signal, library in (("u", actuators), ("y", sensors), ("p", changes)):
+        for kind in library.LIBRARY:
+            assert f"`{signal}_{kind}`" in page or kind == "backlash", kind
+
+
+def test_the_example_on_the_page_of_realities_predicts(capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "realities.md").read_text(), re.DOTALL)
+    exec(compile(code, "realities.md", "exec"), {"__name__": "example"})
+    nominal, own = (float(line.split()[1]) for line in capsys.readouterr().out.splitlines())
+    assert own < 0.5 * nominal
+
+
+def test_the_reality_on_the_page_of_realities_can_be_flown():
+    (block,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "realities.md").read_text(), re.DOTALL)
+    reality = YAML(typ="safe", pure=True).load(block)["reality"]
+    check_environment("line_following", EnvironmentConfig(reality=reality))
+    assert gymnasium.make("fieldgym/LineFollowing-v0", reality=reality).reset(seed=0)[1]["privileged"][
+        "reality"
+    ]

@@ -130,6 +130,7 @@ def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id, realit
         for _ in range(12):
             action = env.action_space.sample()
             ours, theirs = env.step(action), twin.step(action)
+            assert env.observation_space.contains(ours[0])
             assert equal(dict(enumerate(ours[:4])), dict(enumerate(theirs[:4])))
             assert plain(ours[4]["privileged"]["reality"]) == told
             assert equal(without_drawn(ours[4]), theirs[4])

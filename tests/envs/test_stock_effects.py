@@ -264,10 +264,19 @@ def test_a_robot_sees_what_its_sensors_show():
     expected = np.column_stack(
         [x, y, np.cos(heading), np.sin(heading), np.log(np.hypot(x, y)), np.cos(ball), np.sin(ball)]
     )
-    np.testing.assert_allclose(seen, expected, atol=2e-6)
+    space = gym.make(POSE).observation_space
+    np.testing.assert_allclose(seen, np.clip(expected, space.low, space.high), atol=2e-6)
     shown = np.array([i["pose"] for i in infos])
     assert apart(shown, np.column_stack([x, y, heading])) < 1e-9
     assert apart(shown, driven(infos)) > 0.1
+
+
+def test_a_pose_beyond_the_walls_is_observed_within_the_space():
+    env = gym.make(POSE, reality={"x_gain": {"gain": 3.0}}, settings=SLOW).unwrapped
+    _, info = env.reset(seed=3)
+    assert abs(info["pose"][0]) > 2.5
+    for action in DRIVEN[:3]:
+        assert env.observation_space.contains(env.step(action)[0])
 
 
 def test_a_track_that_grows_while_a_robot_drives():
