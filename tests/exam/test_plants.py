@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.oracles import find_oracle, line_following
-from fieldmodels.exam.plants import axis_listed
+from fieldmodels.exam.oracles import find_oracle, heel_strike, line_following
+from fieldmodels.exam.plants import axis_listed, leg
 from fieldmodels.exam.plants.axis import simulate
 from fieldmodels.exam.plants.commands import COMMANDS
 from fieldmodels.exam.plants.noise import NOISES
@@ -104,6 +104,22 @@ def test_a_listed_effect_of_a_walk_acts_as_its_oracle_says(effect: str):
     np.testing.assert_allclose(rows.outputs, truth[:-1], atol=1e-9)
 
 
+@pytest.mark.parametrize("effect", ["", *get_bench("heel_strike").effects])
+def test_a_listed_effect_of_a_leg_acts_as_its_oracle_says(effect: str):
+    values = {effect: get_bench("heel_strike").values(effect, 3.0, 1, 3)} if effect else {}
+    if effect == "parameter_step":
+        values[effect]["time"] = 5.0
+    torques = np.repeat(np.random.default_rng(11).uniform(-0.15, 0.15, 40), 25)[:800]
+    plant = leg.Leg(1.03)
+    leg.install(plant, values)
+    rows = leg.simulate(plant, torques, np.zeros((800, 2)), 0.01)
+    truth = heel_strike.walk(heel_strike.Leg(values, 1.03), 800, 0.01, lambda k: float(torques[k]))
+    np.testing.assert_array_equal(rows[:, 0], truth.strike)
+    np.testing.assert_allclose(rows[:, 1], truth.gyro, atol=2e-5 if effect == "coulomb_friction" else 1e-7)
+    struck = np.flatnonzero(truth.strike)
+    np.testing.assert_allclose(rows[struck, 2], truth.angle[struck], atol=2e-5)
+
+
 UNLISTED = [
     (name, kind)
     for name in bench_names()
@@ -115,7 +131,7 @@ UNLISTED = [
 @pytest.mark.parametrize(("name", "kind"), UNLISTED)
 def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(name: str, kind: str):
     bench = get_bench(name)
-    conditions = Conditions(duration=60.0 if name == "line_following" else 6.0, factor=0.0)
+    conditions = Conditions(duration={"line_following": 60.0, "heel_strike": 30.0}.get(name, 6.0), factor=0.0)
     plain = bench.log([], conditions, 4, False).outputs
 
     def off(size: float) -> float:

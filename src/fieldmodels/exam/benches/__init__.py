@@ -15,6 +15,7 @@ PLACES = {
     "pose_reaching": "drive",
     "differential_drive": "drive",
     "line_following": "walk",
+    "heel_strike": "leg",
 }
 """Which module here makes the records of a machine."""
 
