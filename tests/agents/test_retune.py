@@ -105,10 +105,24 @@ TINY = {
     ),
 }
 
+STOCK = {
+    "heel_strike": {"gyro_bend": {"curvature": 0.3}, "length_step": {"time": 2.0, "change": 0.05}},
+    "line_following": {"steering_gain": {"gain": 0.6}, "steering_lag": {"time_constant": 0.8}},
+    "excitation": {"force_x_gain": {"gain": 1.4}, "arm_angle_lag": {"time_constant": 0.05}},
+    "pose_reaching": {"speed_saturation": {"limit": 0.6}, "heading_delay": {"delay": 0.1}},
+    "uav_route": {"north_bias": {"bias": 30e3}, "to_east_gain": {"gain": 1.05}},
+}
+"""The same of stock effects around the tasks."""
 
-@pytest.mark.parametrize("task", TINY)
-def test_what_is_tuned_in_the_right_simulation_is_the_oracle_to_the_bit(task, tmp_path):
-    name, options, settings, reality = TINY[task]
+
+@pytest.mark.parametrize(
+    ("task", "reality"),
+    [(task, None) for task in TINY] + list(STOCK.items()),
+    ids=[*TINY, *map("stock {}".format, STOCK)],
+)
+def test_what_is_tuned_in_the_right_simulation_is_the_oracle_to_the_bit(task, reality, tmp_path):
+    name, options, settings, own = TINY[task]
+    reality = reality or own
     tuner = get_task(task).tuners[name]
     extended = tmp_path / "extended.yaml"
     effects = {
