@@ -182,6 +182,15 @@ def test_what_cannot_act_in_a_task_is_said(env_id, reality, words):
         gym.make(env_id, reality=reality)
 
 
+def test_what_cannot_act_in_a_recording_is_said():
+    with pytest.raises(ModelError, match="one axis a run"):
+        record_experiment(np.random.default_rng(1), {"arm_axis_bias": {"bias": 1.0}})
+    with pytest.raises(ModelError, match="its line is as it is"):
+        record_walk({"curvature_bias": {"bias": 1.0}}, rng=np.random.default_rng(1))
+    with pytest.raises(ModelError, match="scans are events"):
+        record_flight({"scan_gap_bias": {"bias": 1.0}}, rng=np.random.default_rng(1))
+
+
 def test_what_the_tasks_declare_is_in_their_models():
     from fieldmodels.registry import get_model
 

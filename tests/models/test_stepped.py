@@ -310,3 +310,16 @@ def test_where_legs_are_taken_a_jump_acts_from_the_next_leg_on():
         made.clock[:] = time
         assert made.given(np.array([[2.0]]))[0, 0] == 2.0 * factor
         assert made.change([0], 0.0)[0, 0] == 2.0 - factor
+
+
+def test_scaled_to_data_it_keeps_its_slow_sensors_and_its_neutral_self():
+    model = with_named(
+        Plain(), {"first_lag": {"time_constant": 0.1}, "left_curve": {"value_1": 0.0, "value_4": 0.0}}
+    )
+    signals = {"left": 5.0 * U, "right": U, "first": Y, "second": Y}
+    scaled = model.scaled_to([Recording(CLOCK, signals)])
+    assert scaled.names == model.names
+    assert scaled.effect("first_lag").parameters[0].nominal == 0.0
+    low, high = (p.nominal for p in scaled.effect("left_curve").parameters[:2])
+    assert (low, high) == pytest.approx(np.quantile(5.0 * U, [0.05, 0.95]))  # where the data are
+    assert len(scaled.effect("left_curve").parameters) == 2 + 4

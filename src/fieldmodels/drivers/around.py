@@ -146,7 +146,7 @@ class Surrounded(Model):
         """The model with scales that suit these data, and the stock effects, too."""
         inner = self.inner.scaled_to(recordings)
         machine: Any = self  # has all that sizes are measured of
-        return Surrounded(inner, self.stock, measured_sizes(machine, recordings))
+        return type(self)(inner, self.stock, measured_sizes(machine, recordings))
 
     def windows(self, recording: Recording, horizon: float) -> Windows:
         """The model's own windows."""

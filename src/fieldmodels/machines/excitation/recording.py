@@ -9,12 +9,21 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.excitation.model import ExcitationModel, joined_runs
 from fieldmodels.machines.excitation.motion import DECISION, arm_motion
 from fieldmodels.machines.excitation.parameters import DURATION, LIMITS, MODES, Limits
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording
 from fieldmodels.synthesis import Noise, synthesise
+
+RECORDED = Channels(
+    commands=("arm_angle",),
+    observed=tuple(s.name for s in ExcitationModel.outputs),
+    without="the arm turns about one axis a run",
+)
+"""Where stock effects can act on a recording."""
 
 
 def shaking(
@@ -67,6 +76,7 @@ def record_experiment(
         One episode a run, with the columns of ``ExcitationModel``.
     """
     model = model or ExcitationModel()
+    flown(model, reality, RECORDED)  # refuses what cannot act
     runs = []
     for k in range(repeats * MODES):
         angle = shaking(duration, step, rng, limits)
