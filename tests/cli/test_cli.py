@@ -190,7 +190,7 @@ def test_a_recorded_line_follower_has_no_bias_that_nobody_asked_for(tmp_path):
     [
         ("settings.track=ovel", "no track 'ovel' (did you mean 'oval'?)"),
         ("settings.plan=pymunk", "settings.plan: unknown key"),
-        ("settings.latency_strides=2", "settings.latency_strides: Input should be 0 or 1"),
+        ("settings.latency_strides=2", "settings.latency_strides: Input should be less than or equal to 1"),
         ("reality.turn_gane.factor=0.8", "no effect 'turn_gane' (did you mean 'turn_gain'?)"),
         ("reality.actuator_delay.strides=2", "the robot left its line"),
     ],

@@ -201,6 +201,57 @@ def test_snapshots_restore_what_was_drawn_and_what_will_be(env_id, reality):
         env.set_state(fixed.get_state())
 
 
+SETTINGS = {
+    "fieldgym/LineFollowing-v0": {
+        "limit": {"choice": [0.1, 0.2]},
+        "latency_strides": {"choice": [0, 1]},
+        "offset": {"uniform": [0.0, 0.4]},
+    },
+    "fieldgym/LineFollowingPixels-v0": {"light": {"uniform": [0.5, 1.0]}, "tape": {"choice": ["gaffer"]}},
+    "fieldgym/PoseReaching-v0": {"max_speed": {"uniform": [0.5, 1.5]}, "max_rate": {"choice": [2.0, 4.0]}},
+    "fieldgym/UavRoute-v0": {"speed": {"uniform": [0.15, 0.4]}, "engage": {"choice": [10.0, 1e6]}},
+    "fieldgym/HeelStrike-v0": {
+        "process": [0.05, {"uniform": [0.2, 0.9]}],
+        "push_off": {"uniform": [0.4, 0.9]},
+    },
+    "fieldgym/Excitation-v0": {
+        "preset": {"choice": ["table1", "soft"]},
+        "limits": {"choice": ["paper", "wide"]},
+        "noise_fraction": {"uniform": [0.05, 0.2]},
+    },
+}
+
+
+@pytest.mark.parametrize("env_id", STOCK)
+def test_drawn_settings_and_drawn_effects_around_them_are_each_row_s_own(env_id):
+    envs = gym.make_vec(env_id, num_envs=3, reality=STOCK[env_id], settings=SETTINGS[env_id])
+    observation, info = envs.reset(seed=4)
+    truth, told = info["privileged"]["reality"], info["privileged"]["settings"]
+    envs.action_space.seed(1)
+    actions = [envs.action_space.sample() for _ in range(6)]
+    steps = [envs.step(action) for action in actions[:3]]
+    state = envs.get_state()
+    steps += [envs.step(action) for action in actions[3:]]
+    for i in range(3):
+        own = {
+            name: told[name][i].tolist() if told[name].ndim > 1 else told[name][i]
+            for name in told
+            if name[0] != "_"
+        }
+        twin = gym.make(env_id, reality=plain(truth, i), settings=own).unwrapped
+        assert np.array_equal(twin.reset(seed=4 + i)[0], observation[i])
+        for action, step in zip(actions, steps, strict=True):
+            one = twin.step(action[i])
+            assert all(np.array_equal(one[k], step[k][i]) for k in range(4))
+            if one[2] or one[3]:
+                break
+    fresh = gym.make_vec(env_id, num_envs=3, reality=STOCK[env_id], settings=SETTINGS[env_id])
+    fresh.set_state(state)
+    again = [fresh.step(action) for action in actions[3:]] + [fresh.reset()]
+    for a, b in zip([*steps[3:], envs.reset()], again, strict=True):
+        assert equal(dict(enumerate(a)), dict(enumerate(b)))
+
+
 def test_every_row_and_every_episode_draws_its_own():
     env = gym.make_vec(
         "fieldgym/PoseReaching-v0",
