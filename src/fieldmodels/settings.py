@@ -232,7 +232,9 @@ def kernel_rows(settings: Any, batch: int, derived: Mapping[str, Any] | None = N
         Structured array of shape (batch,), all rows equal.
     """
     values = _kernel_values(settings) | dict(derived or {})
-    row = np.zeros(1, dtype=_record_type(tuple((name, *_column(value)) for name, value in values.items())))
+    # by name, since NumPy puts one record into another by position
+    columns = tuple((name, *_column(values[name])) for name in sorted(values))
+    row = np.zeros(1, dtype=_record_type(columns))
     for name, value in values.items():
         row[name] = value
     return np.repeat(row, batch)
