@@ -39,6 +39,7 @@ class Parameter:
         starts: Initial values tried by a fit (several where the cost has local minima).
         smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
         refitted: False for one that is known (a wheel's radius, a curve's range): a diagnosis keeps it.
+        twins: Simpler effects that its owner equals at its lower and at its upper bound; empty for none.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Parameter:
     starts: tuple[float, ...] = ()
     smooth: bool = True
     refitted: bool = True
+    twins: tuple[str, str] = ("", "")
 
     def __post_init__(self) -> None:
         """Check that the numbers make sense.

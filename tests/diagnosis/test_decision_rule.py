@@ -216,7 +216,7 @@ def test_whitened_residuals_have_covariance_one():
     rng = np.random.default_rng(6)
     root = np.array([[1.0, 0.5, 0.0], [3.0, 10.0, 0.0], [0.0, 0.02, 0.1]])
     raw = rng.normal(size=(20_000, 3)) @ root.T
-    whitener = _from_covariance(raw, np.ones(3), 0, 0.0)
+    whitener = _from_covariance(raw, np.full(3, 1e-6), 0, 0.0)
     np.testing.assert_allclose(np.cov((raw @ whitener.T).T), np.eye(3), atol=0.03)
 
 
@@ -269,6 +269,7 @@ class Shown:
     def __init__(self, measured, event=False):
         self.parts = [SimpleNamespace(windows=SimpleNamespace(measured=lambda _names: measured[:, :, None]))]
         self.model = SimpleNamespace(outputs=[SimpleNamespace(name="x", event=event)])
+        self.resolved = lambda _output: 0.0
 
 
 def test_noise_floor_is_the_white_part_of_an_error():

@@ -14,16 +14,17 @@ from fieldmodels.diagnosis.fit import (
     Coordinates,
     Fit,
     costs,
-    diagonal_whitener,
     fit,
     held_out_loss,
     project,
     refit,
     stacked,
+    weighed,
+    whitener_by_output,
 )
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import responses, sample_times
-from fieldmodels.model import Effect
+from fieldmodels.model import Effect, Model
 
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
@@ -113,11 +114,14 @@ class Candidates:
         simulated = problem.simulate(starts, problem.states)
         costs = np.sum(((problem.features - simulated) @ self.whitener.T) ** 2, axis=(1, 2))
         order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))[:3]
+        # Weighed by a signal's spread, averages would count nothing beside events, and states follow these.
+        self.whitener = whitener_by_output(problem, problem.features - simulated[order[0]])
         tries = [fit(problem, starts[i], free, self.whitener, iterations=8) for i in order]
         best = min(tries, key=lambda f: f.cost)
         best = fit(problem, best.parameters, free, self.whitener, best.states, iterations)
-        self.whitener = diagonal_whitener(problem, best.raw)
-        return self._judged((), fit(problem, best.parameters, free, self.whitener, best.states, 10), 0.0)
+        best = weighed(problem, best, 10)
+        self.whitener = best.whitener
+        return self._judged((), best, 0.0)
 
     def extend(self, parent: Candidate, name: str) -> Candidate | None:
         """Add an effect to a fitted set; None if no start gives a finite cost."""
@@ -131,6 +135,8 @@ class Candidates:
             return None
         best = fit(self.problem, best.parameters, free, self.whitener, best.states, MOST)
         best = self._profiled(best, effect)
+        if is_simpler(self.problem.model, effect, best.parameters):
+            return None
         search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
         return self._judged((*parent.effects, name), best, float(search))
 
@@ -316,6 +322,16 @@ class Candidates:
                     best = trial
                 reach /= 8
         return best
+
+
+def is_simpler(model: Model, effect: Effect, parameters: FloatArray) -> bool:
+    """Whether an effect has ended where it equals a simpler one of the model, which is tried by itself."""
+    place = model.slice_of(effect.name).start
+    for k, p in enumerate(effect.parameters):
+        at = (parameters[place + k] < 1.02 * p.lower, parameters[place + k] > p.upper / 1.02)
+        if any(r and twin in {e.name for e in model.effects} for r, twin in zip(at, p.twins, strict=True)):
+            return True
+    return False
 
 
 def is_quantisation(effect: Effect) -> bool:

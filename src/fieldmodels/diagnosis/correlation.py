@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.fit import PRIOR, STATE_STEP
-from fieldmodels.diagnosis.gain import Prediction, whitener_by_output
+from fieldmodels.diagnosis.fit import PRIOR, STATE_STEP, whitener_by_output
+from fieldmodels.diagnosis.gain import Prediction
 from fieldmodels.diagnosis.problem import Part, Problem
 from fieldmodels.diagnosis.result import Correlation
 

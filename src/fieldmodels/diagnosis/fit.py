@@ -23,6 +23,9 @@ PRIOR = 2.0  # initial states stay within about this many times their spread ove
 STEP = 0.01  # finite-difference step of a parameter, in its scale
 STATE_STEP = 1e-3  # the same of a state, in its spread over windows
 TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
+REWEIGHED = 6  # times that weights follow residuals, at most
+LEFT = 0.1  # of an average's variance, at least, that initial states are taken to leave
+AGREED = 1.2  # ratio of variances from which on they do no longer
 INSENSITIVE = (
     0.01  # norm of a whitened column below which a change by ten coordinates is negligible (0.005 nats)
 )
@@ -233,6 +236,25 @@ def _gain(before: FloatArray, after: FloatArray) -> float:
     return float(before[was].sum() - after[now].sum())
 
 
+def weighed(problem: Problem, start: Fit, iterations: int) -> Fit:
+    """Fit with errors weighed by their own size, until weights and residuals agree.
+
+    While weights are too coarse, a fit ends early, and its states stay too near to what was measured of them.
+    Signals are weighed as a whole first, then average by average, of which the initial states take a share:
+    weighed by what is left, an average that they can follow would count more and more.
+    """
+    best = start
+    for _ in range(REWEIGHED):
+        size = np.mean(best.raw**2)
+        whitener = whitener_by_output(problem, best.raw)
+        best = fit(problem, best.parameters, best.free, whitener, best.states, iterations)
+        if size < AGREED * np.mean(best.raw**2):
+            break
+    taken = np.mean(np.sum(best.basis**2, axis=2), axis=0)[: best.raw.shape[1]]
+    whitener = diagonal_whitener(problem, best.raw / np.sqrt(np.maximum(1.0 - taken, LEFT)))
+    return fit(problem, best.parameters, best.free, whitener, best.states, iterations)
+
+
 def costs(problem: Problem, batch: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:
     """Cost [nats] of parameter vectors from given initial states, shape (batch,)."""
     simulated = problem.simulate(batch, states)
@@ -324,9 +346,20 @@ def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
 
 
 def diagonal_whitener(problem: Problem, raw: FloatArray) -> FloatArray:
-    """Whitener that divides each average by its residual's root mean square, and leaves events unchanged."""
-    spread = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * problem.output_scale)
+    """Whitener that divides each average by its residual's root mean square, no less than its floor."""
+    spread = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), problem.floor)
     return np.asarray(np.diag(1.0 / np.where(problem.events, 1.0, spread)))
+
+
+def whitener_by_output(problem: Problem, raw: FloatArray) -> FloatArray:
+    """Whitener that divides each signal's features by their common root mean square."""
+    known = np.where(np.isfinite(raw), raw, 0.0)
+    size = np.empty(len(problem.outputs))
+    for j in np.unique(problem.outputs):
+        own = problem.outputs == j
+        size[own] = np.sqrt(np.mean(known[:, own] ** 2))
+    size = np.where(problem.events, 1.0, np.maximum(size, problem.floor))
+    return np.asarray(np.diag(1 / size))
 
 
 def covariance_whitener(problem: Problem, fitted: Fit, shrink: float = 0.15) -> FloatArray:
@@ -338,18 +371,17 @@ def covariance_whitener(problem: Problem, fitted: Fit, shrink: float = 0.15) -> 
         result = np.eye(len(problem.outputs))
         if not problem.events.all():
             averages = ~problem.events
-            scale = problem.output_scale[averages]
             result[np.ix_(averages, averages)] = _from_covariance(
-                fitted.raw[:, averages], scale, len(fitted.free), shrink
+                fitted.raw[:, averages], problem.floor[averages], len(fitted.free), shrink
             )
         return result
-    return _from_covariance(fitted.raw, problem.output_scale, len(fitted.free), shrink)
+    return _from_covariance(fitted.raw, problem.floor, len(fitted.free), shrink)
 
 
-def _from_covariance(raw: FloatArray, least: FloatArray, free: int, shrink: float) -> FloatArray:
+def _from_covariance(raw: FloatArray, floor: FloatArray, free: int, shrink: float) -> FloatArray:
     windows, features = raw.shape
-    scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-6 * least)
-    correlation = (raw / scale).T @ (raw / scale) / max(windows - free, 1)
+    scale = np.sqrt(np.mean(raw**2, axis=0) + floor**2)
+    correlation = (raw / scale).T @ (raw / scale) / max(windows - free, 1) + np.diag((floor / scale) ** 2)
     shrink = max(shrink, features / (features + windows))
     correlation = (1 - shrink) * correlation + shrink * np.diag(np.diag(correlation))
     values, vectors = np.linalg.eigh(correlation)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.fit import fit, whitener_by_output
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import HorizonGain, Share
 from fieldmodels.recording import RecordingError
@@ -59,17 +59,6 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
         squares.append((np.where(seen, error, 0.0) ** 2).sum(axis=1))
         counts.append(seen.sum(axis=1))
     return Prediction(simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64))
-
-
-def whitener_by_output(problem: Problem, raw: FloatArray) -> FloatArray:
-    """Whitener that divides each signal's features by their common root mean square."""
-    known = np.where(np.isfinite(raw), raw, 0.0)
-    size = np.empty(len(problem.outputs))
-    for j in np.unique(problem.outputs):
-        own = problem.outputs == j
-        size[own] = np.sqrt(np.mean(known[:, own] ** 2))
-    size = np.where(problem.events, 1.0, np.maximum(size, 1e-6 * problem.output_scale))
-    return np.asarray(np.diag(1 / size))
 
 
 def share(
@@ -146,8 +135,9 @@ def _within(testing: Problem, horizon: float) -> Problem | None:
 def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
     """Standard deviation of an output's white noise, from second differences of the errors.
 
-    Differences are clipped to their 1st and 99th percentile before the root mean square is taken. For an
-    event it is the error that remains if its simulated probability p is right: the root mean of p (1 - p).
+    Differences are clipped to their 1st and 99th percentile before the root mean square is taken. It is no
+    less than what can be resolved (see ``resolution``). For an event it is the error that remains if its
+    simulated probability p is right: the root mean of p (1 - p).
     """
     outputs = tuple(o.name for o in problem.model.outputs)
     if problem.model.outputs[output].event:
@@ -160,7 +150,8 @@ def noise_floor(problem: Problem, prediction: Prediction, output: int) -> float:
     values = np.concatenate(differences)
     if len(values) < 20:
         return float("nan")
-    return float(np.sqrt(np.mean(np.clip(values, *np.percentile(values, [1, 99])) ** 2) / 6))
+    white = float(np.sqrt(np.mean(np.clip(values, *np.percentile(values, [1, 99])) ** 2) / 6))
+    return max(white, problem.resolved(output))
 
 
 def _chance(problem: Problem, prediction: Prediction, output: int) -> float:

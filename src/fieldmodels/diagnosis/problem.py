@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.events import Observations
+from fieldmodels.diagnosis.resolution import SHARE, of_averages, rounding
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError, Windows
 
@@ -34,6 +35,7 @@ class Part:
         blocks: Block number of each window within this recording, shape (windows,).
         noise_ratio: By which measured and simulated features are divided, shape (features,): noise of this
             recording over that of the others.
+        rounding: Standard deviation of each average's rounding, shape (windows, features).
     """
 
     windows: Windows
@@ -42,6 +44,7 @@ class Part:
     features: FloatArray
     blocks: IntArray
     noise_ratio: FloatArray | float = 1.0
+    rounding: FloatArray | None = None
 
     def compressed(self, outputs: FloatArray) -> FloatArray:
         """Outputs of every sample, shape (batch, windows, samples, outputs), as features."""
@@ -113,6 +116,19 @@ class Problem:
         return np.asarray(np.where(self.events, 1.0, scale))
 
     @cached_property
+    def floor(self) -> FloatArray:
+        """Error below which nothing is told of a feature (1 for an event), shape (features,)."""
+        parts = [p.rounding / p.noise_ratio for p in self.parts if p.rounding is not None]
+        rounded = np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)) if parts else 0.0
+        return np.asarray(np.where(self.events, 1.0, np.maximum(rounded, SHARE * self.output_scale)))
+
+    def resolved(self, output: int) -> float:
+        """Error of an output below which nothing is told, in its unit; 0 for one that is not measured."""
+        own = self.outputs == output
+        floors = [np.broadcast_to(p.noise_ratio, own.shape)[own] * self.floor[own] for p in self.parts]
+        return float(np.sqrt(np.mean(np.concatenate(floors) ** 2))) if own.any() else 0.0
+
+    @cached_property
     def events(self) -> NDArray[np.bool_]:
         """Which features are single observations of an event output, shape (features,)."""
         return np.array([self.model.outputs[j].event for j in self.outputs], dtype=np.bool_)
@@ -180,6 +196,7 @@ class Problem:
                         counts=part.counts[keep],
                         features=part.features[keep],
                         blocks=part.blocks[keep],
+                        rounding=None if part.rounding is None else part.rounding[keep],
                     )
                 )
         return replace(self, parts=tuple(parts))
@@ -228,8 +245,13 @@ def build(
             continue
         kept = windows.select(whole)
         measured = np.nan_to_num(kept.measured(tuple(o.name for o in model.outputs)))
-        features = _compress(measured[None], slots[whole], counts[whole])[0]
-        parts.append(Part(kept, slots[whole], counts[whole], features, _blocks(kept, block)))
+        slots, counts = slots[whole], counts[whole]
+        way = np.abs(np.diff(measured, axis=1, append=measured[:, -1:]))
+        features, passed = _compress(np.stack([measured, way]), slots, counts)
+        steps = np.array([rounding(windows.recording[o.name]) if o.name in windows.recording else 0.0
+                          for o in model.outputs])  # fmt: skip
+        rounded = of_averages(steps[outputs], passed * counts, counts)
+        parts.append(Part(kept, slots, counts, features, _blocks(kept, block), rounding=rounded))
     problem = Problem(model, tuple(parts), outputs, horizon, bins)
     if len(problem) < MIN_WINDOWS:
         names = ", ".join(recording.source for recording in recordings)

@@ -7,35 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import is_quantisation
+from fieldmodels.diagnosis.resolution import lattice
 from fieldmodels.model import Effect, Model
 from fieldmodels.recording import Recording
 
 SHARE = 0.05  # of the error's variance that quantisation must explain to be named
-TOLERANCE = 0.02  # of the step: how far values may lie from the lattice
-
-
-def lattice(values: FloatArray) -> float | None:
-    """Step of the lattice on which all values lie, or None if there is no such lattice."""
-    unique = np.unique(values[np.isfinite(values)])
-    if len(unique) < 4:
-        return None
-    gaps = np.diff(unique)
-    gaps = gaps[gaps > 1e-9 * (unique[-1] - unique[0])]  # rounding errors of a conversion
-    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
-    for _ in range(3):
-        counts = np.round((unique - unique[0]) / step)
-        if counts[-1] < 3:
-            return None
-        step = float((counts @ (unique - unique[0])) / (counts @ counts))
-    counts = np.round((unique - unique[0]) / step)
-    distance = np.abs(unique - unique[0] - counts * step)
-    # Values too dense for the lattice lie near it by chance.
-    filled = len(unique) <= counts[-1] + 1
-    return step if filled and float(distance.max()) < TOLERANCE * step else None
 
 
 def coarse_sensor(

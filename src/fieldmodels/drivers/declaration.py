@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -148,7 +148,7 @@ class Declaration(Model):
         self.sizes = tuple(sizes or [Sizes()] * len(self.stock))
         by_stock = iter(self.sizes)
         self.effects = tuple(
-            replace(e.declare(self.names_of(e), next(by_stock)), name=e.name) if isinstance(e, Stock) else e
+            e.named(e.declare(self.names_of(e), next(by_stock))) if isinstance(e, Stock) else e
             for e in self.own_effects
         )
         if self.forces and not self.disturbance_unit:

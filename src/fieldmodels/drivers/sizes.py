@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.rates import centred, pace, rate_size, rms, white_noise
 from fieldmodels.drivers.windows import without_noise
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.stock import Sizes, Stock
@@ -18,7 +17,7 @@ from fieldmodels.recording import Recording
 
 STEPS = (8, 16, 32)
 """Samples in the shortest, the main and the longest horizon of a machine that states none, at least."""
-SHARES = (0.25, 0.5, 1.0)
+SHARES = (0.35, 0.7, 1.4)
 """The same as shares of the time in which the outputs change by their size."""
 
 
@@ -40,12 +39,10 @@ def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> 
     if type(machine).horizons:
         return machine.horizons
     step = recordings[0].step
-    paces = [_rms(_centred(recordings, s.name)) / (_rms(_slopes(recordings, s.name)) or 1.0)
-             for s in machine.outputs if any(s.name in r for r in recordings)]  # fmt: skip
-    pace = max([p for p in paces if p > 0.0 and math.isfinite(p)], default=0.0)
+    slowest = max(pace(recordings, s.name) for s in machine.outputs)
     longest = max(len(r) for r in recordings) * step
     found = [
-        min(max(share * 2 * pace, n * step), longest / 8) for share, n in zip(SHARES, STEPS, strict=True)
+        min(max(share * 2 * slowest, n * step), longest / 8) for share, n in zip(SHARES, STEPS, strict=True)
     ]
     return tuple(float(f"{h:.2g}") for h in found)
 
@@ -56,6 +53,7 @@ def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> S
     duration = max(len(r) * r.step for r in recordings)
     variables = e.over if isinstance(e, Curve) else ()
     result = Sizes(
+        measured=True,
         duration=duration,
         step=step,
         frequencies=_peaks(machine, recordings),
@@ -68,7 +66,7 @@ def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> S
         command = np.concatenate([r[e.signal] for r in recordings])
         high = tuple(float(q) for q in np.quantile(np.abs(command), [0.995, 0.97, 0.9, 0.7]))
         change = max(float(np.max(np.abs(np.diff(r[e.signal])), initial=0.0)) / r.step for r in recordings)
-        size = _rms(command) or 1.0
+        size = rms(command) or 1.0
         low = high if min(high) > 0 else (2 * size, 1.5 * size, size, 0.5 * size)
         return replace(result, force=size, high_forces=low, rate=change or 100.0 * size)
     if _acts_on_a_force(machine, e):
@@ -77,10 +75,10 @@ def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> S
             result,
             force=machine.inertia_of(f) * _acceleration(recordings, e.signal, f.position) or 1.0,
             velocity=_size_of(recordings, e.signal, f.position) or 1.0,
-            position=_rms(_centred(recordings, f.position)) or 1.0,
+            position=rms(centred(recordings, f.position)) or 1.0,
         )
-    size = _rms(_centred(recordings, e.signal)) or 1.0
-    return replace(result, position=size, force=size, velocity=_rms(_slopes(recordings, e.signal)) or 1.0)
+    size = rms(centred(recordings, e.signal)) or 1.0
+    return replace(result, position=size, force=size, velocity=rate_size(recordings, e.signal) or 1.0)
 
 
 def _acts_on_a_force(machine: Declaration, e: Stock) -> bool:
@@ -109,40 +107,14 @@ def _range(machine: Declaration, variable: str, recordings: Sequence[Recording])
 
 
 def _size_of(recordings: Sequence[Recording], velocity: str, position: str) -> float:
-    measured = _values(recordings, velocity)
-    return _rms(measured) if len(measured) else _rms(_slopes(recordings, position))
+    """Root mean square of a velocity, measured or as the rate of its position."""
+    found = [r[velocity] for r in recordings if velocity in r]
+    return rms(np.concatenate(found)) if found else rate_size(recordings, position)
 
 
 def _acceleration(recordings: Sequence[Recording], velocity: str, position: str) -> float:
     """Root mean square of a velocity's rate."""
-    slopes = _slopes(recordings, velocity)
-    if len(slopes):
-        return _rms(slopes)
-    rates = [np.gradient(_slope(r, position), r.step) for r in recordings if position in r]
-    return _rms(np.concatenate(rates)) if rates else 0.0
-
-
-def _values(recordings: Sequence[Recording], name: str) -> FloatArray:
-    found = [r[name] for r in recordings if name in r]
-    return np.concatenate(found) if found else np.zeros(0)
-
-
-def _centred(recordings: Sequence[Recording], name: str) -> FloatArray:
-    found = [r[name] - r[name].mean() for r in recordings if name in r]
-    return np.concatenate(found) if found else np.zeros(0)
-
-
-def _slopes(recordings: Sequence[Recording], name: str) -> FloatArray:
-    found = [_slope(r, name) for r in recordings if name in r]
-    return np.concatenate(found) if found else np.zeros(0)
-
-
-def _slope(recording: Recording, name: str) -> FloatArray:
-    """Slopes of a signal over about a fiftieth of the recording, at most 20 samples."""
-    span = max(1, min(20, len(recording) // 50))
-    inside = recording.episode[span:] == recording.episode[:-span]
-    slopes = (recording[name][span:] - recording[name][:-span]) / (span * recording.step)
-    return np.asarray(slopes[inside])
+    return rate_size(recordings, velocity) or rate_size(recordings, position, 2)
 
 
 def _peaks(machine: Declaration, recordings: Sequence[Recording], count: int = 4) -> tuple[float, ...]:
@@ -160,24 +132,6 @@ def _peaks(machine: Declaration, recordings: Sequence[Recording], count: int = 4
         if len(found) == count:
             break
     return tuple(found) or (1.0,)
-
-
-def white_noise(values: FloatArray) -> float:
-    """Standard deviation of white noise on a smooth signal, from its fourth differences.
-
-    A fourth difference of white noise has the variance 70 sigma^2; of a smooth signal it is small. Signals
-    that only change by jumps of a coarse sensor give their root mean square instead of the median, which
-    would be zero.
-    """
-    differences = np.diff(values, 4)
-    if len(differences) == 0:
-        return 0.0
-    robust = 1.4826 * float(np.median(np.abs(differences)))
-    return (robust or float(np.sqrt(np.mean(differences**2)))) / math.sqrt(70.0)
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
 def _median(values: Iterable[float]) -> float:

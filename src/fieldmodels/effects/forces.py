@@ -65,6 +65,7 @@ class Row(NamedTuple):
 ROW = Layout(Row)
 unpack = ROW.unpack
 
+COULOMB = "coulomb_friction"
 FRICTION_STEPS = 32
 """Integration steps within a sampling interval, at most, that dry friction and cogging ask for."""
 
@@ -212,7 +213,7 @@ def _stribeck(n: Names, s: Sizes) -> Effect:
         f"Dry friction falls with speed: to break away takes more {n.force} than to keep sliding.",
         "-F_s exp(-(v/v_s)^2) sign(v), beside Coulomb friction",
         positive(n.force, n.force_unit, 0.1 * s.force),
-        span("velocity", n.velocity_unit, s.velocity, 0.03, 0.1, 0.3),
+        span("velocity", n.velocity_unit, s.velocity, 0.03, 0.1, 0.3, sizes=s, twins=("", COULOMB)),
     )  # fmt: skip
 
 
@@ -232,7 +233,7 @@ def _hysteresis(n: Names, s: Sizes) -> Effect:
         f"the {n.force} depends on the way it came.",
         "dF_h/dx = (F_m - F_h sign(v)) / distance",
         positive(n.force, n.force_unit, 0.1 * s.force),
-        span("distance", n.position_unit, s.position, 0.03, 0.1, 0.3, 1.0),
+        span("distance", n.position_unit, s.position, 0.03, 0.1, 0.3, 1.0, sizes=s, twins=(COULOMB, "")),
     )  # fmt: skip
 
 
@@ -243,7 +244,8 @@ def _cogging(n: Names, s: Sizes) -> Effect:
         "B_s sin(2 pi x/p) + B_c cos(2 pi x/p)",
         signed("sine", n.force_unit, 0.1 * s.force),
         signed("cosine", n.force_unit, 0.1 * s.force),
-        span("period", n.position_unit, 4.0 * s.position, *(1.0 / np.arange(1.0, 15.1, 0.5))),
+        span("period", n.position_unit, 4.0 * s.position, *(1.0 / np.arange(1.0, 15.1, 0.5)), sizes=s,
+             twins=("", "constant_force")),
     )  # fmt: skip
 
 
@@ -268,7 +270,7 @@ def _stop(n: Names, s: Sizes) -> Effect:
         "elastic_stop", "force", "The axis runs against elastic stops on both sides.",
         "-k max(|x| - place, 0) sign(x)",
         positive("stiffness", f"{n.force_unit}/{n.position_unit}", s.force / s.position),
-        span("place", n.position_unit, s.position, 1.0, 1.5, 2.0),
+        span("place", n.position_unit, s.position, 1.0, 1.5, 2.0, sizes=s),
     )  # fmt: skip
 
 

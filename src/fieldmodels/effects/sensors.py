@@ -211,7 +211,7 @@ def _eccentricity(n: Names, s: Sizes) -> Effect:
         f"{n.position} shown = y + E_s sin(2 pi y/p) + E_c cos(2 pi y/p)",
         signed("sine", n.position_unit, 0.05 * s.position),
         signed("cosine", n.position_unit, 0.05 * s.position),
-        span("period", n.position_unit, 4.0 * s.position, *(1.0 / (1.0, 2.0, 4.0, 8.0)[k] for k in range(4))),
+        span("period", n.position_unit, 4.0 * s.position, 1.0, 0.5, 0.25, 0.125, sizes=s),
     )  # fmt: skip
 
 

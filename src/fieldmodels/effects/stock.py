@@ -9,7 +9,7 @@ values there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from fieldmodels.names import did_you_mean
 
 LARGE = 1e12
 """A bound that no bench reaches, in any unit of the library."""
+WIDTHS = 0.003, 30.0
+"""Narrowest and widest that data can tell from nothing and from everything, in the size of their signal."""
 NO_LIMIT = 1e9
 """A saturation or rate limit from this on means none."""
 
@@ -58,6 +60,7 @@ class Sizes:
         step: Sampling interval [s].
         frequencies: Where a periodic force is sought [Hz].
         ranges: From where to where each variable of a curve goes; by default one to either side of 0.
+        measured: Whether data gave these sizes: then widths keep to what such data can tell.
     """
 
     force: float = 1.0
@@ -69,6 +72,7 @@ class Sizes:
     step: float = 0.01
     frequencies: tuple[float, ...] = (1.0,)
     ranges: tuple[tuple[float, float], ...] = ()
+    measured: bool = False
 
 
 Declare = Callable[[Names, Sizes], Effect]
@@ -124,6 +128,15 @@ class Stock:
     signal: str
     declare: Declare
 
+    def named(self, declared: Effect) -> Effect:
+        """What was declared, with the machine's name for it and for what it may equal."""
+        prefix = self.name.removesuffix(self.kind)
+        parameters = tuple(
+            replace(p, twins=(p.twins[0] and prefix + p.twins[0], p.twins[1] and prefix + p.twins[1]))
+            for p in declared.parameters
+        )
+        return replace(declared, name=self.name, parameters=parameters)
+
 
 def choose(
     library: dict[str, Declare],
@@ -160,10 +173,23 @@ def signed(name: str, unit: str, size: float) -> Parameter:
     return Parameter(name, unit, 0.0, -LARGE, LARGE, 0.5 * size, starts=(size,))
 
 
-def span(name: str, unit: str, size: float, *shares: float) -> Parameter:
-    """A width that shapes an effect but does not switch it: sought from several shares of a size."""
+def span(
+    name: str, unit: str, size: float, *shares: float, sizes: Sizes, twins: tuple[str, str] = ("", "")
+) -> Parameter:
+    """A width that shapes an effect but does not switch it: sought from several shares of a size.
+
+    Args:
+        name: Name of the width.
+        unit: Its unit.
+        size: Typical size of the signal that it is a width of.
+        shares: Shares of that size from which it is sought.
+        sizes: Whether data gave the size; then it keeps within ``WIDTHS`` of it.
+        twins: Stock effects that its owner equals where it is narrow, and where it is wide.
+    """
     starts = tuple(float(size * share) for share in shares)
-    return Parameter(name, unit, 1.0, 1e-9, LARGE, 0.5 * starts[0], starts=starts)
+    least, most = (WIDTHS[0] * size, WIDTHS[1] * size) if sizes.measured else (1e-9, LARGE)
+    least, most = min(least, 1.0), max(most, 1.0)  # 1 where the effect is off, whatever the size
+    return Parameter(name, unit, 1.0, least, most, 0.5 * starts[0], starts=starts, twins=twins)
 
 
 def late(name: str, step: float, upper: float) -> Parameter:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.compiled import compiled
-from fieldmodels.drivers.sizes import white_noise
+from fieldmodels.drivers.rates import white_noise
 from fieldmodels.drivers.windows import Rows, episode_edges
 from fieldmodels.effects.actuators import actuate, follow, has_dynamics, respond, unpack
 from fieldmodels.machine import Machine

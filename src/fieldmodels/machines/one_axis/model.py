@@ -73,7 +73,7 @@ class OneAxis(Machine):
 
     def _sizes(self, e: Stock) -> Sizes:
         """Sizes for a stock effect; those of the velocity's sensor are of the velocity."""
-        sizes = self.scales.sizes
+        sizes = replace(self.scales.sizes, measured=self.scales is not self.nominal_scales)
         of_velocity = e.place == "sensor" and e.signal == self.outputs[1].name
         return replace(sizes, position=sizes.velocity) if of_velocity else sizes
 
@@ -107,6 +107,7 @@ class OneAxis(Machine):
             self.rotary,
             self.damped,
             self.nominal_scales,
+            self.hold,
         )
         result = type(self)(scales, self.driven_by_measured)
         result.hold = self.hold

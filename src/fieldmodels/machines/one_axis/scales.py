@@ -8,13 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.sizes import white_noise
+from fieldmodels.drivers.declaration import Hold
+from fieldmodels.drivers.rates import centred, rate_size, rms, white_noise
 from fieldmodels.effects import Sizes
 from fieldmodels.recording import Recording
 
 USUAL_PACE = 4.0  # times slower or faster than the nominal bench: from there on horizons follow
 LEAST_STEPS = 10.0  # steps in the main horizon
 LEAST_SHORT = 4.0  # steps in the shortest
+SPANS = 0.8, 1.6, 4.0  # lengths of bumps, in the time in which the position changes by its size
+LEAST_SPAN = 16  # samples in a bump
+MOST_SPANS = 10  # bumps of one length that a recording must hold
+SHOWN = 1.6  # oscillations within a bump that it still lets through, about a third
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,7 @@ def measure_scales(
     rotary: bool,
     damped: bool,
     nominal: Scales,
+    hold: Hold = "held",
 ) -> Scales:
     """Measure a bench's scales.
 
@@ -81,22 +87,24 @@ def measure_scales(
         rotary: Under gravity, or on a spring.
         damped: Whether the nominal machine has viscous friction.
         nominal: Scales that hold where the data cannot tell.
+        hold: What the command does between samples.
     """
     force = np.concatenate([r[command] for r in recordings])
-    shown = np.concatenate([r[position] - r[position].mean() for r in recordings])
-    slopes = np.concatenate([_slopes(r, position) for r in recordings])
+    size = rms(centred(recordings, position)) or nominal.position
+    speed = rate_size(recordings, position) or nominal.velocity
     rate = max(float(np.max(np.abs(np.diff(r[command])), initial=0.0)) / r.step for r in recordings)
     noise = float(np.median([white_noise(r[position]) for r in recordings]))
     with_velocity = [r for r in recordings if velocity in r]
     high = np.quantile(np.abs(force), [0.995, 0.97, 0.9, 0.7])
-    base, frequencies = _regress(recordings, command, position, rotary, damped, noise, nominal)
+    forms = _forms(recordings, command, position, rotary, hold, size / speed)
+    base, frequencies = _regress(forms, damped, noise, nominal)
     return Scales(
         base=base,
         force=float(np.sqrt(np.mean(force**2))) or nominal.force,
         high_forces=tuple(float(f) for f in high) if (high > 0).all() else nominal.high_forces,
         rate=rate or nominal.rate,
-        position=float(np.sqrt(np.mean(shown**2))) or nominal.position,
-        velocity=float(np.sqrt(np.mean(slopes**2))) or nominal.velocity,
+        position=size,
+        velocity=speed,
         duration=max(len(r) * r.step for r in recordings),
         step=recordings[0].step,
         position_noise=noise or nominal.position_noise,
@@ -120,14 +128,6 @@ def horizons_for(horizons: tuple[float, ...], scales: Scales, nominal: Scales) -
     return tuple(float(f"{factor * h:.2g}") for h in horizons) if factor != 1.0 else horizons
 
 
-def _slopes(recording: Recording, position: str) -> FloatArray:
-    """Slopes of the position over about a fiftieth of the recording, at most 20 samples."""
-    span = max(1, min(20, len(recording) // 50))
-    inside = recording.episode[span:] == recording.episode[:-span]
-    slopes = (recording[position][span:] - recording[position][:-span]) / (span * recording.step)
-    return np.asarray(slopes[inside])
-
-
 @dataclass(frozen=True)
 class WeakForm:
     """The equation of motion under bump functions: ``columns @ parameters = forces``.
@@ -137,15 +137,19 @@ class WeakForm:
         forces: The command under each bump, shape (bumps,).
         times: Middle of each bump on the recording's clock [s], shape (bumps,).
         noise: Covariance of the columns for position noise of variance one, shape (5, 5).
+        span: Length of a bump [s].
     """
 
     columns: FloatArray
     forces: FloatArray
     times: FloatArray
     noise: FloatArray
+    span: float
 
 
-def weak_form(recording: Recording, command: str, position: str, rotary: bool, span: float) -> WeakForm:
+def weak_form(
+    recording: Recording, command: str, position: str, rotary: bool, hold: Hold, samples: int, pace: float
+) -> WeakForm:
     """Multiply the equation of motion by bumps and integrate by parts.
 
     The bumps vanish with their slopes at both ends, so that no measured signal is differentiated:
@@ -157,53 +161,66 @@ def weak_form(recording: Recording, command: str, position: str, rotary: bool, s
         command: Name of the command.
         position: Name of the position.
         rotary: Under gravity, or on a spring.
-        span: Length of a bump [s]; bumps overlap by half.
+        hold: What the command does between samples.
+        samples: Length of a bump; bumps overlap by three quarters.
+        pace: Time in which the position changes by its size [s].
     """
-    count = max(round(span / recording.step), 16)
-    s = np.linspace(0.0, 1.0, count + 1)
-    length = count * recording.step
+    s = np.linspace(0.0, 1.0, samples + 1)
+    length = samples * recording.step
     arch = s * (1.0 - s)
     bump = arch**5
     slope = 5.0 * arch**4 * (1.0 - 2.0 * s) / length
     curvature = 10.0 * arch**3 * (2.0 * (1.0 - 2.0 * s) ** 2 - arch) / length**2
-    starts = np.concatenate([np.arange(a, b - count, max(count // 2, 1)) for a, b in recording.bounds])
-    rows = starts[:, None] + np.arange(count + 1)[None, :]
+    starts = np.concatenate([np.arange(a, b - samples, samples // 4) for a, b in recording.bounds])
+    rows = starts[:, None] + np.arange(samples + 1)[None, :]
     x = recording[position][rows]
     u = recording[command]
-    held = 0.5 * (u[rows] + u[np.maximum(rows - 1, 0)])  # a held command acts half a sample later
-    smooth = np.convolve(recording[position], np.full(9, 1 / 9), mode="same")
-    sign = np.sign(np.gradient(smooth)) if len(smooth) > 9 else np.zeros_like(u)
+    given = u[rows]
+    if hold == "held":  # it acts half a sample later
+        given = 0.5 * (given + u[np.maximum(rows - 1, 0)])
+    sign = np.sign(np.gradient(_smooth(recording[position], pace / recording.step)))
     back = np.sin(x) if rotary else x
     columns = [x @ curvature, -(x @ slope), back @ bump, sign[rows] @ bump, np.full(len(starts), bump.sum())]
     weight = 1.0 / float(bump.sum())
     kernels = np.array([curvature, -slope, bump, 0.0 * bump, 0.0 * bump])
     return WeakForm(
         columns=np.column_stack(columns) * weight,
-        forces=held @ bump * weight,
-        times=(starts + 0.5 * count) * recording.step,
+        forces=given @ bump * weight,
+        times=(starts + 0.5 * samples) * recording.step,
         noise=weight**2 * kernels @ kernels.T,
+        span=length,
     )
 
 
+def _smooth(values: FloatArray, pace: float) -> FloatArray:
+    """A running mean over at most nine samples, and a third of the samples in which a signal changes."""
+    width = 2 * int(np.clip(pace / 6.0, 0, 4)) + 1
+    return np.asarray(np.convolve(values, np.full(width, 1.0 / width), mode="same"))
+
+
+def _forms(
+    recordings: Sequence[Recording], command: str, position: str, rotary: bool, hold: Hold, pace: float
+) -> list[WeakForm]:
+    """The equation of motion under bumps that suit the pace, the shortest first."""
+    forms = []
+    for r in recordings:
+        least = min(np.diff(r.bounds, axis=1).min() - 1, len(r) // MOST_SPANS)
+        lengths = {
+            min(max(4 * round(share * pace / r.step / 4), LEAST_SPAN), least // 4 * 4) for share in SPANS
+        }
+        forms += [
+            weak_form(r, command, position, rotary, hold, n, pace) for n in sorted(lengths) if n >= LEAST_SPAN
+        ]
+    return sorted(forms, key=lambda form: form.span)
+
+
 def _regress(
-    recordings: Sequence[Recording],
-    command: str,
-    position: str,
-    rotary: bool,
-    damped: bool,
-    noise: float,
-    nominal: Scales,
+    forms: Sequence[WeakForm], damped: bool, noise: float, nominal: Scales
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Estimate the base parameters, and the frequencies at which a force is left over.
 
     An offset and a Coulomb column keep the commonest unmodelled forces out of the estimates.
     """
-    forms = [
-        weak_form(r, command, position, rotary, span)
-        for r in recordings
-        for span in (0.2, 0.4, 1.0)
-        if (np.diff(r.bounds, axis=1) * r.step > span).all()
-    ]
     columns = np.concatenate([form.columns for form in forms]) if forms else np.zeros((0, 5))
     if len(columns) < 10:
         return nominal.base, nominal.frequencies
@@ -221,16 +238,16 @@ def _regress(
         float(c) if np.isfinite(c) and c > 0 else f for c, f in zip(chosen, nominal.base, strict=True)
     )
     finest = forms[0]
-    return base, _peaks(finest.times, finest.forces - finest.columns @ solution)
+    return base, _peaks(finest.times, finest.forces - finest.columns @ solution, SHOWN / finest.span)
 
 
-def _peaks(times: FloatArray, left: FloatArray, count: int = 4) -> tuple[float, ...]:
-    """Frequencies [Hz] of the highest separate peaks of a periodogram up to 8 Hz."""
+def _peaks(times: FloatArray, left: FloatArray, highest: float, count: int = 4) -> tuple[float, ...]:
+    """Frequencies [Hz] of the highest separate peaks of a periodogram up to the highest."""
     spacing = float(np.median(np.diff(times)))
     size = 4 * len(left)  # zero padding: a quarter of a spectral line
     grid = np.fft.rfftfreq(size, spacing)
     line = 1.0 / (len(left) * spacing)
-    inside = (grid >= max(0.1, line)) & (grid <= 8.0)
+    inside = (grid >= 2.0 * line) & (grid <= highest)
     power = np.where(inside, np.abs(np.fft.rfft(left - left.mean(), size)), 0.0)
     found: list[float] = []
     for i in np.argsort(-power):
