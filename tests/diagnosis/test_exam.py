@@ -259,11 +259,11 @@ def test_rates_have_intervals_of_wilson():
 
 
 def test_an_answer_that_gets_worse_with_more_data_is_counted():
-    ran = rows("growing", abstained=1, right_alone=1, misnamed=1, silent=1)
-    for row, cut in zip(ran, (10.0, 20.0, 40.0, 80.0), strict=True):
+    ran = rows("growing", abstained=1, right_alone=1, near_name=1, misnamed=1, silent=1)
+    for row, cut in zip(ran, (10.0, 20.0, 30.0, 40.0, 80.0), strict=True):
         row |= {"seed": 1, "conditions": {"cut": cut}}
     goal = next(goal for goal in table.goals(ran) if "worse" in goal["name"])
-    assert (goal["count"], goal["cases"]) == (2, 3)
+    assert (goal["count"], goal["cases"]) == (2, 4)
 
 
 def test_what_is_regained_is_a_median():

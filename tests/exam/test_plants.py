@@ -43,7 +43,7 @@ def shown(name: str, effects: dict[str, Any], commands: np.ndarray) -> np.ndarra
 def test_a_listed_effect_acts_as_its_oracle_says(name: str, effect: str):
     bench: Any = get_bench(name)
     commands = held(bench.sizes.u, np.random.default_rng([5, len(effect)]))
-    values = bench.values(effect, 3.0, 1, 3)
+    values = bench.values(effect, 3.1, 1, 3)  # no delay of a whole number of steps
     if effect == "parameter_step":
         values["time"] = 0.4
     oracle = find_oracle(name)

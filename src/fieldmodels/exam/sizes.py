@@ -65,18 +65,25 @@ def find_size(bench: Bench, name: str, sign: int, wanted: float, conditions: Con
     """
     known = name in bench.needs_base
     without = errors(bench, (), conditions, seed, known)
-    low, high, size, most = 0.0, math.inf, 1.0, 0.0
+    below: tuple[float, float] | None = None
+    above: tuple[float, float] | None = None
+    size, most, target = 1.0, 0.0, _square(wanted)
     for _ in range(TRIES):
         percent = added(errors(bench, [Hidden(name, size, sign)], conditions, seed, known), without)
         if LEAST <= percent <= MOST and abs(percent - wanted) <= NEAR * wanted:
             return Found(size, percent)
         if percent < wanted:
-            low, most = max(low, size), max(most, percent)
+            below, most = (size, _square(percent)), max(most, percent)
         else:
-            high = min(high, size)
-        squares = [max((1.0 + p / 100.0) ** 2 - 1.0, 0.01) for p in (wanted, min(percent, 1e9))]
-        guess = size * min(max(math.sqrt(squares[0] / squares[1]), 0.02), 4.0)
-        if not low < guess < high:
-            guess = 2.0 * low if math.isinf(high) else (math.sqrt(low * high) if low else 0.5 * high)
-        size = guess
+            above = (size, _square(percent))
+        if below is not None and above is not None:
+            share = math.log(target / below[1]) / math.log(above[1] / below[1])
+            size = below[0] * (above[0] / below[0]) ** min(max(share, 0.15), 0.85)
+        else:
+            size *= min(max(math.sqrt(target / _square(percent)), 0.02), 4.0)
     return Found(None, most)
+
+
+def _square(percent: float) -> float:
+    """Square of the error that adds a percentage to an error of one."""
+    return max((1.0 + min(percent, 1e9) / 100.0) ** 2 - 1.0, 1e-3)
