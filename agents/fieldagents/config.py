@@ -111,7 +111,7 @@ def check_reality(model: str, reality: Any, channels: Any = None) -> None:
     Raises:
         ProblemsError: With every unknown effect, unknown parameter and value out of bounds.
     """
-    from fieldmodels.drivers.around import flown, stock_of
+    from fieldmodels.drivers.named import flown, stock_of
     from fieldmodels.registry import get_model
 
     problems: list[tuple[Location, str]] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fieldmodels.drivers.around import flown, stepped, with_named
+from fieldmodels.drivers.named import flown, stepped, with_named
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.model import Model
 from fieldmodels.reality import Reality
@@ -42,7 +42,7 @@ def read_truth(source: Any, model: Model, channels: Channels, batch: int, step: 
 
     Args:
         source: See ``fieldmodels.reality.read_reality``; beside the model's own effects it may name stock
-            effects of the signals that the task commands and measures (``drivers.around.stock_of``).
+            effects of the signals that the task commands and measures (``drivers.named.stock_of``).
         model: The task's model.
         channels: Which signals these are.
         batch: Number of rows.

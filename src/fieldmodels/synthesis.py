@@ -11,8 +11,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.around import flown
 from fieldmodels.drivers.declaration import params_of
+from fieldmodels.drivers.named import flown
 from fieldmodels.machines.one_axis.free import respond_to
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal

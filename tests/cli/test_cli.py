@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fieldagents.cli import app
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.recording.files import load_recording
 from fieldmodels.registry import get_model
 

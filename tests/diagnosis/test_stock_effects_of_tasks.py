@@ -6,7 +6,8 @@ import pytest
 
 import fieldgym
 from fieldmodels.diagnosis.procedure import diagnose
-from fieldmodels.drivers.around import stock_of, surrounded
+from fieldmodels.drivers.around import surrounded
+from fieldmodels.drivers.named import stock_of
 from fieldmodels.machines.line_following.recording import record_walk
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml

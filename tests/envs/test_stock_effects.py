@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import fieldgym
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.named import flown, stepped
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.machines.excitation.shaker import CHANNELS as SHAKER_CHANNELS

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fieldmodels.drivers.around import Surrounded, flown, stepped, with_named
+from fieldmodels.drivers.around import Surrounded
+from fieldmodels.drivers.named import flown, stepped, with_named
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.model import Model, ModelError, Parameter, Signal
 from fieldmodels.recording import Recording, Windows

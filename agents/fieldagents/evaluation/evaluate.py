@@ -22,7 +22,7 @@ from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summar
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
 from fieldgym import TASKS
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.files import replacing, write_text
 from fieldmodels.registry import get_model
 

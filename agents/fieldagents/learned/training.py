@@ -15,7 +15,7 @@ from fieldagents.config import load_config
 from fieldagents.learned.config import TrainConfig
 from fieldagents.progress import progress as showing_progress
 from fieldgym import TASKS
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.files import write_text
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml

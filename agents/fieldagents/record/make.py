@@ -9,7 +9,7 @@ import numpy as np
 from fieldagents.record.config import ExcitationConfig, RecordConfig
 from fieldagents.task import recorder_of
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.model import Model
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, RecordingError

@@ -22,7 +22,7 @@ from fieldagents.tasks.excitation.agents import to_command
 from fieldagents.tasks.excitation.criteria import forecast, relative_error
 from fieldagents.tasks.heel_strike.search import TuningError
 from fieldgym.excitation import ExcitationSettings
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.named import flown, stepped
 from fieldmodels.files import write_text
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import CONSTANT

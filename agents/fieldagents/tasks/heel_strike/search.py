@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.agents import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.named import flown, stepped
 from fieldmodels.files import write_text
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.search import Walks, record_walks, score_gains

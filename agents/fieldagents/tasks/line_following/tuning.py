@@ -14,7 +14,7 @@ from fieldagents.tasks.line_following import search as tuning
 from fieldagents.tasks.line_following.agents import TITLES, Linear, Lqg, tuned
 from fieldgym.line_following import LineFollowingSettings
 from fieldgym.settings import read_settings
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.model import LineFollowing
 

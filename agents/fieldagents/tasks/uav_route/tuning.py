@@ -26,7 +26,7 @@ from fieldagents.tasks.uav_route.agents import Planner, Planning, legs, two_legs
 from fieldagents.tasks.uav_route.plan import Plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import Layout, World
 

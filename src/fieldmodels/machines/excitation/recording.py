@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.around import flown
+from fieldmodels.drivers.named import flown
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.excitation.model import ExcitationModel, joined_runs
 from fieldmodels.machines.excitation.motion import DECISION, arm_motion

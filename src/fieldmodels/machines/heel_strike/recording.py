@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.named import flown, stepped
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.strides import CHANNELS, Strides

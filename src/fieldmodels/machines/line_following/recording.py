@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.named import flown, stepped
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.around import flown, stepped
+from fieldmodels.drivers.named import flown, stepped
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.uav_route import detection, signature
 from fieldmodels.machines.uav_route.model import DETECTED, GAP, UavRoute

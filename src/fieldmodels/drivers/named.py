@@ -1,0 +1,168 @@
+"""Stock effects by name: what a reality names is put around the model that it is about.
+
+An effect is named by its signal: ``steering_gain``, ``gyro_bend``, ``length_step``, ``steering_curve``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import KINDS, Surrounded
+from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.stepped import TAKES_TIME, Channels, Stepped, make_signals, show_all
+from fieldmodels.effects import actuators, changes, sensors
+from fieldmodels.effects.curves import Curve, curve
+from fieldmodels.effects.stock import Stock
+from fieldmodels.model import Model, ModelError
+from fieldmodels.names import did_you_mean
+from fieldmodels.reality import Reality, parse_reality, read_reality
+from fieldmodels.recording import Windows
+
+
+class Flown(Surrounded):
+    """Stock effects around a model as environments and recorders run it: episodes from their beginning.
+
+    Beside what `Surrounded` simulates, sensors may be slow or late: their past is known where an episode
+    begins.
+    """
+
+    kinds: ClassVar[Mapping[str, frozenset[str]]] = {
+        **KINDS,
+        "sensor": KINDS["sensor"] | TAKES_TIME["sensor"],
+    }
+
+    def _shown(self, values: FloatArray, j: int, windows: Windows, vector: FloatArray) -> FloatArray:
+        """See ``Surrounded``; a slow or late sensor needs the whole episode."""
+        row, _ = self._numbers("sensor", self.outputs[j].name, vector)
+        if row.lag_time_constant == 0.0 and row.delay_delay == 0.0:
+            return super()._shown(values, j, windows, vector)
+        if not np.isin(windows.starts, windows.recording.bounds[:, 0]).all():
+            raise ModelError(
+                f"model {self.name!r}: a slow or late sensor is simulated from an episode's beginning only"
+            )
+        step = windows.recording.step
+        batch, count, samples = values.shape
+        vectors = np.tile(vector, (batch * count, 1))
+        sensor_of = make_signals(self, "sensor", [self.outputs[j]], vectors, vector[None], step)
+        true = np.ascontiguousarray(values.reshape(batch * count, samples, 1))
+        shown = np.empty_like(true)
+        rows, begin = np.arange(batch * count), np.tile(windows.starts * step, batch)
+        for k in range(samples):
+            out = np.empty((batch * count, 1))
+            show_all(sensor_of, rows, np.ascontiguousarray(true[:, k]), begin + k * step, step, out)
+            shown[:, k] = out
+        if self.outputs[j].name in self.wrapped_outputs:  # go on where the true one does
+            shown = true + (shown - true + np.pi) % (2.0 * np.pi) - np.pi
+        return shown.reshape(values.shape)
+
+
+@lru_cache(maxsize=64)
+def _stock_of(
+    inputs: tuple[str, ...], outputs: tuple[str, ...], parameters: tuple[str, ...]
+) -> dict[str, Stock]:
+    """Stock effects by the names that their signals give them."""
+    found: dict[str, Stock] = {}
+    groups = [actuators.actuator(name, prefix=f"{name}_") for name in inputs]
+    groups += [sensors.sensor(name, prefix=f"{name}_") for name in outputs]
+    groups += [changes.change(name) for name in parameters]
+    groups += [curve("actuator", name) for name in inputs]
+    groups += [curve("sensor", name) for name in outputs]
+    for group in groups:
+        for e in group:
+            found.setdefault(e.name, e)
+    return found
+
+
+def stock_of(model: Model) -> dict[str, Stock]:
+    """Every stock effect that can be flown around a model, by name.
+
+    An effect is named by its signal: ``steering_gain``, ``gyro_bend``, ``length_step``, ``steering_curve``.
+    One whose name the model itself has is the model's own.
+
+    Args:
+        model: Any model.
+    """
+    found = _stock_of(
+        tuple(s.name for s in model.inputs),
+        tuple(s.name for s in model.outputs if not s.event),
+        tuple(p.name for p in model.parameters),
+    )
+    own = {e.name for e in model.effects}
+    return {name: e for name, e in found.items() if name not in own}
+
+
+def with_named(model: Model, effects: Mapping[str, Any]) -> Model:
+    """A model with those stock effects around it that a reality names; itself if it names none.
+
+    Args:
+        model: A model; a ``Machine`` declares its stock effects itself.
+        effects: The reality's values by effect. A curve has as many knots as it has values.
+
+    Raises:
+        ModelError: For a name that neither the model nor its stock effects have.
+    """
+    own = {e.name for e in model.effects}
+    names = [name for name in effects if name not in own]
+    if not names or isinstance(model, Declaration):
+        return model
+    known = stock_of(model)
+    chosen: list[Stock] = []
+    for name in names:
+        if name not in known:
+            raise ModelError(
+                f"model {model.name!r} has no effect {name!r}{did_you_mean(name, [*own, *known])}"
+            )
+        e = known[name]
+        if isinstance(e, Curve):
+            values = effects[name] if isinstance(effects[name], Mapping) else {}
+            knots = max((int(n[6:]) for n in values if n[:6] == "value_" and n[6:].isdecimal()), default=2)
+            chosen += curve(e.where, e.signal, knots=max(knots, 2))
+        else:
+            chosen.append(e)
+    return Flown(model, chosen)
+
+
+def flown(
+    model: Model, source: Reality | Mapping[str, Any] | str | Path | None, where: Channels | None = None
+) -> tuple[Model, Reality]:
+    """Read a reality that may name stock effects, and put these around the model.
+
+    Args:
+        model: The model whose names and bounds hold.
+        source: See ``read_reality``.
+        where: Which signals a task commands and measures; None for all.
+
+    Returns:
+        The model, with stock effects around it if the reality names some, and the reality.
+
+    Raises:
+        ModelError: As ``read_reality``; also for a stock effect of a signal that the task does not have.
+    """
+    reality = parse_reality(source, model)
+    around = with_named(model, reality.effects)
+    if where is not None and isinstance(around, Surrounded):
+        where.check(model.name, around.stock)
+    return around, read_reality(reality, around)
+
+
+def stepped(around: Model, reality: Reality, where: Channels, batch: int, step: float) -> Stepped | None:
+    """What steps the stock effects around a batch of machines; None if there are none.
+
+    Args:
+        around: A model as ``flown`` gives it.
+        reality: Its reality; samplers stand at their typical values until ``set_parameters`` says what they
+            have drawn.
+        where: Which signals the task commands and measures.
+        batch: Number of machines.
+        step: Sampling interval [s].
+    """
+    if not isinstance(around, Surrounded):
+        return None
+    vectors = np.tile(reality.typical(around), (batch, 1))
+    return Stepped(around, where, vectors, reality.extremes(around), step)
