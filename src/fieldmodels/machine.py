@@ -90,5 +90,6 @@ def held_inputs(model: Model, hold: Hold) -> Model:
     if not isinstance(model, Machine):
         raise ModelError(f"model {model.name!r} says itself what its inputs do between samples; leave it out")
     result = copy(model)
-    result.hold = hold
+    result.hold, result.hold_said = hold, True
+    result.__dict__.pop("driver", None)  # it runs the machine that it was made for
     return result

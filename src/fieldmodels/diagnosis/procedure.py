@@ -15,6 +15,7 @@ from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.fit import fit, standard_errors, window_loss
 from fieldmodels.diagnosis.gain import NONE, Prediction, by_horizon, noise_floor, predict, share
+from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
 from fieldmodels.diagnosis.problem import Problem
@@ -78,6 +79,7 @@ def diagnose(
         raise RecordingError("no recording to diagnose; give at least one")
     _check_range(model, [*train, *test])
     fixed = {**_known(model, [*train, *test]), **(fixed or {})}
+    model, said = decided(model, train, main_horizon, lambda one: _start(one, fixed), frozenset(fixed))
     stages = model.stages([*train, *test])
     whole = joined(
         model,
@@ -93,7 +95,8 @@ def diagnose(
             for number, stage in enumerate(stages)
         ],
     )
-    return replace(whole, notes=tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes))
+    notes = tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
+    return replace(whole, notes=(*said, *notes))
 
 
 def _diagnose_stage(

@@ -94,6 +94,7 @@ class Declaration(Model):
         forces: The velocities on which stock forces act; those that ``effects`` names need not be said again,
             unless they have a position, a unit or an inertia.
         hold: What an input does between samples: ``held``, or ``interpolated`` along a line.
+        hold_said: Whether a user has said so; otherwise a diagnosis tries both.
         stock: The stock effects that were declared.
         sizes: Typical sizes for each of them.
         substeps: Least number of integration steps within a sampling interval.
@@ -103,6 +104,7 @@ class Declaration(Model):
 
     forces: tuple[Force, ...] = ()
     hold: Hold = "held"
+    hold_said: bool = False
     stock: tuple[Stock, ...] = ()
     numbers: ClassVar[tuple[Number, ...]] = ()
     own_effects: tuple[Effect | Stock, ...] = ()
