@@ -246,7 +246,7 @@ def diagnose(
         Literal["held", "interpolated"] | None,
         typer.Option(
             help="What the inputs do between samples: `held`, as a controller commands them, or "
-            "`interpolated`, as sampled analogue signals (default: as fits clearly better, or the model says)."
+            "`interpolated`, as sampled analogue signals (default: as the model says, or fits better)."
         ),
     ] = None,
     out: Annotated[
