@@ -438,7 +438,7 @@ class Shakers:
     def _information(self, covariance: FloatArray) -> FloatArray:
         sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         information = np.empty(sigma.shape)
-        for bits in np.unique(self._records["bits"]).tolist():
+        for bits in set(self._records["bits"].tolist()):
             rows = self._records["bits"] == bits
             information[rows] = fast(sigma[rows], LOWER, UPPER, bits)
         return np.where(self.estimated, information, 0.0)
