@@ -20,6 +20,7 @@ IntArray = NDArray[np.int64]
 MIN_WINDOWS = 8
 BLOCK = 4  # windows per block: the unit of resampling, since slow noise correlates neighbours
 HUGE = 1e100  # larger values mean that a simulation has diverged, in any unit: their squares would overflow
+SPARSE = 12  # observations in a window up to which each is a feature by itself
 MIN_BLOCKS = 20  # blocks are smaller if there would be fewer
 
 
@@ -203,7 +204,11 @@ class Problem:
 
 
 def build(
-    model: Model, recordings: Sequence[Recording], horizon: float, like: Problem | None = None
+    model: Model,
+    recordings: Sequence[Recording],
+    horizon: float,
+    like: Problem | None = None,
+    coarsest: float = 0.0,
 ) -> Problem:
     """Cut recordings into windows and compress them.
 
@@ -213,26 +218,27 @@ def build(
         horizon: Length of a window [s].
         like: A problem whose fits are compared with this one's: use as many features per output. By default
             as many averages as the number of windows supports, and every event.
+        coarsest: Longest step of recordings that will be compared [s]: they must fill as many averages.
 
     Raises:
         RecordingError: If there are too few windows.
     """
     cut = [model.windows(recording, horizon) for recording in recordings]
     common = np.array([all(o.name in w.recording for w in cut) for o in model.outputs])
-    observed = [w.observed & common & _event_observed(model, w) for w in cut]
-    dense = [
-        int(j)
-        for j in np.flatnonzero(common)
-        if max(int(o[:, :, j].sum(1).max()) for o in observed) > 12 and not model.outputs[j].event
-    ]
-    total = sum(len(w) for w in cut)
-    bins = like.bins if like else int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
-    count = {
-        int(j): bins if j in dense else max(int(o[:, :, j].sum(1).max()) for o in observed)
-        for j in np.flatnonzero(common)
-    }
     if like:
-        count.update({j: int(np.sum(like.outputs == j)) for j in count if model.outputs[j].event})
+        common &= np.isin(np.arange(len(model.outputs)), like.outputs)
+    observed = [w.observed & common & _event_observed(model, w) for w in cut]
+    samples = {int(j): max(int(o[:, :, j].sum(1).max()) for o in observed) for j in np.flatnonzero(common)}
+    if like:
+        bins, count = like.bins, {j: int(np.sum(like.outputs == j)) for j in samples}
+        dense = [j for j in samples if samples[j] > count[j] and not model.outputs[j].event]
+    else:
+        dense = [j for j in samples if samples[j] > SPARSE and not model.outputs[j].event]
+        total = sum(len(w) for w in cut)
+        bins = int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
+        if coarsest > 0.0:
+            bins = min(bins, max(int(horizon / coarsest), 3))
+        count = {j: bins if j in dense else samples[j] for j in samples}
     outputs = np.repeat(list(count), list(count.values())).astype(np.int64)
     block = int(np.clip(sum(len(w) for w in cut) // MIN_BLOCKS, 1, BLOCK))
     parts: list[Part] = []

@@ -78,6 +78,7 @@ def diagnose(
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
     _check_range(model, [*train, *test])
+    train, test, lacking = _in_all(model, train, test)
     fixed = {**_known(model, [*train, *test]), **(fixed or {})}
     model, said = decided(model, train, main_horizon, lambda one: _start(one, fixed), frozenset(fixed))
     stages = model.stages([*train, *test])
@@ -96,7 +97,7 @@ def diagnose(
         ],
     )
     notes = tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
-    return replace(whole, notes=(*said, *notes))
+    return replace(whole, notes=(*said, *lacking, *notes))
 
 
 def _diagnose_stage(
@@ -253,6 +254,26 @@ def _check_range(model: Model, recordings: Sequence[Recording]) -> None:
                     )
 
 
+def _in_all(
+    model: Model, train: Sequence[Recording], test: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording], tuple[str, ...]]:
+    """Recordings without outputs that some of them lack, which cannot be compared, and a note for each."""
+    every = [*train, *test]
+    names = [o.name for o in model.outputs if o.optional]
+    partial = [n for n in names if any(n in r for r in every) and not all(n in r for r in every)]
+    if not partial:
+        return train, test, ()
+
+    def without(recordings: Sequence[Recording]) -> list[Recording]:
+        return [
+            replace(r, signals={name: values for name, values in r.signals.items() if name not in partial})
+            for r in recordings
+        ]
+
+    notes = tuple(f"{name} is not compared: not every recording has it" for name in partial)
+    return without(train), without(test), notes
+
+
 def _known(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
     """Base parameters that are not refitted, and values that the recordings state of their machine.
 
@@ -286,7 +307,8 @@ def _start(model: Model, fixed: Mapping[str, float]) -> FloatArray:
 def _split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[Problem, Problem]:
     horizon = main_horizon(model, train)
     if test:
-        training = problems.build(model, train, horizon)
+        coarsest = max(r.step for r in test)
+        training = problems.build(model, train, horizon, None, coarsest)
         return training, problems.build(model, test, horizon, training)
     whole = problems.build(model, train, horizon)
     kept = whole.blocks % HELD_OUT != HELD_OUT - 1
