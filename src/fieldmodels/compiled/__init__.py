@@ -44,7 +44,7 @@ def allocation_free_inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
-    settings: Any = {"nogil": True, "error_model": "numpy", **options}
+    settings: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
     kernel: Any = numba.njit(**settings)(function)
     if hasattr(kernel, "py_func"):  # with NUMBA_DISABLE_JIT the plain function comes back
         kernel._cache = KernelCache(kernel)

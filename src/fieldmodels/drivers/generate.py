@@ -11,6 +11,7 @@ import inspect
 import re
 import sys
 import warnings
+from collections import namedtuple
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -20,14 +21,18 @@ from typing import Any
 import jinja2
 import numba
 import numpy as np
+from numba.core import types
 
 from fieldmodels.compiled import fingerprint, inlined
 from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
+from fieldmodels.drivers.duals import DUAL
 from fieldmodels.effects import sensors
 from fieldmodels.effects.curves import Curve
 
 HERE = Path(__file__).parent
+LANES = 16
+"""Windows that go side by side: a few vectors of the processor, whose arithmetic overlaps."""
 EQUATIONS = "equations.py.j2"
 """What every driver begins with: the machine's equations with the stock effects, and single steps."""
 METHODS = {"derivative": "derivative", "step": "advance", "observe": "observe", "pace": "fastest"}
@@ -35,19 +40,24 @@ METHODS = {"derivative": "derivative", "step": "advance", "observe": "observe", 
 JIT = (
     "from fieldmodels.compiled import allocation_free, compiled\n"
     "from fieldmodels.compiled import allocation_free_inlined as inlined\n"
+    "from fieldmodels.drivers.duals import numbers_1, numbers_2, numbers_3, numbers_4\n"
 )
-AS_IT_IS = "def compiled(f):\n    return f\n\n\nallocation_free = inlined = compiled\n"
+AS_IT_IS = (
+    "def compiled(f):\n    return f\n\n\nallocation_free = inlined = compiled\n"
+    "numbers_1 = numbers_2 = numbers_3 = numbers_4 = compiled\n"
+)
 
 
-def driver_module(machine: Declaration, template: str) -> ModuleType:
+def driver_module(machine: Declaration, template: str, lanes: int = LANES) -> ModuleType:
     """The module of a driver, to be compiled when it is first called.
 
     Args:
         machine: The machine.
         template: File name of the driver's template.
+        lanes: How many windows go side by side.
     """
     functions = {own: inlined(function) for own, function in _functions(machine).items()}
-    return _module(driver_text(machine, template), machine.name, functions)
+    return _module(driver_text(machine, template, lanes), machine.name, functions)
 
 
 def plain_module(machine: Declaration, template: str) -> ModuleType | None:
@@ -71,9 +81,10 @@ def _functions(machine: Declaration) -> dict[str, Any]:
     return functions | {f"inertia_{f.inertia}": getattr(type(machine), f.inertia) for f in _methods(machine)}
 
 
-def driver_text(machine: Declaration, template: str) -> str:
+def driver_text(machine: Declaration, template: str, lanes: int = LANES) -> str:
     """Source of a driver for a machine."""
-    return re.sub(r"\n{4,}", "\n\n\n", _read_template(template).render(**_declaration(machine)))
+    text = _read_template(template).render(lanes=lanes, **_declaration(machine))
+    return re.sub(r"\n{4,}", "\n\n\n", text)
 
 
 @cache
@@ -130,6 +141,32 @@ def _uncompilable(machine: Declaration, functions: dict[str, Any]) -> str:
     return ""
 
 
+def carries_derivatives(machine: Declaration) -> bool:
+    """Whether Numba can compile a machine's own functions for dual numbers."""
+    p = _duals("Params", param_names(machine))
+    state = _duals("State", [x.name for x in machine.states])
+    given = _duals("Input", [x.name for x in type(machine).inputs]) if machine.inputs else types.none
+    arguments = {
+        "derivative": (types.none, state, given, p),
+        "advance": (types.none, state, given, p, DUAL),
+        "observe": (types.none, state, p),
+    }
+    for own, function in _functions(machine).items():
+        try:
+            kernel: Any = inlined(function)
+            kernel.compile(arguments.get(own, (types.none, p)))
+        except Exception:  # Numba raises many kinds, and some are no NumbaError
+            return False
+    return True
+
+
+def _duals(title: str, names: list[str]) -> Any:
+    """The type of a named tuple of dual numbers."""
+    make: Any = namedtuple
+    tuples: Any = types.NamedUniTuple
+    return tuples(DUAL, len(names), make(title, names))
+
+
 def curve_places(machine: Declaration) -> list[tuple[Curve, int, int]]:
     """Every curve with the beginning and end of its numbers in a row of curves, actuators' first by input."""
     curves = [e for e in machine.stock if isinstance(e, Curve)]
@@ -173,6 +210,7 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
         "own_observe": _has(machine, "observe"),
         "clipping": sensors.ROW.column("clipping_limit"),
         "quantisation": sensors.ROW.column("quantisation_step"),
+        "sensor_numbers": len(sensors.ROW),
         "observed_states": [states.index(o) if o in states else -1 for o in outputs],
         "inertia_methods": sorted({f.inertia for f in _methods(machine)}),
     }

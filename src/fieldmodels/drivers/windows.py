@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 from scipy.signal import savgol_filter
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration, param_indices
-from fieldmodels.drivers.generate import curve_places, driver_module, plain_module
+from fieldmodels.drivers.duals import DIRECTIONS, WIDTH
+from fieldmodels.drivers.generate import carries_derivatives, curve_places, driver_module, plain_module
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.stock import Layout
@@ -15,6 +19,7 @@ from fieldmodels.recording import Recording, Windows
 
 BRISTLE = forces.ROW.column("hysteresis_force")
 TEMPLATE = "windows.py.j2"
+LANES_WITH_DERIVATIVES = 4
 FAST = 2.0  # times the usual speed: faster than nearly all of a recording
 PLAY = 0.02  # of the largest command, over which play is crossed
 
@@ -50,10 +55,10 @@ class Rows:
         )
 
     def of(self, place: str, parameters: FloatArray) -> FloatArray:
-        """Rows of one place, shape (batch, signals, len(layout))."""
+        """Rows of one place, shape (batch, signals, len(layout)); derivatives, if any, on a last axis."""
         count, layout = self.layouts[place]
-        rows = np.empty((len(parameters), count, len(layout)))
-        rows[:] = layout.neutral
+        rows = np.zeros((len(parameters), count, len(layout), *parameters.shape[2:]))
+        (rows[..., 0] if parameters.ndim > 2 else rows)[:] = layout.neutral
         signals, slots, indices = self.moves[place]
         rows[:, signals, slots] = parameters[:, indices]
         return rows
@@ -70,19 +75,64 @@ class WindowDriver:
 
     def __call__(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
-        machine, recording, rows = self.machine, windows.recording, self.rows
+        states = np.ascontiguousarray(windows.states, dtype=np.float64)
         parameters = np.ascontiguousarray(parameters, dtype=np.float64)
+        try:
+            return self._run(self.module, parameters, states, windows)
+        except Exception:
+            plain = plain_module(self.machine, TEMPLATE)
+            if plain is None:
+                raise
+            self.module = plain
+            return self._run(plain, parameters, states, windows)
+
+    @cached_property
+    def carrying(self) -> Any:
+        """The module that carries derivatives; so many at once that fewer windows go side by side."""
+        return driver_module(self.machine, TEMPLATE, LANES_WITH_DERIVATIVES)
+
+    @cached_property
+    def carries(self) -> bool:
+        """Whether the machine's own functions can carry derivatives: arithmetic and ``math`` can."""
+        return carries_derivatives(self.machine)
+
+    def derivatives(
+        self, parameters: FloatArray, windows: Windows, free: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Outputs with their derivatives; see ``Model.simulate_with_derivatives``."""
+        states, first = windows.states, len(free)
+        found: list[FloatArray] = []
+        outputs = np.zeros(0)
+        for begin in range(0, first + states.shape[1], DIRECTIONS):
+            own, beginnings = np.zeros((1, len(parameters), WIDTH)), np.zeros((*states.shape, WIDTH))
+            own[0, :, 0], beginnings[:, :, 0] = parameters, states
+            directions = range(begin, min(begin + DIRECTIONS, first + states.shape[1]))
+            for slot, direction in enumerate(directions, 1):
+                if direction < first:
+                    own[0, free[direction], slot] = 1.0
+                else:
+                    beginnings[:, direction - first, slot] = 1.0
+            carried = self._run(self.carrying, own, beginnings, windows)[0]
+            outputs = carried[..., 0]
+            found.append(carried[..., 1 : 1 + len(directions)])
+        columns = np.concatenate(found, axis=-1)
+        return outputs, columns[..., :first], columns[..., first:]
+
+    def _run(self, module: Any, parameters: FloatArray, states: FloatArray, windows: Windows) -> FloatArray:
+        """Run a module; parameters, states and what comes back may carry derivatives on a last axis."""
+        machine, recording, rows = self.machine, windows.recording, self.rows
         first, last = episode_edges(recording)
         command = machine.commands(recording, last)
         force_rows = rows.of("force", parameters)
-        out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs)))
+        carried = parameters.shape[2:]
+        out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs), *carried))
         if np.any(windows.lengths < windows.samples):
             out[:] = np.nan
         if not len(windows):
             return out
-        states = np.ascontiguousarray(windows.states, dtype=np.float64)
-        sizes = np.std(states, axis=0)
-        arguments = (
+        sizes = np.std(windows.states, axis=0)
+        path = self._paths(recording, bool(force_rows[:, :, BRISTLE].any()))
+        module.simulate(
             np.ascontiguousarray(parameters[:, rows.base]),
             rows.of("actuator", parameters),
             force_rows,
@@ -100,20 +150,13 @@ class WindowDriver:
             windows.starts,
             windows.lengths,
             states,
-            self._paths(recording, bool(force_rows[:, :, BRISTLE].any())),
+            path,
             np.array([FAST * speed for speed in machine.speeds()]),
             np.where(sizes > 0.0, sizes, 1.0),
             machine.substeps,
             out,
+            *module.room(len(command), path.shape[1], lambda *shape: np.zeros((*shape, *carried))),
         )
-        try:
-            self.module.simulate(*arguments)
-        except Exception:
-            plain = plain_module(machine, TEMPLATE)
-            if plain is None:
-                raise
-            self.module = plain
-            self.module.simulate(*arguments)
         return out
 
     def _paths(self, recording: Recording, bent: bool) -> FloatArray:

@@ -19,6 +19,7 @@ from fieldmodels.model import Effect, Parameter, Signal
 from fieldmodels.recording import Windows
 
 BENCH = "identified on the quarter-drone bench"
+EXPONENT = "thrust_curve.exponent"
 THRUST_CURVE = Effect(
     name="thrust_curve",
     cause="Thrust grows with a power of the command (with the square, if the command sets a propeller's "
@@ -54,6 +55,7 @@ class PropellerArm(OneAxis):
         *actuator("command", ("parameter_step",), prefix=""),
         THRUST_CURVE,
     )
+    by_differences = (EXPONENT,)
     horizons = (0.5, 1.0, 2.0)
     rotary = True
     damped = True
@@ -80,12 +82,16 @@ class PropellerArm(OneAxis):
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Simulate every window with the thrust that the command gives; see ``Model.simulate``."""
         parameters = np.atleast_2d(parameters)
-        exponents = parameters[:, self.index("thrust_curve.exponent")]
+        exponents = parameters[:, self.index(EXPONENT)]
         out = np.empty((len(parameters), len(windows), windows.samples, len(self.outputs)))
-        recording, name = windows.recording, self.inputs[0].name
         for exponent in np.unique(exponents):
-            thrust = np.sign(recording[name]) * np.abs(recording[name]) ** exponent
-            driven = replace(recording, signals={**recording.signals, name: thrust})
             rows = exponents == exponent
-            out[rows] = super().simulate(parameters[rows], replace(windows, recording=driven))
+            out[rows] = super().simulate(parameters[rows], self.driven(parameters[rows][0], windows))
         return out
+
+    def driven(self, parameters: FloatArray, windows: Windows) -> Windows:
+        """The windows with thrust in place of commands."""
+        exponent = parameters[self.index(EXPONENT)]
+        recording, name = windows.recording, self.inputs[0].name
+        thrust = np.sign(recording[name]) * np.abs(recording[name]) ** exponent
+        return replace(windows, recording=replace(recording, signals={**recording.signals, name: thrust}))
