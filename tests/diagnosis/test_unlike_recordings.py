@@ -19,7 +19,7 @@ def recorded(step, seed, hidden=None):
     return synthesise(RIG, hidden, "mixed", duration=20.0, step=step, amplitude=6.0, rng=rng)
 
 
-@pytest.mark.parametrize(("learned", "tested"), [(0.01, 0.02), (0.01, 0.05), (0.05, 0.01), (0.01, 0.1)])
+@pytest.mark.parametrize(("learned", "tested"), [(0.01, 0.05), (0.05, 0.01)])
 def test_test_records_may_have_another_step(learned, tested):
     found = diagnose(RIG, [recorded(learned, 1, COULOMB)], [recorded(tested, 2, COULOMB)])
     assert [c.effect for c in found.causes] == ["coulomb_friction"]

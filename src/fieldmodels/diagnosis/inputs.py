@@ -17,8 +17,8 @@ from fieldmodels.recording import Recording
 
 MARGIN = 10.0
 """Nats by which the other way must predict better."""
-SHARE = 0.1
-"""Of the variance of the errors that it must remove, at least."""
+SHARE = 0.5
+"""Of the variance of the errors that it must remove: dry friction on a pendulum imitates up to 0.28."""
 LEVEL = 0.01
 """Level of the test over blocks of windows."""
 ENOUGH = 200
