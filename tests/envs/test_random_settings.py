@@ -148,6 +148,11 @@ def trace(env, actions, observation, chooses=None):
     return found
 
 
+def as_setting(value):
+    """A value out of an info's array."""
+    return tuple(value) if isinstance(value, list) else value
+
+
 def begun(task, name, seed=3):
     """A batch whose rows have drawn both values, its first observation, and what each row has drawn."""
     values, others = DRAWN[task][name]
@@ -155,8 +160,7 @@ def begun(task, name, seed=3):
     envs = gym.make_vec(fieldgym.TASKS[task].env_id, num_envs=ROWS, settings=settings)
     while True:
         observation, info = envs.reset(seed=seed)
-        told = info["privileged"]["settings"][name].tolist()
-        told = [tuple(value) if isinstance(value, list) else value for value in told]
+        told = list(map(as_setting, info["privileged"]["settings"][name].tolist()))
         if len(set(told)) == 2:
             return envs, observation, told, seed
         seed += ROWS
@@ -196,9 +200,15 @@ def test_a_drawn_setting_acts_in_its_own_row_and_in_no_other(task, name):
 
 @each_setting
 def test_a_drawn_setting_comes_back_from_a_snapshot(task, name):
-    envs, *_ = begun(task, name)
+    """Of a later episode, with other draws than the first one's."""
+    envs, _, told, _ = begun(task, name)
     actions = some_actions(envs, 3 * STEPS)
     envs.step(actions[0])
+    for _ in range(20):
+        now = list(map(as_setting, envs.reset()[1]["privileged"]["settings"][name].tolist()))
+        if now != told:
+            break
+    assert now != told
     state = envs.get_state()
     ours = [envs.step(action) for action in actions]
     _, others = DRAWN[task][name]
