@@ -91,7 +91,7 @@ def show(diagnosis: Mapping[str, Any], console: Console) -> None:
             )
         console.print(table)
     if diagnosis["gain"]:
-        table = Table("signal", "unit", "error before", "after", "gain", "horizon")
+        table = Table("signal", "unit", "error before", "after", "gain", "with curves", "horizon")
         for signal, gain in diagnosis["gain"].items():
             table.add_row(
                 signal,
@@ -99,11 +99,13 @@ def show(diagnosis: Mapping[str, Any], console: Console) -> None:
                 f"{gain['rmse_before']:.4g}",
                 f"{gain['rmse_after']:.4g}",
                 _gain(gain),
+                f"{gain['rmse_with_curves']:.4g}" if diagnosis.get("curves") else "–",
                 f"{gain['horizon_s']:g} s",
             )
         console.print(table)
-    if diagnosis.get("unknown"):
-        console.print(f"Left over: {diagnosis['unknown']['direction']}", markup=False)
+    for curve in diagnosis.get("curves", ()):
+        shape = f" ({curve['formula']})" if curve["formula"] else ""
+        console.print(f"Unlisted: a curve of {curve['direction']}{shape}", markup=False)
     for effect, why in diagnosis.get("not_testable", {}).items():
         console.print(f"Not testable: {effect}: {why}", markup=False)
     if diagnosis.get("next_measurement"):

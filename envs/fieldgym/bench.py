@@ -16,9 +16,9 @@ from fieldgym.randomisation import Drawn
 from fieldgym.rendering.canvas import Frame
 from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
+from fieldmodels.drivers.named import flown
 from fieldmodels.machine import Machine
 from fieldmodels.names import did_you_mean
-from fieldmodels.reality import read_reality
 from fieldmodels.registry import get_model
 from fieldmodels.settings import Setting
 
@@ -63,9 +63,10 @@ class BenchTask(BatchTask):
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         """Make a batch; see ``BatchTask``."""
         del drawing
-        machine = self.machine
         self.settings, samplers = read_random_settings(settings, BenchSettings)
-        self.reality = read_reality(reality, machine)
+        machine, self.reality = flown(self.machine, reality)
+        assert isinstance(machine, Machine)
+        self.machine = machine
         self.drawn = Drawn(batch, machine, self.reality, self.settings, samplers)
         outputs = [s.name for s in machine.outputs]
         track = self.settings.track or outputs[0]

@@ -181,7 +181,11 @@ def test_without_a_hidden_reality_the_extended_simulation_says_that_it_is_a_fore
 @pytest.mark.parametrize("verdict", ["consistent", "unknown"])
 def test_nothing_to_retune_with(verdict, tmp_path):
     ended = finish(
-        SimpleNamespace(verdict=verdict), WALK, tmp_path / "extended.yaml", tmp_path, lambda *_: None
+        SimpleNamespace(verdict=verdict, curve_effects={}),
+        WALK,
+        tmp_path / "extended.yaml",
+        tmp_path,
+        lambda *_: None,
     )
     assert ended.retuning is None
     assert ended.to_json()["skipped"].startswith("Nothing to re-tune with")

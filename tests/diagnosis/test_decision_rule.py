@@ -11,7 +11,6 @@ from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.fit import TAIL, _from_covariance, heavy_tailed, held_out_loss
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, share
-from fieldmodels.diagnosis.procedure import _mostly_explained
 from fieldmodels.diagnosis.selection import (
     _simplest,
     accepted,
@@ -286,13 +285,3 @@ def test_noise_floor_of_an_event_is_chance():
     p = np.full((30, 10), 0.2)
     shown = Shown(np.zeros((30, 10)), event=True)
     assert noise_floor(shown, Prediction([p[:, :, None]], p, p), 0) == pytest.approx(np.sqrt(0.2 * 0.8))
-
-
-@pytest.mark.parametrize(("left", "yes"), [(0.05, True), (0.085, False)])
-def test_causes_must_explain_more_than_they_leave(left, yes):
-    """Error 0.10 before and noise 0.02: half of the excess in squares is where 0.072 is left."""
-    rng = np.random.default_rng(9)
-    shown = Shown(0.02 * rng.normal(size=(50, 40)))
-    zeros = [np.zeros((50, 40, 1))]
-    before, after = (Prediction(zeros, np.array([[e**2 * 10.0]]), np.array([[10.0]])) for e in (0.10, left))
-    assert _mostly_explained(shown, before, after, 0) == yes

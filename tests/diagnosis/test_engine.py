@@ -24,12 +24,13 @@ from fieldmodels.diagnosis.fit import (
 )
 from fieldmodels.diagnosis.gain import predict, share
 from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
+from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.profile import profiled_error
 from fieldmodels.diagnosis.quantisation import lattice
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.diagnosis.residuals import whiteness
-from fieldmodels.diagnosis.selection import MAX_P, MIN_GAIN, accepted, block_p_value, dispersion
+from fieldmodels.diagnosis.selection import accepted, block_p_value, dispersion
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
 from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording, RecordingError, datasets
@@ -110,8 +111,8 @@ def test_own_simulator_finds_the_leak(leaking):
     assert rate.std < 0.01
     assert leaking.parameters["area"].value == pytest.approx(1.3, abs=4 * leaking.parameters["area"].std)
     assert cause.gain.ci95[0] > 0
-    assert cause.p_value < MAX_P
-    assert cause.nats > MIN_GAIN
+    assert cause.p_value < DEFAULT.level
+    assert cause.nats > DEFAULT.least_gain
     assert "valve_gain" in leaking.not_testable
 
 
@@ -122,7 +123,7 @@ def test_results_are_valid_and_load_back(leaking, tmp_path):
         raise AssertionError(constant)
 
     data = json.loads(paths["diagnosis.json"].read_text(), parse_constant=refuse)
-    assert data["schema"] == 1
+    assert data["schema"] == 2
     assert data["verdict"] == "named"
     assert data["causes"][0]["parameters"]["rate"]["unit"] == "m/s"
     assert data["unknown"] is None
@@ -426,7 +427,7 @@ def test_a_cause_that_acts_rarely_is_named():
     result = diagnose(model, records[:1], records[1:])
     assert [c.effect for c in result.causes] == ["actuator_saturation"]
     assert result.causes[0].parameters["limit"].value == pytest.approx(7.25, abs=0.1)
-    assert result.causes[0].p_value > MAX_P  # a t-test over blocks does not see it
+    assert result.causes[0].p_value > DEFAULT.level  # a t-test over blocks does not see it
 
 
 def test_moment_of_a_jump_has_an_interval():

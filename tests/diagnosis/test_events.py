@@ -210,7 +210,7 @@ def test_an_alarm_that_wanders_in_time_is_unknown_and_shown_against_time():
     result = diagnose(MODEL, [record(7, count=6000, odd=2.0)])
     assert result.verdict == "unknown"
     assert result.unknown.direction == "time, in the log-odds of alarm"
-    time, odds = result.unknown.curve.T
+    time, odds, _ = result.unknown.curve.T
     assert odds[time < 1200].mean() > odds[time > 1800].mean() + 1.0
 
 

@@ -125,7 +125,7 @@ def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
     assert found.unknown is not None
     assert found.unknown.direction.split()[0] in ("position", "angle")
     assert 0.0 < found.unknown.percent <= 100.0
-    place, values = found.unknown.curve.T
+    place, values, _ = found.unknown.curve.T
     assert len(place) > 3
     # Its shape, up to what the refitted base takes up: a constant and a spring.
     base = np.column_stack([np.ones_like(place), place])

@@ -14,7 +14,7 @@ from fieldagents.retune.loop import FILES, retune
 from fieldagents.retune.report import show
 from fieldagents.retune.result import Retuning
 from fieldgym import TASKS
-from fieldmodels.diagnosis.result import Diagnosis
+from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.model import Model
 
 if TYPE_CHECKING:
@@ -40,10 +40,10 @@ def nothing_to_retune(diagnosis: Diagnosis) -> str | None:
     """Why there is nothing to tune anew with, or None if there is."""
     if diagnosis.verdict == "consistent":
         return "Nothing to re-tune with: nothing significant is missing in the nominal simulation."
-    if diagnosis.verdict == "unknown":
+    if diagnosis.verdict == "unknown" and not diagnosis.curve_effects:
         return (
-            "Nothing to re-tune with: what is missing has no name, so there is no extended simulation to "
-            "tune an agent in."
+            "Nothing to re-tune with: what is missing has no name, and no curve that the machine can be run "
+            "with, so there is no extended simulation to tune an agent in."
         )
     return None
 

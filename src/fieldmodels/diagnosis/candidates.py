@@ -22,6 +22,7 @@ from fieldmodels.diagnosis.fit import (
     weighed,
     whitener_by_output,
 )
+from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import responses, sample_times
 from fieldmodels.model import Effect, Model
@@ -30,7 +31,6 @@ IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
 TRIED = 2  # starts that are followed after screening
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
-PRICE = 1.0  # nats per parameter, on top of what it costs on held-out windows
 LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
@@ -49,6 +49,7 @@ class Candidate:
         search: Penalty [nats] for the search over several starts: the logarithm of their number.
         loss: Held-out loss [nats] of every window.
         size: Number of the effects' parameters.
+        price: Of each [nats].
     """
 
     effects: Names
@@ -56,11 +57,12 @@ class Candidate:
     search: float
     loss: FloatArray
     size: int = 0
+    price: float = DEFAULT.price
 
     @property
     def total(self) -> float:
         """Held-out loss of all windows with the penalties for search and size: what selection minimises."""
-        return float(self.loss.sum()) + self.search + PRICE * self.size
+        return float(self.loss.sum()) + self.search + self.price * self.size
 
 
 @dataclass
@@ -74,6 +76,7 @@ class Candidates:
         folds: Fold of each window for held-out losses.
         whitener: Whitening matrix that all fits share.
         unidentifiable: Effects that the free parameters absorb exactly.
+        options: Thresholds and prices.
         seen: Cached results of ``screened``, by parent and effect.
     """
 
@@ -82,6 +85,7 @@ class Candidates:
     fixed: frozenset[str]
     folds: IntArray
     whitener: FloatArray
+    options: DiagnosisOptions = DEFAULT
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
 
@@ -296,7 +300,7 @@ class Candidates:
 
     def _judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
         size = sum(self.problem.model.effect(name).size for name in effects)
-        return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds), size)
+        return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds), size, self.options.price)
 
     def _profiled(self, best: Fit, effect: Effect) -> Fit:
         """Search parameters without derivative on successively finer grids around the best start."""

@@ -207,6 +207,9 @@ def _moved(
     best = _Trial(parameters, here.states, here.raw, np.full(len(problem), np.inf), reach)
     poor = np.ones(len(problem), dtype=np.bool_)
     most = np.where(lost, np.inf, before + (ROSE if step.any() else 1e-3))
+    if problem.observations is not None:
+        # One observation against the odds costs many nats: a window may get worse for long on the way.
+        most = np.full(len(problem), np.inf)
     for share in SHARES:
         states = here.states + (share * reach)[:, None] * change
         if share == 0.0 and not lost.all():

@@ -15,10 +15,11 @@ from scipy.special import ndtr
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import fit, project
+from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.planned_inputs import Limits, Shape, limits_of, planned, shapes
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import NextMeasurement, Verdict
-from fieldmodels.diagnosis.selection import MIN_GAIN, Selection
+from fieldmodels.diagnosis.selection import Selection
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 Scores = dict[tuple[str, float], float]
@@ -45,7 +46,7 @@ def models_to_distinguish(selection: Selection, verdict: Verdict) -> tuple[Candi
     others = [c for c in selection.ranking if set(c.effects) != set(chosen.effects)]
     if verdict == "named" and len(chosen.effects) == 1 and others:
         return (chosen, others[0]) if others[0].total - chosen.total < WEAK else None
-    gaining = [c for c in selection.ranking if selection.before.total - c.total > MIN_GAIN]
+    gaining = [c for c in selection.ranking if selection.before.total - c.total > DEFAULT.least_gain]
     if verdict == "unknown" and len(gaining) > 1:
         return gaining[0], gaining[1]
     return None

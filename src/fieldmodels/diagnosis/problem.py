@@ -18,6 +18,7 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
 MIN_WINDOWS = 8
+FOLDS = 4  # of held-out losses
 BLOCK = 4  # windows per block: the unit of resampling, since slow noise correlates neighbours
 HUGE = 1e100  # larger values mean that a simulation has diverged, in any unit: their squares would overflow
 SPARSE = 12  # observations in a window up to which each is a feature by itself
@@ -95,6 +96,11 @@ class Problem:
             result.append(part.blocks + first)
             first = int(result[-1].max()) + 1 if len(part.blocks) else first
         return np.concatenate(result)
+
+    @property
+    def folds(self) -> IntArray:
+        """Fold of each window for held-out losses: blocks in turn, shape (windows,)."""
+        return np.asarray(self.blocks % FOLDS)
 
     @cached_property
     def state_scale(self) -> FloatArray:

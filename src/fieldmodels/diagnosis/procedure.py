@@ -5,47 +5,56 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import problem as problems
-from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.candidates import Candidate, Candidates, is_quantisation
 from fieldmodels.diagnosis.evidence import collect
-from fieldmodels.diagnosis.fit import fit, standard_errors, window_loss
+from fieldmodels.diagnosis.extension import extend
+from fieldmodels.diagnosis.fit import Fit, fit, standard_errors, window_loss
 from fieldmodels.diagnosis.gain import NONE, Prediction, by_horizon, noise_floor, predict, share
 from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
+from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
+from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.power import visible
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.profile import profiled_error
 from fieldmodels.diagnosis.quantisation import coarse_sensor
 from fieldmodels.diagnosis.residuals import failed_tests
 from fieldmodels.diagnosis.result import (
     Cause,
-    Diagnosis,
     Estimate,
     Share,
     SignalGain,
-    UnmodelledDynamics,
     Verdict,
 )
+from fieldmodels.diagnosis.runnable import runnable
 from fieldmodels.diagnosis.selection import Selection, block_p_value, select
+from fieldmodels.diagnosis.signs import mistaken_columns
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
-from fieldmodels.diagnosis.unmodelled import BEATEN_GAIN, BEATEN_P, BEATEN_SHARE, Dictionary
+from fieldmodels.diagnosis.verdict import (
+    Judgement,
+    far_from_noise,
+    judge,
+    most_likely,
+    mostly_explained,
+    verdict_of,
+)
 from fieldmodels.model import Effect, Model
 from fieldmodels.recording import Recording, RecordingError
 
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
-FOLDS = 4
 POORLY_KNOWN = 0.5  # relative standard error above which a base parameter counts as poorly known
 NEGLIGIBLE = 0.1  # nats on the test data that do not count
 ABOVE = (
     1.5  # times the noise: a larger error is reported; equal parts of white and slowly varying noise give 1.4
 )
-FAR = 3.0  # times the noise: a larger error must have a cause, even if no test finds one
 
 
 def diagnose(
@@ -55,6 +64,7 @@ def diagnose(
     fixed: Mapping[str, float] | None = None,
     progress: Callable[[str, float], None] | None = None,
     seed: int = 0,
+    options: DiagnosisOptions = DEFAULT,
 ) -> Diagnosis:
     """Find what a simulation gets wrong, name the cause or report it as unknown, and measure the gain.
 
@@ -66,6 +76,7 @@ def diagnose(
             over values that the recordings state.
         progress: Called with the current step and the share done.
         seed: Seed of the resampling for confidence intervals.
+        options: Thresholds and prices.
 
     Returns:
         Verdict, causes with parameters and gains, unmodelled dynamics, and evidence for the report.
@@ -92,6 +103,7 @@ def diagnose(
                 {**_known(stage.model, ()), **held(stage), **fixed},
                 scaled_progress(report, number, len(stages)),
                 seed,
+                options,
             )
             for number, stage in enumerate(stages)
         ],
@@ -107,6 +119,7 @@ def _diagnose_stage(
     fixed: Mapping[str, float],
     report: Progress,
     seed: int,
+    options: DiagnosisOptions,
 ) -> Diagnosis:
     """Diagnose one stage by itself; arguments as of ``diagnose``."""
     began = time.perf_counter()
@@ -118,113 +131,121 @@ def _diagnose_stage(
         problem=training,
         start=start,
         fixed=frozenset(fixed),
-        folds=training.blocks % FOLDS,
+        folds=training.folds,
         whitener=np.diag(1 / training.output_scale),
+        options=options,
     )
+    mistaken = mistaken_columns(model, train, training, start, frozenset(fixed))
     selection = select(candidates, report)
     report("measuring the gain", 0.8)
-    path = _path(candidates, selection)
-    kept = _confirmed(path, testing)
-    if kept < len(path):
-        path = path[:kept]
-        selection = replace(selection, chosen=path[-1], alternatives=())
     rng = np.random.default_rng(seed)
+    path = _path(candidates, selection.base, selection.chosen)
+    path = path[: 1 if mistaken else _confirmed(path, testing)]
+    selection = replace(
+        selection,
+        chosen=path[-1],
+        alternatives=selection.alternatives if path[-1] is selection.chosen else (),
+    )
+    chosen, possible = _certain(candidates, path, testing, rng)
+    report("letting unlisted curves compete", 0.85)
+    judged = judge(candidates, selection.base, chosen)
+    causes = _causes(candidates, _path(candidates, selection.base, judged.kept), testing, rng)
+    causes = _with_alternatives(causes, selection, judged)
     before = predict(testing, selection.base.fit.parameters)
-    causes = _causes(candidates, selection, path, testing, rng)
-    report("looking for unmodelled dynamics", 0.85)
-    found = _findings(candidates, selection, testing, causes, before)
-    found = _with_quantisation(found, train, testing)
-    base = _base_estimates(training, found.extended, fixed)
+    after = predict(testing, judged.kept.fit.parameters) if causes else before
+    beyond_noise = not model.random_force and far_from_noise(testing, after, bool(causes))
+    if causes and beyond_noise and not mostly_explained(testing, before, after):
+        # What is missing is larger than what was found: a part of it may be imitated.
+        possible, causes, after = (*possible, *causes), (), before
+        judged = judge(candidates, selection.base, selection.base)
+    causes = (
+        *causes,
+        *_quantisation_found(
+            train, testing, after, unknown=bool(mistaken) or (not causes and bool(judged.curves))
+        ),
+    )
+    scored, certain = judged.curves, True
+    if not scored and beyond_noise:
+        scored, certain = most_likely(judged.tried, judged.kept), False
+    if mistaken:
+        scored = ()
+    extension = extend(training, judged.kept, scored)
+    curves = tuple(s.shown(certain) for s in (extension.curves if extension else scored))
+    whole = extension.predict(testing) if extension else after
+    verdict: Verdict = "unknown" if mistaken else verdict_of(causes, curves)
+    final = extension.fit if extension else judged.kept.fit
+    fitted = replace(training, model=extension.model) if extension else training
+    base = _base_estimates(fitted, final, model, fixed)
+    effects, not_runnable = runnable(model, curves)
     report("done", 1.0)
     return Diagnosis(
         model=model.name,
-        verdict=found.verdict,
-        causes=found.causes,
-        misfit=failed_tests(training, selection.base, candidates.folds),
-        gain=_gains(testing, (selection.base, found.extended), (before, found.after), rng),
-        unknown=found.unknown,
-        next_measurement=next_measurement(candidates, selection, found.verdict, rng),
+        machine=model,
+        verdict=verdict,
+        causes=tuple(_refitted(c, model, final) for c in causes),
+        mistaken=mistaken,
+        misfit=failed_tests(training, selection.base, options),
+        gain=_gains(testing, (selection.base, judged.kept), (before, after, whole), rng),
+        curves=curves,
+        possible=possible,
+        curve_effects=effects,
+        not_runnable=not_runnable,
+        seen=() if model.random_force else visible(judged.kept, judged.tried),
+        next_measurement=next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=_poorly_known(model, base),
-        above_noise=_above_noise(testing, found.after),
-        vector=found.extended.fit.parameters,
+        above_noise=_above_noise(testing, after),
+        vector=final.parameters[: len(model.names)],
         not_testable=_not_testable(selection),
         trained_on=tuple(r.source for r in train),
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
         windows=(len(training), len(testing)),
         seconds=time.perf_counter() - began,
         evidence=collect(
-            training,
-            testing,
-            selection,
-            found.extended,
-            (before, found.after),
-            _ranking(selection, training),
-            rng,
+            training, testing, selection, judged.kept, (before, whole), _ranking(selection, training), rng
         ),
     )
 
 
-@dataclass(frozen=True)
-class _Findings:
-    """What a diagnosis concludes from a selection.
-
-    Attributes:
-        causes: The named effects.
-        unknown: Unmodelled dynamics, if there are any.
-        extended: The extended simulation: the chosen set, or the base if nothing is named.
-        after: Its prediction of the test windows.
-    """
-
-    causes: tuple[Cause, ...]
-    unknown: UnmodelledDynamics | None
-    extended: Candidate
-    after: Prediction
-
-    @property
-    def verdict(self) -> Verdict:
-        if self.causes:
-            return "ambiguous" if any(c.alternatives for c in self.causes) else "named"
-        return "unknown" if self.unknown else "consistent"
+def _certain(
+    candidates: Candidates, path: Sequence[Candidate], testing: Problem, rng: np.random.Generator
+) -> tuple[Candidate, tuple[Cause, ...]]:
+    """The set without what cannot be told from neutral, one by one, and what that was."""
+    chosen, possible = path[-1], []
+    while chosen.effects:
+        doubtful = [
+            c for c in _causes(candidates, path, testing, rng) if not _told_from_neutral(c, candidates)
+        ]
+        if not doubtful:
+            break
+        weakest = min(doubtful, key=lambda c: c.nats)
+        possible.append(weakest)
+        chosen = candidates.without(chosen, weakest.effect)
+        path = _path(candidates, path[0], chosen)
+    return chosen, tuple(possible)
 
 
-def _findings(
-    candidates: Candidates,
-    selection: Selection,
-    testing: Problem,
-    causes: tuple[Cause, ...],
-    before: Prediction,
-) -> _Findings:
-    """Decide which causes stand, and whether something unmodelled remains.
-
-    Without a random force, an error far above the sensor's noise must have a cause: causes that explain
-    less of it than remains are withdrawn, and the most likely unmodelled dynamics are reported.
-    """
-    causes, unknown = _unmodelled(candidates, selection, causes)
-    extended = selection.chosen if causes else selection.base
-    after = predict(testing, extended.fit.parameters) if causes else before
-    if testing.model.random_force:
-        return _Findings(causes, unknown, extended, after)
-    main = _main_output(testing)
-    unexplained = _far_from_noise(testing, after, main)
-    if unexplained and causes and not _mostly_explained(testing, before, after, main):
-        causes, extended, after = (), selection.base, before
-    if not unexplained and not causes:
-        unexplained = any(_far_from_noise(testing, after, int(j)) for j in np.unique(testing.outputs))
-    if unexplained and unknown is None:
-        unknown = Dictionary(candidates.problem, extended.fit).most_likely(extended, candidates.folds)
-    return _Findings(causes, unknown, extended, after)
+def _told_from_neutral(cause: Cause, candidates: Candidates) -> bool:
+    """Whether any of a cause's values is two standard errors from neutral, and its gain above zero."""
+    effect = candidates.problem.model.effect(cause.effect)
+    told = any(
+        abs(cause.parameters[p.name].value - p.nominal) > 2.0 * cause.parameters[p.name].std
+        or not np.isfinite(cause.parameters[p.name].std)
+        for p in effect.parameters
+        if p.name in cause.parameters
+    )
+    return told and not cause.gain.ci95[1] < 0.0
 
 
-def _with_quantisation(found: _Findings, train: Sequence[Recording], testing: Problem) -> _Findings:
-    """Add sensor quantisation as a cause if it makes up enough of the remaining error."""
-    model, error = testing.model, found.after.rmse()
+def _quantisation_found(
+    train: Sequence[Recording], testing: Problem, after: Prediction, unknown: bool
+) -> tuple[Cause, ...]:
+    """Sensor quantisation as a cause, if it makes up enough of the remaining error."""
+    model, error = testing.model, after.rmse()
     if model.random_force:  # it hides the sensor's noise in the error
-        error = np.array([noise_floor(testing, found.after, j) for j in range(len(model.outputs))])
+        error = np.array([noise_floor(testing, after, j) for j in range(len(model.outputs))])
     coarse = coarse_sensor(model, train, error)
-    if coarse is None or found.verdict == "unknown":
-        return found
-    return replace(found, causes=(*found.causes, _quantisation(model, *coarse)))
+    return () if coarse is None or unknown else (_quantisation(model, *coarse),)
 
 
 def _poorly_known(model: Model, base: Mapping[str, Estimate]) -> tuple[str, ...]:
@@ -337,14 +358,10 @@ def _most_improved_outputs(training: Problem, path: Sequence[Candidate]) -> list
 
 
 def _causes(
-    candidates: Candidates,
-    selection: Selection,
-    path: Sequence[Candidate],
-    testing: Problem,
-    rng: np.random.Generator,
+    candidates: Candidates, path: Sequence[Candidate], testing: Problem, rng: np.random.Generator
 ) -> tuple[Cause, ...]:
-    """The chosen effects with the gain of each over those before it."""
-    chosen = selection.chosen
+    """The effects of a path's end with the gain of each over those before it."""
+    chosen = path[-1]
     model, problem = candidates.problem.model, candidates.problem
     if not chosen.effects:
         return ()
@@ -380,36 +397,7 @@ def _causes(
                 equation=effect.equation,
             )
         )
-    return _with_alternatives(tuple(causes), selection)
-
-
-def _unmodelled(
-    candidates: Candidates, selection: Selection, causes: tuple[Cause, ...]
-) -> tuple[tuple[Cause, ...], UnmodelledDynamics | None]:
-    """Unmodelled dynamics beside the chosen set; causes are withdrawn if these are larger or fit better."""
-    chosen, folds = selection.chosen, candidates.folds
-    dictionary = Dictionary(candidates.problem, chosen.fit)
-    left = dictionary.significant(chosen, folds)
-    shape = dictionary.shape(left, chosen) if left else None
-    if not causes:
-        return (), shape
-    if left and left.total > selection.base.total - chosen.total:
-        return (), shape
-    for name in chosen.effects:
-        rest = candidates.without(chosen, name)
-        own = Dictionary(candidates.problem, rest.fit)
-        margin = max(BEATEN_GAIN, BEATEN_SHARE * (rest.total - chosen.total))
-        for found in own.judge(rest, folds)[:1]:
-            better = chosen.loss - (rest.loss - found.gain)
-            if float(better.sum()) > margin and block_p_value(better, candidates.problem.blocks) < BEATEN_P:
-                return (), own.shape(found, rest)
-    return causes, shape
-
-
-def _far_from_noise(testing: Problem, after: Prediction, output: int) -> bool:
-    """Whether the error is so far above the sensor's noise that something must be missing."""
-    floor = noise_floor(testing, after, output)
-    return bool(after.rmse()[output] > FAR * floor)
+    return tuple(causes)
 
 
 def _above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
@@ -427,12 +415,6 @@ def _above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
     return result
 
 
-def _mostly_explained(testing: Problem, before: Prediction, after: Prediction, output: int) -> bool:
-    """Whether the causes explain more of the error's variance than remains above the sensor's noise."""
-    first, last = before.rmse()[output] ** 2, after.rmse()[output] ** 2
-    return bool(first - last > last - noise_floor(testing, after, output) ** 2)
-
-
 def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Cause:
     """Quantisation as a cause; it explains noise, so that predictions gain nothing."""
     parameter = effect.parameters[0]
@@ -447,14 +429,14 @@ def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Ca
     )
 
 
-def _path(candidates: Candidates, selection: Selection) -> list[Candidate]:
-    """Fits from the base to the chosen set, each with one more effect."""
-    path = [selection.chosen]
-    if not selection.chosen.effects:
+def _path(candidates: Candidates, base: Candidate, chosen: Candidate) -> list[Candidate]:
+    """Fits from the base to a set, each with one more effect."""
+    path = [chosen]
+    if not chosen.effects:
         return path
-    for name in reversed(selection.chosen.effects[1:]):
+    for name in reversed(chosen.effects[1:]):
         path.append(candidates.without(path[-1], name))
-    return [selection.base, *reversed(path)]
+    return [base, *reversed(path)]
 
 
 def _confirmed(path: Sequence[Candidate], testing: Problem) -> int:
@@ -472,9 +454,14 @@ def _confirmed(path: Sequence[Candidate], testing: Problem) -> int:
     return len(path)
 
 
-def _with_alternatives(causes: tuple[Cause, ...], selection: Selection) -> tuple[Cause, ...]:
-    """Add to each cause the effects that could replace it."""
+def _with_alternatives(
+    causes: tuple[Cause, ...], selection: Selection, judged: Judgement
+) -> tuple[Cause, ...]:
+    """Add to each cause the effects, or the unlisted curve, that could replace it."""
     chosen = set(selection.chosen.effects)
+    if set(judged.kept.effects) != chosen:
+        return causes
+    twin = [f"curve of {judged.twin.curve.direction}"] if judged.twin else []
     result = []
     for cause in causes:
         others: list[str] = []
@@ -482,18 +469,18 @@ def _with_alternatives(causes: tuple[Cause, ...], selection: Selection) -> tuple
             removed, added = chosen - set(other.effects), set(other.effects) - chosen
             if cause.effect in removed:
                 others += [name for name in other.effects if name in added and name not in others]
-        result.append(replace(cause, alternatives=tuple(others)))
+        result.append(replace(cause, alternatives=(*others, *twin)))
     return tuple(result)
 
 
 def _gains(
     testing: Problem,
     fits: tuple[Candidate, Candidate],
-    predictions: tuple[Prediction, Prediction],
+    predictions: tuple[Prediction, Prediction, Prediction],
     rng: np.random.Generator,
 ) -> dict[str, SignalGain]:
-    """Gain of every signal, from the base to the extended simulation."""
-    before, after = predictions
+    """Gain of every signal, from the base to the named effects, and with the curves."""
+    before, after, whole = predictions
     horizons = by_horizon(testing, fits[0].fit.parameters, fits[1].fit.parameters, rng)
     result = {}
     for j in np.unique(testing.outputs):
@@ -504,19 +491,34 @@ def _gains(
             rmse_after=float(after.rmse()[j]),
             gain=share(before, after, int(j), testing.blocks, rng),
             horizon=testing.horizon,
-            noise_floor=noise_floor(testing, after, int(j)),
+            noise_floor=noise_floor(testing, whole, int(j)),
+            rmse_with_curves=float(whole.rmse()[j]),
+            gain_with_curves=share(before, whole, int(j), testing.blocks, rng),
             horizons=horizons[signal.name],
         )
     return result
 
 
-def _base_estimates(problem: Problem, chosen: Candidate, fixed: Mapping[str, float]) -> dict[str, Estimate]:
-    errors = standard_errors(problem, chosen.fit)
+def _refitted(cause: Cause, model: Model, final: Fit) -> Cause:
+    """A cause with the values of a fit together with the curves; its standard errors are those without."""
+    names = {f"{cause.effect}.{name}": name for name in cause.parameters}
+    values = {
+        name: replace(cause.parameters[name], value=float(final.parameters[model.index(full)]))
+        for full, name in names.items()
+        if full in model.names and not is_quantisation(model.effect(cause.effect))
+    }
+    return replace(cause, parameters={**cause.parameters, **values})
+
+
+def _base_estimates(
+    problem: Problem, fitted: Fit, model: Model, fixed: Mapping[str, float]
+) -> dict[str, Estimate]:
+    errors = standard_errors(problem, fitted)
     result = {}
-    for i, p in enumerate(problem.model.parameters):
-        known = np.flatnonzero(chosen.fit.free == i)
+    for i, p in enumerate(model.parameters):
+        known = np.flatnonzero(fitted.free == i)
         std = float(errors[known[0]]) if len(known) else 0.0 if p.name in fixed else float("nan")
-        result[p.name] = Estimate(float(chosen.fit.parameters[i]), std, p.unit)
+        result[p.name] = Estimate(float(fitted.parameters[i]), std, p.unit)
     return result
 
 

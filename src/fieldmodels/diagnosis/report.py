@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from fieldmodels import html
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.result import Diagnosis, Estimate
+from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.result import Estimate, MissingCurve
 from fieldmodels.files import write_text
 from fieldmodels.recording.files import save_recording
 from fieldmodels.yaml import save_yaml
@@ -67,7 +68,8 @@ def report_section(diagnosis: Diagnosis) -> str:
         _traces(diagnosis),
         _calibration(diagnosis),
         _next(diagnosis),
-        _unmodelled(diagnosis),
+        _curves(diagnosis),
+        _seen(diagnosis),
         _residual_tests(diagnosis),
         _ranking(diagnosis),
         _base(diagnosis),
@@ -113,17 +115,22 @@ def _gains(diagnosis: Diagnosis) -> str:
             f"{_short(g.rmse_before)} {g.unit}",
             f"{_short(g.rmse_after)} {g.unit}",
             _share(g.gain.percent, g.gain.ci95),
-            f"{g.horizon:g} s",
+            f"{_short(g.rmse_with_curves)} {g.unit}" if diagnosis.curves else "–",
+            _share(g.gain_with_curves.percent, g.gain_with_curves.ci95) if diagnosis.curves else "–",
             f"{_short(g.noise_floor)} {g.unit}" if math.isfinite(g.noise_floor) else "–",
         )
         for name, g in diagnosis.gain.items()
     ]
-    header = ("signal", "error before", "error after", "gain (95 % interval)", "windows of", "sensor noise")
+    header = (
+        "signal", "error before", "with the causes", "gain (95 % interval)", "and with curves",
+        "gain (95 % interval)", "sensor noise",
+    )  # fmt: skip
+    horizon = next((f"{g.horizon:g} s" for g in diagnosis.gain.values()), "")
     note = (
-        '<p class="soft">Root mean square error of predicted windows on the test data: <em>before</em> with '
-        "the base parameters refitted, <em>after</em> with the causes added. Each window starts from the "
-        "state that fits it best, the same way before and after. Intervals by resampling blocks of "
-        "windows.</p>"
+        f'<p class="soft">Root mean square error of predicted windows of {horizon} on the test data: '
+        "<em>before</em> with the base parameters refitted, then with the named causes added, then with the "
+        "unlisted curves, too. Each window starts from the state that fits it best, the same way each time. "
+        "Intervals by resampling blocks of windows.</p>"
     )
     return "<h2>Gain</h2>" + html.table(header, rows) + note + _horizons(diagnosis)
 
@@ -164,7 +171,7 @@ def _traces(diagnosis: Diagnosis) -> str:
     figure = Figure(figsize=(10, 3.6 * len(traces)), layout="constrained")
     axes = figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=[2, 1] * len(traces))
     drawn = [("before", "simulated before", BEFORE)]
-    if diagnosis.causes:
+    if diagnosis.causes or diagnosis.curves:
         drawn.append(("after", "simulated after", AFTER))
     for (top, below), (name, trace) in zip(axes.reshape(-1, 2), traces.items(), strict=True):
         known = np.isfinite(trace["measured"])
@@ -226,26 +233,48 @@ def _next(diagnosis: Diagnosis) -> str:
     return f"<h2>Measure next</h2><p>{html.text(diagnosis.next_measurement.why)}</p>{table}"
 
 
-def _unmodelled(diagnosis: Diagnosis) -> str:
-    left = diagnosis.unknown
-    if left is None:
+def _curves(diagnosis: Diagnosis) -> str:
+    if not diagnosis.curves:
         return ""
-    figure, axes = _grid(1)
-    axes[0].plot(left.curve[:, 0], left.curve[:, 1], "o-", color=BEFORE)
-    axes[0].axhline(0, color=INK, lw=0.5)
-    axes[0].set(xlabel=f"{left.direction} [{left.direction_unit}]", ylabel=f"missing [{left.unit}]")
-    certain = (
-        f"It removes {left.percent:.1f} % of the remaining error on held-out windows "
-        f"(p = {_p(left.p_value)})."
-    )
-    if not left.certain:
-        certain += (
-            " No direction is certain, but the error is far above the sensor's noise: something is missing."
+    figure, axes = _grid(len(diagnosis.curves))
+    for axis, curve in zip(axes, diagnosis.curves, strict=False):
+        at, value, error = curve.curve.T
+        axis.fill_between(at, value - 2 * error, value + 2 * error, color=BEFORE, alpha=0.2, lw=0)
+        axis.plot(at, value, "-" if len(at) > 40 else "o-", color=BEFORE)
+        axis.axhline(0, color=INK, lw=0.5)
+        axis.set(xlabel=f"{curve.over} [{curve.over_unit}]", ylabel=f"missing [{curve.unit}]")
+        axis.set_title(curve.direction.partition(", ")[2] or "force", fontsize=9)
+    words = [_curve_words(curve) for curve in diagnosis.curves]
+    note = "With two standard errors; what the refitted base parameters take up is not in it."
+    if diagnosis.not_runnable:
+        note += (
+            f" Not in extended.yaml, as the machine does not know it: {', '.join(diagnosis.not_runnable)}."
         )
+    return f"<h2>What no listed effect explains</h2><p>{' '.join(words)}</p>" + html.figure(figure, note)
+
+
+def _curve_words(curve: MissingCurve) -> str:
+    if not curve.certain:
+        return (
+            "No curve is certain, but the error is far above the sensor's noise: something is missing. "
+            f"The one that helps most depends on {html.text(curve.direction)}."
+        )
+    shape = f" It runs as: {html.text(curve.formula)}." if curve.formula else ""
     return (
-        f"<h2>What no listed effect explains</h2><p>The shape that helps most depends on "
-        f"{html.text(left.direction)}. {certain}</p>" + html.figure(figure)
+        f"A curve depends on {html.text(curve.direction)}: it removes {curve.percent:.1f} % of the remaining "
+        f"loss on held-out windows (p = {_p(curve.p_value)}).{shape}"
     )
+
+
+def _seen(diagnosis: Diagnosis) -> str:
+    if not diagnosis.seen:
+        return ""
+    rows = [(v.what, f"{_short(v.size)} {v.unit}", v.over) for v in diagnosis.seen]
+    note = (
+        '<p class="soft">Root mean square, over these data, of the smallest curve that would have been '
+        "found, over the variable where it is hardest to see. What is smaller may be missing unseen.</p>"
+    )
+    return "<h2>What these data would have shown</h2>" + html.table(("what", "from", "over"), rows) + note
 
 
 def _residual_tests(diagnosis: Diagnosis) -> str:

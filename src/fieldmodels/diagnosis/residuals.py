@@ -6,15 +6,16 @@ import numpy as np
 from scipy import stats
 
 from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.curves import Curves
 from fieldmodels.diagnosis.fit import Fit, diagonal_whitener, fit, held_out_loss
+from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import FailedTest
-from fieldmodels.diagnosis.unmodelled import Dictionary
-
-MAX_P = 0.01
 
 
-def failed_tests(problem: Problem, base: Candidate, folds: IntArray) -> tuple[FailedTest, ...]:
+def failed_tests(
+    problem: Problem, base: Candidate, options: DiagnosisOptions = DEFAULT
+) -> tuple[FailedTest, ...]:
     """Residual tests that the refitted base fails, smallest p-value first.
 
     For each signal: whether its residual is white within a window, and whether a force that depends on
@@ -30,16 +31,17 @@ def failed_tests(problem: Problem, base: Candidate, folds: IntArray) -> tuple[Fa
         own = fit(problem, base.fit.parameters, base.fit.free, whitener, base.fit.states, 0)
         p = whiteness(own, np.arange(len(whitener)), problem.blocks)
         resolved = bool((np.mean(base.fit.raw[:, mask] ** 2, axis=0) > problem.floor[mask] ** 2).any())
-        if p < MAX_P and resolved:  # what a simulation and rounding leave is never white
+        if p < options.level and resolved:  # what a simulation and rounding leave is never white
             result.append(
                 FailedTest(signal, "whiteness", p, "neighbouring errors within a window are correlated")
             )
-        candidate = Candidate((), own, 0.0, held_out_loss(own, folds))
-        judged = Dictionary(problem, own).judge(candidate, folds)
+        candidate = Candidate((), own, 0.0, held_out_loss(own, problem.folds))
+        curves = Curves(problem, own, options)
+        judged = curves.judge(candidate)
         for found in judged[:2]:
             p = min(1.0, found.p_value * len(judged))
-            if p < MAX_P:
-                result.append(FailedTest(signal, "dependence", p, f"depends on {found.group.direction}"))
+            if p < options.level:
+                result.append(FailedTest(signal, "dependence", p, f"depends on {found.curve.direction}"))
     return tuple(sorted(result, key=lambda m: m.p_value))
 
 

@@ -63,27 +63,37 @@ def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:
     return result
 
 
+def offsets(problem: Problem) -> FloatArray:
+    """Change of the features by an offset of all outputs on each segment, (windows, features, segments)."""
+    return np.stack([problem.average(_on_segment(problem, k, 1.0)) for k in range(SEGMENTS)], axis=-1)
+
+
+def _on_segment(problem: Problem, k: int, size: float) -> list[FloatArray]:
+    """A signal along every recording that acts on the k-th segment of each window."""
+    result = []
+    for part in problem.parts:
+        segment = segments(part.windows.lengths, part.slots.shape[1])
+        signal = np.zeros(len(part.windows.recording))
+        window, sample = np.nonzero(segment == k)
+        signal[part.windows.starts[window] + sample] = size
+        result.append(signal)
+    return result
+
+
 def responses(problem: Problem, fitted: Fit) -> FloatArray:
     """Change of the features by a unit force on each segment, shape (windows, features, segments).
 
     A model that accepts no force gets an offset of its outputs instead.
     """
+    if not problem.model.disturbance_unit:
+        return offsets(problem)
     base = problem.features - fitted.raw
     result = np.zeros((*base.shape, SEGMENTS))
     size = 1.0
     for k in range(SEGMENTS):
-        forces = []
-        for part in problem.parts:
-            segment = segments(part.windows.lengths, part.slots.shape[1])
-            force = np.zeros(len(part.windows.recording))
-            window, sample = np.nonzero(segment == k)
-            force[part.windows.starts[window] + sample] = 1.0
-            forces.append(force)
-        if not problem.model.disturbance_unit:
-            result[:, :, k] = problem.average(forces)
-            continue
         for _ in range(2 if k == 0 else 1):
-            change = problem.response(fitted.parameters, fitted.states, [size * f for f in forces]) - base
+            forces = _on_segment(problem, k, size)
+            change = problem.response(fitted.parameters, fitted.states, forces) - base
             if k == 0:
                 # Small against the motion, so that the response is linear.
                 size *= float(np.sqrt(np.mean(fitted.raw**2) / (np.mean(change**2) + 1e-300)))

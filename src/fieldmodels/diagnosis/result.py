@@ -25,7 +25,7 @@ class Estimate:
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
-        return {"value": _number(self.value), "std": _number(self.std), "unit": self.unit}
+        return {"value": number(self.value), "std": number(self.std), "unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Share:
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
-        return {"percent": _number(self.percent), "ci95": [_number(x) for x in self.ci95]}
+        return {"percent": number(self.percent), "ci95": [number(x) for x in self.ci95]}
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,20 @@ class Cause:
     alternatives: tuple[str, ...] = ()
     p_value: float = float("nan")
     nats: float = float("nan")
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "effect": self.effect,
+            "cause": self.cause,
+            "where": self.where,
+            "equation": self.equation,
+            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
+            "gain": {"signal": self.signal, **self.gain.to_json()},
+            "alternatives": list(self.alternatives),
+            "p_value": number(self.p_value),
+            "nats": number(self.nats),
+        }
 
 
 @dataclass(frozen=True)
@@ -100,9 +114,9 @@ class HorizonGain:
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
-            "horizon_s": _number(self.horizon),
-            "rmse_before": _number(self.rmse_before),
-            "rmse_after": _number(self.rmse_after),
+            "horizon_s": number(self.horizon),
+            "rmse_before": number(self.rmse_before),
+            "rmse_after": number(self.rmse_after),
             **self.gain.to_json(),
             "windows": self.windows,
         }
@@ -119,7 +133,9 @@ class SignalGain:
         gain: Reduction in percent.
         horizon: Length of the predicted windows [s].
         noise_floor: Estimated white noise of the sensor; NaN if unknown.
-        horizons: The same on shorter and longer windows of the same data, shortest first.
+        rmse_with_curves: With the unlisted curves, too.
+        gain_with_curves: Reduction by both, in percent.
+        horizons: Gain of the causes on shorter and longer windows of the same data, shortest first.
     """
 
     unit: str
@@ -128,56 +144,127 @@ class SignalGain:
     gain: Share
     horizon: float
     noise_floor: float
+    rmse_with_curves: float
+    gain_with_curves: Share
     horizons: tuple[HorizonGain, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
             "unit": self.unit,
-            "rmse_before": _number(self.rmse_before),
-            "rmse_after": _number(self.rmse_after),
+            "rmse_before": number(self.rmse_before),
+            "rmse_after": number(self.rmse_after),
             **self.gain.to_json(),
-            "horizon_s": _number(self.horizon),
-            "noise_floor": _number(self.noise_floor),
+            "rmse_with_curves": number(self.rmse_with_curves),
+            "with_curves": self.gain_with_curves.to_json(),
+            "horizon_s": number(self.horizon),
+            "noise_floor": number(self.noise_floor),
             "horizons": [h.to_json() for h in self.horizons],
         }
 
 
+def direction_of(place: str, target: str, over: str) -> str:
+    """What a curve depends on and where it acts, in a few words."""
+    acts = {
+        "force": "",
+        "sensor": f", in the sensor of {target}",
+        "parameter": f", in {target.replace('_', ' ')}",
+        "odds": f", in the log-odds of {target}",
+    }
+    return over + acts[place]
+
+
 @dataclass(frozen=True)
-class UnmodelledDynamics:
-    """Dynamics that no listed effect explains.
+class MissingCurve:
+    """A curve that the simulation lacks and that is no listed effect.
 
     Attributes:
-        direction: The variable that the missing force (or offset of a signal) depends on.
-        unit: Unit of the curve's second column.
-        direction_unit: Unit of its first column.
-        curve: Value of that variable and the missing force there, shape (points, 2).
+        place: What it adds to: "force", "sensor", "parameter" or "odds" (of an event, logarithmic).
+        target: The output or base parameter that it adds to; empty for a force.
+        over: The variable that it depends on.
+        over_unit: Unit of that variable.
+        unit: Unit of its values.
+        curve: Variable, value and its standard error, shape (points, 3).
         p_value: Of the paired test over blocks of windows.
         percent: Share of the loss that it removes [%].
+        formula: The known function that it is, "" if it is none.
+        certain: Whether the data call for it, not merely for something.
     """
 
-    direction: str
+    place: str
+    target: str
+    over: str
+    over_unit: str
     unit: str
-    direction_unit: str
     curve: FloatArray
     p_value: float
     percent: float
+    formula: str = ""
+    certain: bool = True
 
     @property
-    def certain(self) -> bool:
-        """Whether the direction is significant, not merely the fact that something is missing."""
-        return self.p_value <= 0.01
+    def direction(self) -> str:
+        """What it depends on and where it acts, in a few words."""
+        return direction_of(self.place, self.target, self.over)
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
             "direction": self.direction if self.certain else f"undetermined; closest: {self.direction}",
-            "direction_unit": self.direction_unit,
+            "place": self.place,
+            "target": self.target,
+            "over": self.over,
+            "direction_unit": self.over_unit,
             "unit": self.unit,
-            "curve": [[_number(a), _number(b)] for a, b in self.curve],
-            "p_value": _number(self.p_value),
-            "percent": _number(self.percent),
+            "curve": [[number(x) for x in row] for row in self.curve],
+            "formula": self.formula or None,
+            "p_value": number(self.p_value),
+            "percent": number(self.percent),
         }
+
+
+@dataclass(frozen=True)
+class Visible:
+    """The smallest curve at a place that the data would have shown.
+
+    Attributes:
+        place: As of `MissingCurve`.
+        target: As of `MissingCurve`.
+        over: The variable over which it is hardest to see.
+        size: Its root mean square over the data.
+        unit: Of the size.
+    """
+
+    place: str
+    target: str
+    over: str
+    size: float
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "place": self.place,
+            "target": self.target or None,
+            "over": self.over,
+            "size": number(self.size),
+            "unit": self.unit,
+        }
+
+    @property
+    def what(self) -> str:
+        """What it would have been."""
+        return {
+            "force": "a missing force",
+            "sensor": f"an error of the {self.target.replace('_', ' ')} sensor",
+            "parameter": f"a change of {self.target.replace('_', ' ')}",
+            "odds": f"a change of the log-odds of {self.target}",
+        }[self.place]
+
+    def words(self) -> str:
+        """A few words for a sentence."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.what} of {self.size:.2g}{unit}"
 
 
 @dataclass(frozen=True)
@@ -243,156 +330,7 @@ class Evidence:
     ranking: tuple[tuple[str, float, float, str], ...] = ()
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """Result of comparing measured data with a simulation.
-
-    Attributes:
-        model: Name of the model.
-        verdict: "consistent", "named", "ambiguous" or "unknown".
-        causes: The named causes, in the order in which they were found.
-        misfit: Tests that the refitted nominal simulation fails.
-        gain: Prediction error by signal, at the main horizon.
-        unknown: Unmodelled dynamics, if there are any.
-        next_measurement: What to record next, if sets of effects remain indistinguishable.
-        parameters: Refitted base parameters of the extended simulation.
-        undetermined: Positive base parameters whose standard error exceeds half of their value.
-        vector: Whole parameter vector of the extended simulation.
-        not_testable: Effects that could not be tested, with the reason.
-        trained_on: Sources of the training data.
-        tested_on: Sources of the test data ("held-out part of ..." if there were none).
-        windows: Number of training and of test windows.
-        seconds: Duration of the diagnosis.
-        evidence: Arrays for the report.
-        notes: Peculiarities and preprocessing of the data (``Recording.notes``).
-        above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
-    """
-
-    model: str
-    verdict: Verdict
-    causes: tuple[Cause, ...]
-    misfit: tuple[FailedTest, ...]
-    gain: Mapping[str, SignalGain]
-    unknown: UnmodelledDynamics | None
-    next_measurement: NextMeasurement | None
-    parameters: Mapping[str, Estimate]
-    undetermined: tuple[str, ...]
-    vector: FloatArray
-    not_testable: Mapping[str, str]
-    trained_on: tuple[str, ...]
-    tested_on: tuple[str, ...]
-    windows: tuple[int, int]
-    seconds: float
-    evidence: Evidence
-    notes: tuple[str, ...] = ()
-    above_noise: Mapping[str, float] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, Any]:
-        """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
-        return {
-            "schema": 1,
-            "model": self.model,
-            "verdict": self.verdict,
-            "summary": self.summary(),
-            "causes": [
-                {
-                    "effect": c.effect,
-                    "cause": c.cause,
-                    "where": c.where,
-                    "equation": c.equation,
-                    "parameters": {name: e.to_json() for name, e in c.parameters.items()},
-                    "gain": {"signal": c.signal, **c.gain.to_json()},
-                    "alternatives": list(c.alternatives),
-                    "p_value": _number(c.p_value),
-                    "nats": _number(c.nats),
-                }
-                for c in self.causes
-            ],
-            "misfit": [
-                {"signal": m.signal, "test": m.test, "p_value": _number(m.p_value), "where": m.where}
-                for m in self.misfit
-            ],
-            "gain": {name: g.to_json() for name, g in self.gain.items()},
-            "unknown": self.unknown.to_json() if self.unknown else None,
-            "next_measurement": (
-                {"why": self.next_measurement.why, "input": dict(self.next_measurement.input)}
-                if self.next_measurement
-                else None
-            ),
-            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
-            "undetermined": list(self.undetermined),
-            "above_noise": {name: _number(times) for name, times in self.above_noise.items()},
-            "not_testable": dict(self.not_testable),
-            "data": {
-                "train": list(self.trained_on),
-                "test": list(self.tested_on),
-                "windows": {"train": self.windows[0], "test": self.windows[1]},
-                "notes": list(self.notes),
-            },
-            "seconds": round(self.seconds, 2),
-        }
-
-    def summary(self) -> str:
-        """The verdict in one sentence, the remaining error, and a caution where needed."""
-        text = self._sentence()
-        if self.above_noise and self.verdict != "unknown":
-            rest = " and ".join(
-                f"that of {name.replace('_', ' ')} {times:.1f} times"
-                for name, times in self.above_noise.items()
-            )
-            text += f" Errors remain above the sensors' noise: {rest}."
-        if self.undetermined:
-            names = " and ".join(name.replace("_", " ") for name in self.undetermined)
-            text += (
-                f" Caution: these data hardly determine {names}, so the verdict is weak; "
-                "excite the machine more."
-            )
-        return text
-
-    def _sentence(self) -> str:
-        names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
-        if self.verdict == "consistent":
-            if self.above_noise:
-                return "No listed effect helps significantly."
-            return "Nothing significant is missing: the refitted simulation explains these data."
-        if self.verdict == "unknown":
-            shape = ""
-            if self.unknown:
-                shape = (
-                    f"; it depends on {self.unknown.direction}"
-                    if self.unknown.certain
-                    else "; no direction of it is certain"
-                )
-            return f"Something is missing that no listed effect explains{shape}. Nothing is named."
-        if self.verdict == "ambiguous":
-            sets = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
-            if len(sets) == 1:
-                return f"Missing: {sets[0]}; these data cannot distinguish between them."
-            sets = [f"({s})" if c.alternatives else s for s, c in zip(sets, self.causes, strict=True)]
-            return f"Missing: {' and '.join(sets)}; these data cannot distinguish the effects in brackets."
-        rest = ""
-        if self.unknown:
-            rest = (
-                f" More is missing; it depends on {self.unknown.direction}."
-                if self.unknown.certain
-                else " More is missing; no direction of it is certain."
-            )
-        return f"Missing: {names}.{rest}"
-
-    def extended(self) -> dict[str, Any]:
-        """The extended simulation as data: what ``extended.yaml`` holds."""
-        return {
-            "schema": 1,
-            "model": self.model,
-            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
-            "effects": {
-                c.effect: {name: e.to_json() for name, e in c.parameters.items()} for c in self.causes
-            },
-            "equations": {c.effect: {"words": c.cause, "symbols": c.equation} for c in self.causes},
-        }
-
-
-def _number(value: float) -> float | None:
+def number(value: float) -> float | None:
     """A number for JSON: null if it is not finite."""
-    number = float(value)
-    return float(np.format_float_positional(number, 6, fractional=False)) if math.isfinite(number) else None
+    known = float(value)
+    return float(np.format_float_positional(known, 6, fractional=False)) if math.isfinite(known) else None

@@ -12,21 +12,17 @@ from scipy import special
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import Fit, covariance_whitener, project, stacked
+from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 
-MIN_GAIN = 8.0  # nats of held-out likelihood that a cause must bring
-MAX_P = 0.01  # of a paired test over blocks of windows
 RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
 STRONG_P = 1e-6  # of its likelihood-ratio test; slowly varying noise reached 5e-5
 AFFECTED = 0.01  # of the largest change by a cause in any block
-MIN_SHARE = 0.003  # of the total loss: smaller effects are not named
-SAME_P, SAME_GAIN = 0.05, 6.0  # two sets are distinguishable beyond these
 SAME_ANYHOW = (
     2.0  # nats: too little to decide, however significant (near-equivalent effects differ little, but always)
 )
-MAX_CAUSES = 4
 PARENTS = 3  # best sets of each size that are extended
 TRIED_AT_LEAST, TRIED_ABOVE = (
     8,
@@ -73,17 +69,22 @@ def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
     return result
 
 
-def accepted(parent: Candidate, child: Candidate, blocks: IntArray) -> bool:
+def accepted(
+    parent: Candidate, child: Candidate, blocks: IntArray, options: DiagnosisOptions = DEFAULT
+) -> bool:
     """Whether the data call for the effects that the child has and the parent has not."""
     gain = parent.loss - child.loss
     total = parent.total - child.total
-    if total <= max(MIN_GAIN, MIN_SHARE * float(parent.loss.sum())) or child.fit.cost >= parent.fit.cost:
+    if (
+        total <= max(options.least_gain, options.least_share * float(parent.loss.sum()))
+        or child.fit.cost >= parent.fit.cost
+    ):
         return False
     p = block_p_value(gain, blocks)
-    if p < MAX_P:
+    if p < options.level:
         return True
     largest = float(np.bincount(np.unique(blocks, return_inverse=True)[1], weights=gain).max())
-    single = len(child.effects) == len(parent.effects) + 1 and total - largest > MIN_GAIN
+    single = len(child.effects) == len(parent.effects) + 1 and total - largest > options.least_gain
     return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < STRONG_P
 
 
@@ -162,7 +163,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     level = _grown(candidates, [base])
     base = candidates.again(base)
     ranking, before, chosen, levels = tuple(level), base, base, {1: level}
-    for size in range(1, MAX_CAUSES + 1):
+    for size in range(1, candidates.options.most_causes + 1):
         if size > 1:
             progress(f"trying sets of {size}", 0.2 + 0.1 * size)
             whitener, parents = candidates.whitener, [c for c in level if c is not chosen][:PARENTS]
@@ -172,7 +173,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
                 candidates.whitener = whitener
                 break
             chosen, level, levels[size] = larger, children, children
-        elif level and accepted(base, level[0], blocks):
+        elif level and accepted(base, level[0], blocks, candidates.options):
             chosen = level[0]
         # If no single effect is accepted a pair may be, but no larger set.
         if size >= 2 and not chosen.effects:
@@ -184,7 +185,9 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
         level = [c for c in levels[len(needed.effects)] if c.total < needed.total + REFITTED_WITHIN]
         if needed is not chosen:  # smaller sets were last fitted with other weights
             level = [candidates.again(c) for c in level]
-        chosen, alternatives = _simplest(needed, _alternatives(candidates, needed, level), blocks)
+        chosen, alternatives = _simplest(
+            needed, _alternatives(candidates, needed, level), blocks, candidates.options
+        )
     else:
         chosen, alternatives = base, ()
     return Selection(
@@ -205,7 +208,7 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
     blocks = candidates.problem.blocks
     while chosen.effects:
         smaller = [candidates.without(chosen, name) for name in chosen.effects]
-        spare = [c for c in smaller if not accepted(c, chosen, blocks)]
+        spare = [c for c in smaller if not accepted(c, chosen, blocks, candidates.options)]
         if not spare:
             return chosen
         chosen = min(spare, key=lambda c: c.total)
@@ -213,14 +216,17 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
 
 
 def _simplest(
-    chosen: Candidate, alternatives: tuple[Candidate, ...], blocks: IntArray
+    chosen: Candidate,
+    alternatives: tuple[Candidate, ...],
+    blocks: IntArray,
+    options: DiagnosisOptions = DEFAULT,
 ) -> tuple[Candidate, tuple[Candidate, ...]]:
     """Of indistinguishable sets, the one with fewest parameters, and its alternatives."""
     first = min((chosen, *alternatives), key=lambda c: c.size)  # the best of that size
     if first.size == chosen.size:
         return chosen, alternatives
     others = (c for c in (chosen, *alternatives) if c is not first)
-    return first, tuple(c for c in others if indistinguishable(first, c, blocks))
+    return first, tuple(c for c in others if indistinguishable(first, c, blocks, options))
 
 
 def _called_for(
@@ -236,14 +242,18 @@ def _called_for(
     for child in children:
         if child.size < chosen.size and before.total - child.total > SAME_ANYHOW:
             return child
-    if not children or not accepted(before, children[0], blocks):
+    if not children or not accepted(before, children[0], blocks, candidates.options):
         return None
     best = children[0]
     inside = [p for p in parents if set(p.effects) < set(best.effects)] if not chosen.effects else []
-    return best if all(accepted(candidates.again(p), best, blocks) for p in inside) else None
+    return (
+        best if all(accepted(candidates.again(p), best, blocks, candidates.options) for p in inside) else None
+    )
 
 
-def indistinguishable(first: Candidate, second: Candidate, blocks: IntArray) -> bool:
+def indistinguishable(
+    first: Candidate, second: Candidate, blocks: IntArray, options: DiagnosisOptions = DEFAULT
+) -> bool:
     """Whether the data cannot distinguish a better set from a worse one.
 
     A worse set with more parameters is no alternative: it may contain the better one (a step at the very
@@ -254,7 +264,9 @@ def indistinguishable(first: Candidate, second: Candidate, blocks: IntArray) -> 
         return False
     if worse < SAME_ANYHOW:
         return True
-    return bool(worse < SAME_GAIN and block_p_value(second.loss - first.loss, blocks) > SAME_P)
+    return bool(
+        worse < options.same_gain and block_p_value(second.loss - first.loss, blocks) > options.same_p
+    )
 
 
 def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
@@ -271,7 +283,9 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     model = candidates.problem.model
     for i, (predicted, parent, name) in enumerate(jobs):
         simpler = parent.size + model.effect(name).size < parents[0].size
-        if i >= TRIED_AT_LEAST and predicted < (-2 * SAME_GAIN if simpler else TRIED_ABOVE):
+        if i >= TRIED_AT_LEAST and predicted < (
+            -2 * candidates.options.same_gain if simpler else TRIED_ABOVE
+        ):
             continue
         child = candidates.extend(parent, name)
         if child is None:
@@ -304,5 +318,5 @@ def _alternatives(candidates: Candidates, chosen: Candidate, level: list[Candida
                     if child is not None:
                         found[key] = child
     found.pop(frozenset(chosen.effects), None)
-    close = [c for c in found.values() if indistinguishable(chosen, c, blocks)]
+    close = [c for c in found.values() if indistinguishable(chosen, c, blocks, candidates.options)]
     return tuple(sorted(close, key=lambda c: c.total))

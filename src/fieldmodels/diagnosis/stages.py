@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.result import Diagnosis, Evidence, Verdict
+from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.result import Evidence, Verdict
 from fieldmodels.model import Model, Stage
 
 Progress = Callable[[str, float], None]
@@ -37,11 +38,17 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
     order: tuple[Verdict, ...] = ("ambiguous", "named", "unknown", "consistent")
     return Diagnosis(
         model=model.name,
+        machine=model,
         verdict=next(verdict for verdict in order if verdict in found),
         causes=tuple(cause for part in parts for cause in part.causes),
+        mistaken=next((part.mistaken for part in parts if part.mistaken), ""),
         misfit=tuple(sorted((m for part in parts for m in part.misfit), key=lambda m: m.p_value)),
         gain={name: gain for part in parts for name, gain in part.gain.items()},
-        unknown=next((part.unknown for part in parts if part.unknown), None),
+        curves=tuple(curve for part in parts for curve in part.curves),
+        possible=tuple(cause for part in parts for cause in part.possible),
+        seen=tuple(v for part in parts for v in part.seen),
+        curve_effects={name: e for part in parts for name, e in part.curve_effects.items()},
+        not_runnable=tuple(name for part in parts for name in part.not_runnable),
         next_measurement=next((part.next_measurement for part in parts if part.next_measurement), None),
         parameters=first.parameters,
         undetermined=first.undetermined,

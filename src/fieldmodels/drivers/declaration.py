@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -157,6 +157,14 @@ class Declaration(Model):
             self.disturbance_unit = self._force_unit(self.forces[0])
         if not self.horizons:
             self.horizons = (0.1, 0.2, 0.4)
+
+    def with_effects(self, extra: Sequence[Stock]) -> Self:
+        """The same machine with further stock effects."""
+        own = {"effects": (*type(self).own_effects, *extra), "name": self.name}
+        kind = type(type(self).__name__, (type(self),), own)
+        result: Self = kind()
+        result.hold = self.hold
+        return result
 
     def _forces(self) -> tuple[Force, ...]:
         """The declared forces, and one for each velocity that a stock force names."""

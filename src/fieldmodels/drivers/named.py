@@ -109,8 +109,10 @@ def with_named(model: Model, effects: Mapping[str, Any]) -> Model:
     """
     own = {e.name for e in model.effects}
     names = [name for name in effects if name not in own]
-    if not names or isinstance(model, Declaration):
+    if not names:
         return model
+    if isinstance(model, Declaration):
+        return with_curves(model, {name: effects[name] for name in names})
     known = stock_of(model)
     chosen: list[Stock] = []
     for name in names:
@@ -120,12 +122,50 @@ def with_named(model: Model, effects: Mapping[str, Any]) -> Model:
             )
         e = known[name]
         if isinstance(e, Curve):
-            values = effects[name] if isinstance(effects[name], Mapping) else {}
-            knots = max((int(n[6:]) for n in values if n[:6] == "value_" and n[6:].isdecimal()), default=2)
-            chosen += curve(e.where, e.signal, knots=max(knots, 2))
+            chosen += curve(e.where, e.signal, knots=_knots(effects[name]))
         else:
             chosen.append(e)
     return Flown(model, chosen)
+
+
+def _knots(values: Any) -> int:
+    """Number of knots of a curve's values in a reality."""
+    names = values if isinstance(values, Mapping) else {}
+    return max([2, *(int(n[6:]) for n in names if n[:6] == "value_" and n[6:].isdecimal())])
+
+
+def curve_name(place: str, signal: str, over: str) -> str:
+    """What a curve that is added to a machine is called in a reality: ``force_on_velocity_over_position``."""
+    return f"{place}_on_{signal}_over_{over}"
+
+
+def with_curves(machine: Declaration, effects: Mapping[str, Any]) -> Declaration:
+    """A machine with further curves in its equations, which a reality names.
+
+    Args:
+        machine: A machine.
+        effects: Values of curves, by ``curve_name``: ends and equally spaced values. A name that is none of a
+            curve of this machine is left to the machine's own check.
+    """
+    variables = [*(s.name for s in (*machine.states, *machine.inputs)), "time"]
+    variables += [f"{a}*{b}" for a in variables for b in variables if a != b]
+    targets = {
+        "force": [f.velocity for f in machine.forces],
+        "sensor": [s.name for s in machine.outputs],
+        "parameter": [p.name for p in machine.parameters],
+    }
+    known = {
+        curve_name(place, signal, over): (place, signal, over)
+        for place, signals in targets.items()
+        for signal in signals
+        for over in variables
+    }
+    chosen: list[Stock] = []
+    for name, values in effects.items():
+        if name in known:
+            place, signal, over = known[name]
+            chosen += curve(place, signal, over, knots=_knots(values), name=name)
+    return machine.with_effects(chosen) if chosen else machine
 
 
 def flown(

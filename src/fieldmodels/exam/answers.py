@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.diagnosis.result import Diagnosis
+from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
@@ -24,7 +24,7 @@ class Answer:
         named: Each cause with what it says cannot be told from it; curves are called ``CURVE``.
         missing: Whether it says that something is missing beyond what it names.
         values: Fitted values and standard errors of the named effects' parameters.
-        errors: Error of each output before and after, on the second record.
+        errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
         seconds: Processor time of one thread.
         summary: In its own words.
@@ -63,7 +63,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
         values={
             cause.effect: {p: (e.value, e.std) for p, e in cause.parameters.items()} for cause in found.causes
         },
-        errors={output: (gain.rmse_before, gain.rmse_after) for output, gain in found.gain.items()},
+        errors={output: (gain.rmse_before, gain.rmse_with_curves) for output, gain in found.gain.items()},
         seconds=seconds,
         summary=found.summary(),
         by_horizon={

@@ -1,0 +1,194 @@
+"""A simulation with unlisted curves, for any model: it is run again with what the curves add on its way.
+
+The variables of the curves are read from the run before, so two repetitions suffice over a diagnosis's short
+windows; a machine that is run for long has the curves in its own equations (``effects.curve``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.diagnosis.response import SEGMENTS
+from fieldmodels.diagnosis.result import direction_of
+from fieldmodels.model import Effect, Model, Parameter
+from fieldmodels.recording import Recording, Windows
+
+REPETITIONS = 2
+FAR = 1e9  # coefficients are of the order of one standard error: no bound
+
+
+@dataclass(frozen=True)
+class FreeCurve:
+    """A curve with free coefficients.
+
+    Attributes:
+        place: "force", "sensor", "parameter" or "odds".
+        target: The output or base parameter that it adds to; empty for a force.
+        over: The variable.
+        knots: Values of the variable, shape (points,).
+        basis: What each coefficient adds there, shape (points, coefficients).
+    """
+
+    place: str
+    target: str
+    over: str
+    knots: FloatArray
+    basis: FloatArray
+
+    def at(self, variable: FloatArray, coefficients: FloatArray) -> FloatArray:
+        """The curve's values at those of its variable; constant beyond the knots."""
+        return np.asarray(np.interp(variable, self.knots, self.basis @ coefficients))
+
+
+class Curved(Model):
+    """A model with curves as further effects, whose coefficients follow its own parameters.
+
+    Attributes:
+        inner: The model.
+        curves: Its curves.
+    """
+
+    def __init__(self, inner: Model, curves: Sequence[FreeCurve]) -> None:
+        self.inner, self.curves = inner, tuple(curves)
+        for name in (
+            "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
+            "random_force", "inputs_are_free", "unbounded_outputs", "measured_inputs",
+        ):  # fmt: skip
+            setattr(self, name, getattr(inner, name))
+        self.effects = (*inner.effects, *(self._effect(k, c) for k, c in enumerate(curves)))
+
+    @staticmethod
+    def _effect(k: int, curve: FreeCurve) -> Effect:
+        return Effect(
+            f"curve_{k + 1}",
+            f"A curve of {direction_of(curve.place, curve.target, curve.over)}.",
+            "force",
+            tuple(
+                Parameter(f"coefficient_{i + 1}", "1", 0.0, -FAR, FAR, 1.0)
+                for i in range(curve.basis.shape[1])
+            ),
+        )
+
+    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """Simulate every window; see ``Model.simulate``."""
+        vectors = np.atleast_2d(parameters)
+        count = len(self.inner.names)
+        own, coefficients = (
+            vectors[:, :count],
+            np.split(vectors[:, count:], np.cumsum([c.basis.shape[1] for c in self.curves])[:-1], axis=1),
+        )
+        out = self.inner.simulate(own, windows)
+        for b in range(len(vectors)):
+            mine = [c[b] for c in coefficients]
+            if any(c.any() for c in mine):
+                out[b] = self._curved(own[b], mine, windows, out[b])
+        return out
+
+    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
+        """The model's own."""
+        return self.inner.initial_states(recording, starts)
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """The model's own windows."""
+        return self.inner.windows(recording, horizon)
+
+    def between(self, commands: FloatArray, refine: int) -> FloatArray:
+        """The model's own; see ``Model.between``."""
+        return self.inner.between(commands, refine)
+
+    def _curved(
+        self, own: FloatArray, coefficients: Sequence[FloatArray], windows: Windows, plain: FloatArray
+    ) -> FloatArray:
+        """Outputs of one parameter vector, shape (windows, samples, outputs)."""
+        forces = [(c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place == "force"]
+        changes = [(c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place == "parameter"]
+        shown = [
+            (c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place in ("sensor", "odds")
+        ]
+        out = plain
+        for _ in range(REPETITIONS if forces or changes else 0):
+            pushed = self._pushed(windows, out, forces)
+            again = self.inner.simulate(own[None], pushed)[0]
+            for curve, a in changes:
+                again = again + self._changed(own, curve, a, pushed, out)
+            out = again
+        result = out.copy()
+        for curve, a in shown:
+            j = [s.name for s in self.outputs].index(curve.target)
+            added = curve.at(self.variable(curve.over, windows, out), a)
+            if curve.place == "sensor":
+                result[:, :, j] += added
+            else:
+                p = np.clip(out[:, :, j], 1e-12, 1 - 1e-12)
+                result[:, :, j] = 1 / (1 + (1 - p) / p * np.exp(-added))
+        return result
+
+    def _pushed(
+        self, windows: Windows, out: FloatArray, forces: Sequence[tuple[FreeCurve, FloatArray]]
+    ) -> Windows:
+        """The windows with what the curves of force add along a run."""
+        if not forces or not self.disturbance_unit:
+            return windows
+        total = np.zeros(len(windows.recording))
+        if windows.disturbance is not None:
+            total += windows.disturbance
+        rows = _rows(windows)
+        inside = np.arange(windows.samples) < windows.lengths[:, None]
+        for curve, a in forces:
+            added = curve.at(self.variable(curve.over, windows, out), a)
+            total[rows[inside]] += np.where(np.isfinite(added), added, 0.0)[inside]
+        return windows.with_disturbance(total)
+
+    def _changed(
+        self, own: FloatArray, curve: FreeCurve, a: FloatArray, windows: Windows, out: FloatArray
+    ) -> FloatArray:
+        """Change of the outputs by a parameter that is another one in each window, to first order."""
+        i = self.inner.index(curve.target)
+        values = curve.at(self.of_window(curve.over, windows, out), a)
+        size = float(np.abs(values).max())
+        if size == 0.0:
+            return np.zeros_like(out)
+        p = self.inner.all_parameters[i]
+        moved = own.copy()
+        moved[i] = np.clip(own[i] + size, p.lower, p.upper)
+        here, there = self.inner.simulate(np.stack([own, moved]), windows)
+        return np.asarray((there - here) * (values / (moved[i] - own[i]))[:, None, None])
+
+    def variable(self, over: str, windows: Windows, out: FloatArray) -> FloatArray:
+        """A curve's variable on every sample of a run, shape (windows, samples)."""
+        if " times " in over:
+            first, second = over.split(" times ")
+            a = self.variable(first, windows, out)
+            return a * self.variable(second, windows, out)
+        if over.startswith("size of "):
+            return np.abs(self.variable(over.removeprefix("size of "), windows, out))
+        names, recording = [s.name for s in self.outputs], windows.recording
+        if over in names:
+            return out[:, :, names.index(over)]
+        if over.startswith("rate of "):
+            return np.gradient(out[:, :, names.index(over.removeprefix("rate of "))], recording.step, axis=1)
+        rows = _rows(windows)
+        if over == "time":
+            return recording.time[rows]
+        if over.startswith("change of "):
+            signal = recording[over.removeprefix("change of ")]
+            lag = max(1, windows.samples // SEGMENTS)
+            return signal[rows] - signal[np.maximum(rows - lag, 0)]
+        return recording[over][rows]
+
+    def of_window(self, over: str, windows: Windows, out: FloatArray) -> FloatArray:
+        """A variable's mean over each window, or its root mean square ("size of"), shape (windows,)."""
+        if over.startswith("size of "):
+            values = self.variable(over.removeprefix("size of "), windows, out)
+            return np.asarray(np.sqrt(np.nanmean(values**2, axis=1)))
+        return np.asarray(np.nanmean(self.variable(over, windows, out), axis=1))
+
+
+def _rows(windows: Windows) -> IntArray:
+    """Row of the recording of every sample, shape (windows, samples)."""
+    rows = windows.starts[:, None] + np.arange(windows.samples)
+    return np.asarray(np.minimum(rows, len(windows.recording) - 1))

@@ -1,0 +1,432 @@
+"""Curves that a simulation may lack: at which place, over which variable, and how they run.
+
+A curve is a lookup table that nobody has listed. It may add to a force, to what a sensor shows, to a base
+parameter, or to the log-odds of an event; over time, a signal, its rate, or a command. All are scored
+against the same held-out windows as the listed effects, jointly with the free parameters and to first
+order: the response of the features to a unit force on each of a few segments of the windows is simulated
+once, and the response to every curve is a combination of these.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.curved import FreeCurve
+from fieldmodels.diagnosis.fit import Coordinates, Fit, held_out_loss, project, stacked
+from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.response import SEGMENTS, averaged, odds_responses, offsets, responses, segments
+from fieldmodels.diagnosis.result import MissingCurve, direction_of
+from fieldmodels.diagnosis.selection import block_p_value
+
+Place = Literal["force", "sensor", "parameter", "odds"]
+Signals = Mapping[str, tuple[str, FloatArray]]
+QUANTILES = tuple(np.linspace(0.01, 0.99, 8))  # of the variable, where a curve's knots are
+ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the variable is extreme
+OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
+FINE = 129  # points of a known function
+MULTIPLIED = 7  # signals whose products are tried
+LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
+
+
+def _step(x: FloatArray) -> FloatArray:
+    """The sign; over a small range, since nothing reverses at once."""
+    return np.asarray(np.tanh(x / 0.02))
+
+
+def _bend(x: FloatArray) -> FloatArray:
+    return np.asarray(x * np.abs(x))
+
+
+FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
+    "constant": (np.ones_like,),
+    "sign": (_step,),
+    "sign and constant": (_step, np.ones_like),
+    "size": (np.abs,),
+    "square": (np.square,),
+    "square with sign": (_bend,),
+    "cube": (lambda x: np.asarray(x**3),),
+}
+"""Functions that are common in machines, of a variable over its largest size."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve that may be missing.
+
+    Attributes:
+        place: What it adds to.
+        target: The output or base parameter that it adds to; empty for a force.
+        over: The variable.
+        over_unit: Its unit.
+        unit: Of the curve's values.
+        values: Columns on the segments of every window, shape (windows, segments, columns); of a parameter's
+            curve on the windows, shape (windows, columns).
+        knots: Values of the variable at which the curve is given, shape (points,).
+        shapes: Each column's value there, shape (points, columns).
+        formula: What it is called if it is no table but a known function of the variable.
+    """
+
+    place: Place
+    target: str
+    over: str
+    over_unit: str
+    unit: str
+    values: FloatArray
+    knots: FloatArray
+    shapes: FloatArray
+    formula: str = ""
+
+    @property
+    def direction(self) -> str:
+        """What it depends on and where it acts, in a few words."""
+        return direction_of(self.place, self.target, self.over)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A curve scored jointly with a fit.
+
+    Attributes:
+        curve: The curve.
+        gain: Improvement of every window's held-out loss [nats].
+        p_value: One-sided, over blocks of windows.
+        basis: What each identifiable combination adds at the knots, shape (points, combinations).
+        coefficients: Of the combinations, to first order, shape (combinations,).
+        covariance: Of the coefficients.
+        candidate: The fit with the curve's identifiable columns among its free parameters.
+    """
+
+    curve: Curve
+    gain: FloatArray
+    p_value: float
+    basis: FloatArray
+    coefficients: FloatArray
+    covariance: FloatArray
+    candidate: Candidate
+
+    @property
+    def total(self) -> float:
+        """Improvement of all windows [nats], before its price."""
+        return float(self.gain.sum())
+
+    @property
+    def free(self) -> FreeCurve:
+        """The curve for a fit with the whole simulation."""
+        curve = self.curve
+        return FreeCurve(curve.place, curve.target, curve.over, curve.knots, self.basis)
+
+    def shown(self, certain: bool = True) -> MissingCurve:
+        """As a result."""
+        curve, before = self.curve, float(self.candidate.loss.sum()) + self.total
+        variance = np.einsum("ij,jk,ik->i", self.basis, self.covariance, self.basis)
+        errors = np.sqrt(np.maximum(variance, 0.0))
+        return MissingCurve(
+            curve.place,
+            curve.target,
+            curve.over,
+            curve.over_unit,
+            curve.unit,
+            np.column_stack([curve.knots, self.basis @ self.coefficients, errors]),
+            self.p_value,
+            float(np.clip(100 * self.total / before, 0, 100)),
+            curve.formula,
+            certain,
+        )
+
+
+class Curves:
+    """The curves that are tried beside one fit."""
+
+    def __init__(self, problem: Problem, fitted: Fit, options: DiagnosisOptions) -> None:
+        self.problem, self.fitted, self.options = problem, fitted, options
+        model = problem.model
+        self._segment = [segments(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
+        self._force = responses(problem, fitted)
+        self._offset = offsets(problem)
+        measured = [int(j) for j in np.unique(problem.outputs)]
+        self._odds = {
+            model.outputs[j].name: odds_responses(problem, fitted, j)
+            for j in measured
+            if model.outputs[j].event
+        }
+        self._rows = {model.outputs[j].name: problem.outputs == j for j in measured}
+        self.signals = self._variables()
+        self.all = tuple(self._curves())
+
+    def judge(self, candidate: Candidate, curves: Iterable[Curve] | None = None) -> list[Scored]:
+        """Score every curve beside a candidate, most probable first.
+
+        Args:
+            candidate: The fit that the responses were computed for, perhaps with curves of its own already.
+            curves: The curves; by default all.
+        """
+        found = []
+        for curve in self.all if curves is None else curves:
+            scored = self._scored(candidate, curve)
+            if scored is not None:
+                found.append(scored)
+        return sorted(found, key=lambda s: s.candidate.total)
+
+    def significant(self, candidate: Candidate) -> Scored | None:
+        """The best curve, if the data call for it."""
+        for scored in self.judge(candidate):
+            if self.called_for(candidate, scored):
+                return scored
+        return None
+
+    def called_for(self, candidate: Candidate, scored: Scored) -> bool:
+        """Whether a curve improves a candidate significantly, whichever of all curves it is."""
+        least = max(self.needed, self.options.least_share * float(candidate.loss.sum()))
+        rare = scored.total > self.options.rare_gain and scored.p_value < 2 * self.options.level
+        return scored.total > least and (scored.p_value < self.options.level or rare)
+
+    @property
+    def needed(self) -> float:
+        """Nats that the best of all curves must bring: the logarithm of their number over the level."""
+        return float(np.log(len(self.all) / self.options.level))
+
+    def rivals(self, candidate: Candidate, count: int | None = None) -> list[Scored]:
+        """The best curve beside a candidate, then further ones beside both, if the data call for them.
+
+        Args:
+            candidate: As of ``judge``.
+            count: How many at most; by default those of the options.
+        """
+        found: list[Scored] = []
+        for _ in range(self.options.most_curves if count is None else count):
+            best = self.judge(candidate)[:1]
+            if not best or (candidate.fit is not self.fitted and not self.called_for(candidate, best[0])):
+                break
+            found.append(best[0])
+            candidate = best[0].candidate
+        return found
+
+    def as_formula(self, candidate: Candidate, scored: Scored) -> Scored:
+        """The same curve as a known function of its variable, where that is as good."""
+        known = self.judge(candidate, self._known_functions(scored.curve))
+        if known and known[0].candidate.total < scored.candidate.total:
+            return known[0]
+        return scored
+
+    def response(self, curve: Curve) -> FloatArray:
+        """Whitened response of the features to each column, states projected out."""
+        if curve.place == "parameter":
+            k = int(np.flatnonzero(self.fitted.free == self.problem.model.index(curve.target))[0])
+            slope = Coordinates(self.problem.model.all_parameters, self.fitted.free).slope(
+                self.fitted.parameters[self.fitted.free]
+            )[k]
+            return np.asarray(self.fitted.jacobian[:, :, k, None] * curve.values[:, None, :] / slope)
+        if curve.place == "force":
+            response = self._force
+        elif curve.place == "odds":
+            response = self._odds[curve.target]
+        else:
+            response = self._offset * self._rows[curve.target][None, :, None]
+        return project(self.fitted, response @ curve.values)
+
+    def _scored(self, candidate: Candidate, curve: Curve) -> Scored | None:
+        columns, fitted = self.response(curve), candidate.fit
+        combination = _identifiable(columns, fitted)
+        if combination.shape[1] == 0:
+            return None
+        columns = columns @ combination
+        wide = replace(
+            fitted,
+            jacobian=np.concatenate([fitted.jacobian, columns], axis=2),
+            active=np.concatenate([fitted.active, np.ones(columns.shape[2], dtype=np.bool_)]),
+        )
+        loss = held_out_loss(wide, self.problem.folds)
+        step, covariance = _solved(wide)
+        count = columns.shape[2]
+        return Scored(
+            curve,
+            candidate.loss - loss,
+            block_p_value(candidate.loss - loss, self.problem.blocks),
+            curve.shapes @ combination,
+            step[-count:],
+            covariance[-count:, -count:],
+            Candidate(
+                candidate.effects,
+                wide,
+                candidate.search + float(np.log(len(self.all))),
+                loss,
+                candidate.size + count,
+                candidate.price,
+            ),
+        )
+
+    def _curves(self) -> Iterator[Curve]:
+        model, signals = self.problem.model, self.signals
+        events = set(self._odds)
+        plain = {name: s for name, s in signals.items() if name not in events}
+        unit = model.disturbance_unit
+        for curve in _tables(plain):
+            yield replace(curve, unit=unit or "1")
+        for curve in _products(plain):
+            yield replace(curve, unit=unit or "1")
+        for name in events:
+            for curve in (*_tables(signals), *_products(signals)):
+                yield replace(curve, place="odds", target=name, unit="1")
+        if model.random_force:  # what a sensor adds cannot be told from what drives the machine
+            return
+        units = {s.name: s.unit for s in model.outputs}
+        for name in self._rows:
+            if name not in events:
+                for curve in _tables(plain):
+                    yield replace(curve, place="sensor", target=name, unit=units[name])
+        for i in self.fitted.free[self.fitted.free < len(model.parameters)]:
+            for curve in _window_tables(plain):
+                p = model.parameters[i]
+                yield replace(curve, place="parameter", target=p.name, unit=p.unit)
+
+    def _known_functions(self, curve: Curve) -> Iterator[Curve]:
+        """Functions that are common in machines, over the variable of a table."""
+        if curve.shapes.shape[1] == 1 or curve.place == "parameter":
+            return
+        if curve.over == "time":
+            return
+        values = self.signals[curve.over][1]
+        knots = np.linspace(values.min(), values.max(), FINE)
+        size = float(np.abs(knots).max())
+        for name, terms in FUNCTIONS.items():
+            yield replace(
+                curve,
+                knots=knots,
+                values=np.stack([f(values / size) for f in terms], axis=-1),
+                shapes=np.stack([f(knots / size) for f in terms], axis=-1),
+                formula=name,
+            )
+
+    def _variables(self) -> Signals:
+        """Candidate variables averaged over the segments: outputs, their rates, inputs, and time."""
+        model = self.problem.model
+        first = 0
+        collected: dict[str, tuple[str, list[FloatArray]]] = {}
+        recorded = [part.windows.recording for part in self.problem.parts]
+        moving = {  # a flag or a setting is no candidate
+            s.name for s in model.inputs if max(len(np.unique(r[s.name])) for r in recorded) > 3
+        }
+        for part, segment in zip(self.problem.parts, self._segment, strict=True):
+            windows = part.windows
+            # A fitted initial state absorbs the random force of its window, which would then appear as a
+            # force that depends on the state; the measured one does not.
+            states = (
+                windows.states if model.random_force else self.fitted.states[first : first + len(windows)]
+            )
+            first += len(windows)
+            outputs = model.simulate(self.fitted.parameters[None], windows.with_states(states))[0]
+            recording = windows.recording
+            rows = np.minimum(windows.starts[:, None] + np.arange(segment.shape[1]), len(recording) - 1)
+            signals = {"time": ("s", recording.time[rows])}
+            units = {signal.unit for signal in model.outputs}
+            for j, signal in enumerate(model.outputs):
+                if np.isfinite(outputs[:, :, j])[segment >= 0].mean() < 0.9 or (
+                    model.random_force and signal.optional
+                ):
+                    continue
+                signals[signal.name] = (signal.unit, outputs[:, :, j])
+                # Random forces drive the rates, so that the rates do not reveal what the forces depend on.
+                if f"{signal.unit}/s" not in units and not (model.random_force or signal.event):
+                    rate = np.gradient(outputs[:, :, j], recording.step, axis=1)
+                    signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
+            for signal in model.inputs:
+                values = recording[signal.name]
+                if signal.name in moving:
+                    signals[signal.name] = (signal.unit, values[rows])
+                    lag = max(1, segment.shape[1] // SEGMENTS)
+                    before = values[np.maximum(rows - lag, 0)]
+                    signals[f"change of {signal.name}"] = (signal.unit, values[rows] - before)
+            for name, (unit, values) in signals.items():
+                collected.setdefault(name, (unit, []))[1].append(averaged(values, segment))
+        joined = {name: (unit, np.concatenate(values)) for name, (unit, values) in collected.items()}
+        return {name: (unit, values) for name, (unit, values) in joined.items() if np.ptp(values) > 0}
+
+
+def _tables(signals: Signals) -> Iterator[Curve]:
+    """Lookup tables of every signal."""
+    for name, (unit, values) in signals.items():
+        if name.startswith("change of"):
+            yield _line(name, unit, values)
+            continue
+        knots = np.unique(np.quantile(values, QUANTILES))
+        if len(knots) >= 4:
+            yield Curve("force", "", name, unit, "", _hats(values, knots), knots, np.eye(len(knots)))
+            ends = np.quantile(values, ENDS)
+            yield Curve("force", "", name, unit, "", _beyond(values, ends), ends, _beyond(ends, ends), "ends")
+
+
+def _products(signals: Signals) -> Iterator[Curve]:
+    """Products of pairs of signals; of a machine with many sensors only of its first ones."""
+    moving = [n for n in signals if n != "time" and not n.startswith(("change of", "rate of"))]
+    for first, second in itertools.combinations(moving[:MULTIPLIED], 2):
+        a, b = signals[first][1], signals[second][1]
+        unit = f"{signals[first][0]} {signals[second][0]}"
+        yield _line(f"{first} times {second}", unit, a * b)
+        yield _line(f"{first} times size of {second}", unit, a * np.abs(b))
+        yield _line(f"{second} times size of {first}", unit, np.abs(a) * b)
+
+
+def _window_tables(signals: Signals) -> Iterator[Curve]:
+    """Tables of the mean and of the size of every signal in a window."""
+    for name, (unit, values) in signals.items():
+        if name.startswith("change of"):
+            continue
+        sizes = {name: values.mean(axis=1)}
+        if name != "time":
+            sizes[f"size of {name}"] = np.sqrt(np.mean(values**2, axis=1))
+        for over, size in sizes.items():
+            knots = np.unique(np.quantile(size, OF_PARAMETER))
+            if len(knots) >= 4:
+                yield Curve("parameter", "", over, unit, "", _hats(size, knots), knots, np.eye(len(knots)))
+
+
+def _line(over: str, unit: str, values: FloatArray) -> Curve:
+    """A force proportional to one quantity."""
+    low, high = np.quantile(values, [0.01, 0.99])
+    knots = np.linspace(low, high, 9)
+    return Curve("force", "", over, unit, "", values[:, :, None], knots, knots[:, None])
+
+
+def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
+    """Piecewise-linear hat functions at the knots, constant beyond the outer ones; shape (..., knots)."""
+    eye = np.eye(len(knots))
+    return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
+
+
+def _beyond(values: FloatArray, ends: FloatArray) -> FloatArray:
+    """By how much values lie beyond the inner two of four ends, shape (..., 2)."""
+    return np.stack([np.minimum(values - ends[1], 0.0), np.maximum(values - ends[2], 0.0)], axis=-1)
+
+
+def _identifiable(columns: FloatArray, fitted: Fit) -> FloatArray:
+    """Combinations of columns that the free parameters cannot reproduce, shape (columns, combinations).
+
+    A curve that is nearly collinear with a free parameter (a force proportional to the angle, with the
+    stiffness free) would get a huge coefficient, whose small remaining component fits the noise.
+    """
+    scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-30
+    left, size, right = np.linalg.svd(stacked(columns) / scale, full_matrices=False)
+    sound = size > 1e-6 * max(float(size[0]), 1e-30)
+    basis, _ = np.linalg.qr(stacked(fitted.jacobian[:, :, fitted.active]))
+    _, sines, turn = np.linalg.svd(left[:, sound] - basis @ (basis.T @ left[:, sound]), full_matrices=False)
+    own = turn[sines > LEAST_SINE].T
+    return np.asarray((right[sound].T / size[sound]) @ own / scale[:, None])
+
+
+def _solved(wide: Fit) -> tuple[FloatArray, FloatArray]:
+    """Gauss-Newton step of all active columns, zero for the others, and its covariance."""
+    active = wide.active
+    flat = stacked(wide.jacobian[:, :, active])
+    inverse = np.linalg.pinv(flat.T @ flat, hermitian=True, rcond=1e-8)
+    step, covariance = np.zeros(len(active)), np.zeros((len(active), len(active)))
+    step[active] = inverse @ (flat.T @ wide.residual.reshape(-1))
+    covariance[np.ix_(active, active)] = inverse
+    return step, covariance

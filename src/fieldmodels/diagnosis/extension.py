@@ -1,0 +1,73 @@
+"""The extended simulation: the named effects and the remaining curves, fitted together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.curved import Curved
+from fieldmodels.diagnosis.curves import Scored
+from fieldmodels.diagnosis.fit import Fit, fit
+from fieldmodels.diagnosis.gain import Prediction, predict
+from fieldmodels.diagnosis.problem import Problem
+
+STEPS = 20
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A simulation with everything that the data call for.
+
+    Attributes:
+        model: The model with the curves as further effects; the model itself if there are none.
+        fit: Parameters and states, fitted together.
+        curves: The curves with their final coefficients.
+    """
+
+    model: Curved
+    fit: Fit
+    curves: tuple[Scored, ...]
+
+    def predict(self, testing: Problem) -> Prediction:
+        """Predict windows."""
+        return predict(replace(testing, model=self.model), self.fit.parameters)
+
+
+def extend(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Extension | None:
+    """Fit the named effects and the curves together.
+
+    Args:
+        problem: Training windows.
+        kept: The named effects, as fitted without the curves.
+        curves: The curves.
+
+    Returns:
+        None if there are no curves, or the simulation with them fits no better.
+    """
+    if not curves:
+        return None
+    model = Curved(problem.model, [scored.free for scored in curves])
+    count = len(kept.fit.parameters)
+    start = np.concatenate([kept.fit.parameters, *(np.zeros(len(c.coefficients)) for c in curves)])
+    free = np.concatenate([kept.fit.free, np.arange(count, len(start))])
+    fitted = fit(replace(problem, model=model), start, free, kept.fit.whitener, kept.fit.states, STEPS)
+    if not fitted.cost < kept.fit.cost:
+        return None
+    return Extension(model, fitted, _final(curves, fitted, count))
+
+
+def _final(curves: Sequence[Scored], fitted: Fit, first: int) -> tuple[Scored, ...]:
+    """The curves with the coefficients of a fit, and their covariance."""
+    inverse = np.linalg.pinv(fitted.information, hermitian=True, rcond=1e-10)
+    place = {int(index): k for k, index in enumerate(fitted.free)}
+    result = []
+    for scored in curves:
+        last = first + len(scored.coefficients)
+        rows = [place[i] for i in range(first, last)]
+        covariance = np.asarray(inverse[np.ix_(rows, rows)], dtype=np.float64)
+        result.append(replace(scored, coefficients=fitted.parameters[first:last], covariance=covariance))
+        first = last
+    return tuple(result)

@@ -1,0 +1,46 @@
+"""What a diagnosis asks of the data before it says something."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """The thresholds of a diagnosis, each with its evidence.
+
+    Attributes:
+        level: p-value of a paired test over blocks of windows below which a gain counts as significant.
+        least_gain: Held-out likelihood [nats] that an effect or a curve must bring, after its price. Eight is
+            the logarithm of some thirty candidates over the level; the best of 54 curves beside a right
+            model brought 5.2 at most in eight records.
+        least_share: The same as a share of the whole loss, so that long records name nothing negligible.
+        price: Nats for each parameter, on top of what it costs on held-out windows (Akaike's price is 1).
+        price_of_name: Nats that every name after the first must bring against unlisted curves: a set of
+            listed effects can imitate one curve (a bilinear spring was named constant force and cogging, a
+            quadratic actuator asymmetry and constant force).
+        same_gain: Two sets are told apart by more than so many nats, or
+        same_p: by less if the difference is steady over the blocks: the p-value below which it is.
+        beaten_by: Nats by which a curve must beat what is named to take its place.
+        most: Share of what a curve explains that a name must explain to stay beside a curve of the rest. The
+            offset of a real axis (EMPS) explained 0.8 of it, wrong names of cubic and lagging sensors 0.6.
+        rare_gain: Nats of a curve that acts in few windows only, for which twice the level will do.
+        most_causes: Effects in a set.
+        most_curves: Curves beside each other.
+    """
+
+    level: float = 0.01
+    least_gain: float = 8.0
+    least_share: float = 0.003
+    price: float = 1.0
+    price_of_name: float = 10.0
+    same_gain: float = 6.0
+    same_p: float = 0.05
+    beaten_by: float = 3.0
+    most: float = 0.75
+    rare_gain: float = 40.0
+    most_causes: int = 4
+    most_curves: int = 2
+
+
+DEFAULT = DiagnosisOptions()

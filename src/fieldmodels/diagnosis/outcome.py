@@ -1,0 +1,266 @@
+"""The outcome of a diagnosis: verdict, numbers and evidence, and what one does with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.result import (
+    Cause,
+    Estimate,
+    Evidence,
+    FailedTest,
+    MissingCurve,
+    NextMeasurement,
+    SignalGain,
+    Verdict,
+    Visible,
+    number,
+)
+from fieldmodels.diagnosis.use import Simulation, picture, table
+from fieldmodels.drivers.named import with_named
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis:
+    """Result of comparing measured data with a simulation.
+
+    Attributes:
+        model: Name of the model.
+        machine: The model itself, with scales that suit the data.
+        verdict: "consistent", "named", "ambiguous" or "unknown".
+        causes: The named causes, in the order in which they were found.
+        mistaken: What is wrong with the columns (a reversed sign, two swapped); nothing is named then.
+        misfit: Tests that the refitted nominal simulation fails.
+        gain: Prediction error by signal, at the main horizon.
+        curves: Unlisted curves that are missing, too, the most important first.
+        possible: Effects that would help, but cannot be told from neutral.
+        seen: The smallest curves that these data would have shown, by place.
+        curve_effects: The curves as effects that the machine can be run with, by name.
+        not_runnable: Curves that it cannot be run with, in words.
+        next_measurement: What to record next, if sets of effects remain indistinguishable.
+        parameters: Refitted base parameters of the extended simulation.
+        undetermined: Positive base parameters whose standard error exceeds half of their value.
+        vector: Whole parameter vector of the extended simulation.
+        not_testable: Effects that could not be tested, with the reason.
+        trained_on: Sources of the training data.
+        tested_on: Sources of the test data ("held-out part of ..." if there were none).
+        windows: Number of training and of test windows.
+        seconds: Duration of the diagnosis.
+        evidence: Arrays for the report.
+        notes: Peculiarities and preprocessing of the data (``Recording.notes``).
+        above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
+    """
+
+    model: str
+    machine: Model = field(repr=False)
+    verdict: Verdict
+    causes: tuple[Cause, ...]
+    mistaken: str
+    misfit: tuple[FailedTest, ...]
+    gain: Mapping[str, SignalGain]
+    curves: tuple[MissingCurve, ...]
+    possible: tuple[Cause, ...]
+    seen: tuple[Visible, ...]
+    curve_effects: Mapping[str, Mapping[str, Estimate]]
+    not_runnable: tuple[str, ...]
+    next_measurement: NextMeasurement | None
+    parameters: Mapping[str, Estimate]
+    undetermined: tuple[str, ...]
+    vector: FloatArray
+    not_testable: Mapping[str, str]
+    trained_on: tuple[str, ...]
+    tested_on: tuple[str, ...]
+    windows: tuple[int, int]
+    seconds: float
+    evidence: Evidence
+    notes: tuple[str, ...] = ()
+    above_noise: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """The verdict in a line."""
+        return f"<Diagnosis of {self.model}: {self.verdict}. {self.summary()}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the verdict and the numbers."""
+        numbers: str = self.to_dataframe().to_html(index=False, float_format="{:.4g}".format)
+        return f"<p><b>{self.verdict.capitalize()}.</b> {escape(self.summary())}</p>{numbers}"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """What was found, a row for each number: kind, effect, parameter, value, std, unit."""
+        return table(self._groups())
+
+    def simulate(self, recording: Recording) -> Recording:
+        """A free run of the extended simulation: from each episode's first state on, commands alone.
+
+        Args:
+            recording: Commands, and what the first state is measured from.
+
+        Returns:
+            The recording with simulated outputs in the place of the measured ones.
+        """
+        return self._simulation().free_run(recording)
+
+    def predict(self, recording: Recording, horizon: float = 0.0) -> pd.DataFrame:
+        """Predictions of the extended simulation over windows, each from the state that fits it best.
+
+        Args:
+            recording: The measured data.
+            horizon: Length of a window [s]; by default that of the diagnosis.
+
+        Returns:
+            Columns ``window``, ``t`` and for each output its name and ``<name>_predicted``.
+
+        Raises:
+            RecordingError: If there are too few windows.
+        """
+        usual = next((g.horizon for g in self.gain.values()), self.machine.horizons[0])
+        return self._simulation().windows(recording, horizon or usual)
+
+    def plot(self) -> Figure:
+        """Measured and simulated test windows, before and after, and the unlisted curves."""
+        return picture(self.evidence.traces, {name: g.unit for name, g in self.gain.items()}, self.curves)
+
+    def _simulation(self) -> Simulation:
+        effects = {
+            name: {key: e.value for key, e in values.items()} for name, values in self._effects().items()
+        }
+        base = {name: e.value for name, e in self.parameters.items()}
+        model = with_named(self.machine, effects)
+        return Simulation(model, model.vector(base, effects))
+
+    def _effects(self) -> Mapping[str, Mapping[str, Estimate]]:
+        """The named effects, and the curves that the machine can be run with."""
+        return {c.effect: c.parameters for c in self.causes} | dict(self.curve_effects)
+
+    def _groups(self) -> Mapping[str, tuple[str, Mapping[str, Estimate]]]:
+        groups: dict[str, tuple[str, Mapping[str, Estimate]]] = {"base": ("parameters", self.parameters)}
+        groups |= {c.effect: ("cause", c.parameters) for c in self.causes}
+        groups |= {c.effect: ("possible", c.parameters) for c in self.possible}
+        return groups | {name: ("curve", values) for name, values in self.curve_effects.items()}
+
+    @property
+    def unknown(self) -> MissingCurve | None:
+        """The most important unlisted curve, if there is one."""
+        return self.curves[0] if self.curves else None
+
+    def to_json(self) -> dict[str, Any]:
+        """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
+        return {
+            "schema": 2,
+            "model": self.model,
+            "verdict": self.verdict,
+            "summary": self.summary(),
+            "causes": [c.to_json() for c in self.causes],
+            "mistaken": self.mistaken or None,
+            "misfit": [
+                {"signal": m.signal, "test": m.test, "p_value": number(m.p_value), "where": m.where}
+                for m in self.misfit
+            ],
+            "gain": {name: g.to_json() for name, g in self.gain.items()},
+            "unknown": self.unknown.to_json() if self.unknown else None,
+            "curves": [c.to_json() for c in self.curves],
+            "seen": [v.to_json() for v in self.seen],
+            "possible": [c.to_json() for c in self.possible],
+            "next_measurement": (
+                {"why": self.next_measurement.why, "input": dict(self.next_measurement.input)}
+                if self.next_measurement
+                else None
+            ),
+            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
+            "undetermined": list(self.undetermined),
+            "above_noise": {name: number(times) for name, times in self.above_noise.items()},
+            "not_testable": dict(self.not_testable),
+            "data": {
+                "train": list(self.trained_on),
+                "test": list(self.tested_on),
+                "windows": {"train": self.windows[0], "test": self.windows[1]},
+                "notes": list(self.notes),
+            },
+            "seconds": round(self.seconds, 2),
+        }
+
+    def summary(self) -> str:
+        """The verdict in one sentence, the remaining error, and a caution where needed."""
+        text = self._sentence()
+        if self.above_noise and self.verdict != "unknown":
+            rest = " and ".join(
+                f"that of {name.replace('_', ' ')} {times:.1f} times"
+                for name, times in self.above_noise.items()
+            )
+            text += f" Errors remain above the sensors' noise: {rest}."
+        if self.undetermined and not self.mistaken:
+            names = " and ".join(name.replace("_", " ") for name in self.undetermined)
+            text += (
+                f" Caution: these data hardly determine {names}, so the verdict is weak; "
+                "excite the machine more."
+            )
+        if self.possible:
+            names = " and ".join(c.effect.replace("_", " ") for c in self.possible)
+            text += f" Possible, but not to be told from none: {names}."
+        return text
+
+    def _sentence(self) -> str:
+        names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
+        if self.verdict == "consistent":
+            if self.above_noise:
+                return "No listed effect helps significantly."
+            text = "Nothing significant is missing: the refitted simulation explains these data."
+            if self.seen:
+                text += (
+                    f" They would have shown (root mean square) {_listed([v.words() for v in self.seen])}."
+                )
+            return text
+        if self.mistaken:
+            return f"First check the columns: {self.mistaken}. Nothing is named before that."
+        if self.verdict == "unknown":
+            shape = ""
+            if self.unknown:
+                shape = (
+                    f"; it depends on {self.unknown.direction}"
+                    if self.unknown.certain
+                    else "; no direction of it is certain"
+                )
+            return f"Something is missing that no listed effect explains{shape}. Nothing is named."
+        if self.verdict == "ambiguous":
+            sets = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
+            if len(sets) == 1:
+                return f"Missing: {sets[0]}; these data cannot distinguish between them."
+            sets = [f"({s})" if c.alternatives else s for s, c in zip(sets, self.causes, strict=True)]
+            return f"Missing: {' and '.join(sets)}; these data cannot distinguish the effects in brackets."
+        rest = ""
+        if self.unknown:
+            rest = (
+                f" More is missing; it depends on {self.unknown.direction}."
+                if self.unknown.certain
+                else " More is missing; no direction of it is certain."
+            )
+        return f"Missing: {names}.{rest}"
+
+    def extended(self) -> dict[str, Any]:
+        """The extended simulation as data: what ``extended.yaml`` holds."""
+        return {
+            "schema": 1,
+            "model": self.model,
+            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
+            "effects": {
+                name: {key: e.to_json() for key, e in values.items()}
+                for name, values in self._effects().items()
+            },
+            **({"not_runnable": list(self.not_runnable)} if self.not_runnable else {}),
+            "equations": {c.effect: {"words": c.cause, "symbols": c.equation} for c in self.causes},
+        }
+
+
+def _listed(words: Sequence[str]) -> str:
+    """Words as a list: "a, b and c"."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

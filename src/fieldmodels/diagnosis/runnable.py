@@ -1,0 +1,92 @@
+"""A missing curve as an effect of its machine, which environments, the recorder and re-tuning run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.result import Estimate, MissingCurve
+from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.named import curve_name
+from fieldmodels.model import Model
+
+KNOTS = 17  # odd, so that a curve of a size has one where the sign changes
+
+
+def runnable(
+    model: Model, curves: Sequence[MissingCurve]
+) -> tuple[dict[str, dict[str, Estimate]], tuple[str, ...]]:
+    """Curves as effects, by name.
+
+    Args:
+        model: The model that they are to be added to.
+        curves: The curves.
+
+    Returns:
+        Values of every effect that can be run, as ``extended.yaml`` has them, and the curves that cannot: of
+        a variable that the machine itself does not know, such as the rate of a rate.
+    """
+    effects: dict[str, dict[str, Estimate]] = {}
+    left = []
+    for curve in curves:
+        found = _machine_effect(model, curve) if isinstance(model, Declaration) else _signal_effect(curve)
+        if found is None:
+            left.append(curve.direction)
+        else:
+            effects[found[0]] = dict(found[1])
+    return effects, tuple(left)
+
+
+def _signal_effect(curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | None:
+    """Around a model that simulates by itself: a sensor's error over what it measures."""
+    if curve.place != "sensor" or curve.over != curve.target:
+        return None
+    return f"{curve.target}_curve", _values(curve, curve.over_unit, mirrored=False)
+
+
+def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | None:
+    known = {*(s.name for s in (*machine.states, *machine.inputs)), "time"}
+    target = curve.target
+    if curve.place == "force":
+        target = machine.forces[0].velocity if machine.forces else ""
+    if not target or curve.place == "odds":
+        return None
+    over, mirrored = curve.over, curve.over.startswith("size of ")
+    variables = [_state(machine, v) for v in over.removeprefix("size of ").split(" times ")]
+    plain = [v.removeprefix("size of ") for v in variables]
+    if not set(plain) <= known:
+        return None
+    if len(plain) == 1:
+        return curve_name(curve.place, target, plain[0]), _values(curve, curve.over_unit, mirrored)
+    if plain == variables:
+        return curve_name(curve.place, target, "*".join(plain)), _values(curve, curve.over_unit, mirrored)
+    return None
+
+
+def _state(machine: Declaration, variable: str) -> str:
+    """The state that a rate is, where the machine has one."""
+    rates = {f.position: f.velocity for f in machine.forces if f.position}
+    name = variable.removeprefix("rate of ")
+    return rates.get(name, variable) if variable != name else variable
+
+
+def _values(curve: MissingCurve, unit: str, mirrored: bool) -> dict[str, Estimate]:
+    """Ends and equally spaced values; of a variable's size on both sides of zero."""
+    at, value, error = curve.curve.T
+    low, high = float(at[0]), float(at[-1])
+    if mirrored:
+        low = -high
+    knots = np.linspace(low, high, KNOTS)
+    places: FloatArray = np.abs(knots) if mirrored else knots
+    return {
+        "low": Estimate(low, 0.0, unit),
+        "high": Estimate(high, 0.0, unit),
+        **{
+            f"value_{k + 1}": Estimate(float(v), float(e), curve.unit)
+            for k, (v, e) in enumerate(
+                zip(np.interp(places, at, value), np.interp(places, at, error), strict=True)
+            )
+        },
+    }

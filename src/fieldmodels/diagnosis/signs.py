@@ -1,0 +1,94 @@
+"""Reversed signs and swapped columns: tried as hypotheses where the simulation is far from the data.
+
+No effect is worth a name before the columns are right: a reversed command looks like an infinite mass.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.gain import noise_floor, predict
+from fieldmodels.diagnosis.problem import Problem, build
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording, RecordingError
+
+FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
+BETTER = 0.5  # of the error that right columns leave; wrong ones leave a tenth or less on every bench
+
+
+def mistaken_columns(
+    model: Model, train: Sequence[Recording], training: Problem, start: FloatArray, fixed: frozenset[str]
+) -> str:
+    """What is wrong with the columns, with the remedy; empty if nothing seems to be.
+
+    Args:
+        model: The model, scaled to the recordings.
+        train: The recordings.
+        training: Their windows.
+        start: Parameter vector with the fixed values.
+        fixed: Names of parameters that are not fitted.
+    """
+    if model.random_force:
+        return ""
+    present, far = _error(training, start, fixed)
+    if not far:
+        return ""
+    best, words = BETTER, ""
+    for changes, said in _hypotheses(model, train):
+        changed = [_changed(r, changes) for r in train]
+        try:
+            problem = build(model.scaled_to(changed), changed, training.horizon, training)
+        except RecordingError:
+            continue
+        error, _ = _error(problem, start, fixed)
+        if error < best * present:
+            best, words = error / present, said
+    return words
+
+
+def _hypotheses(
+    model: Model, train: Sequence[Recording]
+) -> Iterator[tuple[Mapping[str, tuple[str, float]], str]]:
+    """What to read in a column's place: another column, or the same with another sign; and its words."""
+    names = [s.name for s in (*model.inputs, *model.outputs) if all(s.name in r for r in train)]
+    events = {s.name for s in model.outputs if s.event}
+    for name in names:
+        if name not in events:
+            yield {name: (name, -1.0)}, f"the sign of {name} seems to be reversed: give it as {name}=-{name}"
+    for group in (model.inputs, model.outputs):
+        for a, b in itertools.combinations(group, 2):
+            if a.unit == b.unit and {a.name, b.name} <= set(names) - events:
+                said = (
+                    f"{a.name} and {b.name} seem to be swapped: give {a.name}={b.name} and {b.name}={a.name}"
+                )
+                yield {a.name: (b.name, 1.0), b.name: (a.name, 1.0)}, said
+
+
+def _changed(recording: Recording, changes: Mapping[str, tuple[str, float]]) -> Recording:
+    signals = {name: sign * recording[source] for name, (source, sign) in changes.items()}
+    return replace(recording, signals={**recording.signals, **signals})
+
+
+def _error(problem: Problem, start: FloatArray, fixed: frozenset[str]) -> tuple[float, bool]:
+    """Error of the refitted base by the spread of the signals, and whether it is far from the noise."""
+    candidates = Candidates(
+        problem=problem, start=start, fixed=fixed, folds=problem.folds,
+        whitener=np.diag(1 / problem.output_scale),
+    )  # fmt: skip
+    prediction = predict(problem, candidates.base().fit.parameters)
+    outputs = [int(j) for j in np.unique(problem.outputs[~problem.events])]
+    if not outputs:
+        return 0.0, False
+    rmse = prediction.rmse()
+    scale = [float(np.sqrt(np.mean(problem.output_scale[problem.outputs == j] ** 2))) for j in outputs]
+    error = float(
+        np.exp(np.mean([np.log(max(rmse[j] / s, 1e-12)) for j, s in zip(outputs, scale, strict=True)]))
+    )
+    floors = [noise_floor(problem, prediction, j) for j in outputs]
+    return error, any(rmse[j] > FAR * floor for j, floor in zip(outputs, floors, strict=True))

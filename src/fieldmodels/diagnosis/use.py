@@ -1,0 +1,136 @@
+"""What one does with a diagnosis: run its extended simulation, predict other data with it, draw it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.problem import build
+from fieldmodels.diagnosis.result import Estimate, MissingCurve
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording, Windows
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK, BEFORE, AFTER = "#1c2430", "#c8553d", "#0b6e99"
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A model with the parameter vector that a diagnosis has found.
+
+    Attributes:
+        model: The model, curves among its effects.
+        vector: Its whole parameter vector.
+    """
+
+    model: Model
+    vector: FloatArray
+
+    def free_run(self, recording: Recording) -> Recording:
+        """Outputs from each episode's first state and the recorded commands alone.
+
+        Args:
+            recording: Commands, and what the first state is measured from.
+
+        Returns:
+            The recording with simulated outputs in the place of the measured ones.
+        """
+        bounds = recording.bounds
+        lengths = (bounds[:, 1] - bounds[:, 0]).astype(np.int64)
+        starts = bounds[:, 0].astype(np.int64)
+        names = [o.name for o in self.model.outputs]
+        inside = np.arange(lengths.max())[None, :] < lengths[:, None]
+        windows = Windows(
+            recording=recording,
+            starts=starts,
+            lengths=lengths,
+            states=self.model.initial_states(recording, starts),
+            observed=np.repeat(inside[:, :, None], len(names), axis=2),
+        )
+        run = self.model.simulate(self.vector[None], windows)[0]
+        joined = np.concatenate([one[:n] for one, n in zip(run, lengths, strict=True)])
+        simulated = {name: joined[:, j] for j, name in enumerate(names)}
+        return replace(
+            recording, signals={**recording.signals, **simulated}, source=f"free run of {recording.source}"
+        )
+
+    def windows(self, recording: Recording, horizon: float) -> pd.DataFrame:
+        """Predictions over windows, each from the state that fits it best.
+
+        Args:
+            recording: The measured data.
+            horizon: Length of a window [s].
+
+        Returns:
+            Columns ``window``, ``t`` and for each output its name and ``<name>_predicted``.
+
+        Raises:
+            RecordingError: If there are too few windows.
+        """
+        problem = build(self.model, [recording], horizon)
+        part, [run] = problem.parts[0], predict(problem, self.vector).simulated
+        rows = part.windows.starts[:, None] + np.arange(part.windows.samples)
+        measured = part.windows.measured(tuple(o.name for o in self.model.outputs))
+        table = {
+            "window": np.repeat(np.arange(len(rows)), rows.shape[1]),
+            "t": recording.time[np.minimum(rows, len(recording) - 1)].ravel(),
+        }
+        for j, output in enumerate(self.model.outputs):
+            if output.name in recording:
+                table[output.name] = measured[:, :, j].ravel()
+                table[f"{output.name}_predicted"] = run[:, :, j].ravel()
+        return pd.DataFrame(table)
+
+
+def table(groups: Mapping[str, tuple[str, Mapping[str, Estimate]]]) -> pd.DataFrame:
+    """A row for each number: what it belongs to, value, standard error, unit.
+
+    Args:
+        groups: Effect to its kind and its numbers.
+    """
+    return pd.DataFrame([
+        {"kind": kind, "effect": effect, "parameter": name, "value": e.value, "std": e.std, "unit": e.unit}
+        for effect, (kind, values) in groups.items()
+        for name, e in values.items()
+    ])  # fmt: skip
+
+
+def picture(
+    traces: Mapping[str, Mapping[str, FloatArray]], units: Mapping[str, str], curves: Sequence[MissingCurve]
+) -> Figure:
+    """Measured and simulated test windows of every signal, before and after, and the unlisted curves.
+
+    Args:
+        traces: As of ``Evidence``.
+        units: Of the signals.
+        curves: The curves.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 2.6 * (len(traces) + bool(curves))), layout="constrained")
+    rows = figure.subfigures(len(traces) + bool(curves), 1, squeeze=False)[:, 0]
+    for row, (name, trace) in zip(rows, traces.items(), strict=False):
+        axis = row.subplots()
+        gap = np.full((len(trace["time"]), 1), np.nan)
+        time = np.hstack([trace["time"], gap]).ravel()
+        for key, colour, label in (
+            ("measured", INK, "measured"), ("before", BEFORE, "before"), ("after", AFTER, "after"),
+        ):  # fmt: skip
+            axis.plot(time, np.hstack([trace[key], gap]).ravel(), color=colour, lw=1, label=label)
+        axis.set(xlabel="time [s]", ylabel=f"{name} [{units[name]}]")
+        axis.legend(frameon=False, ncols=3)
+    if curves:
+        for axis, curve in zip(np.atleast_1d(rows[-1].subplots(1, len(curves))), curves, strict=True):
+            at, value, error = curve.curve.T
+            axis.fill_between(at, value - 2 * error, value + 2 * error, color=BEFORE, alpha=0.2, lw=0)
+            axis.plot(at, value, color=BEFORE)
+            axis.set(xlabel=f"{curve.direction} [{curve.over_unit}]", ylabel=f"missing [{curve.unit}]")
+    return figure

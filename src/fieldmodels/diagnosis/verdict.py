@@ -1,0 +1,192 @@
+"""The verdict: what is named, what an unlisted curve explains as well or better, what is left over.
+
+Everything competes on one scale, the held-out likelihood with one price: the set of listed effects that the
+search has chosen, and unlisted curves beside the base or beside a part of that set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.gain import Prediction, noise_floor
+from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.diagnosis.problem import IntArray, Problem
+from fieldmodels.diagnosis.result import Cause, MissingCurve, Verdict
+from fieldmodels.diagnosis.selection import block_p_value
+
+FAR = 3.0  # times the noise: a larger error must have a cause, even if no test finds one
+BEATEN_P = 0.1  # of the paired test over blocks that a rival is better
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What stands after unlisted curves have competed.
+
+    Attributes:
+        kept: The base with the effects that are named.
+        tried: The curves that were tried beside it.
+        curves: Unlisted curves beside it, the most important first.
+        twin: An unlisted curve that explains the data as well as the named effects, if there is one.
+        beaten: Effects that the search had chosen and that curves explain better.
+    """
+
+    kept: Candidate
+    tried: Curves
+    curves: tuple[Scored, ...] = ()
+    twin: Scored | None = None
+    beaten: tuple[str, ...] = ()
+
+
+def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
+    """Let curves compete with a chosen set: as a whole, with each member, and for what is left over.
+
+    Args:
+        candidates: What fits the sets.
+        base: The base alone.
+        chosen: The set; the base itself if there is none.
+    """
+    options, problem = candidates.options, candidates.problem
+    if not chosen.effects:
+        curves = Curves(problem, base.fit, options)
+        rivals = curves.rivals(base)
+        if not rivals or not curves.called_for(base, rivals[0]):
+            return Judgement(base, curves)
+        return Judgement(base, curves, _with_formulas(curves, base, rivals))
+    curves = Curves(problem, base.fit, options)
+    rivals = curves.rivals(base)
+    if len(chosen.effects) > 1 and rivals:
+        # One curve as a known function has few parameters, too.
+        rivals[0] = curves.as_formula(base, rivals[0])
+        rivals[1:] = curves.rivals(rivals[0].candidate, options.most_curves - 1)
+    burden = options.price_of_name * (len(chosen.effects) - 1)
+    beside = Curves(problem, chosen.fit, options)
+    left = beside.rivals(chosen)
+    with_more = left[0].candidate if left else chosen
+    for count in range(len(rivals), 0, -1):
+        rival = rivals[count - 1].candidate
+        if _beats(rival, chosen, burden, problem.blocks, options) and not _mostly(
+            base, chosen, with_more, rival, burden, options
+        ):
+            return Judgement(
+                base, curves, _with_formulas(curves, base, rivals[:count]), beaten=chosen.effects
+            )
+    twin = next((r for r in rivals if _as_good(r.candidate, chosen, burden, problem.blocks, options)), None)
+    kept, beaten = _without_the_beaten(candidates, chosen, with_more)
+    if beaten:
+        beside = Curves(problem, kept.fit, options)
+        left = beside.rivals(kept)
+    if left and not beside.called_for(kept, left[0]):
+        left = []
+    return Judgement(kept, beside, _with_formulas(beside, kept, left), twin if not beaten else None, beaten)
+
+
+def most_likely(tried: Curves, kept: Candidate) -> tuple[Scored, ...]:
+    """The best curve, significant or not, for an error that is known to be above the noise."""
+    return tuple(tried.judge(kept)[:1])
+
+
+def verdict_of(causes: Sequence[Cause], curves: Sequence[MissingCurve]) -> Verdict:
+    """The verdict in one word."""
+    if causes:
+        return "ambiguous" if any(c.alternatives for c in causes) else "named"
+    return "unknown" if curves else "consistent"
+
+
+def far_from_noise(testing: Problem, after: Prediction, named: bool) -> bool:
+    """Whether an error is so far above its sensor's noise that something must be missing.
+
+    Where effects are named the first output decides, else any.
+    """
+    outputs = np.unique(testing.outputs)
+    return any(
+        bool(after.rmse()[j] > FAR * noise_floor(testing, after, int(j)))
+        for j in (outputs[:1] if named else outputs)
+    )
+
+
+def mostly_explained(testing: Problem, before: Prediction, after: Prediction) -> bool:
+    """Whether the causes explain more of the first output's error than remains above the sensor's noise."""
+    j = int(testing.outputs[0])
+    first, last = before.rmse()[j] ** 2, after.rmse()[j] ** 2
+    return bool(first - last > last - noise_floor(testing, after, j) ** 2)
+
+
+def _without_the_beaten(
+    candidates: Candidates, chosen: Candidate, with_more: Candidate
+) -> tuple[Candidate, tuple[str, ...]]:
+    """The set without the members that a curve in their place explains better, one by one.
+
+    Args:
+        candidates: What fits the sets.
+        chosen: The set.
+        with_more: The set with the best curve beside it.
+    """
+    options, blocks = candidates.options, candidates.problem.blocks
+    beaten: list[str] = []
+    while len(chosen.effects) > 1:
+        worst: tuple[float, str, Candidate] | None = None
+        for name in chosen.effects:
+            rest = candidates.without(chosen, name)
+            for scored in Curves(candidates.problem, rest.fit, options).judge(rest)[:1]:
+                rival = scored.candidate
+                if not _beats(rival, chosen, 0.0, blocks, options) or _mostly(
+                    rest, chosen, with_more, rival, 0.0, options
+                ):
+                    continue
+                if worst is None or chosen.total - rival.total > worst[0]:
+                    worst = chosen.total - rival.total, name, rest
+        if worst is None:
+            break
+        beaten.append(worst[1])
+        chosen = worst[2]
+        with_more = chosen  # what stood beside the larger set says nothing of this one
+    return chosen, tuple(beaten)
+
+
+def _mostly(
+    rest: Candidate,
+    named: Candidate,
+    with_more: Candidate,
+    rival: Candidate,
+    burden: float,
+    options: DiagnosisOptions,
+) -> bool:
+    """Whether names explain most of what a curve in their place does, and with a further curve as much.
+
+    A table holds the friction that is named and what else depends on the velocity; it need not be told
+    apart from the name with a table of the rest.
+    """
+    most = rest.total - named.total > options.most * (rest.total - rival.total)
+    return most and with_more.total + burden < rival.total + options.same_gain
+
+
+def _with_formulas(curves: Curves, base: Candidate, found: Sequence[Scored]) -> tuple[Scored, ...]:
+    """The curves as known functions, where these do as well."""
+    result, beside = [], base
+    for one in found:
+        result.append(curves.as_formula(beside, one))
+        beside = one.candidate
+    return tuple(result)
+
+
+def _beats(
+    rival: Candidate, named: Candidate, burden: float, blocks: IntArray, options: DiagnosisOptions
+) -> bool:
+    better = named.loss - rival.loss
+    lead = named.total + burden - rival.total
+    return lead > options.beaten_by and block_p_value(better + burden / len(better), blocks) < BEATEN_P
+
+
+def _as_good(
+    rival: Candidate, named: Candidate, burden: float, blocks: IntArray, options: DiagnosisOptions
+) -> bool:
+    """Whether the data cannot tell a curve from what is named; it is not beaten."""
+    worse = rival.total - named.total - burden
+    if worse < 2.0:
+        return True
+    return bool(worse < options.same_gain and block_p_value(rival.loss - named.loss, blocks) > options.same_p)

@@ -1,0 +1,181 @@
+"""Faults that no library lists, hidden in a rig by a simulator of its own in plain Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldgym.bench import as_env
+from fieldmodels.diagnosis import DiagnosisOptions, diagnose
+from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.report import write_results
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+
+MASS, DAMPING, STIFFNESS = 2.3, 5.1, 93.0
+STEP, FINE, SAMPLES = 0.01, 10, 3000
+NOISE = {"position": 2e-4, "velocity": 5e-3}
+Push = Callable[[float, float, float, float], float]
+Sensor = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def command(seed: int) -> np.ndarray:
+    """Twelve sines up to 4 Hz, or steps to levels between -8 and 8 N."""
+    rng, time = np.random.default_rng(seed), np.arange(SAMPLES) * STEP
+    if seed % 2:
+        switches = rng.integers(20, 120, size=200).cumsum()
+        return rng.uniform(-8, 8, 201)[np.searchsorted(switches, np.arange(SAMPLES))]
+    waves = [
+        np.sin(2 * np.pi * f * time + p)
+        for f, p in zip(np.geomspace(0.1, 4, 12), rng.uniform(0, 6.28, 12), strict=True)
+    ]
+    return 4.0 * np.sum(waves, axis=0) / np.std(np.sum(waves, axis=0))
+
+
+def rig(
+    seed: int,
+    push: Push | None = None,
+    shown: Sensor | None = None,
+    damping: Callable[[float], float] = lambda t: DAMPING,
+) -> Recording:
+    """A log of the rig under a command, with a force and a position sensor of one's own.
+
+    Args:
+        seed: Of command and noise.
+        push: Force f(t, x, v, u) [N].
+        shown: Position that is shown, of true position, velocity and command.
+        damping: Over time.
+    """
+    u, h = command(seed), STEP / FINE
+    x = v = 0.0
+    states = np.empty((SAMPLES, 2))
+    for i in range(SAMPLES):
+        states[i] = x, v
+        for k in range(FINE):
+            t = i * STEP + k * h
+
+            def rate(t: float, x: float, v: float, f: float = float(u[i])) -> float:
+                extra = push(t, x, v, f) if push else 0.0
+                return (f + extra - damping(t) * v - STIFFNESS * x) / MASS
+
+            a = rate(t, x, v)
+            b = rate(t + h / 2, x + h / 2 * v, v + h / 2 * a)
+            x, v = (
+                x + h * v + h * h / 2 * b,
+                v + h * rate(t + h / 2, x + h / 2 * v + h * h / 8 * a, v + h / 2 * b),
+            )
+    position, velocity = states.T
+    rng = np.random.default_rng([seed, 1])
+    seen = {"position": shown(position, velocity, u) if shown else position, "velocity": velocity}
+    noisy = {name: values + NOISE[name] * rng.standard_normal(SAMPLES) for name, values in seen.items()}
+    return Recording(time=np.arange(SAMPLES) * STEP, signals={"force": u, **noisy}, source=f"seed {seed}")
+
+
+HIDDEN = {
+    "a bump of force at one place": (
+        {"push": lambda t, x, v, u: -0.16 * math.exp(-(((x - 0.03) / 0.015) ** 2))}, "force", "position",
+    ),
+    "damping of one direction": ({"push": lambda t, x, v, u: -0.3 * max(v, 0.0)}, "force", "velocity"),
+    "a command that adds its square": ({"push": lambda t, x, v, u: 0.0016 * u * u}, "force", "force"),
+    "a sensor that lags by the direction": (
+        {"shown": lambda x, v, u: x - 4e-4 * np.tanh(v / 0.005)}, "sensor", "velocity",
+    ),
+    "a sensor that feels the command": ({"shown": lambda x, v, u: x + 1.2e-4 * u}, "sensor", "force"),
+    "damping that grows": ({"damping": lambda t: DAMPING * (1 + 0.007 * t)}, "parameter", "time"),
+}  # fmt: skip
+"""A fault, the place of its curve, and the variable that it depends on."""
+
+
+@cache
+def found(kind: str, seed: int) -> Diagnosis:
+    fault = HIDDEN[kind][0]
+    return diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
+
+
+@pytest.mark.parametrize("kind", list(HIDDEN))
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+def test_what_no_list_contains_is_unknown_and_its_curve_regains_what_was_lost(kind: str, seed: int):
+    result = found(kind, seed)
+    assert result.verdict == "unknown", result.summary()
+    assert not result.causes
+    _, place, over = HIDDEN[kind]
+    assert any((c.place, c.over.removeprefix("size of ")) == (place, over) for c in result.curves) or (
+        # over this excitation a friction of one direction is a damping that depends on the velocity
+        kind == "damping of one direction" and result.curves[0].target == "damping"
+    ), [c.direction for c in result.curves]
+    position = result.gain["position"]
+    lost = position.rmse_before - NOISE["position"]
+    assert position.rmse_after == position.rmse_before  # nothing is named
+    assert position.rmse_before - position.rmse_with_curves > 0.7 * lost
+
+
+def test_a_curve_runs_on_in_a_free_run_and_in_an_environment(tmp_path: Path):
+    kind = "a bump of force at one place"
+    result, log = found(kind, 3), rig(888, **HIDDEN[kind][0])
+    base = diagnose(get_model("rig"), [rig(3)], [rig(503)])
+    errors = [float(np.std(d.simulate(log)["position"] - log["position"])) for d in (base, result)]
+    assert errors[1] < 1.5 * NOISE["position"]
+    assert errors[1] < 0.7 * errors[0]
+    paths = write_results(result, tmp_path)
+    env = as_env("rig", reality=paths["extended.yaml"])
+    assert "force_on_velocity_over_position" in {e.name for e in env.unwrapped._task.machine.effects}
+    env.reset(seed=1)
+    assert np.isfinite(env.step(np.ones(1, np.float32))[0]).all()
+
+
+def test_a_diagnosis_is_short_in_words_and_whole_as_a_table():
+    result = found("a bump of force at one place", 3)
+    assert len(repr(result)) < 400
+    assert "unknown" in repr(result)
+    table = result.to_dataframe()
+    assert set(table.kind) == {"parameters", "curve"}
+    assert table.set_index("parameter").value["mass"] == pytest.approx(MASS, rel=0.01)
+    assert "<table" in result._repr_html_()
+    prediction = result.predict(rig(888))
+    assert {"window", "t", "position", "position_predicted"} <= set(prediction)
+    assert len(result.plot().subfigs) == 3  # two signals and the curve
+
+
+@pytest.mark.parametrize("signal", ["force", "position", "velocity"])
+def test_a_reversed_sign_is_said_before_any_cause(signal: str):
+    drag = {"push": lambda t, x, v, u: -0.6 * v * abs(v)}
+    logs = [rig(seed, **drag) for seed in (3, 503)]
+    turned = [replace(r, signals={**r.signals, signal: -r[signal]}) for r in logs]
+    result = diagnose(get_model("rig"), turned[:1], turned[1:])
+    assert result.verdict == "unknown"
+    assert not result.causes
+    assert not result.curves
+    assert f"{signal}=-{signal}" in result.mistaken
+    assert result.summary().startswith("First check the columns")
+
+
+def test_no_sign_is_doubted_where_it_is_right():
+    drag = {"push": lambda t, x, v, u: -0.6 * v * abs(v)}
+    result = diagnose(get_model("rig"), [rig(3, **drag)], [rig(503, **drag)])
+    assert result.mistaken == ""
+    assert [c.effect for c in result.causes] == ["quadratic_drag"]
+
+
+def test_what_consistent_data_would_have_shown_is_found_when_it_is_there():
+    """A force of the place of twice the stated size is found; of a fifth of it is not."""
+    result = diagnose(get_model("rig"), [rig(4)], [rig(504)])
+    assert result.verdict == "consistent"
+    [size] = [v.size for v in result.seen if v.place == "force"]
+    wave = np.sqrt(2.0)  # root mean square of a sine over many periods
+    for times, verdict in ((2.0, {"unknown", "named", "ambiguous"}), (0.2, {"consistent"})):
+        push = {"push": lambda t, x, v, u, a=times * size * wave: a * math.sin(x / 0.012)}
+        again = diagnose(get_model("rig"), [rig(4, **push)], [rig(504, **push)])
+        assert again.verdict in verdict, (times, again.summary())
+
+
+def test_thresholds_are_arguments():
+    kind = "a bump of force at one place"
+    strict = DiagnosisOptions(level=1e-9)
+    logs = [rig(seed, **HIDDEN[kind][0]) for seed in (3, 503)]
+    assert diagnose(get_model("rig"), logs[:1], logs[1:], options=strict).verdict == "consistent"
