@@ -185,13 +185,13 @@ class Curves:
     def called_for(self, candidate: Candidate, scored: Scored) -> bool:
         """Whether a curve improves a candidate significantly, whichever of all curves it is."""
         least = max(self.needed, self.options.least_share * float(candidate.loss.sum()))
-        rare = scored.total > self.options.rare_gain and scored.p_value < 2 * self.options.level
-        return scored.total > least and (scored.p_value < self.options.level or rare)
+        rare = scored.total > self.options.rare_gain and scored.p_value < 4 * self.options.curve_level
+        return scored.total > least and (scored.p_value < self.options.curve_level or rare)
 
     @property
     def needed(self) -> float:
         """Nats that the best of all curves must bring: the logarithm of their number over the level."""
-        return float(np.log(len(self.all) / self.options.level))
+        return float(np.log(len(self.all) / self.options.curve_level))
 
     def rivals(self, candidate: Candidate, count: int | None = None) -> list[Scored]:
         """The best curve beside a candidate, then further ones beside both, if the data call for them.
