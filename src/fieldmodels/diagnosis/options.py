@@ -11,9 +11,9 @@ class DiagnosisOptions:
 
     Attributes:
         level: p-value of a paired test over blocks of windows below which a gain counts as significant.
-        curve_level: The same for the best of all unlisted curves, which must also bring the logarithm of their
-            number over it: of 30 clean records of rig and pendulum the best curve brought 8.9 nats at p = 0.0085
-            in one, else 7.6 at most.
+        curve_level: The same for the best of all unlisted curves, which must also bring the logarithm of
+            their number over it: of 30 clean records of rig and pendulum the best curve brought 8.9 nats at
+            p = 0.0085 in one, else 7.6 at most.
         least_gain: Held-out likelihood [nats] that an effect or a curve must bring, after its price. Eight is
             the logarithm of some thirty candidates over the level; the best of 54 curves beside a right
             model brought 5.2 at most in eight records.
@@ -27,7 +27,7 @@ class DiagnosisOptions:
         beaten_by: Nats by which a curve must beat what is named to take its place.
         most: Share of what a curve explains that a name must explain to stay beside a curve of the rest. The
             offset of a real axis (EMPS) explained 0.8 of it, wrong names of cubic and lagging sensors 0.6.
-        rare_gain: Nats of a curve that acts in few windows only, for which four times the curve level will do.
+        rare_gain: Nats of a curve that acts in few windows only; then four times the curve level will do.
         most_causes: Effects in a set.
         most_curves: Curves beside each other.
     """
