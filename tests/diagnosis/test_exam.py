@@ -224,7 +224,7 @@ def test_a_result_is_read_with_its_curves_and_values():
     )
     found: Any = SimpleNamespace(
         verdict="ambiguous", causes=[cause], unknown=None, summary=lambda: "words",
-        gain={"position": SimpleNamespace(rmse_before=2.0, rmse_after=1.0, horizons=())},
+        gain={"position": SimpleNamespace(rmse_before=2.0, rmse_with_curves=1.0, horizons=())},
     )  # fmt: skip
     given = read(get_model("rig"), found, 1.5)
     assert given.named == (("coulomb_friction", CURVE, "hysteresis"),)

@@ -158,15 +158,11 @@ def _diagnose_stage(
         # What is missing is larger than what was found: a part of it may be imitated.
         possible, causes, after = (*possible, *causes), (), before
         judged = judge(candidates, selection.base, selection.base)
-    causes = (
-        *causes,
-        *_quantisation_found(
-            train, testing, after, unknown=bool(mistaken) or (not causes and bool(judged.curves))
-        ),
-    )
     scored, certain = judged.curves, True
     if not scored and beyond_noise:
         scored, certain = most_likely(judged.tried, judged.kept), False
+    unknown = bool(mistaken) or (not causes and bool(scored))
+    causes = (*causes, *(() if unknown else _quantisation_found(train, testing, after)))
     if mistaken:
         scored = ()
     extension = extend(training, judged.kept, scored)
@@ -237,15 +233,13 @@ def _told_from_neutral(cause: Cause, candidates: Candidates) -> bool:
     return told and not cause.gain.ci95[1] < 0.0
 
 
-def _quantisation_found(
-    train: Sequence[Recording], testing: Problem, after: Prediction, unknown: bool
-) -> tuple[Cause, ...]:
+def _quantisation_found(train: Sequence[Recording], testing: Problem, after: Prediction) -> tuple[Cause, ...]:
     """Sensor quantisation as a cause, if it makes up enough of the remaining error."""
     model, error = testing.model, after.rmse()
     if model.random_force:  # it hides the sensor's noise in the error
         error = np.array([noise_floor(testing, after, j) for j in range(len(model.outputs))])
     coarse = coarse_sensor(model, train, error)
-    return () if coarse is None or unknown else (_quantisation(model, *coarse),)
+    return () if coarse is None else (_quantisation(model, *coarse),)
 
 
 def _poorly_known(model: Model, base: Mapping[str, Estimate]) -> tuple[str, ...]:
