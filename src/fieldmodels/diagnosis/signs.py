@@ -82,13 +82,11 @@ def _error(problem: Problem, start: FloatArray, fixed: frozenset[str]) -> tuple[
         whitener=np.diag(1 / problem.output_scale),
     )  # fmt: skip
     prediction = predict(problem, candidates.base().fit.parameters)
-    outputs = [int(j) for j in np.unique(problem.outputs[~problem.events])]
-    if not outputs:
-        return 0.0, False
-    rmse = prediction.rmse()
-    scale = [float(np.sqrt(np.mean(problem.output_scale[problem.outputs == j] ** 2))) for j in outputs]
-    error = float(
-        np.exp(np.mean([np.log(max(rmse[j] / s, 1e-12)) for j, s in zip(outputs, scale, strict=True)]))
-    )
-    floors = [noise_floor(problem, prediction, j) for j in outputs]
-    return error, any(rmse[j] > FAR * floor for j, floor in zip(outputs, floors, strict=True))
+    rmse, logs, far = prediction.rmse(), [], False
+    for j in np.unique(problem.outputs[~problem.events]):
+        floor = noise_floor(problem, prediction, int(j))
+        if floor > 0:  # of an output that is seldom observed the noise is unknown
+            scale = np.sqrt(np.mean(problem.output_scale[problem.outputs == j] ** 2))
+            logs.append(np.log(max(rmse[j], floor) / scale))
+            far = far or bool(rmse[j] > FAR * floor)
+    return (float(np.exp(np.mean(logs))), far) if logs else (0.0, False)
