@@ -25,8 +25,8 @@ class DiagnosisOptions:
         same_gain: Two sets are told apart by more than so many nats, or
         same_p: by less if the difference is steady over the blocks: the p-value below which it is.
         beaten_by: Nats by which a curve must beat what is named to take its place.
-        most: Share of what a curve explains that a name must explain to stay beside a curve of the rest. The
-            offset of a real axis (EMPS) explained 0.8 of it, wrong names of cubic and lagging sensors 0.6.
+        most: Share of what a curve explains that a name must explain to stay beside a curve of the rest:
+            wrong names of a cubic and of a lagging sensor explained 0.6 of it.
         rare_gain: Nats of a curve that acts in few windows only; then four times the curve level will do.
         most_causes: Effects in a set.
         most_curves: Curves beside each other.
