@@ -217,7 +217,12 @@ def test_where_nothing_is_hidden_nothing_is_named(model: str, seed: int):
 
 @pytest.mark.parametrize(("model", "fault", "direction"), OUTSIDE)
 def test_what_no_listed_effect_explains_is_unknown(model: str, fault: Outside, direction: str):
+    """Nothing is named for sure: a curve takes its place, or does as well as the one effect that could be."""
     found = diagnosed(get_benchmark(model), {}, SEED, outside=fault)
+    if found.verdict == "ambiguous":
+        [cause] = found.causes
+        assert any(a.startswith("curve of") and direction in a for a in cause.alternatives), found.summary()
+        return
     assert found.verdict == "unknown", found.summary()
     assert not found.causes
     assert found.unknown is not None

@@ -223,8 +223,10 @@ class Candidates:
             a, b, c = (np.sum(x, axis=0) + 1e-300 for x in (sine**2, cosine**2, sine * cosine))
             s, t = sine.T @ residual, cosine.T @ residual
             determinant = np.maximum(a * b - c**2, 1e-6 * a * b)
-            gains.append((b * s**2 - 2 * c * s * t + a * t**2) / determinant)
-        gain = np.concatenate(gains)
+            power = b * s**2 - 2 * c * s * t + a * t**2
+            # A force without any response brings nothing, at no frequency.
+            gains.append(np.divide(power, determinant, out=np.zeros_like(power), where=determinant > 0))
+        gain = np.nan_to_num(np.concatenate(gains), posinf=0.0)
         peaks = [i for i in np.argsort(-gain) if gain[i] >= gain[max(i - 1, 0) : i + 2].max()]
         return tuple(grid[peaks[:LINES]].tolist())
 
