@@ -15,9 +15,10 @@ def part(verdict, vector=NOMINAL):
     """A stage's diagnosis that found nothing but its verdict."""
     nothing = SimpleNamespace(traces={}, residuals={}, calibration={}, correlations=(), ranking=())
     return SimpleNamespace(
-        verdict=verdict, vector=np.array(vector), causes=(), misfit=(), gain={}, curves=(),
-        possible=(), seen=(), mistaken="", curve_effects={}, not_runnable=(), next_measurement=None, parameters={}, undetermined=(), above_noise={}, not_testable={},
-        trained_on=(), tested_on=(), windows=(1, 1), seconds=1.0, evidence=nothing,
+        verdict=verdict, vector=np.array(vector), causes=(), misfit=(), gain={}, curves=(), possible=(),
+        seen=(), mistaken="", curve_effects={}, not_runnable=(), next_measurement=None, parameters={},
+        undetermined=(), above_noise={}, not_testable={}, trained_on=(), tested_on=(), windows=(1, 1),
+        seconds=1.0, evidence=nothing,
     )  # fmt: skip
 
 
