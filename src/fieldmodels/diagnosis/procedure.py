@@ -171,6 +171,8 @@ def _diagnose_stage(
     verdict: Verdict = "unknown" if mistaken else verdict_of(causes, curves)
     final = extension.fit if extension else judged.kept.fit
     fitted = replace(training, model=extension.model) if extension else training
+    # A curve that is certain leaves no two names to tell apart.
+    answered = bool(mistaken) or (verdict == "unknown" and bool(curves) and certain)
     base = _base_estimates(fitted, final, model, fixed)
     effects, not_runnable = runnable(model, curves)
     report("done", 1.0)
@@ -187,7 +189,7 @@ def _diagnose_stage(
         curve_effects=effects,
         not_runnable=not_runnable,
         seen=() if model.random_force else visible(judged.kept, judged.tried),
-        next_measurement=next_measurement(candidates, selection, verdict, rng),
+        next_measurement=None if answered else next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=_poorly_known(model, base),
         above_noise=_above_noise(testing, after),
