@@ -143,15 +143,18 @@ PAIRS = {
     "uav_route": ("turn_speed_loss", "radar_position"),
 }
 OUTSIDE = (
-    ("rig", Outside("end_stop", 0.4), "position"),
-    ("pendulum", Outside("place_damping", 0.4), "angle"),
-    ("heel_strike", Outside("cogging", 0.5), "strike_angle"),
-    ("excitation", Outside("gear_error", 0.01), ""),
-    ("pose_reaching", Outside("understeer", 0.15), "turn_rate"),
-    ("pose_reaching", Outside("compass", 0.05), ""),
-    ("uav_route", Outside("late_position", 2.0), ""),
+    ("rig", Outside("end_stop", 0.4), "position", "unknown"),
+    ("pendulum", Outside("place_damping", 0.4), "angle", "unknown"),
+    ("heel_strike", Outside("cogging", 0.5), "strike_angle", "ambiguous"),
+    ("excitation", Outside("gear_error", 0.01), "", "unknown"),
+    ("pose_reaching", Outside("understeer", 0.15), "turn_rate", "unknown"),
+    ("pose_reaching", Outside("compass", 0.05), "", "unknown"),
+    ("uav_route", Outside("late_position", 2.0), "", "unknown"),
 )
-"""Model, a fault that it does not list, and what the direction of its shape holds where one is certain."""
+"""Model, a fault that it does not list, what its curve depends on where that is certain, the verdict.
+
+A cog of a whole stride is nearly periodic in time, too.
+"""
 SEED, SECOND = 30_001, 30_002
 SLOW = pytest.mark.slow
 
@@ -215,15 +218,15 @@ def test_where_nothing_is_hidden_nothing_is_named(model: str, seed: int):
     assert found.verdict == "consistent", found.summary()
 
 
-@pytest.mark.parametrize(("model", "fault", "direction"), OUTSIDE)
-def test_what_no_listed_effect_explains_is_unknown(model: str, fault: Outside, direction: str):
+@pytest.mark.parametrize(("model", "fault", "direction", "verdict"), OUTSIDE)
+def test_what_no_listed_effect_explains_is_unknown(model: str, fault: Outside, direction: str, verdict: str):
     """Nothing is named for sure: a curve takes its place, or does as well as the one effect that could be."""
     found = diagnosed(get_benchmark(model), {}, SEED, outside=fault)
-    if found.verdict == "ambiguous":
+    assert found.verdict == verdict, found.summary()
+    if verdict == "ambiguous":
         [cause] = found.causes
         assert any(a.startswith("curve of") and direction in a for a in cause.alternatives), found.summary()
         return
-    assert found.verdict == "unknown", found.summary()
     assert not found.causes
     assert found.unknown is not None
     assert direction in found.unknown.direction

@@ -115,6 +115,32 @@ def test_what_no_list_contains_is_unknown_and_its_curve_regains_what_was_lost(ki
     assert position.rmse_before - position.rmse_with_curves > 0.7 * lost
 
 
+TRUE = {
+    "a bump of force at one place": lambda x: -0.16 * np.exp(-(((x - 0.03) / 0.015) ** 2)),
+    "a command that adds its square": lambda u: 0.0016 * u**2,
+    "a sensor that lags by the direction": lambda v: -4e-4 * np.tanh(v / 0.005),
+    "a sensor that feels the command": lambda u: 1.2e-4 * u,
+    "damping that grows": lambda t: DAMPING * 0.007 * t,
+}
+"""What was hidden, as a function of the curve's variable."""
+
+
+@pytest.mark.parametrize("kind", list(TRUE))
+def test_a_curve_runs_as_what_was_hidden_sign_and_size(kind: str):
+    """Up to a constant, and for a force a spring or a gain, which the base takes up."""
+    _, place, over = HIDDEN[kind]
+    [curve] = [c for c in found(kind, 3).curves if (c.place, c.over) == (place, over)]
+    at, value, error = curve.curve.T
+    absorbed = np.stack([np.ones_like(at), at] if place == "force" else [np.ones_like(at)], axis=1)
+    weight = 1.0 / np.maximum(error, 0.1 * np.median(error))[:, None]
+    left = [
+        y - absorbed @ np.linalg.lstsq(weight * absorbed, weight[:, 0] * y, rcond=None)[0]
+        for y in (value, TRUE[kind](at))
+    ]
+    slope = np.sum(weight[:, 0] ** 2 * left[0] * left[1]) / np.sum((weight[:, 0] * left[1]) ** 2)
+    assert slope == pytest.approx(1.0, abs=0.4)
+
+
 def test_a_curve_runs_on_in_a_free_run_and_in_an_environment(tmp_path: Path):
     kind = "a bump of force at one place"
     result, log = found(kind, 3), rig(888, **HIDDEN[kind][0])
