@@ -24,7 +24,7 @@ from fieldgym.stock import read_truth
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import CollisionKind, Leg, PushOff, Regimes
 from fieldmodels.machines.heel_strike.strides import CHANNELS, StrideResult, Strides
-from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, TRACES, Walk
+from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, LIBRARY, TRACES, Walk
 from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
@@ -93,6 +93,15 @@ class HeelStrikeSettings(Regimes):
             fixed="it adds an entry to the info",
         ),
     ] = False
+    filterpy: Annotated[
+        bool,
+        Setting(
+            "Also run the reference filter, and the bank if there is one, by the library filterpy "
+            "(`error_mm_ekf_filterpy`, `error_mm_imm_filterpy`): equal, hundreds of times slower; needs "
+            "`fieldgym[filters]`.",
+            fixed="it adds an entry to the info",
+        ),
+    ] = False
 
     @property
     def leg(self) -> Leg:
@@ -139,6 +148,7 @@ class _HeelStrikeTask(BatchTask):
             bank=self.settings.bank,
             tuned_reset=walk.tuned_reset,
             stock=truth.stock,
+            filterpy=self.settings.filterpy,
         )
         for extreme in (*truth.extremes, truth.typical):
             self.strides.set_reality([0], extreme[None])
@@ -191,7 +201,9 @@ class _HeelStrikeTask(BatchTask):
         result = self.strides.advance(gains, traces=self._tracing)
         self.elapsed += 1
         floor_added = self.drawn.column("score") == "angle_and_floor"
-        names = ESTIMATORS if self.settings.bank else ESTIMATORS[:-1]
+        names: tuple[str, ...] = ESTIMATORS if self.settings.bank else ESTIMATORS[:-1]
+        if self.settings.filterpy:
+            names += LIBRARY if self.settings.bank else LIBRARY[:-1]
         error = {name: result.error_mm(name, floor_added) for name in names}
         if result.traces is not None:
             self._draw_later(result, gains, error)
@@ -219,11 +231,14 @@ class _HeelStrikeTask(BatchTask):
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
-        return {"walkers": self.strides.state(), "elapsed": self.elapsed.copy()}
+        state: dict[str, Any] = {"walkers": self.strides.state(), "elapsed": self.elapsed.copy()}
+        if self.strides.library is not None:
+            state["library"] = self.strides.library.state()
+        return state
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot."""
-        self.strides.set_state(state["walkers"])
+        self.strides.set_state(state["walkers"], state.get("library"))
         self.elapsed[:] = state["elapsed"]
         for strides in self.kept:
             strides.clear()
@@ -333,6 +348,7 @@ class HeelStrikeEnv(TaskEnv):
     | `error_mm_ranger_tuned` | of Ranger's with the best constant *S_HR* [mm] |
     | `error_mm_ekf` | of the reference filter [mm] |
     | `error_mm_imm` | of a bank of eight filters that is told the levels (with `bank`) [mm] |
+    | `error_mm_ekf_filterpy`, `error_mm_imm_filterpy` | the same by the library (with `filterpy`) [mm] |
     | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy on its long walk (section 2.3.2), else 0 |
     | `gains` | *S_MS* early, *S_MS* late, *S_HR*, *S_FD* [1/s] of the stride |
     | `duration` | of the stride [s] |

@@ -36,8 +36,11 @@ MODELS = (
 RECORDED = {"propeller_arm": "pendulum", "differential_drive": "pose_reaching"}
 """Whose exam records the data of a model that has no exam of its own."""
 STEPS = 25
-SLOW = {"uav_route": {"printed", "printed_lock_loss", "three_legs"}}
-"""Agents whose plans take minutes or depend on a solver's limit of time."""
+SLOW = {
+    "uav_route": {"printed", "printed_lock_loss", "three_legs"},
+    "heel_strike": {"ekf_filterpy", "imm_filterpy"},
+}
+"""Agents that take minutes or depend on a solver's limit of time."""
 
 
 def simulations(name: str) -> Iterator[tuple[str, np.ndarray]]:

@@ -1,10 +1,10 @@
 """Heel strike: the estimators, against the dissertation's figures and against filterpy."""
 
 import itertools
+import sys
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
 
 from fieldmodels.machines.heel_strike.estimators import ranger_step
 from fieldmodels.machines.heel_strike.kalman import mix
@@ -12,7 +12,7 @@ from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
 from fieldmodels.machines.heel_strike.strides import Strides
-from fieldmodels.machines.heel_strike.walker import BANK, Walk, bank_levels, bank_transition, kernel_walk
+from fieldmodels.model import ModelError
 
 BEST_DECAY = 1000 / 3
 
@@ -126,45 +126,6 @@ def test_kalman_filter_beats_every_fixed_gain_where_it_is_matched(kind, floor, m
     assert np.abs(walks.estimator_mm[:, 3]).mean() < margin * score_gains(walks, grid).min()
 
 
-class Leapfrog(ExtendedKalmanFilter):
-    """The filter of ``kalman.py`` in filterpy's terms: dense matrices, Joseph form."""
-
-    def __init__(self, levels: np.ndarray, constants: object) -> None:
-        super().__init__(dim_x=4, dim_z=1)
-        self.c, self.levels, self.envelope = constants, levels, 0.0
-        self.x = np.array([0.0, constants.speed, 0.0, 0.0])
-        self.P = np.diag([0.0, 0.0, levels[0] / (1 - constants.torque_memory**2), levels[3]])
-        self.Q = np.diag([0.0, 0.0, levels[0], levels[1]])
-        self.R = np.array([[constants.gyro_variance]])
-
-    def predict(self, u: float = 0) -> None:
-        step, stiffness = self.c.step, self.c.stiffness
-        theta, omega, torque, collision = self.x
-        middle = theta + step / 2 * omega
-        faster = omega + step * (torque - stiffness * np.sin(middle))
-        memory, keeps = self.c.torque_memory, self.c.correlation
-        self.x = np.array([middle + step / 2 * faster, faster, memory * torque, keeps * collision])
-        first = np.array([[1, step / 2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-        kick = np.eye(4)
-        kick[1, 0], kick[1, 2] = -step * stiffness * np.cos(middle), step
-        f = np.diag([1, 1, memory, keeps]) @ first @ kick @ first
-        self.P = f @ self.P @ f.T + self.Q
-
-    def update(self, z: float) -> None:
-        h = np.array([[0.0, 1.0, 0.0, self.envelope]])
-        super().update(np.array([z]), lambda _x: h, lambda x: h @ x)
-
-    def update_angle(self, z: float) -> None:
-        h = np.array([[1.0, 0.0, 0.0, 0.0]])
-        super().update(np.array([z]), lambda _x: h, lambda x: h @ x, R=np.array([[self.levels[2]]]))
-
-    def strike(self) -> None:
-        keep = np.diag([1.0, 1 - self.c.push_off, 1.0, 0.0])
-        aim = np.array([0.0, self.c.push_off * np.copysign(self.c.speed, self.x[1]), 0.0, 0.0])
-        self.x = keep @ self.x + aim
-        self.P = keep @ self.P @ keep + np.diag([0, 0, 0, self.levels[3]])
-
-
 def test_regimes_switch_from_row_to_column():
     """Blom and Bar-Shalom's mixing of two regimes that do not switch alike, by dense matrices."""
     rng = np.random.default_rng(12)
@@ -183,50 +144,38 @@ def test_regimes_switch_from_row_to_column():
 
 @pytest.mark.parametrize("kind", ["low_pass", "ar1"])
 def test_filters_agree_with_filterpy(kind):
-    regimes = Regimes(collision_kind=kind)
-    strides = Strides(1, noise=regimes, bank=True)
-    strides.seed(0, np.random.default_rng(3))
-    constants = kernel_walk(Walk(strides.leg, regimes), 1).view(np.recarray)[0]
-    levels = bank_levels(strides.leg, regimes)
-    reference = Leapfrog(levels[BANK], constants)
-    bank = IMMEstimator([Leapfrog(row, constants) for row in levels[:BANK]], np.full(8, 1 / 8), np.eye(8))
-    members = [*bank.filters, reference]
-    weights = np.full(8, 1 / 8)
+    strides = Strides(2, noise=Regimes(collision_kind=kind), bank=True, filterpy=True)
+    for i in range(2):
+        strides.seed(i, np.random.default_rng(3 + i))
+    upper = np.triu_indices(4)
     for _ in range(3):
-        result = strides.advance((1.0, 1.0, 0.1, BEST_DECAY), traces=True)
-        likelihood = np.zeros(8)
-        for n, row in enumerate(result.traces[0], start=1):
-            for member in members:
-                member.envelope = max(0.0, 1 - n / constants.envelope)
-                member.predict()
-                member.update(row[3])
-            likelihood += [f.log_likelihood for f in bank.filters]
-        weights = weights * np.exp(likelihood - likelihood.max())
-        weights /= weights.sum()
-        truth = row[1]
-        estimate = weights @ [f.x[0] for f in bank.filters]
-        assert row[6] == pytest.approx(reference.x[0], abs=1e-8)
-        assert result.signed_mm[0, 3] == pytest.approx(350 * (reference.x[0] - truth), abs=1e-5)
-        assert result.signed_mm[0, 4] == pytest.approx(350 * (estimate - truth), abs=1e-5)
-        geometry = strides.walkers["geometry"][0]
-        for member in members:
-            member.update_angle(geometry)
-        weights = weights * [f.likelihood for f in bank.filters]
-        bank.mu, bank.M = weights / weights.sum(), bank_transition(regimes)
-        # filterpy mixes at every prediction; here regimes switch at strikes alone.
-        bank._compute_mixing_probabilities()
-        mixed = []
-        for share in bank.omega.T:
-            x = sum(w * f.x for w, f in zip(share, bank.filters, strict=True))
-            spread = [f.P + np.outer(f.x - x, f.x - x) for f in bank.filters]
-            mixed.append((x, np.tensordot(share, spread, axes=1)))
-        for member, (x, p) in zip(bank.filters, mixed, strict=True):
-            member.x, member.P = x, p
-        weights = bank.cbar
-        ours = strides.walkers[0]
-        assert ours["weights"] == pytest.approx(weights, abs=1e-8)
-        upper = np.triu_indices(4)
-        for member, row in zip(members, [*ours["bank"], ours["ekf"]], strict=True):
-            assert row[:4] == pytest.approx(member.x, abs=1e-8)
-            assert row[4:] == pytest.approx(member.P[upper], abs=1e-8)
-            member.strike()
+        result = strides.advance((1.0, 1.0, 0.1, BEST_DECAY))
+        np.testing.assert_allclose(result.signed_mm[:, 5:], result.signed_mm[:, 3:5], rtol=0, atol=1e-8)
+        library = strides.library.state()
+        for ours, means, covariances, weights in zip(strides.walkers, *library.values(), strict=True):
+            np.testing.assert_allclose(ours["weights"], weights, rtol=0, atol=1e-8)
+            for row, x, p in zip([ours["ekf"], *ours["bank"]], means, covariances, strict=True):
+                np.testing.assert_allclose(row, [*x, *p[upper]], rtol=0, atol=1e-8)
+
+
+def test_filterpys_snapshot_goes_on_alike():
+    strides, other = (Strides(1, bank=True, filterpy=True) for _ in range(2))
+    for one, seed in ((strides, 3), (other, 4)):
+        one.seed(0, np.random.default_rng(seed))
+        one.advance((1.0, 1.0, 0.1, BEST_DECAY))
+    other.set_state(strides.state(), strides.library.state())
+    ours, theirs = (one.advance((1.0, 1.0, 0.1, BEST_DECAY)).signed_mm for one in (strides, other))
+    assert np.array_equal(ours, theirs)
+    with pytest.raises(ModelError, match="filterpy"):
+        other.set_state(strides.state())
+
+
+def test_without_filterpy_the_extra_is_named(monkeypatch):
+    for name in (
+        "fieldmodels.estimation.filterpy_reference",
+        "fieldmodels.machines.heel_strike.filterpy_filters",
+    ):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "filterpy.kalman", None)
+    with pytest.raises(ModelError, match=r"fieldgym\[filters\]"):
+        Strides(1, filterpy=True)

@@ -1,12 +1,26 @@
-"""The published Kalman filter with the library filterpy: reference for the compiled filters."""
+"""The library filterpy: reference for the compiled filters, and the published Kalman filter with it.
+
+filterpy is an extra: whoever imports this module without it is told how to get it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.model import ModelError
+
+try:
+    from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+except ModuleNotFoundError as error:
+    if error.name is None or not error.name.startswith("filterpy"):
+        raise
+    raise ModelError(
+        "reference filters need the library filterpy, which is not installed: pip install 'fieldgym[filters]'"
+    ) from None
+
+__all__ = ["ExtendedKalmanFilter", "FilterpyFilter", "IMMEstimator"]
 
 
 class FilterpyFilter:

@@ -217,7 +217,7 @@ def _estimator(name: str, title: str, key: str, sees: Sees = "observation", **ex
     def make(_: Mapping[str, Any]) -> Agent:
         return Estimator(name, title, key, sees, extra)
 
-    return ReferenceAgent(f"{name}", sees, title, make, estimator=True)
+    return ReferenceAgent(name, sees, title, make, estimator=True)
 
 
 RANGER = "Ranger's own estimator, (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike"
@@ -233,6 +233,8 @@ REGIME_FILTER = (
 ORACLE = "The best gains for the regime of each stride, which it is given"
 EKF = "Extended Kalman filter with torque and collision states, given the typical noise levels"
 IMM = "Bank of eight such filters (interacting multiple models), given all levels and the dwell"
+EKF_FILTERPY = "The filter of ekf by the library filterpy; slow, needs fieldgym[filters]"
+IMM_FILTERPY = "The bank of imm by the library filterpy; slow, needs fieldgym[filters]"
 
 AGENTS = (
     _estimator("ranger", RANGER, "error_mm_ranger"),
@@ -286,5 +288,7 @@ AGENTS = (
     ),
     _estimator("ekf", EKF, "error_mm_ekf", "model"),
     _estimator("imm", IMM, "error_mm_imm", "model", bank=True),
+    _estimator("ekf_filterpy", EKF_FILTERPY, "error_mm_ekf_filterpy", "model", filterpy=True),
+    _estimator("imm_filterpy", IMM_FILTERPY, "error_mm_imm_filterpy", "model", bank=True, filterpy=True),
 )
 """The reference agents, in the order of presentation."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +18,16 @@ from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.walker import (
     ESTIMATORS,
     HISTORY,
+    LIBRARY,
     TRACES,
     WALKER,
     Walk,
     kernel_walk,
 )
 from fieldmodels.model import ModelError
+
+if TYPE_CHECKING:
+    from fieldmodels.machines.heel_strike.filterpy_filters import LibraryFilters
 
 CHANNELS = Channels(
     observed=("gyro", "strike_angle"),
@@ -40,7 +44,8 @@ class StrideResult:
     Attributes:
         signed_mm: Estimated minus true foot height at the closing strike, before the reset [mm], shape
             (batch, 5), columns as in ``ESTIMATORS``: agent, ranger (eq (2.3), a tenth of the geometry),
-            ranger_tuned, ekf (reference filter, given the typical noise), imm (NaN without the bank).
+            ranger_tuned, ekf (reference filter, given the typical noise), imm (NaN without the bank);
+            with filterpy (batch, 7): then those of ``LIBRARY``.
         floor_mm: Height error of the floor at the closing strike [mm], shape (batch,).
         duration: Time of the stride [s], shape (batch,).
         samples: Samples of the stride, shape (batch,), int64.
@@ -67,10 +72,10 @@ class StrideResult:
         """Absolute error of one estimator [mm], shape (batch,).
 
         Args:
-            estimator: One of ``ESTIMATORS``.
+            estimator: One of ``ESTIMATORS`` or, with filterpy, of ``LIBRARY``.
             floor_added: True, for each walker or all, adds the floor's height error (section 2.4.5).
         """
-        signed = self.signed_mm[:, ESTIMATORS.index(estimator)]
+        signed = self.signed_mm[:, (*ESTIMATORS, *LIBRARY).index(estimator)]
         return np.abs(signed + np.where(floor_added, self.floor_mm, 0.0))
 
 
@@ -85,6 +90,7 @@ class Strides:
         plants: What each leg and gyro truly are, shape (batch,), dtype ``PLANT``.
         extended: Which of them have an effect, shape (batch,).
         stock: Stock effects around the walkers, or None.
+        library: The same Kalman filters by filterpy, or None.
     """
 
     def __init__(
@@ -99,6 +105,7 @@ class Strides:
         ranger_reset: float = 0.1,
         tuned_reset: float = 1.0,
         stock: Stepped | None = None,
+        filterpy: bool = False,
     ) -> None:
         """Make walkers; seed each before the first stride.
 
@@ -113,10 +120,11 @@ class Strides:
             ranger_reset: Share of the geometry in Ranger's reset (2.3).
             tuned_reset: The same of the tuned Ranger.
             stock: Stock effects around them, by ``CHANNELS``; parameters change from stride to stride.
+            filterpy: True also runs the Kalman filters by the library filterpy.
 
         Raises:
-            ModelError: If the reality has the wrong shape, the batch is empty, or the gyro's delay holds more
-                samples than a walker remembers.
+            ModelError: If the reality has the wrong shape, the batch is empty, the gyro's delay holds more
+                samples than a walker remembers, or filterpy is asked for and not installed.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one walker, not {batch}")
@@ -138,6 +146,11 @@ class Strides:
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self.stock = stock
+        self.library: LibraryFilters | None = None
+        if filterpy:
+            from fieldmodels.machines.heel_strike.filterpy_filters import LibraryFilters
+
+            self.library = LibraryFilters(batch, bank)
 
     def __len__(self) -> int:
         """Number of walkers."""
@@ -164,7 +177,7 @@ class Strides:
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Start walker ``i`` anew with streams keyed by one draw from ``rng``."""
         self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
-        start(self.walkers, i, self._keys[i], self._walks)
+        self._start(i)
         if self.stock is not None:
             self.stock.begin([i])
         self._seeded[i] = True
@@ -172,7 +185,12 @@ class Strides:
     def set_walk(self, i: int, walk: Walk) -> None:
         """Let walker ``i``, which has been seeded, begin with another leg, of the same step, and noise."""
         self._walks[i] = kernel_walk(walk, 1)[0]
+        self._start(i)
+
+    def _start(self, i: int) -> None:
         start(self.walkers, i, self._keys[i], self._walks)
+        if self.library is not None:
+            self.library.begin(i, self._walks.view(np.recarray)[i])
 
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Start several walkers anew, each from its own generator."""
@@ -218,7 +236,8 @@ class Strides:
         floors = np.empty(batch)
         samples = np.empty(batch, dtype=np.int64)
         fallen = np.empty(batch, dtype=np.bool_)
-        trace = np.full((batch, int(self._walks["limit"].max()) if traces else 0, len(TRACES)), np.nan)
+        traced = int(self._walks["limit"].max()) if traces or self.library is not None else 0
+        trace = np.full((batch, traced, len(TRACES)), np.nan)
         advance(
             self.walkers,
             values,
@@ -233,6 +252,10 @@ class Strides:
             fallen,
             trace,
         )
+        if self.library is not None:
+            gyro = trace[:, :, TRACES.index("gyro")]
+            library = self.library.signed_mm(gyro, self.walkers["theta"], samples, self.walkers)
+            signed = np.column_stack([signed, library])
         return StrideResult(
             signed_mm=signed,
             floor_mm=floors,
@@ -256,13 +279,17 @@ class Strides:
         """An exact snapshot of all walkers: a plain structured array, shape (batch,)."""
         return self.walkers.copy()
 
-    def set_state(self, state: NDArray[Any]) -> None:
-        """Return to a snapshot.
+    def set_state(self, state: NDArray[Any], library: Mapping[str, FloatArray] | None = None) -> None:
+        """Return to a snapshot, with filterpy also to that of ``library.state()``.
 
         Raises:
             ModelError: If the snapshot is of another batch size or kind.
         """
         if state.dtype != WALKER or state.shape != self.walkers.shape:
             raise ModelError(f"a snapshot of {len(self)} walkers is needed, not {state.shape} {state.dtype}")
+        if (library is None) != (self.library is None):
+            raise ModelError("the snapshot and the walkers differ in whether filterpy's filters run")
         self.walkers[...] = state
+        if self.library is not None and library is not None:
+            self.library.set_state(library)
         self._seeded[:] = True

@@ -16,6 +16,8 @@ from fieldmodels.settings import Setting, check_declared, kernel_rows
 
 ESTIMATORS = ("agent", "ranger", "ranger_tuned", "ekf", "imm")
 AGENT, RANGER, RANGER_TUNED, EKF, IMM = range(len(ESTIMATORS))
+LIBRARY = ("ekf_filterpy", "imm_filterpy")
+"""The same Kalman filters by the library filterpy; their columns follow those of ``ESTIMATORS``."""
 FEATURES = (
     "log innovation^2",
     "log innovation^2, smoothed",
