@@ -353,6 +353,9 @@ def exam(
     ] = None,
     workers: Annotated[int, typer.Option(help="Processes of one thread each.", min=1)] = 2,
     out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/exam-<set>`).")] = None,
+    publish: Annotated[
+        Path | None, typer.Option(metavar="PAGE", help="Page of Markdown to put the rates into.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Hide faults in simulated data and count how often the diagnosis is right.
@@ -367,6 +370,8 @@ def exam(
         fieldgym exam --set develop --machine rig --cases 20
 
         fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
+
+        fieldgym exam --cases 600 --publish docs/exam.md
     """
     from fieldmodels.exam import table
     from fieldmodels.exam.benches import bench_names
@@ -378,6 +383,8 @@ def exam(
     with progress() as report:
         rows = run_cases(chosen, folder, workers=workers, progress=report)
     written = table.write(rows, folder)
+    if publish is not None:
+        table.publish(table.summary(rows), publish)
     if as_json:
         _print_json(table.summary(rows))
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,10 +16,10 @@ import pytest
 from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, read
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.cases import KINDS, cases_of
+from fieldmodels.exam.cases import KINDS, SHARES, cases_of
 from fieldmodels.exam.logs import STATEMENTS, failures
 from fieldmodels.exam.run import make, run_case, run_cases
-from fieldmodels.exam.scoring import RIGHT, deviations, of_listed, of_nothing, of_unlisted
+from fieldmodels.exam.scoring import RIGHT, deviations, of_listed, of_nothing, of_silence, of_unlisted
 from fieldmodels.exam.sizes import added, errors, find_size
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
@@ -79,10 +80,22 @@ def test_cases_have_keys_of_their_own_and_are_the_same_in_every_run(which: Any):
         assert all(not pair <= set(case.hidden) for pair in get_bench(case.machine).alike)
 
 
-def test_a_few_cases_are_a_sample_of_all():
-    few = cases_of("develop", ["rig"], count=20)
-    assert {case.kind for case in few} == set(KINDS)
-    assert len(few) == 20
+@pytest.mark.parametrize("count", [20, 150, 600])
+def test_a_sample_has_its_share_of_every_kind_and_all_machines_equally(count: int):
+    few = cases_of("report", bench_names(), count=count)
+    assert len(few) == len({case.key for case in few}) == count
+    for kind, share in SHARES.items():
+        assert sum(case.kind == kind for case in few) == pytest.approx(share * count, abs=1.01), kind
+    assert sum(case.kind == "nothing" for case in few) >= count / 2
+    for kind in ("single", "unlisted", "pair", "triple"):
+        numbers = [sum((c.kind, c.machine) == (kind, name) for c in few) for name in bench_names()]
+        assert max(numbers) - min(numbers) <= 1, kind
+
+
+def test_a_sample_takes_what_there_is_where_a_kind_has_too_few_cases():
+    whole = cases_of("develop", ["rig"])
+    assert len(cases_of("develop", ["rig"], count=10 * len(whole))) == len(whole)
+    assert len(cases_of("develop", ["rig"], ["log", "nothing"], 100)) == 100
 
 
 @pytest.mark.parametrize(
@@ -222,14 +235,29 @@ def test_a_result_is_read_with_its_curves_and_values():
         alternatives=("velocity_curve", "hysteresis"),
         parameters={"force": SimpleNamespace(value=1.3, std=0.1)},
     )
+    seen = [SimpleNamespace(place=p, target="position", size=s) for p, s in (("sensor", 0.3), ("force", 9.0))]
     found: Any = SimpleNamespace(
         verdict="ambiguous", causes=[cause], unknown=None, summary=lambda: "words",
         gain={"position": SimpleNamespace(rmse_before=2.0, rmse_with_curves=1.0, horizons=())},
+        seen=seen,
     )  # fmt: skip
     given = read(get_model("rig"), found, 1.5)
     assert given.named == (("coulomb_friction", CURVE, "hysteresis"),)
     assert given.errors == {"position": (2.0, 1.0)}
+    assert given.seen == {"position": 0.3}
     assert deviations({"coulomb_friction": {"force": 1.0}}, given) == {"coulomb_friction.force": 3.0}
+
+
+def test_a_silent_case_is_held_against_what_would_have_been_seen():
+    """An error of 5 of which 4 are noise hides one of 3 (squares add): twice the 1.5 that is stated."""
+    silent = replace(answer(), errors={"x": (5.0, 5.0)}, seen={"x": 1.5})
+    assert of_silence(silent, {"output": "x", "share": 0.2}) == pytest.approx(2.0)
+    assert of_silence(silent, {"output": "y", "share": 0.2}) is None
+    ran = rows(silent=3)
+    for row, size in zip(ran, (0.9, 1.1, None), strict=True):
+        row["silence"] = size
+    goal = next(goal for goal in table.goals(ran) if goal["name"] == table.SILENT)
+    assert (goal["count"], goal["cases"], goal["met"]) == (2, 3, False)
 
 
 # The table.
@@ -284,6 +312,32 @@ def test_the_table_says_what_was_missed_and_what_was_taken_for_what(tmp_path):
     text = written["exam.md"].read_text()
     assert "| singles right, alone or in a set | 19/20 | 95.0 % |" in text
     assert "Exam of the diagnosis" in written["report.html"].read_text()
+    assert "| singles wrong | 1/20 (0.9 to 23.6) |" in text  # by machine, with its interval
+    assert "effect0" not in text  # no single cases
+
+
+def test_coverage_is_counted_by_machine_and_noise():
+    ran = rows(right_alone=3, wrong=1)
+    for row, noise, off in zip(ran, ("pink", "white", "pink", "white"), (0.5, 1.5, -2.5, 0.1), strict=True):
+        row |= {"conditions": {"noise": noise}, "deviations": {"p": off}}
+    found = {(one["by"], one["part"]): one["coverage"] for one in table.summary(ran)["coverage"]}
+    assert [one["count"] for one in found["machine", "rig"]] == [1, 2]  # the wrong one does not count
+    assert [(one["count"], one["cases"]) for one in found["noise", "pink"]] == [(1, 2), (1, 2)]
+
+
+def test_a_result_is_published_between_two_lines_of_a_page(tmp_path):
+    page, found = tmp_path / "page.md", table.summary(rows(right_alone=19, wrong=1))
+    page.write_text(f"# Title\n{table.BEGIN}\nof another day\n{table.END}\nrest\n")
+    for _ in range(2):  # over an earlier one
+        table.publish(found, page)
+    text = page.read_text()
+    assert text.startswith("# Title\n")
+    assert text.endswith("\nrest\n")
+    assert text.count("19/20") == 2
+    assert "another day" not in text
+    page.write_text("# Title\n")
+    with pytest.raises(ModelError, match="no place for the result"):
+        table.publish(found, page)
 
 
 # The run.
@@ -292,14 +346,18 @@ def test_the_table_says_what_was_missed_and_what_was_taken_for_what(tmp_path):
 class Here:
     """Works in this process and keeps what it was asked."""
 
-    def __init__(self) -> None:
+    def __init__(self, *deadly: Any) -> None:
         self.asked: list[tuple[str, Any]] = []
+        self.deadly = deadly
 
     def submit(self, _function: Any, case: Any, made: Any) -> Any:
         self.asked.append((case.key, made))
         future: Future[Any] = Future()
         sized = made or {"sizes": [], "percents": [], "attainable": None}
-        future.set_result(case.to_json() | {"key": case.key, "outcome": "consistent"} | dict(sized))
+        if case in self.deadly:
+            future.set_exception(BrokenProcessPool())
+        else:
+            future.set_result(case.to_json() | {"key": case.key, "outcome": "consistent"} | dict(sized))
         return future
 
 
@@ -326,6 +384,27 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     here.asked.clear()
     run_cases(cases, tmp_path)
     assert not here.asked
+
+
+def test_a_case_that_kills_its_process_has_failed_and_the_others_go_on(tmp_path, monkeypatch):
+    cases = cases_of("develop", ["rig"], ["nothing"])[:4]
+
+    @contextmanager
+    def pool(_workers: int) -> Any:
+        yield Here(cases[1])
+
+    monkeypatch.setattr(run, "_pool", pool)
+    found = run_cases(cases, tmp_path, workers=2)
+    assert [row["outcome"] for row in found] == ["consistent", "failed", "consistent", "consistent"]
+    assert "its process died" in found[1]["summary"]
+    goals = {goal["name"]: goal["count"] for goal in table.goals(found[1:2])}
+    assert goals["cases that ended in an error"] == 1
+
+
+def test_a_plant_that_fails_is_a_failed_case(monkeypatch):
+    monkeypatch.setattr(run, "make", lambda *_: 1 / 0)
+    row = run_case(cases_of("develop", ["rig"], ["nothing"])[0])
+    assert (row["outcome"], "ZeroDivisionError" in row["summary"]) == ("failed", True)
 
 
 def test_what_takes_too_long_and_what_ends_in_an_error_counts_as_failed(monkeypatch):

@@ -26,6 +26,7 @@ class Answer:
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
+        seen: The smallest error of each output's sensor that it says it would have seen.
         seconds: Processor time of one thread.
         summary: In its own words.
     """
@@ -38,6 +39,7 @@ class Answer:
     seconds: float
     summary: str
     by_horizon: Mapping[str, tuple[tuple[float, float, float], ...]] = field(default_factory=dict)
+    seen: Mapping[str, float] = field(default_factory=dict)
 
 
 def ask(
@@ -70,4 +72,5 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             output: tuple((row.horizon, row.rmse_before, row.rmse_after) for row in gain.horizons)
             for output, gain in found.gain.items()
         },
+        seen={one.target: one.size for one in found.seen if one.place == "sensor"},
     )

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal
 from zlib import crc32
 
@@ -24,6 +25,11 @@ LENGTHS = (10.0, 20.0, 40.0, 80.0)
 """How much of a record is given, in cases of growing length [s]."""
 SEEDS, PAIRS, TRIPLES, GROWING = 2, 30, 16, 6
 """Seeds of each null, effect and fault; pairs, triples, and growing records of each machine."""
+SHARES: Mapping[str, float] = MappingProxyType({
+    "nothing": 0.5, "single": 0.14, "unlisted": 0.14, "pair": 0.08, "triple": 0.06, "growing": 0.06,
+    "log": 0.02,
+})  # fmt: skip
+"""Of a sample: rates of a percent need hundreds of nulls, so they are half of it."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,8 @@ def cases_of(
         which: ``develop`` or ``report``.
         machines: Names of the machines.
         kinds: Which kinds; all by default.
-        count: How many at most, in equal parts of every machine and kind as far as there are any.
+        count: How many at most: a sample with the shares of every kind in ``SHARES``, equally of every
+            machine, as far as there are any.
 
     Raises:
         ModelError: For a set or a kind that there is none of, or a machine that is not examined.
@@ -88,22 +95,39 @@ def cases_of(
     chosen = list(kinds) or list(KINDS)
     for kind in chosen:
         if kind not in KINDS:
-            raise ModelError(f"no cases of kind {kind!r}{did_you_mean(kind, KINDS)}")
-    lists = [
-        _mixed(KINDS[kind](get_bench(name), which)) for name in dict.fromkeys(machines) for kind in chosen
-    ]
-    whole = [case for row in itertools.zip_longest(*lists) for case in row if case is not None]
-    return whole if count is None else whole[:count]
+            raise ModelError(f"no kind of cases {kind!r}{did_you_mean(kind, KINDS)}")
+    of_kind = {
+        kind: _in_turns([_grouped(KINDS[kind](get_bench(name), which)) for name in dict.fromkeys(machines)])
+        for kind in chosen
+    }
+    numbers = {kind: len(cases) for kind, cases in of_kind.items()}
+    if count is not None:
+        numbers = _quotas(numbers, count)
+    return [case for kind, cases in of_kind.items() for case in cases[: numbers[kind]]]
 
 
-def _mixed(cases: Iterator[Case]) -> list[Case]:
-    """In an order in which the first ones are a sample of all; growing records stay together."""
+def _in_turns(lists: Sequence[Sequence[list[Case]]]) -> list[Case]:
+    """Groups of several machines, one of each in turn."""
+    return [case for row in itertools.zip_longest(*lists) for group in row if group for case in group]
 
-    def order(case: Case) -> tuple[int, float]:
+
+def _quotas(there: Mapping[str, int], count: int) -> dict[str, int]:
+    """How many cases of each kind make a sample; what a kind does not have goes to the others."""
+    quotas = dict.fromkeys(there, 0)
+    for _ in range(min(count, sum(there.values()))):
+        left = [kind for kind in there if quotas[kind] < there[kind]]
+        # The one that is furthest behind its share.
+        quotas[min(left, key=lambda kind: (quotas[kind] + 0.5) / SHARES[kind])] += 1
+    return quotas
+
+
+def _grouped(cases: Iterator[Case]) -> list[list[Case]]:
+    """Cases that belong together (beginnings of one record), in an order whose first ones are a sample."""
+    groups: dict[str, list[Case]] = {}
+    for case in cases:
         same = replace(case, conditions=replace(case.conditions, cut=0.0))
-        return crc32(same.key.encode()), case.conditions.cut
-
-    return sorted(cases, key=order)
+        groups.setdefault(same.key, []).append(case)
+    return [groups[key] for key in sorted(groups, key=lambda key: crc32(key.encode()))]
 
 
 def _rng(bench: Bench, which: Set, kind: str) -> np.random.Generator:

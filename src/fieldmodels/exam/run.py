@@ -9,6 +9,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -64,21 +65,39 @@ def run_cases(
     done = {row["key"]: row for row in _current(log, answer_code())}
     made = {row["key"]: row for row in _current(kept, data_code())}
     left = [case for case in cases if case.key not in done]
-    with (
-        _pool(workers) as pool,
-        log.open("a", encoding="utf-8") as lines,
-        kept.open("a", encoding="utf-8") as to,
-    ):
-        futures = {pool.submit(run_case, case, made.get(case.key)): case for case in left}
-        for number, future in enumerate(as_completed(futures)):
-            case, row = futures[future], future.result()
-            if case.key not in made:
+    with log.open("a", encoding="utf-8") as lines, kept.open("a", encoding="utf-8") as to:
+        for number, (case, row) in enumerate(_finished(left, made, workers)):
+            if case.key not in made and all(name in row for name in MADE):
                 fresh = {name: row[name] for name in ("key", *MADE)}
                 _write(to, fresh | {"code": data_code()})
             done[case.key] = row | {"code": answer_code()}
             _write(lines, done[case.key])
             report(f"{case.machine}: {case.kind}", (number + 1) / len(left))
     return [done[case.key] for case in cases]
+
+
+def _finished(cases: Sequence[Case], made: Mapping[str, Row], workers: int) -> Iterator[tuple[Case, Row]]:
+    """Cases as they are finished; one that kills its process has failed, and the others go on."""
+    left = {case.key: case for case in cases}
+    suspects: list[Case] = []
+    while left:
+        alone = bool(suspects)
+        batch = [suspects.pop(0)] if alone else list(left.values())
+        broken = False
+        with _pool(1 if alone else workers) as pool:
+            futures = {pool.submit(run_case, case, made.get(case.key)): case for case in batch}
+            for future in as_completed(futures):
+                try:
+                    row = future.result()
+                except BrokenProcessPool:
+                    broken = True
+                    continue
+                del left[futures[future].key]
+                yield futures[future], row
+        if broken and alone:
+            yield batch[0], batch[0].to_json() | _failed(left.pop(batch[0].key), "its process died", 0.0)
+        elif broken:  # the first that are left had begun
+            suspects = list(left.values())[:workers]
 
 
 MADE = ("sizes", "percents", "attainable")
@@ -94,15 +113,23 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
 
     Returns:
         The case with what was hidden and the outcome, beside those of ``scoring``: ``out of reach`` if no
-        size adds the percentage, ``failed`` if the diagnosis ended in an error or took too long.
+        size adds the percentage, ``failed`` if the case ended in an error or took too long.
     """
-    bench = get_bench(case.machine)
     row: Row = case.to_json() | {"key": case.key}
-    if case.kind == "log":
-        return row | _of_log(bench.model, case)
-    row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
+    try:
+        bench = get_bench(case.machine)
+        if case.kind == "log":
+            return row | _of_log(bench.model, case)
+        row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
+        return row | _examined(bench, case, row)
+    except Exception as error:  # of a plant: the others go on
+        return row | _failed(case, f"{type(error).__name__}: {error}", 0.0)
+
+
+def _examined(bench: Bench, case: Case, row: Row) -> Row:
+    """What becomes of a case whose sizes are known."""
     if None in row["sizes"]:
-        return row | {"outcome": "out of reach", "seconds": 0.0, "summary": _out_of_reach(case, row)}
+        return {"outcome": "out of reach", "seconds": 0.0, "summary": _out_of_reach(case, row)}
     hidden = _hidden(case, row["sizes"])
     known = bool(bench.needs_base & set(case.hidden))
     fixed = bench.scaled(bench.base(case.seed), "", case.conditions) if known else {}
@@ -111,9 +138,7 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
         for log in records(bench, hidden, case.conditions, case.seed)
     )
     answer = _answered(case, bench.model, ([train], [test]), fixed)
-    if isinstance(answer, dict):
-        return row | answer
-    return row | judged(bench, case, hidden, row["attainable"], answer)
+    return answer if isinstance(answer, dict) else judged(bench, case, hidden, row["attainable"], answer)
 
 
 def _answered(case: Case, model: Model, pair: Pair, fixed: Mapping[str, float]) -> Answer | Row:
@@ -123,10 +148,14 @@ def _answered(case: Case, model: Model, pair: Pair, fixed: Mapping[str, float]) 
             return ask(model, *pair, fixed)
     except Exception as error:
         seconds = LIMIT if isinstance(error, TooLongError) else 0.0
-        return {
-            "outcome": "failed", "verdict": "failed", "named": [], "deviations": {}, "regained": None,
-            "seconds": seconds, "summary": f"{case.key}: {type(error).__name__}: {error}",
-        }  # fmt: skip
+        return _failed(case, f"{type(error).__name__}: {error}", seconds)
+
+
+def _failed(case: Case, why: str, seconds: float) -> Row:
+    return {
+        "key": case.key, "outcome": "failed", "verdict": "failed", "named": [], "deviations": {},
+        "regained": None, "seconds": seconds, "summary": f"{case.key}: {why}",
+    }  # fmt: skip
 
 
 def _of_log(model: Model, case: Case) -> Row:
@@ -212,6 +241,7 @@ def judged(
         "deviations": scoring.deviations(truth, answer),
         "values": truth,
         "regained": regained,
+        "silence": scoring.of_silence(answer, attainable) if outcome == "silent" else None,
         "seconds": round(answer.seconds, 3),
         "summary": answer.summary,
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from fieldmodels.exam.answers import CURVE, Answer
 
@@ -87,6 +87,27 @@ def _matched(sets: Sequence[set[str]], hidden: Sequence[str]) -> int:
         for chosen in itertools.combinations(sets, min(len(sets), len(order))):
             best = max(best, sum(name in one for name, one in zip(order, chosen, strict=False)))
     return best
+
+
+def of_silence(answer: Answer, attainable: Mapping[str, Any] | None) -> float | None:
+    """How large a fault that stays unseen is, in the smallest one that the answer says it would have seen.
+
+    Both are errors of the output that suffers most: the root mean square that the fault adds to windows of
+    the refitted nominal machine, and the smallest error of its sensor that is stated. Above one the answer
+    contradicts its own statement.
+
+    Args:
+        answer: The answer.
+        attainable: The output that suffers most, and the share of its error that is the fault's.
+
+    Returns:
+        None if nothing is stated of that output.
+    """
+    if attainable is None or not (stated := answer.seen.get(attainable["output"], 0.0)) > 0.0:
+        return None
+    before = answer.errors.get(attainable["output"], (math.nan, math.nan))[0]
+    size = before * math.sqrt(max(1.0 - (1.0 - attainable["share"]) ** 2, 0.0)) / stated
+    return round(size, 3) if math.isfinite(size) else None
 
 
 def deviations(hidden: Mapping[str, Mapping[str, float]], answer: Answer) -> dict[str, float]:

@@ -16,7 +16,10 @@ from fieldmodels.exam.run import Row
 from fieldmodels.exam.scoring import RANKS, RIGHT, WRONG
 from fieldmodels.files import write_text
 from fieldmodels.html import page, table, text
+from fieldmodels.model import ModelError
 
+BEGIN, END = "<!-- result of the exam: begin -->", "<!-- result of the exam: end -->"
+"""Between which lines of a page the result is published."""
 NOT_COUNTED = ("out of reach", "skipped")
 QUANTILE = 1.959964
 """Of the normal distribution: intervals are of 95 %."""
@@ -28,7 +31,7 @@ class Goal:
 
     Attributes:
         name: What is counted, of which cases.
-        kind: Kind of the cases.
+        kind: Kind of the cases; empty for all.
         counts: Outcomes that are counted.
         limit: The rate [%].
         at_least: Whether the rate should be at least so high, or else at most.
@@ -50,8 +53,10 @@ GOALS = (
     Goal("unlisted faults silent", "unlisted", ("silent",), 15.0),
     Goal("nothing hidden: false names", "nothing", ("false name",), 1.0),
     Goal("nothing hidden: anything said", "nothing", ("false name", "doubted"), 2.0),
+    Goal("cases that ended in an error", "", ("failed",), 0.0),
     Goal("statements on real logs that hold", "log", ("held",), 100.0, True),
 )
+SILENT = "silent, though larger than the error that would have been seen"
 REGAINED, SECONDS = 80.0, 2.0
 COVERAGE = ((1.0, 68.0, 4.0), (2.0, 95.0, 3.0))
 """Standard errors, how many parameters should be within them, and how exactly [%]."""
@@ -72,13 +77,17 @@ def goals(rows: Sequence[Row]) -> list[dict[str, Any]]:
     rows = [row for row in rows if row["outcome"] not in NOT_COUNTED]
     result = []
     for goal in GOALS:
-        of_kind = [row for row in rows if row["kind"] == goal.kind]
+        of_kind = [row for row in rows if goal.kind in ("", row["kind"])]
         count = sum(row["outcome"] in goal.counts for row in of_kind)
         if of_kind:
             result.append(_rate(goal.name, count, len(of_kind), goal.limit, goal.at_least))
     worse = _worse(rows)
     if worse is not None:
         result.append(_rate("growing records: answers that get worse", *worse, 0.0, False))
+    silent = [row for row in rows if row["outcome"] == "silent"]
+    if silent:
+        above = sum(row.get("silence") is None or row["silence"] > 1.0 for row in silent)
+        result.append(_rate(SILENT, above, len(silent), 0.0, False))
     result += _coverage(rows) + _regained(rows) + _seconds_goal(rows)
     return result
 
@@ -104,6 +113,22 @@ def _coverage(rows: Iterable[Row]) -> list[dict[str, Any]]:
         percent = 100.0 * within / len(off)
         result.append(one | {"goal": f"{wanted:g} +- {near:g} %", "met": abs(percent - wanted) <= near})
     return result
+
+
+def _coverages(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """The same by machine, by kind of noise, and in open and closed loop."""
+    parts: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        conditions = row["conditions"]
+        loop = "closed" if conditions.get("closed") else "open"
+        for part in (
+            ("machine", row["machine"]), ("noise", conditions.get("noise", "white")), ("loop", loop)
+        ):  # fmt: skip
+            parts.setdefault(part, []).append(row)
+    found = {part: _coverage(of) for part, of in parts.items()}
+    return [
+        {"by": by, "part": name, "coverage": found[by, name]} for by, name in sorted(found) if found[by, name]
+    ]
 
 
 def _regained(rows: Iterable[Row]) -> list[dict[str, Any]]:
@@ -154,10 +179,11 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     machines = list(dict.fromkeys(row["machine"] for row in rows))
     parts = {"all": list(rows), **{name: [r for r in rows if r["machine"] == name] for name in machines}}
     return {
-        "schema": 2,
+        "schema": 3,
         "set": "+".join(sorted({row["set"] for row in rows})),
         "cases": len(rows),
         "goals": {name: goals(part) for name, part in parts.items()},
+        "coverage": _coverages(rows),
         "outcomes": {name: _outcomes(part) for name, part in parts.items()},
         "hidden": _by_hidden(rows),
         "confusions": _confusions(rows),
@@ -204,21 +230,38 @@ def _confusions(rows: Iterable[Row]) -> list[dict[str, Any]]:
 Table = tuple[str, list[str], list[list[str]]]
 
 
-def tables(found: Mapping[str, Any]) -> list[Table]:
-    """Tables of a summary: title, header, rows."""
-    return [
-        ("Goals, all machines", *_goal_table(found["goals"]["all"])),
+def tables(found: Mapping[str, Any], single_cases: bool = True) -> list[Table]:
+    """Tables of a summary: title, header, rows.
+
+    Args:
+        found: The summary.
+        single_cases: Whether to say what was taken for what, and what became of each effect and fault.
+    """
+    rates = [
+        ("All machines", *_goal_table(found["goals"]["all"])),
         ("By machine", *_machine_table(found["goals"])),
+        ("Stated standard errors", *_coverage_table(found["coverage"])),
         ("Outcomes", *_outcome_table(found["outcomes"])),
-        ("What is taken for what", *_confusion_table(found["confusions"])),
-        ("One by one", *_hidden_table(found["hidden"])),
     ]
+    return (
+        rates
+        + [
+            ("What is taken for what", *_confusion_table(found["confusions"])),
+            ("One by one", *_hidden_table(found["hidden"])),
+        ]
+        * single_cases
+    )
 
 
 def _counted(goal: Mapping[str, Any]) -> str:
     return (
         f"{goal['value']} of {goal['cases']}" if goal["count"] is None else f"{goal['count']}/{goal['cases']}"
     )
+
+
+def _with_interval(goal: Mapping[str, Any]) -> str:
+    low, high = goal["ci95"]
+    return f"{_counted(goal)} ({low:.3g} to {high:.3g})"
 
 
 def _goal_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
@@ -232,12 +275,16 @@ def _goal_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[lis
 
 
 def _machine_table(found: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    machines = [name for name in found if name != "all"]
+    of = {name: {goal["name"]: _with_interval(goal) for goal in found[name]} for name in machines}
     names = [goal["name"] for goal in found["all"]]
-    body = []
-    for machine, of_machine in found.items():
-        by_name = {goal["name"]: _counted(goal) for goal in of_machine}
-        body.append([machine, *(by_name.get(name, "-") for name in names)])
-    return ["machine", *names], body
+    return ["what", *machines], [[name, *(of[m].get(name, "-") for m in machines)] for name in names]
+
+
+def _coverage_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    return ["by", "", *(f"within {limit:g}" for limit, _, _ in COVERAGE)], [
+        [one["by"], one["part"], *map(_with_interval, one["coverage"])] for one in found
+    ]
 
 
 def _outcome_table(outcomes: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -274,12 +321,30 @@ def _notes(found: Mapping[str, Any]) -> list[str]:
 
 
 def markdown(found: Mapping[str, Any]) -> str:
-    """The result as Markdown."""
-    parts = ["\n".join(_notes(found))]
-    for title, header, rows in tables(found):
+    """The rates as Markdown, without single cases."""
+    parts = ["\n".join(f"- {note}" for note in _notes(found))]
+    for title, header, rows in tables(found, single_cases=False):
         lines = [f"**{title}**", "", _line(header), _line(["---"] * len(header))]
         parts.append("\n".join(lines + [_line(row) for row in rows]))
     return "\n\n".join(parts) + "\n"
+
+
+def publish(found: Mapping[str, Any], page_path: Path) -> None:
+    """Put the rates into a page, in place of those that stand there.
+
+    Args:
+        found: The summary.
+        page_path: A page of Markdown with the lines ``BEGIN`` and ``END``.
+
+    Raises:
+        ModelError: If the page has no such lines.
+    """
+    whole = page_path.read_text(encoding="utf-8")
+    before, begin, rest = whole.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise ModelError(f"{page_path}: no place for the result: it needs the lines {BEGIN!r} and {END!r}")
+    write_text(page_path, f"{before}{BEGIN}\n{markdown(found)}{END}{after}")
 
 
 def _line(cells: Sequence[str]) -> str:
