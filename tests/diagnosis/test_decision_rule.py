@@ -9,8 +9,8 @@ from scipy import stats
 from fieldmodels.diagnosis import selection
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.events import Observations
-from fieldmodels.diagnosis.fit import TAIL, _from_covariance, heavy_tailed, held_out_loss
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, share
+from fieldmodels.diagnosis.held_out import TAIL, heavy_tailed, held_out_loss
 from fieldmodels.diagnosis.selection import (
     _simplest,
     accepted,
@@ -19,6 +19,7 @@ from fieldmodels.diagnosis.selection import (
     indistinguishable,
     likelihood_p_value,
 )
+from fieldmodels.diagnosis.whitening import _from_covariance
 
 BLOCKS = np.repeat(np.arange(16), 4)
 

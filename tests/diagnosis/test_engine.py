@@ -13,16 +13,10 @@ from scipy.signal import lfilter
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
-from fieldmodels.diagnosis.fit import (
-    PRIOR,
-    diagonal_whitener,
-    fit,
-    heavy_tailed,
-    held_out_loss,
-    refit,
-    standard_errors,
-)
+from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.gain import predict, share
+from fieldmodels.diagnosis.held_out import heavy_tailed, held_out_loss, standard_errors
+from fieldmodels.diagnosis.linearisation import PRIOR
 from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
 from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.problem import build
@@ -31,6 +25,7 @@ from fieldmodels.diagnosis.quantisation import lattice
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.diagnosis.residuals import whiteness
 from fieldmodels.diagnosis.selection import accepted, block_p_value, dispersion
+from fieldmodels.diagnosis.whitening import diagonal_whitener
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal
 from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording, RecordingError, datasets

@@ -6,10 +6,12 @@ from scipy.optimize import minimize
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.events import calibration
-from fieldmodels.diagnosis.fit import covariance_whitener, diagonal_whitener, fit, held_out_loss, window_loss
+from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.held_out import held_out_loss, window_loss
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.diagnosis.response import odds_responses
+from fieldmodels.diagnosis.whitening import covariance_whitener, diagonal_whitener
 from fieldmodels.model import Effect, Model, Parameter, Signal
 from fieldmodels.recording import Recording, RecordingError
 

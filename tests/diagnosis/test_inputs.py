@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.cutting import main_horizon
 from fieldmodels.diagnosis.inputs import decided
-from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.machine import held_inputs
 from fieldmodels.machines.rig import Rig
 from fieldmodels.recording import Recording

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import is_simpler
-from fieldmodels.diagnosis.fit import _from_covariance, diagonal_whitener, whitener_by_output
+from fieldmodels.diagnosis.cutting import main_horizon
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.procedure import main_horizon
 from fieldmodels.diagnosis.resolution import SHARE, of_averages, rounding
+from fieldmodels.diagnosis.whitening import _from_covariance, diagonal_whitener, whitener_by_output
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.diagnosis.fit import diagonal_whitener, fit
+from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.problem import build
+from fieldmodels.diagnosis.whitening import diagonal_whitener
 from fieldmodels.effects import actuator, change, curve, force, sensor
 from fieldmodels.effects.curves import KNOTS
 from fieldmodels.effects.forces import PLACED

@@ -10,21 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.fit import (
-    Coordinates,
-    Fit,
-    costs,
-    fit,
-    held_out_loss,
-    project,
-    refit,
-    stacked,
-    weighed,
-    whitener_by_output,
-)
+from fieldmodels.diagnosis.coordinates import Coordinates
+from fieldmodels.diagnosis.fit import costs, fit, refit, weighed
+from fieldmodels.diagnosis.held_out import held_out_loss
+from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import responses, sample_times
+from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.model import Effect, Model
 
 IntArray = NDArray[np.int64]

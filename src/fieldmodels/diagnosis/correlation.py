@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.fit import PRIOR, STATE_STEP, whitener_by_output
 from fieldmodels.diagnosis.gain import Prediction
+from fieldmodels.diagnosis.linearisation import PRIOR, STATE_STEP
 from fieldmodels.diagnosis.problem import Part, Problem
 from fieldmodels.diagnosis.result import Correlation
+from fieldmodels.diagnosis.whitening import whitener_by_output
 
 IntArray = NDArray[np.int64]
 LAGS = 20

@@ -18,8 +18,10 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.curved import FreeCurve
-from fieldmodels.diagnosis.fit import Coordinates, Fit, held_out_loss, project, stacked
+from fieldmodels.diagnosis.held_out import held_out_loss
+from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import SEGMENTS, averaged, odds_responses, offsets, responses, segments

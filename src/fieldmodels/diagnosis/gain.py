@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.fit import fit, whitener_by_output
+from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import HorizonGain, Share
+from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.recording import RecordingError
 
 RESAMPLES = 1000

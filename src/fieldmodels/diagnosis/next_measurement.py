@@ -14,7 +14,8 @@ from scipy.special import ndtr
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.fit import fit, project
+from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.linearisation import project
 from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.planned_inputs import Limits, Shape, limits_of, planned, shapes
 from fieldmodels.diagnosis.problem import Problem, build

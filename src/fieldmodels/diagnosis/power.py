@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.curves import Curve, Curves
-from fieldmodels.diagnosis.fit import stacked
+from fieldmodels.diagnosis.linearisation import stacked
 from fieldmodels.diagnosis.result import Visible
 
 SMALLEST = 1e-9  # of the largest information: below it a shape is absorbed by the free parameters

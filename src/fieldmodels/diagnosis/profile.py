@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates, spacing
-from fieldmodels.diagnosis.fit import costs, project
+from fieldmodels.diagnosis.fit import costs
+from fieldmodels.diagnosis.linearisation import project
 from fieldmodels.diagnosis.selection import dispersion
 from fieldmodels.model import Effect
 

@@ -7,10 +7,13 @@ from scipy import stats
 
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.curves import Curves
-from fieldmodels.diagnosis.fit import Fit, diagonal_whitener, fit, held_out_loss
+from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.held_out import held_out_loss
+from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import FailedTest
+from fieldmodels.diagnosis.whitening import diagonal_whitener
 
 
 def failed_tests(

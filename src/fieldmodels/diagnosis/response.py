@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.fit import Fit
+from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 
 SEGMENTS = 16  # basis segments of a window; the force is constant on each

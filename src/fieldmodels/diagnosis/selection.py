@@ -11,8 +11,9 @@ from scipy import special
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.fit import Fit, covariance_whitener, project, stacked
+from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
+from fieldmodels.diagnosis.whitening import covariance_whitener
 
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, float], None]

@@ -1,0 +1,186 @@
+"""The named causes: which of a chosen set stand, each with its values and its gain."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmodels.diagnosis.candidates import Candidate, Candidates, is_quantisation
+from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
+from fieldmodels.diagnosis.held_out import standard_errors, window_loss
+from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.profile import profiled_error
+from fieldmodels.diagnosis.quantisation import coarse_sensor
+from fieldmodels.diagnosis.result import (
+    Cause,
+    Estimate,
+    Share,
+)
+from fieldmodels.diagnosis.selection import Selection, block_p_value
+from fieldmodels.diagnosis.verdict import (
+    Judgement,
+)
+from fieldmodels.model import Effect, Model
+from fieldmodels.recording import Recording
+
+NEGLIGIBLE = 0.1  # nats on the test data that do not count
+
+
+def path_to(candidates: Candidates, base: Candidate, chosen: Candidate) -> list[Candidate]:
+    """Fits from the base to a set, each with one more effect."""
+    path = [chosen]
+    if not chosen.effects:
+        return path
+    for name in reversed(chosen.effects[1:]):
+        path.append(candidates.without(path[-1], name))
+    return [base, *reversed(path)]
+
+
+def confirmed(path: Sequence[Candidate], testing: Problem) -> int:
+    """Number of fits of a path that the test data confirm: each must explain them better than the one before.
+
+    A cause that does not act during the test data is not rejected by them.
+    """
+    losses = []
+    for candidate in path:
+        fitted = fit(testing, candidate.fit.parameters, NONE, path[-1].fit.whitener, iterations=6)
+        losses.append(float(window_loss(fitted).sum()))
+    for k in range(1, len(path)):
+        if not losses[k] < losses[k - 1] + NEGLIGIBLE:
+            return k
+    return len(path)
+
+
+def told_from_neutral(
+    candidates: Candidates, path: Sequence[Candidate], testing: Problem, rng: np.random.Generator
+) -> tuple[Candidate, tuple[Cause, ...]]:
+    """The set without what cannot be told from neutral, one by one, and what that was."""
+    chosen, possible = path[-1], []
+    while chosen.effects:
+        doubtful = [c for c in causes_of(candidates, path, testing, rng) if not _is_told(c, candidates)]
+        if not doubtful:
+            break
+        weakest = min(doubtful, key=lambda c: c.nats)
+        possible.append(weakest)
+        chosen = candidates.without(chosen, weakest.effect)
+        path = path_to(candidates, path[0], chosen)
+    return chosen, tuple(possible)
+
+
+def _is_told(cause: Cause, candidates: Candidates) -> bool:
+    """Whether any of a cause's values is two standard errors from neutral, and its gain above zero."""
+    effect = candidates.problem.model.effect(cause.effect)
+    told = any(
+        abs(cause.parameters[p.name].value - p.nominal) > 2.0 * cause.parameters[p.name].std
+        or not np.isfinite(cause.parameters[p.name].std)
+        for p in effect.parameters
+        if p.name in cause.parameters
+    )
+    return told and not cause.gain.ci95[1] < 0.0
+
+
+def causes_of(
+    candidates: Candidates, path: Sequence[Candidate], testing: Problem, rng: np.random.Generator
+) -> tuple[Cause, ...]:
+    """The effects of a path's end with the gain of each over those before it."""
+    chosen = path[-1]
+    model, problem = candidates.problem.model, candidates.problem
+    if not chosen.effects:
+        return ()
+    outputs = _most_improved_outputs(problem, path)
+    predictions = [predict(testing, c.fit.parameters) for c in path]
+    errors = standard_errors(problem, chosen.fit)
+    causes = []
+    for k, name in enumerate(chosen.effects):
+        effect = model.effect(name)
+        place = model.slice_of(name).start
+        values = {}
+        for i, p in enumerate(effect.parameters):
+            known = np.flatnonzero(chosen.fit.free == place + i)
+            std = float(errors[known[0]]) if len(known) else float("nan")
+            if not p.smooth:
+                std = profiled_error(candidates, chosen, effect, i)
+            elif (
+                problem.observations is not None and len(p.starts) > 1
+            ):  # its derivative may rest on few observations
+                std = max(std, profiled_error(candidates, chosen, effect, i))
+            values[p.name] = Estimate(float(chosen.fit.parameters[place + i]), std, p.unit)
+        gain = path[k].loss - path[k + 1].loss
+        causes.append(
+            Cause(
+                effect=name,
+                cause=effect.cause,
+                where=effect.where,
+                parameters=values,
+                signal=model.outputs[outputs[k]].name,
+                gain=share(predictions[k], predictions[k + 1], outputs[k], testing.blocks, rng),
+                p_value=block_p_value(gain, problem.blocks),
+                nats=path[k].total - path[k + 1].total,
+                equation=effect.equation,
+            )
+        )
+    return tuple(causes)
+
+
+def _most_improved_outputs(training: Problem, path: Sequence[Candidate]) -> list[int]:
+    """The output whose error each cause reduces most on the training data: its gain is stated there."""
+    errors = [predict(training, c.fit.parameters).rmse() for c in path]
+    return [int(np.nanargmin(after / before)) for before, after in itertools.pairwise(errors)]
+
+
+def with_alternatives(
+    causes: tuple[Cause, ...], selection: Selection, judged: Judgement
+) -> tuple[Cause, ...]:
+    """Add to each cause the effects, or the unlisted curve, that could replace it."""
+    chosen = set(selection.chosen.effects)
+    if set(judged.kept.effects) != chosen:
+        return causes
+    twin = [f"curve of {judged.twin.curve.direction}"] if judged.twin else []
+    result = []
+    for cause in causes:
+        others: list[str] = []
+        for other in selection.alternatives:
+            removed, added = chosen - set(other.effects), set(other.effects) - chosen
+            if cause.effect in removed:
+                others += [name for name in other.effects if name in added and name not in others]
+        result.append(replace(cause, alternatives=(*others, *twin)))
+    return tuple(result)
+
+
+def refitted(cause: Cause, model: Model, final: Fit) -> Cause:
+    """A cause with the values of a fit together with the curves; its standard errors are those without."""
+    names = {f"{cause.effect}.{name}": name for name in cause.parameters}
+    values = {
+        name: replace(cause.parameters[name], value=float(final.parameters[model.index(full)]))
+        for full, name in names.items()
+        if full in model.names and not is_quantisation(model.effect(cause.effect))
+    }
+    return replace(cause, parameters={**cause.parameters, **values})
+
+
+def quantisation_found(train: Sequence[Recording], testing: Problem, after: Prediction) -> tuple[Cause, ...]:
+    """Sensor quantisation as a cause, if it makes up enough of the remaining error."""
+    model, error = testing.model, after.rmse()
+    if model.random_force:  # it hides the sensor's noise in the error
+        error = np.array([noise_floor(testing, after, j) for j in range(len(model.outputs))])
+    coarse = coarse_sensor(model, train, error)
+    return () if coarse is None else (_quantisation(model, *coarse),)
+
+
+def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Cause:
+    """Quantisation as a cause; it explains noise, so that predictions gain nothing."""
+    parameter = effect.parameters[0]
+    return Cause(
+        effect=effect.name,
+        cause=f"{effect.cause} It makes up {100 * share:.0f} % of the remaining error's variance.",
+        where=effect.where,
+        parameters={parameter.name: Estimate(step, 0.0, parameter.unit)},
+        signal=model.outputs[0].name,
+        gain=Share(0.0, (0.0, 0.0)),
+        equation=effect.equation,
+    )

@@ -1,0 +1,32 @@
+"""Free parameters as numbers of order one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.model import Parameter
+
+
+class Coordinates:
+    """Free parameters as numbers of order one: the logarithm where a parameter spans decades."""
+
+    def __init__(self, parameters: tuple[Parameter, ...], free: IntArray) -> None:
+        chosen = [parameters[i] for i in free]
+        self.log = np.array([p.lower > 0 and p.upper > 100 * p.lower for p in chosen], dtype=np.bool_)
+        self.scale = np.array([p.scale for p in chosen])
+        lower, upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
+        self.lower, self.upper = self.encode(lower), self.encode(upper)
+
+    def encode(self, values: FloatArray) -> FloatArray:
+        """Values to coordinates."""
+        positive = np.where(self.log, values, 1.0)
+        return np.where(self.log, np.log(positive), values / self.scale)
+
+    def decode(self, coordinates: FloatArray) -> FloatArray:
+        """Coordinates to values; the inverse of ``encode``."""
+        return np.where(self.log, np.exp(np.where(self.log, coordinates, 0.0)), coordinates * self.scale)
+
+    def slope(self, values: FloatArray) -> FloatArray:
+        """Derivative of the values by the coordinates."""
+        return np.where(self.log, values, self.scale)

@@ -1,0 +1,107 @@
+"""What a diagnosis is fitted to and measured on: recordings checked, and cut into windows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis import problem as problems
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording, RecordingError
+
+FEW = 16  # windows; with fewer at the main horizon the shorter one is used
+HELD_OUT = 4  # without test data every fourth block is kept for the gain
+
+
+def check_range(model: Model, recordings: Sequence[Recording]) -> None:
+    """Reject values that no sensor can measure, such as those of a diverged simulation.
+
+    Raises:
+        RecordingError: With the recording and the signal.
+    """
+    for recording in recordings:
+        for signal in (*model.inputs, *model.outputs):
+            if signal.name in recording:
+                values = recording[signal.name]
+                wrong = np.flatnonzero(~np.isnan(values) & ~(np.abs(values) < problems.HUGE**0.25))
+                if len(wrong):
+                    place = f"{recording.source}: signal {signal.name!r}, sample {wrong[0]}"
+                    raise RecordingError(
+                        f"{place}: {values[wrong[0]]:g} cannot have been measured; cut such values out"
+                    )
+
+
+def in_all(
+    model: Model, train: Sequence[Recording], test: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording], tuple[str, ...]]:
+    """Recordings without outputs that some of them lack, which cannot be compared, and a note for each."""
+    every = [*train, *test]
+    names = [o.name for o in model.outputs if o.optional]
+    partial = [n for n in names if any(n in r for r in every) and not all(n in r for r in every)]
+    if not partial:
+        return train, test, ()
+
+    def without(recordings: Sequence[Recording]) -> list[Recording]:
+        return [
+            replace(r, signals={name: values for name, values in r.signals.items() if name not in partial})
+            for r in recordings
+        ]
+
+    notes = tuple(f"{name} is not compared: not every recording has it" for name in partial)
+    return without(train), without(test), notes
+
+
+def known_values(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Base parameters that are not refitted, and values that the recordings state of their machine.
+
+    Raises:
+        RecordingError: If two recordings are of different machines.
+    """
+    known = {p.name: p.nominal for p in model.parameters if not p.refitted}
+    names = {p.name for p in model.parameters}
+    stated: dict[str, float] = {}
+    for recording in recordings:
+        for name in names & set(recording.known):
+            if stated.setdefault(name, recording.known[name]) != recording.known[name]:
+                raise RecordingError(
+                    f"{recording.source}: {name} {recording.known[name]:g}, but another recording has "
+                    f"{stated[name]:g}; diagnose one machine at a time"
+                )
+    return {**known, **stated}
+
+
+def start_vector(model: Model, fixed: Mapping[str, float]) -> FloatArray:
+    """The nominal vector with the fixed values, checked."""
+    base = {name: value for name, value in fixed.items() if "." not in name}
+    effects: dict[str, dict[str, float]] = {}
+    for name, value in fixed.items():
+        if "." in name:
+            effect, _, parameter = name.partition(".")
+            effects.setdefault(effect, {})[parameter] = value
+    return model.vector(base, effects)
+
+
+def split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[Problem, Problem]:
+    """Windows for fits and selection, and windows to measure the gain on."""
+    horizon = main_horizon(model, train)
+    if test:
+        coarsest = max(r.step for r in test)
+        training = problems.build(model, train, horizon, None, coarsest)
+        return training, problems.build(model, test, horizon, training)
+    whole = problems.build(model, train, horizon)
+    kept = whole.blocks % HELD_OUT != HELD_OUT - 1
+    return whole.select(kept), whole.select(~kept)
+
+
+def main_horizon(model: Model, recordings: Sequence[Recording]) -> float:
+    """The model's main horizon, or the shorter one if the recordings hold few windows of it."""
+    short, main = model.horizons[0], model.horizons[min(1, len(model.horizons) - 1)]
+    try:
+        count = sum(len(model.windows(r, main)) for r in recordings)
+    except RecordingError:
+        count = 0
+    return main if count >= FEW else short

@@ -1,0 +1,91 @@
+"""Held-out likelihood of a fit's windows, and standard errors of its parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.diagnosis.coordinates import Coordinates
+from fieldmodels.diagnosis.linearisation import Fit, stacked
+from fieldmodels.diagnosis.problem import Problem
+
+TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
+INSENSITIVE = (
+    0.01  # norm of a whitened column below which a change by ten coordinates is negligible (0.005 nats)
+)
+
+
+def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
+    """Standard error of every free parameter, in its unit; NaN where it is unidentifiable."""
+    if not len(fitted.free):
+        return np.zeros(0)
+    coordinates = Coordinates(problem.model.all_parameters, fitted.free)
+    flat = fitted.jacobian * fitted.residual[:, :, None]
+    # Clustered by block: errors of windows in one block may be correlated.
+    scores = np.array([flat[problem.blocks == b].sum(axis=(0, 1)) for b in np.unique(problem.blocks)])
+    inverse = np.linalg.pinv(fitted.information, hermitian=True)
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    spread = np.sqrt(np.maximum(np.diag(covariance), np.diag(inverse)))
+    return np.asarray(spread * np.abs(coordinates.slope(fitted.parameters[fitted.free])))
+
+
+def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
+    """Held-out negative log-likelihood [nats] of every window, up to a constant.
+
+    The fit is repeated without each fold by one Gauss-Newton step from the joint optimum. The likelihood
+    is Student's t over a window, so that outlying windows do not dominate.
+
+    Args:
+        fitted: A fit to all windows.
+        folds: Fold of each window, shape (windows,).
+
+    Returns:
+        Loss, shape (windows,).
+    """
+    loss = np.zeros(len(fitted.residual))
+    # Nearly unidentifiable parameters would be moved by thousands of coordinates.
+    active = fitted.active & (np.sqrt(np.sum(fitted.jacobian**2, axis=(0, 1))) > INSENSITIVE)
+    jacobian = fitted.jacobian[:, :, active]
+    flat = stacked(jacobian)
+    whole, gradient = flat.T @ flat, flat.T @ fitted.residual.reshape(-1)
+    for fold in np.unique(folds):
+        inside = folds == fold
+        own, residual = jacobian[inside], fitted.residual[inside]
+        flat = stacked(own)
+        rest = whole - flat.T @ flat
+        step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
+        loss[inside] = window_loss(fitted, inside, own @ step)
+    return loss
+
+
+def window_loss(
+    fitted: Fit, which: NDArray[np.bool_] | slice = slice(None), change: FloatArray | float = 0.0
+) -> FloatArray:
+    """Negative log-likelihood [nats] of windows, up to a constant: heavy-tailed averages and exact events.
+
+    Args:
+        fitted: A fit.
+        which: The windows.
+        change: Reduction of their whitened residual by a step, shape (windows, features + states).
+
+    Returns:
+        Loss, shape (windows,).
+    """
+    residual = fitted.residual[which]
+    moved = residual - change
+    observations, features = fitted.observations, fitted.raw.shape[1]
+    if observations is None or fitted.weight is None:
+        return heavy_tailed(moved, features)
+    row, event = observations.rows(fitted.whitener)
+    # A weighted step of a probability, times its weight, is a step of the log-odds.
+    odds = np.zeros(observations.seen[which].shape)
+    odds[:, event] = (residual - moved)[:, row] * fitted.weight[which][:, observations.columns][:, event]
+    exact = observations.select(which).loss(fitted.raw[which], odds)[:, event].sum(axis=1)
+    moved[:, row] = 0.0
+    return np.asarray(heavy_tailed(moved, features - int(observations.columns.sum())) + exact)
+
+
+def heavy_tailed(residual: FloatArray, features: int) -> FloatArray:
+    """Negative log-likelihood [nats] of windows under Student's t, up to a constant, shape (windows,)."""
+    return np.asarray(0.5 * (TAIL + features) * np.log1p(np.sum(residual**2, axis=1) / TAIL))

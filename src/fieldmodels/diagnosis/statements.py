@@ -1,0 +1,117 @@
+"""What a diagnosis states in numbers beside its causes: gains, parameters, errors above the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.gain import Prediction, by_horizon, noise_floor, share
+from fieldmodels.diagnosis.held_out import standard_errors
+from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.result import (
+    Estimate,
+    SignalGain,
+)
+from fieldmodels.diagnosis.selection import Selection, block_p_value
+from fieldmodels.model import Model
+
+POORLY_KNOWN = 0.5  # relative standard error above which a base parameter counts as poorly known
+ABOVE = (
+    1.5  # times the noise: a larger error is reported; equal parts of white and slowly varying noise give 1.4
+)
+
+
+def gains(
+    testing: Problem,
+    fits: tuple[Candidate, Candidate],
+    predictions: tuple[Prediction, Prediction, Prediction],
+    rng: np.random.Generator,
+) -> dict[str, SignalGain]:
+    """Gain of every signal, from the base to the named effects, and with the curves."""
+    before, after, whole = predictions
+    horizons = by_horizon(testing, fits[0].fit.parameters, fits[1].fit.parameters, rng)
+    result = {}
+    for j in np.unique(testing.outputs):
+        signal = testing.model.outputs[j]
+        result[signal.name] = SignalGain(
+            unit=signal.unit,
+            rmse_before=float(before.rmse()[j]),
+            rmse_after=float(after.rmse()[j]),
+            gain=share(before, after, int(j), testing.blocks, rng),
+            horizon=testing.horizon,
+            noise_floor=noise_floor(testing, whole, int(j)),
+            rmse_with_curves=float(whole.rmse()[j]),
+            gain_with_curves=share(before, whole, int(j), testing.blocks, rng),
+            horizons=horizons[signal.name],
+        )
+    return result
+
+
+def base_estimates(
+    problem: Problem, fitted: Fit, model: Model, fixed: Mapping[str, float]
+) -> dict[str, Estimate]:
+    """The base parameters of a fit; one that is held has no error."""
+    errors = standard_errors(problem, fitted)
+    result = {}
+    for i, p in enumerate(model.parameters):
+        known = np.flatnonzero(fitted.free == i)
+        std = float(errors[known[0]]) if len(known) else 0.0 if p.name in fixed else float("nan")
+        result[p.name] = Estimate(float(fitted.parameters[i]), std, p.unit)
+    return result
+
+
+def poorly_known(model: Model, base: Mapping[str, Estimate]) -> tuple[str, ...]:
+    """Positive base parameters whose relative standard error is large or unknown."""
+    return tuple(
+        p.name
+        for p in model.parameters
+        if p.lower > 0 and not base[p.name].std <= POORLY_KNOWN * base[p.name].value
+    )
+
+
+def above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
+    """Ratio of each signal's error to its sensor's noise, where it is well above 1.
+
+    Where random forces drive the machine the error proves nothing; an event has no sensor noise.
+    """
+    if testing.model.random_force:
+        return {}
+    result = {}
+    for j in np.unique(testing.outputs[~testing.events]):
+        floor = noise_floor(testing, after, int(j))
+        if floor > 0 and after.rmse()[j] > ABOVE * floor:
+            result[testing.model.outputs[j].name] = float(after.rmse()[j] / floor)
+    return result
+
+
+def not_testable(selection: Selection) -> dict[str, str]:
+    """Effects that could not be tested, with the reason."""
+    return dict.fromkeys(
+        selection.unidentifiable,
+        "the refitted base parameters absorb it exactly; fix one of them with --set to test it",
+    )
+
+
+def ranking(selection: Selection, problem: Problem) -> tuple[tuple[str, float, float, str], ...]:
+    """Single effects with their gain [nats], p-value and values; see ``Evidence.ranking``."""
+    rows = []
+    model = problem.model
+    for c in selection.ranking:
+        values = ", ".join(
+            f"{p.name} {c.fit.parameters[i]:.4g} {p.unit}"
+            for name in c.effects
+            for i, p in enumerate(model.effect(name).parameters, start=model.slice_of(name).start)
+        )
+        gain = selection.before.loss - c.loss
+        rows.append(
+            (
+                " + ".join(c.effects),
+                selection.before.total - c.total,
+                block_p_value(gain, problem.blocks),
+                values,
+            )
+        )
+    return tuple(rows)
