@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from fieldagents.progress import progress
+from fieldmodels.files import write_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -395,20 +396,31 @@ def exam(
 @app.command()
 def reproduce(
     what: Annotated[
-        str | None, typer.Argument(metavar="[WHAT]", help="A table or figure; without it all are listed.")
+        str | None,
+        typer.Argument(
+            metavar="[WHAT]", help="A table or figure; without it all are listed. With --all: a task."
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="OPTION=VALUE", help="Change an option of it; repeatable."),
     ] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Decide every claim of the sources, or of one task's source.")
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="With --all: fewer samples.")] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Result folder (default: `results/reproduce/<what>`).")
+        Path | None,
+        typer.Option(help="Result folder (default: `results/reproduce/<what>`, `results/ledger`)."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Redo a table or figure of the sources, with the printed numbers beside ours.
+    """Redo a table or figure of the sources beside ours, or decide all that the sources claim.
 
-    Writes `table.csv`, a PNG for each figure, and `report.html`.
+    A table or figure gives `table.csv`, a PNG for each figure, and `report.html`. `--all` gives
+    `ledger.html` and `ledger.json`: each claim with its verdict, the printed value, and ours with its
+    interval. What was done before with the same code and options is not done again. The exit code is 1 if a
+    run failed or a verdict is not the expected one.
 
     For example:
 
@@ -417,26 +429,55 @@ def reproduce(
         fieldgym reproduce heel_strike/figure-2.12
 
         fieldgym reproduce heel_strike/figure-2.14 --set strides=1000 --json
+
+        fieldgym reproduce --all --quick
+
+        fieldgym reproduce --all heel_strike
     """
     from fieldagents import reproduce as room
     from fieldagents.reproduce import report as pages
 
-    if what is None:
+    if everything:
+        if overrides:
+            raise room.ReproductionError("--set goes with a single table or figure, not with --all")
+        _decide_all(what, quick, out or Path("results") / ("ledger-quick" if quick else "ledger"), as_json)
+    elif quick:
+        raise room.ReproductionError("--quick goes with --all; a single table or figure takes --set")
+    elif what is None:
         known = room.reproducible()
         if as_json:
             entries = [{"name": n, "title": one.title, "options": one.options} for n, one in known.items()]
             _print_json({"entries": entries})
         else:
             pages.show_reproducible(known, _console())
-        return
-    folder = out or Path("results") / "reproduce" / what
-    with progress() as report:
-        result = room.reproduce(what, folder, overrides or [], report)
-    if as_json:
-        _print_json(pages.to_json(result, folder))
     else:
-        pages.show(result, _console())
-        _done(pages.written(result, folder))
+        folder = out or Path("results") / "reproduce" / what
+        with progress() as report:
+            result = room.reproduce(what, folder, overrides or [], report)
+        if as_json:
+            _print_json(pages.to_json(result, folder))
+        else:
+            pages.show(result, _console())
+            _done(pages.written(result, folder))
+
+
+def _decide_all(task: str | None, quick: bool, out: Path, as_json: bool) -> None:
+    """Decide the claims of all sources, or of one task's."""
+    from fieldagents.reproduce import ledger as books
+    from fieldagents.reproduce.pages import show_ledger, write_page
+
+    print(books.outlook(out, task, quick), file=sys.stderr)
+    with progress() as report:
+        ledger = books.decide(out, task, quick=quick, progress=report)
+    data = books.as_data(ledger) | {"files": {"ledger.html": str(write_page(ledger, out))}}
+    write_text(out / "ledger.json", json.dumps(data, indent=1, allow_nan=False))
+    if as_json:
+        _print_json(data)
+    else:
+        show_ledger(ledger, _console())
+        _done(data["files"])
+    if not ledger.good:
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -1,8 +1,9 @@
 """What a task declares on this floor, and where a task is found by its name.
 
-A task is a folder of ``fieldagents.tasks``. Its ``task.py`` holds ``TASK``, a `TaskDefinition`. Three files
+A task is a folder of ``fieldagents.tasks``. Its ``task.py`` holds ``TASK``, a `TaskDefinition`. Four files
 beside it are imported only when they are asked for, and may be missing: ``agents.py`` with ``AGENTS``
-(`ReferenceAgent`), ``tuning.py`` with ``TUNERS`` (`Tuner`), ``figures.py`` with ``FIGURES`` (`Reproducible`).
+(`ReferenceAgent`), ``tuning.py`` with ``TUNERS`` (`Tuner`), ``figures.py`` with ``FIGURES`` (`Reproducible`)
+and ``claims.py`` with ``CLAIMS`` (`fieldagents.claim.Claim`), which say what these decide.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, Literal
 
 from fieldagents.agent import Agent, Sees
+from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.config import Config
 from fieldmodels.names import did_you_mean
 
@@ -155,6 +157,8 @@ class Reproduction:
         table: The numbers, with the printed ones beside ours where the source prints any.
         figures: File name (without ending) to a figure.
         remarks: What agrees, what does not and why; one sentence or two each.
+        statistics: Numbers that decide claims, by the name under which these ask for them.
+        decided: The claims that they decide; `fieldagents.reproduce` fills them in.
     """
 
     title: str
@@ -162,6 +166,8 @@ class Reproduction:
     table: pd.DataFrame
     figures: Mapping[str, Figure] = field(default_factory=dict)
     remarks: Sequence[str] = ()
+    statistics: Mapping[str, Statistic] = field(default_factory=dict)
+    decided: Sequence[Decided] = ()
 
 
 @dataclass(frozen=True)
@@ -173,11 +179,16 @@ class Reproducible:
         title: What it is, in a line.
         run: Redoes it from the result folder and a ``Report`` of progress. Its keyword-only parameters, all
             with a default and a type, are what ``--set`` may change.
+        quick: Options with which it takes seconds and still decides its claims.
+        processor_s: What it took when it was recorded, in full and quick, compiled kernels at hand
+            [s of one processor]; None if nobody has recorded it.
     """
 
     name: str
     title: str
     run: Callable[..., Reproduction]
+    quick: Mapping[str, Any] = field(default_factory=dict)
+    processor_s: tuple[float, float] | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -216,6 +227,11 @@ class TaskDefinition:
     def figures(self) -> dict[str, Reproducible]:
         """The tables and figures of the source that can be reproduced, by name."""
         return {figure.name: figure for figure in self._listed("figures")}
+
+    @property
+    def claims(self) -> dict[str, Claim]:
+        """What the task's source claims, by name, in the source's order."""
+        return {claim.name: claim for claim in self._listed("claims")}
 
     def _listed(self, module: str, name: str = "") -> Sequence[Any]:
         """A tuple of the module beside the task's ``task.py``; empty without such a module."""

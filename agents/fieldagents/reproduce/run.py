@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -10,9 +11,10 @@ from pydantic import TypeAdapter, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from fieldagents.claim import Decided
 from fieldagents.progress import Report
 from fieldagents.reproduce.report import write
-from fieldagents.task import Reproducible, Reproduction, all_tasks
+from fieldagents.task import Reproducible, Reproduction, all_tasks, get_task
 from fieldmodels.names import did_you_mean
 
 
@@ -42,14 +44,49 @@ def reproduce(
     Raises:
         ReproductionError: If there is no such entry, or it has no such option.
     """
+    return carry_out(what, out, _options(what, _entry(what), overrides), progress)
+
+
+def carry_out(what: str, out: Path, options: Mapping[str, Any], progress: Report) -> Reproduction:
+    """As `reproduce`, with options as values.
+
+    Raises:
+        ReproductionError: If there is no such entry, or it has no such option.
+    """
+    entry = _entry(what)
+    for name in options:
+        if name not in entry.options:
+            raise ReproductionError(f"{what} has no option {name!r}{did_you_mean(name, entry.options)}")
+    result = entry.run(out, progress, **options)
+    result = replace(result, decided=_decided(what, {**entry.options, **options}, result))
+    write(what, result, out)
+    return result
+
+
+def _decided(what: str, options: Mapping[str, Any], result: Reproduction) -> tuple[Decided, ...]:
+    """The claims that a run decides, each in those readings whose options it had."""
+    task, name = what.split("/")
+    defaults = _entry(what).options
+    found = []
+    for claim in get_task(task).claims.values():
+        differ = {key for ours in claim.readings.values() if ours.run == name for key in ours.options}
+        measured = {
+            reading: result.statistics.get(ours.statistic)
+            for reading, ours in claim.readings.items()
+            if ours.run == name
+            and all(options[key] == ours.options.get(key, defaults[key]) for key in differ)
+        }
+        if measured:
+            found.append(Decided(claim, task, measured))
+    return tuple(found)
+
+
+def _entry(what: str) -> Reproducible:
     if what not in (known := reproducible()):
         raise ReproductionError(
             f"there is nothing to reproduce by the name {what!r}{did_you_mean(what, known)}"
         )
-    entry = known[what]
-    result = entry.run(out, progress, **_options(what, entry, overrides))
-    write(what, result, out)
-    return result
+    return known[what]
 
 
 def _options(what: str, entry: Reproducible, overrides: Sequence[str]) -> dict[str, Any]:
