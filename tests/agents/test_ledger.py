@@ -1,5 +1,6 @@
 """The ledger of claims: the rule of its verdicts, resuming, one failing claim, and every claim's data."""
 
+import importlib.util
 import json
 import math
 from pathlib import Path
@@ -110,6 +111,15 @@ def test_every_claim_names_what_decides_it_or_why_nothing_can(task, claim):
 def test_names_are_unique():
     for task in all_tasks():
         assert len(task.claims) == len(task._listed("claims"))
+
+
+def test_the_page_of_the_documentation_is_current():
+    """Renew with ``python docs/ledger.py``."""
+    folder = Path(__file__).parents[2] / "docs"
+    spec = importlib.util.spec_from_file_location("docs_ledger", folder / "ledger.py")
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    assert (folder / "ledger.md").read_text() == pages.page()
 
 
 FIGURES: dict[str, list[str]] = {}

@@ -1,0 +1,114 @@
+"""Write the page of the ledger, from the claims and from the numbers of the last full run.
+
+    python docs/ledger.py [results/ledger/ledger.json]
+
+With a result of `fieldgym reproduce --all` its numbers are kept in `ledger.json` beside this file; claims that
+it does not hold keep those that they have.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from fieldagents.claim import Claim, Decided, Statistic
+from fieldagents.reproduce.ledger import claims_of
+from fieldagents.task import all_tasks
+from fieldmodels.files import write_text
+
+FOLDER = Path(__file__).parent
+NUMBERS = FOLDER / "ledger.json"
+
+INTRODUCTION = """# The sources' claims
+
+What the two sources claim, and what comes out here: tables, figures, numbers in the text, algorithms,
+variants and extensions. *Reproduced*: the interval of our number (95 %; none where nothing is random) lies
+within what the claim allows; *refuted*: it lies outside; *depends on ...*: readings of an ambiguous text
+disagree; *not computable*: the reason is given. Numbers are those of the last full `fieldgym reproduce
+--all`, which computes all of this anew, draws the figures and fails where a verdict is not the one below.
+This page is written by `python docs/ledger.py`.
+
+"""
+
+
+def page() -> str:
+    """The Markdown page: a table for each task."""
+    numbers = json.loads(NUMBERS.read_text(encoding="utf-8"))
+    claims = [_decided(task, claim, numbers.get(f"{task}/{claim.name}", {})) for task, claim in claims_of()]
+    counts = Counter(verdict_of(one) for one in claims)
+    parts = [
+        INTRODUCTION,
+        f"**{len(claims)} claims**: " + ", ".join(f"{n} {v}" for v, n in counts.most_common()),
+    ]
+    parts.append(".\n")
+    for task in all_tasks():
+        rows = [one for one in claims if one.task == task.name]
+        if rows:
+            parts.append(
+                f"\n## {task.name}\n\n| verdict | where | claim | printed | ours |\n|---|---|---|---|---|\n"
+            )
+            parts += map(_row, rows)
+    return "".join(parts)
+
+
+def verdict_of(one: Decided) -> str:
+    """The verdict, or the expected one where no number has been kept."""
+    known = one.claim.because or all(one.measured.values())
+    words = one.words if known else one.claim.expected
+    return words if not words.startswith("depends") else "depends"
+
+
+def _decided(task: str, claim: Claim, kept: dict[str, list[float]]) -> Decided:
+    measured = {name: Statistic(*kept[name]) if name in kept else None for name in claim.readings}
+    return Decided(claim, task, measured)
+
+
+def _row(one: Decided) -> str:
+    claim, verdict = one.claim, verdict_of(one)
+    if verdict == "depends":
+        verdict = f"depends on {claim.depends_on}"
+    says = " ".join(
+        text for text in (claim.says, f"*{claim.because}*" * bool(claim.because), claim.remark) if text
+    )
+    printed = "; ".join(
+        text for text in (claim.printed, claim.condition and f"holds: {claim.condition}") if text
+    )
+    cells = (f"**{verdict}**", ", ".join(claim.where), says, printed, "; ".join(_ours(one)))
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+
+
+def _ours(one: Decided) -> Iterator[str]:
+    for name, ours in one.claim.readings.items():
+        options = "".join(f" --set {key}={value}" for key, value in ours.options.items())
+        number = one.measured[name]
+        yield f"{name or ours.statistic}: {number or 'not run yet'} (`{ours.run}{options}`)"
+
+
+def keep(claims: Iterable[dict[str, Any]]) -> None:
+    """Keep the numbers of a full run for the page."""
+    numbers = json.loads(NUMBERS.read_text(encoding="utf-8"))
+    for claim in claims:
+        found = {
+            one["reading"]: [one[key] for key in ("value", "low", "high")]
+            for one in claim["ours"]
+            if "value" in one
+        }
+        if found:
+            numbers[claim["name"]] = found
+    known = {f"{task}/{claim.name}": set(claim.readings) for task, claim in claims_of()}
+    kept = {name: one for name, one in sorted(numbers.items()) if set(one) == known.get(name)}
+    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(one)}" for name, one in kept.items())
+    write_text(NUMBERS, f"{{\n{lines}\n}}\n")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        result = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+        if result["quick"]:
+            raise SystemExit(f"{sys.argv[1]} is of quick runs; give the result of a full one")
+        keep(result["claims"])
+    write_text(FOLDER / "ledger.md", page())
