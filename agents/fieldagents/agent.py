@@ -79,6 +79,16 @@ class Agent(ABC):
             action: What was done, shape (environments, ...).
         """
 
+    def account(self) -> Mapping[str, NDArray[Any]]:
+        """What the agent says of its latest decisions, such as that it had no plan.
+
+        The evaluation puts it into the ``info`` that metrics read, under ``agent``.
+
+        Returns:
+            Names to numbers, each of shape (environments,); NaN where there is none to give.
+        """
+        return {}
+
     def sketch(self) -> Mapping[str, Any] | None:
         """What a picture may show of the latest decision, or None.
 

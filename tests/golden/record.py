@@ -40,7 +40,7 @@ SLOW = {
     "uav_route": {"printed", "printed_lock_loss", "three_legs"},
     "heel_strike": {"ekf_filterpy", "imm_filterpy"},
 }
-"""Agents that take minutes or depend on a solver's limit of time."""
+"""Agents that take minutes."""
 
 
 def simulations(name: str) -> Iterator[tuple[str, np.ndarray]]:

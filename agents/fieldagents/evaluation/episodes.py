@@ -90,8 +90,9 @@ def play_episodes(
             observation, reward, terminated, truncated, info = envs.step(action)
             steps += running
             returns += np.where(running, reward, 0.0)
+            told = {**info, "agent": agent.account()}
             for tally in tallies:
-                tally.add(info, running)
+                tally.add(told, running)
             running &= ~(terminated | truncated)
             progress(min(float(steps.max()) / longest, 1.0))
     finally:
@@ -169,9 +170,15 @@ def _measured(task: str, agent: Agent) -> list[tuple[Metric, str]]:
 
 
 def look_up(info: Mapping[str, Any], key: str) -> Any:
-    """An entry of an ``info``; a dot leads into a nested one, as in ``privileged.error_mm_imm``."""
-    value: Any = info
-    for part in key.split("."):
+    """An entry of an ``info``; a dot leads into a nested one, as in ``privileged.error_mm_imm``.
+
+    What an agent does not say of itself (``agent.``) is NaN.
+    """
+    first, *rest = key.split(".")
+    if first == "agent":
+        return info[first].get(rest[0], np.nan)
+    value: Any = info[first]
+    for part in rest:
         value = value[part]
     return value
 

@@ -1,8 +1,9 @@
 """The planners as agents: each plans where an episode begins and flies its plan leg by leg.
 
 They know the layout and the world by the environment's settings (``model``), not what truly happens to an
-aircraft. A planner that finds no plan flies straight to the goal. ``receding`` knows a radar only once it is
-in sight and plans again on the way.
+aircraft. Who finds no plan does not try its luck: it turns its tail to the nearest radar and leaves, by the
+shortest legs, until no leg is left; ``no_plan`` counts it. ``receding`` knows a radar only once it is in
+sight and plans again on the way.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ NODES = 10
 """Nodes of the lattice along the straight line."""
 LATTICE_LEG = 5.0
 """Smallest spacing of the lattice [km]."""
-TIME_LIMIT = 30.0
-"""For one program [s]."""
+WORK = 20_000
+"""Largest number of the solver's steps for one program: half a minute or so, whatever the clock says."""
 SIGHT = 500.0
 """Distance at which ``receding`` sees a radar [km]."""
 WORTH = 1.0
@@ -95,16 +96,20 @@ class Planner(Agent):
         self._routes: list[FloatArray] = []
         self._known: list[set[int]] = []
         self._planned: list[float] = []
+        self._latest: list[Plan | None] = []
+        self._left: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
     def reset(self, seed: int) -> None:  # noqa: ARG002
         """See ``Agent.reset``."""
-        self._plans, self._routes, self._known, self._planned = {}, [], [], []
+        self._plans, self._routes, self._known, self._planned, self._latest = {}, [], [], [], []
 
     def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
         """See ``Agent.begin_episodes``."""
         if len(self._routes) != len(begun):
             self._routes = [np.zeros((0, 2)) for _ in begun]
             self._known, self._planned = [set() for _ in begun], [-math.inf for _ in begun]
+            self._latest, self._left = [None for _ in begun], np.zeros(len(begun), dtype=np.bool_)
+        self._left[begun] = False
         for i in np.flatnonzero(begun).tolist():
             self._routes[i], self._known[i], self._planned[i] = np.zeros((0, 2)), set(), -math.inf
 
@@ -123,7 +128,19 @@ class Planner(Agent):
                 self._routes[i] = self._planned_from(place, layout, i, heading)
                 self._planned[i] = flown
             targets[i] = self._routes[i][0] if len(self._routes[i]) else layout.goal
-        return actions_towards(targets, info, self._settings)
+        actions = actions_towards(targets, info, self._settings)
+        actions[self._left] = (1.0, -1.0)  # away from the nearest radar, as short a leg as there is
+        return actions
+
+    def account(self) -> Mapping[str, FloatArray]:
+        """How the planning of each flight ended; see ``Agent.account`` and the task's metrics."""
+        searches = [plan.search if plan else None for plan in self._latest]
+        return {
+            "no_plan": self._left.astype(np.float64),
+            "infeasible": np.array([bool(s and s.status == "infeasible") for s in searches], dtype=float),
+            "gap": np.array([s.gap if s else math.nan for s in searches]),
+            "bound": np.array([s.bound if s else math.nan for s in searches]),
+        }
 
     def sketch(self) -> Mapping[str, Any] | None:
         """What is left of each plan, as the environment's ``show`` takes it."""
@@ -144,11 +161,13 @@ class Planner(Agent):
         if problem not in self._plans:
             self._plans[problem] = self._plan(ahead, self.world, heading)
         plan, left = self._plans[problem], np.concatenate([place[None], self._routes[i]])
+        self._latest[i] = plan
         if len(left) > 1:
             still = simulate_plan(left, known, self.world, heading=heading).verification
             if not plan.found or (still.undetected and still.path_length <= plan.length + WORTH):
                 return left[1:]
-        return self._flyable(plan.waypoints if plan.found else np.array([place, ahead.goal]))
+        self._left[i] = not plan.found
+        return self._flyable(plan.waypoints) if plan.found else np.zeros((0, 2))
 
     def _to_arrival(self, layout: Layout) -> Layout:
         """The layout with its goal where the circle of arrival is entered best: nobody flies beyond."""
@@ -192,20 +211,20 @@ def printed(*, lock_loss: bool) -> Planning:
             lose, engage = world.lock_loss.lose, world.lock_loss.engage
             count = round((lose + engage) / form.step_time) if math.isfinite(lose) else 1
             form = replace(form, lock_loss=count) if count >= 2 else form
-        return printed_plan(layout, world, form, time_limit=TIME_LIMIT)
+        return printed_plan(layout, world, form, work=WORK)
 
     return plan
 
 
 def legs(layout: Layout, world: World, heading: float | None) -> Plan:
     """Two verified legs, polished into four; three where two find no way."""
-    plan = leg_plan(layout, world, directions=72, polish=4, heading=heading, time_limit=TIME_LIMIT)
+    plan = leg_plan(layout, world, directions=72, polish=4, heading=heading, work=WORK)
     return plan if plan.found else three_legs(layout, world, heading)
 
 
 def three_legs(layout: Layout, world: World, heading: float | None) -> Plan:
     """Three verified legs, polished into four."""
-    return leg_plan(layout, world, legs=3, polish=4, heading=heading, time_limit=TIME_LIMIT)
+    return leg_plan(layout, world, legs=3, polish=4, heading=heading, work=WORK)
 
 
 def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
@@ -213,7 +232,7 @@ def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
     for threshold in CALM:
         if threshold < world.detection.threshold:
             lower = replace(world, detection=replace(world.detection, threshold=threshold))
-            plan = leg_plan(layout, lower, heading=heading, time_limit=TIME_LIMIT)
+            plan = leg_plan(layout, lower, heading=heading, work=WORK)
             if plan.found:
                 return plan
     return legs(layout, world, heading)
@@ -221,7 +240,7 @@ def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
 
 def legs_lock_loss(layout: Layout, world: World, heading: float | None) -> Plan:
     """Three legs that may be detected for a while."""
-    return leg_plan(layout, world, legs=3, lock_loss=True, heading=heading, time_limit=TIME_LIMIT)
+    return leg_plan(layout, world, legs=3, lock_loss=True, heading=heading, work=WORK)
 
 
 def over_lattice(settings: UavRouteSettings, *, lock_loss: bool) -> Planning:
@@ -251,7 +270,7 @@ def two_legs(layout: Layout, world: World, heading: float | None) -> Plan:
     try:
         route = safe_route(layout, world.detection)
     except ModelError as error:
-        return make_plan("two-legs", layout, world, Search("no answer", str(error), "none"))
+        return make_plan("two-legs", layout, world, Search("no plan", str(error), "none"))
     search = Search("feasible", "past the circle to the goal's radial, and in along it", "none")
     return make_plan("two-legs", layout, world, search, route, heading=heading)
 
@@ -278,7 +297,7 @@ AGENTS = (
     ),
     _reference(
         "printed",
-        "The source's program (4.8)-(4.32), twelve steps as long as the way needs, at most 30 s",
+        "The source's program (4.8)-(4.32), twelve steps as long as the way needs",
         lambda _: printed(lock_loss=False),
     ),
     _reference(
@@ -293,7 +312,7 @@ AGENTS = (
     ),
     _reference(
         "legs_lock_loss",
-        "Three legs that may be detected as long as no missile is launched, at most 30 s",
+        "Three legs that may be detected as long as no missile is launched",
         lambda _: legs_lock_loss,
         direct=True,
     ),

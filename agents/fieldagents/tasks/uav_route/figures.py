@@ -52,7 +52,7 @@ def figures_4_4_to_4_6(
     progress: Report,
     *,
     sides: Annotated[int, Bounded(ge=24, le=72)] = 24,
-    time_limit: Annotated[float, Bounded(gt=0, le=3600)] = 300.0,
+    work: Annotated[int, Bounded(ge=1)] = 200_000,
 ) -> Reproduction:
     """Plan the source's example as it does, in whole legs, and with lock loss; M is ``sides``."""
     form, drawn = Form(sides=sides), []
@@ -60,11 +60,11 @@ def figures_4_4_to_4_6(
         progress("planning", i / 4)
         world = World(detection=Detection(threshold=threshold))
         figure = "4.4" if threshold == 0.5 else "4.5"
-        drawn.append(Drawn(figure, threshold, printed_plan(EXAMPLE, world, form, time_limit=time_limit)))
-        drawn.append(Drawn(figure, threshold, leg_plan(EXAMPLE, world, time_limit=time_limit)))
+        drawn.append(Drawn(figure, threshold, printed_plan(EXAMPLE, world, form, work=work)))
+        drawn.append(Drawn(figure, threshold, leg_plan(EXAMPLE, world, work=work)))
     progress("planning", 3 / 4)
     lock_loss = replace(form, lock_loss=4)
-    drawn.append(Drawn("4.6", 0.5, printed_plan(EXAMPLE, form=lock_loss, time_limit=time_limit)))
+    drawn.append(Drawn("4.6", 0.5, printed_plan(EXAMPLE, form=lock_loss, work=work)))
     drawn.append(Drawn("4.6", 0.5, lattice_plan(EXAMPLE, lock_loss=True)))
     rows = [_row(s) for s in drawn]
     rows[0] |= PRINTED_COUNTS

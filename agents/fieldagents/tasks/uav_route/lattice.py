@@ -76,16 +76,18 @@ def lattice_plan(
         reason = "no path over this lattice: a finer spacing, or a larger detour"
         if count >= LABELS:
             reason = f"stopped after {LABELS} labels: a coarser spacing, or a smaller detour"
-        search = Search("no answer", reason, "lattice", seconds=time.perf_counter() - begun)
+        search = Search("no plan", reason, "lattice", work=count, seconds=time.perf_counter() - begun)
         return make_plan(name, layout, world, search, heading=heading)
     for _ in range(refinements):
         spacing /= 3.0
-        path, _ = _shortest(_about(path, spacing), sites, c, before, least_leg)
+        path, more = _shortest(_about(path, spacing), sites, c, before, least_leg)
+        count += more
     search = Search(
         "feasible",
         "shortest path found over the lattice and its refinements",
         "lattice",
         objective=float(np.hypot(*np.diff(path, axis=0).T).sum()),
+        work=count,
         seconds=time.perf_counter() - begun,
     )
     return make_plan(name, layout, world, search, path, heading=heading)

@@ -76,7 +76,7 @@ def leg_plan(
     window: float = math.radians(25.0),
     heading: float | None = None,
     solver: Solver = "auto",
-    time_limit: float | None = None,
+    work: int | None = None,
 ) -> Plan:
     """Plan a route of a few straight legs of any lengths, undetected as a whole, banked turns included.
 
@@ -96,7 +96,7 @@ def leg_plan(
         window: How far the bearing of a mode may lie from the guide's leg [rad].
         heading: Heading before the first leg [rad]; None begins without a turn.
         solver: Which solver.
-        time_limit: For each program [s].
+        work: Largest number of the solver's steps for each program, see ``choose_solver``.
 
     Raises:
         MissingSolverError: If PuLP or the solver is not installed.
@@ -107,7 +107,7 @@ def leg_plan(
         legs = len(guide) - 1
     if legs < 1 or directions < 12 or polish < 0:
         raise ModelError("a route has at least 1 leg, and at least 12 directions, for a sector in each cone")
-    engine = choose_solver(solver, time_limit)
+    engine = choose_solver(solver, work)
     name, begun = f"legs-{legs}" + ("-lock-loss" if lock_loss else ""), time.perf_counter()
     blocked = _blocked(layout, world, lock_loss)
     if blocked:
@@ -127,7 +127,7 @@ def leg_plan(
         ]
         program = _Program(part, world, modes, heading, lock_loss=lock_loss)
         search = replace(solve(program.pulp, engine, begun), seconds=time.perf_counter() - begun)
-        if search.status in ("infeasible", "no answer"):
+        if search.status in ("infeasible", "no plan"):
             return make_plan(name, layout, world, search, heading=heading)
         waypoints, chosen, spans = _cleared(program.waypoints(), program.chosen(), program.spans())
         if polish:

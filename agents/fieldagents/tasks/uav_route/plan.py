@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,7 +13,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
 from fieldmodels.machines.uav_route.plan_simulation import PlanVerification, simulate_plan
 
-Status = Literal["optimal", "feasible", "infeasible", "no answer"]
+Status = Literal["optimal", "feasible", "infeasible", "no plan"]
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,13 @@ class Search:
 
     Attributes:
         status: ``optimal``: proven within the planner's own formulation; ``feasible``: a plan without a
-            proof; ``infeasible``: proven that the formulation has no plan; ``no answer``: neither.
+            proof; ``infeasible``: proven that the formulation has no plan; ``no plan``: none was found
+            within the work limit, and nothing is proven.
         reason: The same in words, with the remedy where there is one.
         solver: Which solver, or which other method.
         objective: Value of the plan in the formulation's own objective; NaN without a plan.
-        gap: Relative gap between that and the solver's bound; NaN where there is none.
+        bound: No plan of the formulation has a lower objective; NaN where nothing is known.
+        work: Steps of the solver, or labels of a search.
         seconds: Wall-clock time of the search [s], the building of programs included.
         counts: Size of the (largest) program.
     """
@@ -43,9 +46,16 @@ class Search:
     reason: str
     solver: str
     objective: float = float("nan")
-    gap: float = float("nan")
+    bound: float = float("nan")
+    work: int = 0
     seconds: float = 0.0
     counts: Counts = field(default_factory=Counts)
+
+    @property
+    def gap(self) -> float:
+        """By what part of itself the objective may be above the best; NaN without a plan or a bound."""
+        gap = 1.0 - self.bound / self.objective if self.objective else math.nan
+        return 0.0 if gap < 0.0 else gap
 
 
 @dataclass(frozen=True)

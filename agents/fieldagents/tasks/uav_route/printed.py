@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -77,7 +77,7 @@ def printed_plan(
     form: Form | None = None,
     *,
     solver: Solver = "auto",
-    time_limit: float | None = None,
+    work: int | None = None,
 ) -> Plan:
     """Plan as the source does, then simulate the answer in the continuous model.
 
@@ -86,13 +86,13 @@ def printed_plan(
         world: The continuous model: threshold, tables, speed and altitude are taken from it.
         form: How the program is written.
         solver: Which solver.
-        time_limit: For the solver [s].
+        work: Largest number of the solver's steps, see ``choose_solver``.
 
     Raises:
         MissingSolverError: If PuLP or the solver is not installed.
         ModelError: If a number is not possible.
     """
-    (plan,) = joint_printed_plans((layout,), world, form, solver=solver, time_limit=time_limit)
+    (plan,) = joint_printed_plans((layout,), world, form, solver=solver, work=work)
     return plan
 
 
@@ -102,7 +102,7 @@ def joint_printed_plans(
     form: Form | None = None,
     *,
     solver: Solver = "auto",
-    time_limit: float | None = None,
+    work: int | None = None,
 ) -> tuple[Plan, ...]:
     """Plan several aircraft in one program, as the source does for two (section 4.5.1).
 
@@ -114,7 +114,7 @@ def joint_printed_plans(
         world: As for ``printed_plan``, like the others.
         form: How the program is written.
         solver: Which solver.
-        time_limit: For the solver [s].
+        work: Largest number of the solver's steps, see ``choose_solver``.
 
     Returns:
         A plan for each aircraft; ``search`` describes the common program, whose objective is the sum.
@@ -126,7 +126,7 @@ def joint_printed_plans(
     if not layouts:
         raise ModelError("plans are made for at least one aircraft")
     world, form = world or World(), form or Form()
-    engine, pulp = choose_solver(solver, time_limit), modelling()
+    engine, pulp = choose_solver(solver, work), modelling()
     begun = time.perf_counter()
     problem = pulp.LpProblem("printed", pulp.LpMinimize)
     programs = [_Program(problem, f"u{i}_", layout, world, form) for i, layout in enumerate(layouts)]
@@ -135,7 +135,7 @@ def joint_printed_plans(
     name = "printed" if form.lookup == "pairs" else "printed-sets"
     if form.lock_loss is not None:
         name += f"-lock-loss-{form.lock_loss}"
-    if search.status in ("infeasible", "no answer"):
+    if search.status in ("infeasible", "no plan"):
         if search.status == "infeasible":
             search = _explained(search, form)
         return tuple(make_plan(name, layout, world, search) for layout in layouts)
@@ -159,13 +159,10 @@ def safe_distances(world: World, sides: int) -> FloatArray:
 
 def _explained(search: Search, form: Form) -> Search:
     flown = form.steps * form.step_time
-    return Search(
-        "infeasible",
-        f"proven that no such route of {form.steps} steps ({flown:g} s) reaches the goal: "
+    return replace(
+        search,
+        reason=f"proven that no such route of {form.steps} steps ({flown:g} s) reaches the goal: "
         "more steps, or a higher probability of detection",
-        search.solver,
-        seconds=search.seconds,
-        counts=search.counts,
     )
 
 

@@ -27,7 +27,7 @@ def receding_plan(
     advance: float = 50.0,
     legs: int = 3,
     solver: Solver = "auto",
-    time_limit: float | None = None,
+    work: int | None = None,
 ) -> Plan:
     """Fly part of a plan in whole legs, see which radars are in sight, and plan again.
 
@@ -43,7 +43,7 @@ def receding_plan(
         advance: Length that is flown before the next plan is made [km].
         legs: Legs of each plan.
         solver: Which solver.
-        time_limit: For each program [s].
+        work: Largest number of the solver's steps for each program, see ``choose_solver``.
 
     Raises:
         MissingSolverError: If PuLP or the solver is not installed.
@@ -64,7 +64,7 @@ def receding_plan(
             layout.goal,
             tuple(layout.radars[i] for i in sorted(known)),
         )
-        plan = leg_plan(seen, world, legs=legs, heading=course, solver=solver, time_limit=time_limit)
+        plan = leg_plan(seen, world, legs=legs, heading=course, solver=solver, work=work)
         largest = max(largest, plan.search.counts, key=lambda c: c.constraints)
         still = simulate_plan(ahead, seen.radars, world, heading=course).verification
         if plan.found and not (still.undetected and still.path_length <= plan.length):

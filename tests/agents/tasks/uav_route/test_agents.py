@@ -10,7 +10,7 @@ from fieldagents.agent import visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.task import get_task
-from fieldagents.tasks.uav_route import programs
+from fieldagents.tasks.uav_route import agents, programs
 from fieldagents.tasks.uav_route.agents import Planner
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of
@@ -104,13 +104,29 @@ def test_plans_end_where_arrival_is_nearest() -> None:
     assert np.hypot(*goal) > np.hypot(*EXAMPLE.goal)  # farther from the radar
 
 
-def test_without_a_plan_the_goal_is_flown_to() -> None:
+def test_without_a_plan_an_agent_leaves_and_it_is_counted() -> None:
     settings = NO_LOCK_LOSS | {
-        "layout": {"start": (350.0, 125.0), "goal": (20.0, 0.0), "radars": ((0.0, 0.0),)}
+        "layout": {"start": (380.0, 125.0), "goal": (20.0, 0.0), "radars": ((0.0, 0.0),)},
+        "max_legs": 5,
     }
-    agent = get_task("uav_route").agents["legs"].make(settings)
-    table = run_episodes(agent, "uav_route", EnvironmentConfig(settings=settings), range(1))
-    assert table["damaged"][0] == 1
+    table = played("legs", settings, 1)
+    assert table[["no_plan", "infeasible"]].to_numpy().tolist() == [[1, 1]]
+    assert (table["success"][0], table["damaged"][0], table["time_over"][0]) == (0, 0, 0)
+    assert table["legs"][0] == 5
+    assert np.isnan(table["plan_gap"][0])
+
+
+def test_a_plan_stopped_by_its_work_limit_is_no_plan_and_not_infeasible(monkeypatch) -> None:
+    monkeypatch.setattr(agents, "WORK", 1)
+    table = played("printed", {"layout": "example"}, 1)
+    assert table[["no_plan", "infeasible", "success"]].to_numpy().tolist() == [[1, 0, 0]]
+
+
+def test_the_solver_s_gap_and_bound_are_metrics_and_others_have_none(results) -> None:
+    assert (results["legs"]["plan_gap"] <= 1e-6).all()
+    assert (results["legs"]["plan_bound"] > 0).all()
+    assert (results["straight"]["no_plan"] == 0).all()
+    assert results["lattice"]["plan_gap"].isna().all()
 
 
 def test_layouts_are_read_from_info() -> None:
