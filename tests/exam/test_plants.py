@@ -120,6 +120,30 @@ def test_a_listed_effect_of_a_leg_acts_as_its_oracle_says(effect: str):
     np.testing.assert_allclose(rows[struck, 2], truth.angle[struck], atol=2e-5)
 
 
+@pytest.mark.parametrize("effect", ["", *get_bench("uav_route").effects])
+def test_a_listed_effect_of_a_flight_acts_as_its_oracle_says(effect: str):
+    """Positions and banks exactly; chances of detection on average, as they are drawn."""
+    bench = get_bench("uav_route")
+    values = {effect: bench.values(effect, 10.0, 1, 3)} if effect else {}
+    hidden = [Hidden(effect, 10.0)] if effect else []
+    log = bench.log(hidden, Conditions(factor=0.0, duration=3000.0), 3, False)
+    bias = values.get("sensor_bias", {"north": 0.0, "east": 0.0})
+    start = {name: log.outputs[0, i] - bias[name] for i, name in enumerate(("north", "east"))}
+    truth = find_oracle("uav_route").simulate(bench.base(3), values, log.inputs, log.step, start)
+    np.testing.assert_allclose(log.outputs[:, :2], truth[:, :2], atol=1e-5)
+    np.testing.assert_allclose(log.outputs[1:, 2], truth[1:, 2], atol=1e-9)
+    scanned = np.isfinite(log.outputs[:, 3])
+    np.testing.assert_allclose(log.outputs[scanned, 4], truth[scanned, 4])
+    chance = truth[scanned, 3]
+    surplus = (log.outputs[scanned, 3] - chance).sum() / math.sqrt((chance * (1.0 - chance)).sum())
+    assert abs(surplus) < 3.0
+    nominal = find_oracle("uav_route").simulate(bench.base(3), {}, log.inputs, log.step, start)[scanned, 3]
+    if np.abs(nominal - chance).mean() > 0.02:  # the draws follow the effect, not the nominal chances
+        assert np.mean((log.outputs[scanned, 3] - chance) ** 2) < np.mean(
+            (log.outputs[scanned, 3] - nominal) ** 2
+        )
+
+
 UNLISTED = [
     (name, kind)
     for name in bench_names()
@@ -131,11 +155,12 @@ UNLISTED = [
 @pytest.mark.parametrize(("name", "kind"), UNLISTED)
 def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(name: str, kind: str):
     bench = get_bench(name)
-    conditions = Conditions(duration={"line_following": 60.0, "heel_strike": 30.0}.get(name, 6.0), factor=0.0)
-    plain = bench.log([], conditions, 4, False).outputs
+    lengths = {"line_following": 60.0, "heel_strike": 30.0, "uav_route": 3000.0}
+    conditions = Conditions(duration=lengths.get(name, 6.0), factor=0.0)
+    plain = np.nan_to_num(bench.log([], conditions, 4, False).outputs)
 
     def off(size: float) -> float:
-        one = bench.log([Hidden(kind, size)], conditions, 4, False).outputs
+        one = np.nan_to_num(bench.log([Hidden(kind, size)], conditions, 4, False).outputs)
         return float((np.abs(one - plain).std(axis=0) / plain.std(axis=0)).max())
 
     small = off(1e-3)

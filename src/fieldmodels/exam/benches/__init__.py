@@ -16,6 +16,7 @@ PLACES = {
     "differential_drive": "drive",
     "line_following": "walk",
     "heel_strike": "leg",
+    "uav_route": "flight",
 }
 """Which module here makes the records of a machine."""
 

@@ -66,6 +66,12 @@ class Conditions:
         return Conditions(**{**data, "without": tuple(data.get("without", ()))})
 
 
+def noisy(rng: np.random.Generator) -> Conditions:
+    """Usual conditions, three in ten with noise that is not white."""
+    kinds = ["autoregressive", "heavy_tailed", "pink", "bursting"]
+    return Conditions(noise=str(rng.choice(kinds)) if rng.uniform() < 0.3 else "white")
+
+
 @dataclass(frozen=True)
 class Hidden:
     """Something wrong with a machine.

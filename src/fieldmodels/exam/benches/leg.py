@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
 from zlib import crc32
@@ -12,7 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
 from fieldmodels.exam.plants import leg
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
@@ -113,8 +112,7 @@ class HeelStrike(Bench):
     def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
         """See ``Bench.usual``: three in ten with noise that is not white."""
         del hidden
-        kinds = ["autoregressive", "heavy_tailed", "pink", "bursting"]
-        return replace(Conditions(), noise=str(rng.choice(kinds)) if rng.uniform() < 0.3 else "white")
+        return noisy(rng)
 
 
 def _derived(strike: FloatArray, gyro: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:

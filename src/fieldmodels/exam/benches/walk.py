@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 from zlib import crc32
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
 from fieldmodels.exam.plants import walk
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
@@ -111,8 +110,7 @@ class LineFollowing(Bench):
     def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
         """See ``Bench.usual``: three in ten with noise that is not white."""
         del hidden
-        kinds = ["autoregressive", "heavy_tailed", "pink", "bursting"]
-        return replace(Conditions(), noise=str(rng.choice(kinds)) if rng.uniform() < 0.3 else "white")
+        return noisy(rng)
 
 
 def _strides(parameters: FloatArray, states: FloatArray, inputs: FloatArray, times: FloatArray) -> FloatArray:
