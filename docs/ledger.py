@@ -2,8 +2,8 @@
 
     python docs/ledger.py [results/ledger/ledger.json]
 
-With a result of `fieldgym reproduce --all` its numbers are kept in `ledger.json` beside this file; claims that
-it does not hold keep those that they have.
+With a result of `fieldgym reproduce --all` its numbers are kept in `ledger.json` beside this file; claims
+that it does not hold keep those that they have.
 """
 
 from __future__ import annotations
