@@ -11,7 +11,7 @@ import numpy as np
 from fieldmodels.diagnosis.candidates import Candidate, Candidates, is_quantisation
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
-from fieldmodels.diagnosis.held_out import standard_errors, window_loss
+from fieldmodels.diagnosis.held_out import window_loss
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.profile import profiled_error
@@ -22,6 +22,7 @@ from fieldmodels.diagnosis.result import (
     Share,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value
+from fieldmodels.diagnosis.uncertainty import standard_errors
 from fieldmodels.diagnosis.verdict import (
     Judgement,
 )

@@ -7,6 +7,8 @@ import numpy as np
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.model import Parameter
 
+STEP = 0.01  # finite-difference step of a parameter, in its scale
+
 
 class Coordinates:
     """Free parameters as numbers of order one: the logarithm where a parameter spans decades."""
@@ -30,3 +32,12 @@ class Coordinates:
     def slope(self, values: FloatArray) -> FloatArray:
         """Derivative of the values by the coordinates."""
         return np.where(self.log, values, self.scale)
+
+    def difference(self, values: FloatArray) -> FloatArray:
+        """Step of a finite difference: a hundredth of a parameter's scale.
+
+        Where coordinates are logarithms, a hundredth of the value may be many scales: of a frequency it is
+        several turns over a record.
+        """
+        share = self.scale / np.maximum(np.abs(values), self.scale)
+        return np.asarray(STEP * np.where(self.log, share, 1.0))

@@ -1,4 +1,4 @@
-"""Held-out likelihood of a fit's windows, and standard errors of its parameters."""
+"""Held-out likelihood of a fit's windows."""
 
 from __future__ import annotations
 
@@ -6,28 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.linearisation import Fit, stacked
-from fieldmodels.diagnosis.problem import Problem
 
 TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
 INSENSITIVE = (
     0.01  # norm of a whitened column below which a change by ten coordinates is negligible (0.005 nats)
 )
-
-
-def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
-    """Standard error of every free parameter, in its unit; NaN where it is unidentifiable."""
-    if not len(fitted.free):
-        return np.zeros(0)
-    coordinates = Coordinates(problem.model.all_parameters, fitted.free)
-    flat = fitted.jacobian * fitted.residual[:, :, None]
-    # Clustered by block: errors of windows in one block may be correlated.
-    scores = np.array([flat[problem.blocks == b].sum(axis=(0, 1)) for b in np.unique(problem.blocks)])
-    inverse = np.linalg.pinv(fitted.information, hermitian=True)
-    covariance = inverse @ (scores.T @ scores) @ inverse
-    spread = np.sqrt(np.maximum(np.diag(covariance), np.diag(inverse)))
-    return np.asarray(spread * np.abs(coordinates.slope(fitted.parameters[fitted.free])))
 
 
 def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:

@@ -18,7 +18,6 @@ from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.problem import Problem
 
 PRIOR = 2.0  # initial states stay within about this many times their spread over windows
-STEP = 0.01  # finite-difference step of a parameter, in its scale
 STATE_STEP = 1e-3  # the same of a state, in its spread over windows
 
 
@@ -164,15 +163,16 @@ def _derivatives(
     if not len(free):
         return np.zeros((*simulated.shape, 0))
     here = coordinates.encode(parameters[free])
-    sign = np.where(here + STEP > coordinates.upper, -1.0, 1.0)
+    step = coordinates.difference(parameters[free])
+    step = np.where(here + step > coordinates.upper, -step, step)
     batch = np.repeat(parameters[None], len(free), axis=0)
     for k in range(len(free)):
         moved = here.copy()
-        moved[k] += sign[k] * STEP
+        moved[k] += step[k]
         batch[k, free[k]] = coordinates.decode(moved)[k]
     change = problem.simulate(batch, states) - simulated
     change = np.where(np.isfinite(change), change, 0.0)
-    return np.moveaxis(change, 0, 2) * (sign / STEP)
+    return np.moveaxis(change, 0, 2) / step
 
 
 def _state_basis(

@@ -8,7 +8,6 @@ import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.gain import Prediction, by_horizon, noise_floor, share
-from fieldmodels.diagnosis.held_out import standard_errors
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import (
@@ -16,6 +15,7 @@ from fieldmodels.diagnosis.result import (
     SignalGain,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value
+from fieldmodels.diagnosis.uncertainty import standard_errors
 from fieldmodels.model import Model
 
 POORLY_KNOWN = 0.5  # relative standard error above which a base parameter counts as poorly known

@@ -115,7 +115,7 @@ FORCES: Mapping[str, Callable[[Axis, Values], None]] = {
 
 def _asymmetry(values: Values) -> Map:
     half = 0.5 * values["difference"]
-    return lambda u, _t: u * (1.0 + math.copysign(half, u))
+    return lambda u, _t: u * (1.0 + half * math.copysign(1.0, u))
 
 
 def _dead_zone(values: Values) -> Map:
