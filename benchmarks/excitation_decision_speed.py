@@ -46,7 +46,7 @@ def main() -> None:
     observation, info = envs.reset(seed=0)
     for _ in range(3):  # a decision in the midst of an episode
         observation, _, _, _, info = envs.step(envs.action_space.sample() * 0)
-    seen = visible(info, "model")
+    seen = visible(info, "model", "excitation")
     now = situation(seen)
     sigma = np.sqrt(np.diagonal(now.covariance[0]))
     reference = milliseconds(lambda: binned(now.mean[0], sigma, LOWER, UPPER), 20)

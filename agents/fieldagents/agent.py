@@ -10,12 +10,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldgym import TASKS
+
 Sees = Literal["observation", "model", "privileged"]
 """What an agent may see, least first.
 
-``observation``: the observation of each step, nothing else. ``model``: also the environment's settings
-(its constants and noise levels, as an algorithm's author knows them). ``privileged``: also
-``info["privileged"]``, the hidden truth of the simulation; such a result is a bound, no competitor.
+``observation``: the observation of each step, nothing else; its ``info`` is empty. ``model``: also the
+environment's settings (its constants and noise levels, as an algorithm's author knows them) and the entries
+of ``info`` that the task declares in ``model_reads``. ``privileged``: all of ``info``, the hidden truth of
+the simulation and the scores among it; such a result is a bound, no competitor.
 """
 
 
@@ -23,7 +26,7 @@ class Agent(ABC):
     """Chooses the actions of every environment of a batch.
 
     An agent's memory (if it has one) is a batch too: one row an environment. The evaluation hands an
-    agent no more than it declares to see: an ``info`` without ``"privileged"`` unless ``sees`` says so.
+    agent no more than it declares to see: the entries of ``info`` that `visible` lets through.
 
     Attributes:
         name: Its name in tables.
@@ -98,8 +101,15 @@ class Agent(ABC):
         return None
 
 
-def visible(info: Mapping[str, Any], sees: Sees) -> Mapping[str, Any]:
-    """Cut an ``info`` down to what an agent may see."""
+def visible(info: Mapping[str, Any], sees: Sees, task: str) -> Mapping[str, Any]:
+    """Cut an ``info`` down to what an agent may see: an entry that nobody has allowed is not handed on.
+
+    Args:
+        info: Of the environment; a vector environment's masks (``"_key"``) go with their entries.
+        sees: The agent's right.
+        task: Name of the task, which declares what the right ``model`` reads.
+    """
     if sees == "privileged":
         return info
-    return {key: value for key, value in info.items() if key.lstrip("_") != "privileged"}
+    allowed = TASKS[task].model_reads if sees == "model" else ()
+    return {key: value for key, value in info.items() if key.removeprefix("_") in allowed}

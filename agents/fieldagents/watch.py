@@ -102,7 +102,7 @@ def watch(
         reality=environment.reality,
     ).unwrapped
     operator = Operator() if film is None and TASKS[task].operator else None
-    episode = Episode(env, actor, seed, operator)
+    episode = Episode(task, env, actor, seed, operator)
     try:
         if film is None:
             progress(f"{task}: {name}", 0.0)
@@ -122,8 +122,10 @@ def watch(
 class Episode:
     """An agent of the batch interface in a single environment."""
 
-    def __init__(self, env: Any, agent: Agent, seed: int, operator: Operator | None = None) -> None:
-        self.env, self._agent, self._seed, self._operator = env, agent, seed, operator
+    def __init__(
+        self, task: str, env: Any, agent: Agent, seed: int, operator: Operator | None = None
+    ) -> None:
+        self._task, self.env, self._agent, self._seed, self._operator = task, env, agent, seed, operator
         self.count, self.total, self.over = 0, 0.0, False
 
     def steps(self) -> Iterator[None]:
@@ -133,7 +135,8 @@ class Episode:
         observation, info = env.reset(seed=self._seed)
         agent.begin_episodes(np.ones(1, dtype=np.bool_))
         while not self.over:
-            action = agent.act(np.asarray(observation)[None], visible(_batch(info), agent.sees))[0]
+            seen = visible(_batch(info), agent.sees, self._task)
+            action = agent.act(np.asarray(observation)[None], seen)[0]
             if (sketch := agent.sketch()) is not None and hasattr(env, "show"):
                 env.show(**sketch)
             if (operator := self._operator) is not None:

@@ -25,6 +25,8 @@ class Task:
         settings_name: Name of the class of its settings in that module.
         model: Name of its model on the ground floor; by default the task's own name.
         operator: Whether a human operator can take over, as in the source.
+        model_reads: Entries of ``info`` that follow from what was observed and from the model's constants,
+            so that an agent with the right ``model`` may read them. All others are truth or scores.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Task:
     settings_name: str = ""
     model: str = ""
     operator: bool = False
+    model_reads: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         defaults = {

@@ -127,3 +127,28 @@ def test_names_are_listed_without_the_tasks_own_code():
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert told.strip() == "[]"
+
+
+class Spy(Constant):
+    """Acts like `Constant` and remembers every entry of an ``info`` that it was handed."""
+
+    def __init__(self, action, sees):
+        super().__init__(action)
+        self.sees, self.read = sees, set()
+
+    def act(self, observation, info):
+        self.read |= {key for key in info if not key.startswith("_")}
+        return super().act(observation, info)
+
+
+@every_task
+def test_an_agent_is_handed_the_entries_of_its_right_and_no_others(task):
+    space = gymnasium.make(fieldgym.TASKS[task].env_id).action_space
+    spies = {sees: Spy((space.low + space.high) / 2, sees) for sees in ("observation", "model", "privileged")}
+    for spy in spies.values():
+        run_episodes(spy, task, EnvironmentConfig(), TEST_SEEDS[:2])
+    assert spies["observation"].read == set()
+    assert spies["model"].read == set(fieldgym.TASKS[task].model_reads)  # none of them is misspelt
+    assert "privileged" in spies["privileged"].read
+    assert spies["model"].read < spies["privileged"].read
+    assert not any("error" in key or key == "privileged" for key in spies["model"].read)

@@ -83,7 +83,7 @@ def play_episodes(
         took: list[float] = []
         longest = _episode_length(envs)
         while running.any():
-            seen = visible(info, agent.sees)
+            seen = visible(info, agent.sees, task)
             began = time.perf_counter()
             action = agent.act(observation, seen)
             took.append(time.perf_counter() - began)

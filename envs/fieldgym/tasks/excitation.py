@@ -6,4 +6,5 @@ TASK = Task(
     name="excitation",
     title="Excitation",
     description="Shake a vehicle with its own arm so that its unknown parameters show.",
+    model_reads=("estimate", "arm", "variances"),
 )

@@ -6,4 +6,5 @@ TASK = Task(
     name="uav_route",
     title="UAV route",
     description="Fly to a goal past radars that see an aircraft's sides, leg by leg.",
+    model_reads=("place", "course", "path_length", "layout"),
 )

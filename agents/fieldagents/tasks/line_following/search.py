@@ -141,7 +141,7 @@ def agent_loss(agent: Agent, trials: Trials) -> float:
     """Loss of one agent on the walks of one candidate."""
 
     def act(observation: NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        return np.asarray(agent.act(observation, visible(info, agent.sees)))
+        return np.asarray(agent.act(observation, visible(info, agent.sees, "line_following")))
 
     return float(trials.losses(act, agent.begin_episodes)[0])
 

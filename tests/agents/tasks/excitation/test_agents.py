@@ -95,7 +95,7 @@ def test_actions_lie_in_the_space(name, settings):
     agent.reset(0)
     agent.begin_episodes(np.ones(2, dtype=bool))
     for _ in range(2):
-        action = agent.act(observation, visible(info, agent.sees))
+        action = agent.act(observation, visible(info, agent.sees, "excitation"))
         assert envs.action_space.contains(action)
         observation, _, _, _, info = envs.step(action)
     envs.close()
@@ -109,7 +109,7 @@ def test_only_oracles_are_told_the_truth(midway):
         "oracle_schedule",
     }
     with pytest.raises(KeyError, match="privileged"):
-        make("oracle_planner").act(observation, visible(info, "model"))
+        make("oracle_planner").act(observation, visible(info, "model", "excitation"))
 
 
 def test_the_constant_agent_is_equation_24():

@@ -81,7 +81,7 @@ def test_actions_lie_in_the_space_and_need_the_observation_only(name):
     envs = envs_of(5)
     observation, _ = envs.reset(seed=0)
     for _ in range(5):
-        action = agent.act(observation, visible({}, agent.sees))
+        action = agent.act(observation, visible({}, agent.sees, "pose_reaching"))
         assert envs.action_space.contains(action)
         alone = [agent.act(observation[i : i + 1], {})[0] for i in range(5)]
         np.testing.assert_allclose(alone, action, atol=1e-6)  # rows do not know of each other

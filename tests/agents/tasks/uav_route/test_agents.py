@@ -78,7 +78,7 @@ def test_a_plan_is_flown_as_planned() -> None:
     )
     observation, info = envs.reset(seed=3)
     agent.begin_episodes(np.ones(2, dtype=np.bool_))
-    action = agent.act(observation, visible(info, agent.sees))
+    action = agent.act(observation, visible(info, agent.sees, "uav_route"))
     assert action.dtype == np.float32
     assert envs.action_space.contains(action)
     sketch = agent.sketch()
@@ -89,7 +89,7 @@ def test_a_plan_is_flown_as_planned() -> None:
         observation, _, terminated, _, info = envs.step(action)
         assert not terminated.any()
         np.testing.assert_allclose(info["place"], np.broadcast_to(waypoint, (2, 2)), atol=1e-3)
-        action = agent.act(observation, visible(info, agent.sees))
+        action = agent.act(observation, visible(info, agent.sees, "uav_route"))
     *_, info = envs.step(action)
     assert (info["success"] == 1).all()
     flown = leg_plan(EXAMPLE).length
