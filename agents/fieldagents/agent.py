@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
+from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldgym import TASKS
@@ -47,6 +48,17 @@ class Agent(ABC):
     def kind(self) -> str:
         """How its results are to be read: what it sees, or that it is an estimator which does not act."""
         return f"estimator, {self.sees}" if self.estimator else self.sees
+
+    def fits(self, observations: Space[Any], actions: Space[Any]) -> None:  # noqa: B027
+        """Make sure that this agent can act in an environment, before the first episode.
+
+        Args:
+            observations: Space of one observation.
+            actions: Space of one action.
+
+        Raises:
+            ValueError: If it cannot; says which space is wrong.
+        """
 
     def reset(self, seed: int) -> None:  # noqa: B027 - most agents have nothing to forget
         """Forget everything before a new batch of episodes begins.

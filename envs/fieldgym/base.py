@@ -292,6 +292,21 @@ def row_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int |
     return list(seed)
 
 
+def reset_mask(mask: Any, count: int) -> Flags:
+    """Rows that a reset begins, shape (count,); all of them without a mask.
+
+    Raises:
+        ValueError: If it is not such an array, or names no row.
+    """
+    if mask is None:
+        return np.ones(count, dtype=np.bool_)
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (count,) or not mask.any():
+        raise ValueError(
+            f"reset_mask must be a bool array of shape ({count},) that names a row, not {mask!r}"
+        )
+    return mask
+
+
 def checked_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
     """Options of a reset.
 
@@ -475,24 +490,33 @@ class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
 
         Args:
             seed: Row i is seeded with ``seed + i``, or with ``seed[i]``; None continues its generator.
-            options: Those that the task's page names.
+            options: Those that the task's page names, and ``reset_mask`` as in Gymnasium's own vector
+                environments: the rows that begin, shape (num_envs,), bool. The others stay as they are.
 
         Raises:
             ValueError: If there is not one seed for each environment, the task has no such option, or its
                 value is not possible.
+            ResetNeeded: With a ``reset_mask`` that leaves rows out before all have begun.
         """
+        options = dict(options or {})
+        begun = reset_mask(options.pop("reset_mask", None), self.num_envs)
         chosen = checked_options(options, self._task.options)
         seeds = row_seeds(seed, self.num_envs)
+        if not (self._ready or begun.all()):
+            raise ResetNeeded("call reset for all rows before resetting some of them")
         super().reset(seed=seeds[0], options=options)
-        rows = list(range(self.num_envs))
+        rows = np.flatnonzero(begun).tolist()
         fresh = [i for i in rows if seeds[i] is not None or not self._ready]
         for i in rows:
             if seeds[i] is not None:
                 self._generators[i] = seeding.np_random(seeds[i])[0]
-        self._task.restart(rows, self._generators, set(fresh), chosen)
+        self._task.restart(rows, [self._generators[i] for i in rows], set(fresh), chosen)
         self._ready = True
-        self._finished = np.zeros(self.num_envs, dtype=np.bool_)
-        return self._task.observation(), complete(self._task.reset_info(), self.num_envs)
+        self._finished = self._finished & ~begun
+        info = self._task.reset_info()
+        if begun.all():
+            return self._task.observation(), complete(info, self.num_envs)
+        return self._task.observation(), merged({}, info, begun)
 
     def step(self, actions: NDArray[np.float32]) -> VectorStep:
         """Take one step in every row, or begin the next episode where the last one is over.

@@ -14,8 +14,7 @@ from fieldagents.learned.checkpoint import load_checkpoint, save_checkpoint
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.pixels import SHRINK, ImageFeatures, is_image
-from fieldagents.learned.run import SpaceError
-from fieldagents.learned.session import make_run
+from fieldagents.learned.run import Run, SpaceError
 from fieldagents.learned.training import train
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.policies.policy import OnnxAgent
@@ -30,7 +29,7 @@ TINY = {
     "checkpoint_every": 1,
     "environment": {"settings": {"strides": 7, "track": "straight"}},
     "algorithm": "ppo",
-    "ppo": {"n_steps": 16, "batch_size": 16, "n_epochs": 1},
+    "learner": {"n_steps": 16, "batch_size": 16, "n_epochs": 1},
     "network": {"hidden": [8]},
     "normalise": {"observation": False, "reward": True},
     "validation": {"every": 3, "episodes": 2},
@@ -51,7 +50,7 @@ def test_onnx_acts_on_images_as_the_trained_policy_does(finished):
     native = gymnasium.make_vec(
         fieldgym.TASKS[TASK].env_id, num_envs=2, vectorization_mode="vector_entry_point"
     )
-    run = make_run(TrainConfig(**TINY), NativeVecEnv(native, seed=0))
+    run = Run(TrainConfig(**TINY), NativeVecEnv(native, seed=0))
     run.restore(load_checkpoint(sorted((finished / "checkpoints").glob("*.pt"))[-1]))
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (20, 120, 160, 1), dtype=np.uint8)
@@ -100,8 +99,7 @@ def test_features_are_of_every_image_alone():
     assert torch.allclose(features(swapped), together, atol=1e-6)
 
 
-def test_only_ppo_learns_from_images(tmp_path):
-    config = {key: value for key, value in TINY.items() if key != "ppo"}
-    sac = {"buffer_size": 64, "learning_starts": 16, "batch_size": 16}
-    with pytest.raises(SpaceError, match="images are learned from by ppo, not by sac"):
-        train(TrainConfig(**{**config, "algorithm": "sac", "sac": sac}), progress=False, out=tmp_path / "run")
+def test_only_on_policy_algorithms_learn_from_images(tmp_path):
+    changed = {"algorithm": "sac", "learner": {"buffer_size": 64, "learning_starts": 16, "batch_size": 16}}
+    with pytest.raises(SpaceError, match="images are learned from by on-policy algorithms"):
+        train(TrainConfig(**{**TINY, **changed}), progress=False, out=tmp_path / "run")

@@ -18,10 +18,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from fieldagents.config import ConfigError, load_config
 from fieldagents.learned import training
+from fieldagents.learned.algorithms import MissingExtraError
 from fieldagents.learned.checkpoint import CheckpointError, load_checkpoint, save_checkpoint, to_arrays
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.publish import publish
-from fieldagents.learned.training import MissingExtraError, TrainingError, train
+from fieldagents.learned.training import TrainingError, train
 from fieldagents.policies.policy import OnnxAgent, PolicyError
 from fieldagents.policies.zoo import ZooError, list_zoo
 from fieldmodels.yaml import save_yaml
@@ -39,24 +40,36 @@ TINY = {
     "normalise": {"reward": True},
     "validation": {"every": 3, "episodes": 4},
 }
-SECTIONS = {
-    "ppo": {"n_steps": 16, "batch_size": 32, "n_epochs": 2, "learning_rate_decay": "linear"},
-    # the buffer's 80 rows are written twice; the first checkpoints hold random actions only
-    "sac": {
-        "buffer_size": 320,
-        "learning_starts": 150,
-        "batch_size": 32,
-        "train_freq": 2,
-        "gradient_steps": 2,
-        "n_steps": 3,
-        "log_interval": 8,
-        "learning_rate_decay": "linear",
-    },
+ON_POLICY = {"n_steps": 16, "batch_size": 32, "n_epochs": 2, "learning_rate_decay": "linear"}
+# the buffer's 80 rows are written twice; the first checkpoints hold random actions only
+OFF_POLICY = {
+    "buffer_size": 320,
+    "learning_starts": 150,
+    "batch_size": 32,
+    "train_freq": 2,
+    "gradient_steps": 2,
+    "n_steps": 3,
+    "learning_rate_decay": "linear",
 }
+RUNS = {
+    "ppo": {"learner": ON_POLICY},
+    "stacked": {"learner": ON_POLICY, "stack": 3},
+    "recurrent_ppo": {
+        "learner": ON_POLICY,
+        "policy": "MlpLstmPolicy",
+        "network": {"hidden": [8], "more": {"lstm_hidden_size": 6, "n_lstm_layers": 2}},
+    },
+    "sac": {"learner": OFF_POLICY, "round_updates": 8},
+    "td3": {"learner": OFF_POLICY, "round_updates": 8},
+    "tqc": {"learner": OFF_POLICY, "round_updates": 8, "algorithm": "sb3_contrib.tqc.tqc:TQC"},
+}
+"""A run of each kind: on-policy and off-policy, with and without a memory, by name and by import path."""
+
+ALGORITHMS = {"stacked": "ppo"}
 
 
-def tiny(algorithm="ppo", **changes) -> TrainConfig:
-    return TrainConfig(**{**TINY, "algorithm": algorithm, algorithm: SECTIONS[algorithm], **changes})
+def tiny(kind="ppo", **changes) -> TrainConfig:
+    return TrainConfig(**{**TINY, "algorithm": ALGORITHMS.get(kind, kind), **RUNS[kind], **changes})
 
 
 class Killed(BaseException):
@@ -66,10 +79,10 @@ class Killed(BaseException):
 @pytest.fixture(scope="module")
 def finished_runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
-    return {name: train(tiny(name), progress=False, out=folder / name) for name in SECTIONS}
+    return {name: train(tiny(name), progress=False, out=folder / name) for name in RUNS}
 
 
-@pytest.fixture(params=SECTIONS)
+@pytest.fixture(params=RUNS)
 def algorithm(request):
     return request.param
 
@@ -175,7 +188,7 @@ def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
     config = tmp_path / "tiny.yaml"
     run = tmp_path / "run"
     changed = {"steps": 64 * 16, "validation": {"every": 20, "episodes": 2}}
-    save_yaml({**TINY, "ppo": SECTIONS["ppo"], **changed}, config)
+    save_yaml({**TINY, **RUNS["ppo"], **changed}, config)
     script = (
         "import sys; from pathlib import Path; from fieldagents.config import load_config;"
         "from fieldagents.learned.config import TrainConfig; from fieldagents.learned.training import train;"
@@ -195,30 +208,52 @@ def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
 
 
 def test_onnx_acts_as_the_trained_policy_does(finished_each, algorithm):
+    """Over episodes that begin at different times, so that memories are cleared row by row."""
     import gymnasium
 
     import fieldgym
     from fieldagents.learned.export import to_onnx
-    from fieldagents.learned.session import make_run
+    from fieldagents.learned.run import Run
     from fieldagents.learned.vector import NativeVecEnv
 
     env_id = fieldgym.TASKS["heel_strike"].env_id
     native = gymnasium.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point")
-    run = make_run(tiny(algorithm), NativeVecEnv(native, seed=0))
+    config = tiny(algorithm)
+    run = Run(config, NativeVecEnv(native, seed=0))
     run.restore(load_checkpoint(sorted((finished_each / "checkpoints").glob("*.pt"))[-1]))
-    agent = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
+    quiet = OnnxAgent(to_onnx(run.policy, run.normaliser, "test", config.stack))
+    with torch.no_grad():  # large outputs, so that some actions meet their limits
+        last_layer(run.policy).weight.mul_(2000 if algorithm == "recurrent_ppo" else 100)
+    loud = OnnxAgent(to_onnx(run.policy, run.normaliser, "test", config.stack))
     rng = np.random.default_rng(0)
     low, high = native.single_observation_space.low, native.single_observation_space.high
-    observation = rng.uniform(low, high, (500, len(low))).astype(np.float32)
-    last = run.policy.action_net if algorithm == "ppo" else run.policy.actor.mu
-    with torch.no_grad():  # large outputs, so that some actions meet their limits
-        last.weight.mul_(100)
-    loud = OnnxAgent(to_onnx(run.policy, run.normaliser, "test"))
-    expected = run.model.predict(run.normaliser.normalize_obs(observation), deterministic=True)[0]
-    np.testing.assert_allclose(loud.act(observation, {}), expected, atol=1e-5)
-    assert 0.05 < np.mean(np.abs(expected) > 0.9999) < 0.999
-    assert not np.allclose(agent.act(observation, {}), expected, atol=1e-2)
+    count, steps = 50, 12
+    stacked = np.zeros((count, config.stack * len(low)), dtype=np.float32)
+    state, differs, limited = None, [], []
+    for step in range(steps):
+        begun = rng.random(count) < 0.2 if step else np.ones(count, dtype=bool)
+        observation = rng.uniform(low, high, (count, len(low))).astype(np.float32)
+        stacked[begun] = 0.0
+        stacked = np.concatenate([stacked[:, len(low) :], observation], axis=1)
+        expected, state = run.model.predict(
+            run.normaliser.normalize_obs(stacked), state, episode_start=begun, deterministic=True
+        )
+        loud.begin_episodes(begun)
+        np.testing.assert_allclose(loud.act(observation, {}), expected, atol=1e-5)
+        limited.append(np.abs(expected) > 0.9999)
+        quiet.begin_episodes(begun)
+        differs.append(np.abs(quiet.act(observation, {}) - expected).max())
+    assert 0.05 < np.mean(limited) < 0.999
+    assert max(differs) > 1e-2
     run.environment.close()
+
+
+def last_layer(policy):
+    """The layer that gives the most likely action."""
+    if hasattr(policy, "action_net"):
+        return policy.action_net
+    actor = policy.actor
+    return actor.mu if isinstance(actor.mu, torch.nn.Linear) else actor.mu[-2]
 
 
 @pytest.mark.parametrize("kind", ["PPO", "SAC"])
@@ -264,7 +299,9 @@ def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
     from fieldagents.learned.export import to_onnx
     from fieldagents.learned.vector import NativeVecEnv
 
-    native = gymnasium.make_vec("CartPole-v1", num_envs=4, vectorization_mode="vector_entry_point")
+    native = gymnasium.vector.SyncVectorEnv(
+        [lambda: gymnasium.make("CartPole-v1")] * 4, autoreset_mode=gymnasium.vector.AutoresetMode.DISABLED
+    )
     normaliser = VecNormalize(NativeVecEnv(native, seed=0))
     model = PPO("MlpPolicy", normaliser, n_steps=16, batch_size=16, seed=0, device="cpu").learn(64)
     observation = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
@@ -307,7 +344,7 @@ def test_checkpoints_are_checked_and_run_no_code(tmp_path):
         def __reduce__(self):
             return (os.mkdir, (str(tmp_path / "ran"),))
 
-    torch.save({"schema": 2, "policy": Evil()}, path)
+    torch.save({"schema": 3, "policy": Evil()}, path)
     with pytest.raises(CheckpointError, match="not a checkpoint"):
         load_checkpoint(path)
     path.write_bytes(pickle.dumps(Evil(), protocol=2))
@@ -380,15 +417,16 @@ def test_a_missing_extra_is_named(monkeypatch, tmp_path):
 def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
     path = tmp_path / "ppo.yaml"
     path.write_text(
-        "name: ppo\ntask: heel_strik\nsteps: 1000\nppo:\n  learning_rat: 3e-4\n  gamma: 1.5\n",
+        "name: ppo\ntask: heel_strik\nsteps: 1000\nlearner:\n  learning_rat: 3e-4\n  gamma: 1.5\n  seed: 1\n",
         encoding="utf-8",
     )
     with pytest.raises(ConfigError) as caught:
         load_config(path, TrainConfig)
     text = str(caught.value)
     assert "ppo.yaml:2: task: there is no task 'heel_strik' (did you mean 'heel_strike'?)" in text
-    assert "ppo.yaml:5: ppo.learning_rat: unknown key (did you mean 'learning_rate'?)" in text
-    assert "ppo.yaml:6: ppo.gamma" in text
+    assert "ppo.yaml:5: learner.learning_rat: unknown key (did you mean 'learning_rate'?)" in text
+    assert "ppo.yaml:6: learner.gamma: Input should be less than or equal to 1" in text
+    assert "ppo.yaml:7: learner.seed: not an argument of this section; its place: the key seed" in text
     path.write_text(
         "name: ppo\ntask: heel_strike\nseed: 0.5\nsteps: 1000\nnum_envs: 3\n"
         "environment:\n  settings:\n    dwel: 9\n  reality: {gyro_bais: {rate: 1}}\n",
@@ -401,58 +439,71 @@ def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
         ["ppo.yaml:3", "seed"],
         ["ppo.yaml:8", "environment.settings.dwel"],
         ["ppo.yaml:9", "environment.reality.gyro_bais"],
-        ["ppo.yaml:1", "ppo.batch_size"],
     ]
     with pytest.raises(ValueError, match=r"48 does not divide the 64 steps"):
-        tiny(ppo={"n_steps": 16, "batch_size": 48})
+        tiny(learner={"n_steps": 16, "batch_size": 48})
     with pytest.raises(ValueError, match="stride"):
         tiny(environment={"settings": {"stride": 9}})
 
 
-def test_keys_of_the_other_algorithm_are_refused_with_their_lines(tmp_path):
+def test_arguments_are_those_of_the_algorithm(tmp_path):
     path = tmp_path / "sac.yaml"
     path.write_text(
-        "name: sac\ntask: heel_strike\nalgorithm: sac\nsteps: 1000\nnum_envs: 8\nppo:\n  n_steps: 16\n"
-        "sac:\n  n_epochs: 3\n  gradient_steps: 0\n  ent_coef: automatic\nnetwork: {log_std_init: -1}\n",
+        "name: sac\ntask: heel_strike\nalgorithm: sac\nsteps: 1000\nnum_envs: 8\n"
+        "learner:\n  n_epochs: 3\n  gradient_steps: 0\n  ent_coef: automatic\n",
         encoding="utf-8",
     )
     with pytest.raises(ConfigError) as caught:
         load_config(path, TrainConfig)
     text = str(caught.value)
-    assert "sac.yaml:6: ppo: the algorithm is sac: leave this section out" in text
-    assert "sac.yaml:9: sac.n_epochs: unknown key" in text
-    assert "sac.yaml:10: sac.gradient_steps: nothing is learned without" in text
-    assert "sac.yaml:11: sac.ent_coef: a number, auto or auto_0.1, not 'automatic'" in text
-    assert "sac.yaml:12: network.log_std_init" in text
+    assert "sac.yaml:7: learner.n_epochs: unknown key" in text
+    assert "sac.yaml:8: learner.gradient_steps: nothing is learned without" in text
+    assert "sac.yaml:9: learner.ent_coef: a number, auto or auto_0.1, not 'automatic'" in text
     path.write_text(
         "name: sac\ntask: heel_strike\nalgorithm: sac\nsteps: 1000\nnum_envs: 8\n"
-        "sac: {learning_starts: 1000, buffer_size: 8}\n",
+        "learner: {learning_starts: 1000, buffer_size: 8}\n",
         encoding="utf-8",
     )
     with pytest.raises(ConfigError) as caught:
         load_config(path, TrainConfig)
-    assert "sac.learning_starts: 1000 leaves none of the 1000 steps" in str(caught.value)
-    assert "sac.buffer_size: 8 is less than 16" in str(caught.value)
-    with pytest.raises(ValueError, match="algorithm is ppo: leave this section out"):
-        tiny(sac={})
+    assert "learner.learning_starts: 1000 leaves none of the 1000 steps" in str(caught.value)
+    assert "learner.buffer_size: 8 is less than 16" in str(caught.value)
 
 
-def test_sac_needs_bounded_continuous_actions():
+@pytest.mark.parametrize(
+    ("algorithm", "message"),
+    [
+        ("pppo", r"no algorithm 'pppo' \(did you mean 'ppo'\?\)"),
+        ("no_such_module:Class", "cannot be imported"),
+        ("json:JSONDecoder", "not an algorithm with the interface of Stable-Baselines3"),
+    ],
+)
+def test_what_is_no_algorithm_is_refused(algorithm, message):
+    with pytest.raises(ValueError, match=message):
+        tiny(algorithm=algorithm)
+
+
+def test_a_learner_that_cannot_take_the_spaces_says_so():
     import gymnasium
 
-    from fieldagents.learned.run import SpaceError
-    from fieldagents.learned.session import make_run
+    from fieldagents.learned.run import Run, SpaceError
     from fieldagents.learned.vector import NativeVecEnv
 
-    native = gymnasium.make_vec("CartPole-v1", num_envs=4, vectorization_mode="vector_entry_point")
-    with pytest.raises(SpaceError, match=r"continuous actions with bounds, not Discrete"):
-        make_run(tiny("sac"), NativeVecEnv(native, seed=0))
+    native = gymnasium.vector.SyncVectorEnv(
+        [lambda: gymnasium.make("CartPole-v1")] * 4, autoreset_mode=gymnasium.vector.AutoresetMode.DISABLED
+    )
+    with pytest.raises(SpaceError, match=r"sac cannot be made .* Discrete"):
+        Run(tiny("sac"), NativeVecEnv(native, seed=0))
+    late = gymnasium.make_vec("CartPole-v1", num_envs=4, vectorization_mode="vector_entry_point")
+    with pytest.raises(ValueError, match=r"autoreset_mode=AutoresetMode\.DISABLED"):
+        NativeVecEnv(late, seed=0)
 
 
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_a_diverged_training_stops_with_the_reason(tmp_path, algorithm):
-    wild = {**SECTIONS[algorithm], "learning_rate": 1e30}
-    with pytest.raises(ValueError, match=rf"diverged at step \d+: try a lower {algorithm}.learning_rate"):
-        train(tiny(**{"algorithm": algorithm, algorithm: wild}), progress=False, out=tmp_path / "run")
+    wild = {**RUNS[algorithm]["learner"], "learning_rate": 1e30}
+    with pytest.raises(ValueError, match=r"diverged at step \d+: try a lower learner.learning_rate"):
+        train(tiny(algorithm, learner=wild), progress=False, out=tmp_path / "run")
 
 
 def test_training_seeds_never_meet_tuning_or_test_seeds():

@@ -1,99 +1,85 @@
-"""Native vector environments under Stable-Baselines3: ends of episodes, late resets, what is learned from."""
+"""Vector environments under Stable-Baselines3: ends of episodes, what the learner is given."""
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO
+from stable_baselines3.common.utils import explained_variance
 
-from fieldagents.learned.vector import NativeVecEnv, RealRolloutBuffer
+import fieldgym
+from fieldagents.learned.vector import NativeVecEnv
 
 
 def cartpole(n: int = 6, steps: int = 40) -> NativeVecEnv:
-    native = gymnasium.make_vec(
-        "CartPole-v1", num_envs=n, vectorization_mode="vector_entry_point", max_episode_steps=steps
-    )
-    return NativeVecEnv(native, seed=3)
+    def make():
+        return gymnasium.make("CartPole-v1", max_episode_steps=steps)
+
+    return NativeVecEnv(SyncVectorEnv([make] * n, autoreset_mode=AutoresetMode.DISABLED), seed=3)
 
 
 def falls(observation):
     """CartPole's own limits of the cart's place and the pole's angle."""
-    return (np.abs(observation[:, 0]) > 2.4) | (np.abs(observation[:, 2]) > np.radians(12))
+    return (np.abs(observation[0]) > 2.4) | (np.abs(observation[2]) > np.radians(12))
 
 
-def test_an_end_keeps_its_last_observation_and_the_next_step_only_resets():
+def test_an_end_gives_the_last_observation_apart_and_the_next_first_one_at_once():
     env = cartpole()
     rng = np.random.default_rng(0)
     env.reset()
-    ended = np.zeros(6, dtype=bool)
     kinds = set()
     length = np.zeros(6, dtype=int)
     for _ in range(300):
         observation, reward, done, infos = env.step(rng.integers(0, 2, 6))
-        np.testing.assert_array_equal(env.late_resets, ended)
-        assert np.all(np.abs(observation[ended]) <= 0.05)  # CartPole begins within +-0.05
-        assert not done[ended].any()
-        assert np.all(reward[ended] == 0)
-        length = np.where(ended, 0, length + 1)
+        assert np.all(reward == 1)  # every row is a step that was made
+        length += 1
         for i in range(6):
             assert (infos[i] != {}) == done[i]
             if done[i]:
-                np.testing.assert_array_equal(infos[i]["terminal_observation"], observation[i])
-                assert infos[i]["TimeLimit.truncated"] != falls(observation)[i]
+                last = infos[i]["terminal_observation"]
+                assert infos[i]["TimeLimit.truncated"] != falls(last)
                 assert infos[i]["episode"] == {"r": float(length[i]), "l": length[i]}
+                assert np.all(np.abs(observation[i]) <= 0.05)  # CartPole begins within +-0.05
                 kinds.add(infos[i]["TimeLimit.truncated"])
-        ended = done.copy()
+                length[i] = 0
+            else:
+                assert not falls(observation[i])
     assert kinds == {True, False}
 
 
-def test_batches_hold_each_real_step_once_and_no_late_reset():
-    env = cartpole()
-    model = PPO(
-        "MlpPolicy",
-        env,
-        n_steps=64,
-        batch_size=64,
-        n_epochs=1,
-        seed=0,
-        device="cpu",
-        rollout_buffer_class=RealRolloutBuffer,
-        rollout_buffer_kwargs={"environment": env, "rng": np.random.default_rng(0)},
-    )
-    _, callback = model._setup_learn(64 * 6)
-    model.collect_rollouts(model.env, callback, model.rollout_buffer, 64)
+def test_rows_are_the_scalar_environments():
+    """A batch that ends at different times is, row by row, a scalar environment that is reset at its ends."""
+    env_id = fieldgym.TASKS["pose_reaching"].env_id
+    settings = {"timeout": 4.0}
+    native = gymnasium.make_vec(env_id, 3, vectorization_mode="vector_entry_point", settings=settings)
+    env = NativeVecEnv(native, seed=5)
+    alone = [gymnasium.make(env_id, settings=settings) for _ in range(3)]
+    first = [one.reset(seed=5 + i)[0] for i, one in enumerate(alone)]
+    np.testing.assert_array_equal(env.reset(), first)
+    rng = np.random.default_rng(0)
+    ends = 0
+    for _ in range(120):
+        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
+        observation, reward, done, _ = env.step(actions)
+        for i, one in enumerate(alone):
+            expected, value, terminated, truncated, _ = one.step(actions[i])
+            assert done[i] == (terminated or truncated)
+            assert reward[i] == value
+            if done[i]:
+                expected, ends = one.reset()[0], ends + 1
+            np.testing.assert_array_equal(observation[i], expected)
+    assert ends >= 3
+
+
+def test_what_is_logged_of_the_value_is_of_steps_that_were_made():
+    """The explained variance is that of the rollout, which has no row that is no experience."""
+    model = PPO("MlpPolicy", cartpole(), n_steps=64, batch_size=64, n_epochs=1, seed=0, device="cpu")
+    model.learn(6 * 64)
     buffer = model.rollout_buffer
-    late = np.zeros((64, 6), dtype=bool)
-    # a late reset follows an end, which the buffer marks as the next step's start of an episode
-    late[1:] = buffer.episode_starts[1:].astype(bool)
-    assert 0 < late.sum() < 100
-    expected = np.sort(buffer.observations[~late][:, 3])
-    drawn = np.concatenate([batch.observations.numpy() for batch in buffer.get(50)])
-    np.testing.assert_array_equal(np.sort(drawn[:, 3]), expected)
-
-
-def test_ppo_learns_to_balance_through_the_adapter():
-    env = cartpole(n=8, steps=500)
-    model = PPO(
-        "MlpPolicy",
-        env,
-        n_steps=64,
-        batch_size=128,
-        n_epochs=10,
-        learning_rate=1e-3,
-        seed=1,
-        device="cpu",
-        rollout_buffer_class=RealRolloutBuffer,
-        rollout_buffer_kwargs={"environment": env, "rng": np.random.default_rng(0)},
-    )
-    model.learn(15_000)
-    recent = [episode["r"] for episode in model.ep_info_buffer][-20:]
-    assert np.mean(recent) > 80  # random actions balance for 22 steps
-
-
-def test_an_environment_of_another_autoreset_is_refused():
-    native = gymnasium.make_vec("CartPole-v1", num_envs=2, vectorization_mode="vector_entry_point")
-    native.metadata = {**native.metadata, "autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}
-    with pytest.raises(ValueError, match="NEXT_STEP"):
-        NativeVecEnv(native, seed=0)
+    assert np.all(buffer.rewards >= 1)
+    expected = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
+    assert model.logger.name_to_value["train/explained_variance"] == pytest.approx(expected)
+    assert model.num_timesteps == 6 * 64

@@ -15,6 +15,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import fieldgym
+import fieldgym.base
 
 IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))
 every_environment = pytest.mark.parametrize("env_id", IDS)
@@ -398,3 +399,33 @@ def test_vector_wrappers_of_gymnasium_work(env_id):
         if "episode" in info and info["_episode"][0]:
             break
     assert info["episode"]["r"][0] == pytest.approx(total, rel=1e-12)
+
+
+@needs_vector
+def test_a_reset_of_some_rows_begins_these_and_leaves_the_others_as_they_are(env_id):
+    count, mask = 4, np.array([False, True, False, True])
+    envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point").unwrapped
+    alone = [gym.make(env_id).unwrapped for _ in range(count)]
+    with pytest.raises(fieldgym.base.ResetNeeded):
+        envs.reset(seed=5, options={"reset_mask": mask})
+    envs.reset(seed=5)
+    for i, env in enumerate(alone):
+        env.reset(seed=5 + i)
+    envs.action_space.seed(1)
+    for step in range(8):
+        actions = envs.action_space.sample()
+        observation, reward, terminated, truncated, _ = envs.step(actions)
+        singles = [env.step(action) for env, action in zip(alone, actions, strict=True)]
+        assert equal(observation, np.stack([one[0] for one in singles]))
+        assert equal(reward, np.array([one[1] for one in singles]))
+        ended = terminated | truncated
+        begin = ended if ended.any() else mask
+        if step in (2, 5) or ended.any():
+            after, info = envs.reset(options={"reset_mask": begin})
+            first = [env.reset() if begin[i] else None for i, env in enumerate(alone)]
+            for i in range(count):
+                assert equal(after[i], observation[i] if first[i] is None else first[i][0])
+            assert all(equal(flags, begin) for key, flags in info.items() if key.startswith("_"))
+    for wrong in (mask.astype(int), mask[:3], np.zeros(count, dtype=bool)):
+        with pytest.raises(ValueError, match="reset_mask"):
+            envs.reset(options={"reset_mask": wrong})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Any
@@ -62,14 +62,7 @@ def play_episodes(
         progress: Called with the part that is done, 0 to 1.
     """
     n = len(seeds)
-    settings = {**environment.settings, **agent.settings}
-    envs = gymnasium.make_vec(
-        TASKS[task].env_id,
-        num_envs=n,
-        vectorization_mode="vector_entry_point",
-        settings=settings,
-        reality=environment.reality,
-    )
+    settings, envs = _environments(agent, task, environment, n)
     try:
         agent.reset(seeds[0])
         observation, info = envs.reset(seed=seeds[0])
@@ -103,6 +96,35 @@ def play_episodes(
         returns[:] = np.nan
     table = pd.DataFrame({"seed": list(seeds), "steps": steps, "return": returns, **values})
     return Played(table, np.nan if agent.estimator else 1000 * float(np.median(took)) / n)
+
+
+def check_fits(agents: Iterable[Agent], task: str, environment: EnvironmentConfig) -> None:
+    """Make sure that agents can act in an environment.
+
+    Raises:
+        ValueError: If one of them cannot.
+    """
+    for agent in agents:
+        _, envs = _environments(agent, task, environment, 1)
+        try:
+            agent.fits(envs.single_observation_space, envs.single_action_space)
+        finally:
+            envs.close()
+
+
+def _environments(
+    agent: Agent, task: str, environment: EnvironmentConfig, count: int
+) -> tuple[dict[str, Any], Any]:
+    """Settings as this agent needs them, and a vector environment with them."""
+    settings = {**environment.settings, **agent.settings}
+    envs = gymnasium.make_vec(
+        TASKS[task].env_id,
+        num_envs=count,
+        vectorization_mode="vector_entry_point",
+        settings=settings,
+        reality=environment.reality,
+    )
+    return settings, envs
 
 
 class Tally:

@@ -16,7 +16,7 @@ import pandas as pd
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.agents import AgentRuns, make_agent
 from fieldagents.evaluation.config import EvaluateConfig
-from fieldagents.evaluation.episodes import play_episodes
+from fieldagents.evaluation.episodes import check_fits, play_episodes
 from fieldagents.evaluation.report import write_report
 from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
 from fieldagents.seeds import TEST_SEEDS
@@ -51,6 +51,8 @@ def evaluate(
         for scenario, environment in config.environments.items()
         for name in config.agents
     ]
+    for _, environment, entry in entries:  # before the first episode: nobody's work is lost by another's
+        check_fits(entry.runs, config.task, environment)
     total = sum(len(entry.runs) for _, _, entry in entries)
     tables: list[pd.DataFrame] = []
     took: dict[str, dict[str, DecisionTime | None]] = {name: {} for name in config.environments}

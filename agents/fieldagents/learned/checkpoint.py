@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import random
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import torch
 
 from fieldmodels.files import replacing
 
-SCHEMA = 2
+SCHEMA = 3
 NPY = "npy"
 
 
@@ -53,7 +54,7 @@ def to_plain(value: Any) -> Any:
     """
     if isinstance(value, dict):
         return {key: to_plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | deque):
         return [to_plain(item) for item in value]
     if isinstance(value, np.ndarray):
         if value.dtype.names:

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
-from fieldagents.config import (
-    Config,
-    EnvironmentConfig,
-    Location,
-    Name,
-    ProblemsError,
-    check_environment,
-    check_task,
-)
+from fieldagents.config import Config, EnvironmentConfig, Name, ProblemsError, check_environment, check_task
+from fieldagents.learned.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 VALIDATION_SEEDS = TUNING_SEEDS[-1000:]
 """Episode seeds on which a run chooses its best policy: the last thousand of the tuning seeds."""
@@ -29,81 +22,16 @@ ENVIRONMENTS_MOST = 1_000
 RUNS_MOST = len(TRAINING_SEEDS) // ENVIRONMENTS_MOST
 
 
-class PpoConfig(Config):
-    """Proximal policy optimisation, by the names of Stable-Baselines3."""
-
-    n_steps: PositiveInt = 128
-    """Steps of each environment between two updates."""
-    batch_size: PositiveInt = 1024
-    n_epochs: PositiveInt = 10
-    learning_rate: PositiveFloat = 3e-4
-    learning_rate_decay: Literal["constant", "linear"] = "constant"
-    """``linear``: falls to zero at the end of training."""
-    gamma: Fraction = 0.99
-    gae_lambda: Fraction = 0.95
-    clip_range: PositiveFloat = 0.2
-    ent_coef: Annotated[float, Field(ge=0.0)] = 0.0
-    vf_coef: PositiveFloat = 0.5
-    max_grad_norm: PositiveFloat = 0.5
-    target_kl: PositiveFloat | None = None
-
-
-class SacConfig(Config):
-    """Soft actor-critic, by the names of Stable-Baselines3."""
-
-    buffer_size: PositiveInt = 1_000_000
-    """Steps that the replay buffer keeps, of all environments together."""
-    learning_starts: Annotated[int, Field(ge=0)] = 1_000
-    """Steps of all environments together, with random actions, before the first update."""
-    train_freq: PositiveInt = 1
-    """Steps of each environment between two updates."""
-    gradient_steps: Annotated[int, Field(ge=-1)] = 1
-    """Gradient steps of an update; -1: as many as steps were made since the last one."""
-    batch_size: PositiveInt = 256
-    learning_rate: PositiveFloat = 3e-4
-    learning_rate_decay: Literal["constant", "linear"] = "constant"
-    """``linear``: falls to zero at the end of training."""
-    gamma: Fraction = 0.99
-    tau: Annotated[float, Field(gt=0.0, le=1.0)] = 0.005
-    """Share of the new weights in the target networks at each gradient step."""
-    n_steps: PositiveInt = 1
-    """Rewards that are summed before the value takes over."""
-    ent_coef: float | str = "auto"
-    """Weight of the entropy; ``auto``: learned, beginning at 1; ``auto_0.1``: learned, beginning at 0.1."""
-    target_entropy: float | str = "auto"
-    """What the learned weight aims at; ``auto``: minus the number of actions."""
-    target_update_interval: PositiveInt = 1
-    log_interval: PositiveInt = 100
-    """Updates in a round: the learning curve has a row for each round."""
-
-    @field_validator("gradient_steps")
-    @classmethod
-    def _steps_are_taken(cls, gradient_steps: int) -> int:
-        if gradient_steps == 0:
-            raise ValueError("nothing is learned without gradient steps: at least 1, or -1, not 0")
-        return gradient_steps
-
-    @field_validator("ent_coef", "target_entropy")
-    @classmethod
-    def _auto_or_number(cls, value: float | str, info: ValidationInfo) -> float | str:
-        if info.field_name == "target_entropy":
-            if isinstance(value, str) and value != "auto":
-                raise ValueError(f"a number or auto, not {value!r}")
-        elif isinstance(value, str) and not re.fullmatch(r"auto(_\d*\.?\d+)?", value):
-            raise ValueError(f"a number, auto or auto_0.1, not {value!r}")
-        elif isinstance(value, float) and value < 0:
-            raise ValueError(f"must not be negative, it is {value}")
-        return value
-
-
 class NetworkConfig(Config):
     """The policy's and the value's networks: equal, separate perceptrons."""
 
     hidden: tuple[PositiveInt, ...] = (64, 64)
     """Units of each hidden layer; an empty list is a linear policy."""
     activation: Literal["tanh", "relu"] = "tanh"
-    log_std_init: float = 0.0
-    """Logarithm of the first standard deviation of the actions (PPO with continuous actions only)."""
+    log_std_init: float | None = None
+    """Logarithm of the first standard deviation of the actions, of policies that take one."""
+    more: dict[str, Any] = Field(default_factory=dict)
+    """Further ``policy_kwargs`` of the library, such as ``{lstm_hidden_size: 64}``."""
 
 
 class NormaliseConfig(Config):
@@ -119,7 +47,7 @@ class ValidationConfig(Config):
     """Scoring of the deterministic policy during training; the best one is kept."""
 
     every: PositiveInt = 10
-    """Rounds between two scores: updates of PPO, ``log_interval`` updates of SAC."""
+    """Rounds between two scores."""
     episodes: Annotated[int, Field(ge=1, le=len(VALIDATION_SEEDS))] = 32
 
 
@@ -130,17 +58,24 @@ class TrainConfig(Config):
     """Name of the run; its folder is ``runs/<task>/<name>-<hash of this config>``."""
     task: str
     """Name of the task, as ``fieldgym list`` prints it."""
-    algorithm: Literal["ppo", "sac"] = "ppo"
-    """Its keys are in the section of its name; the other's section must be left out."""
+    algorithm: str = "ppo"
+    """Of Stable-Baselines3 or sb3-contrib (``ppo``, ``sac``, ``recurrent_ppo``), or ``module:Class``."""
+    policy: str = "MlpPolicy"
+    """The library's name of a policy."""
     seed: Annotated[int, Field(ge=0, lt=RUNS_MOST)] = 0
     steps: PositiveInt
     """Environment steps; training ends with the update that reaches them."""
     num_envs: Annotated[int, Field(ge=1, le=ENVIRONMENTS_MOST)] = 64
+    stack: Annotated[int, Field(ge=1, le=100)] = 1
+    """Observations that the policy is given at once, the latest last; zeros before an episode's first."""
+    round_updates: PositiveInt | None = None
+    """Updates in a round, which is a row of the learning curve; 1 on-policy, 100 off-policy unless given."""
     checkpoint_every: PositiveInt = 10
-    """Rounds between two checkpoints: updates of PPO, ``log_interval`` updates of SAC."""
+    """Rounds between two checkpoints."""
     environment: EnvironmentConfig = EnvironmentConfig()
-    ppo: PpoConfig | None = Field(default=None, validate_default=True)
-    sac: SacConfig | None = Field(default=None, validate_default=True)
+    learner: dict[str, Any] = Field(default_factory=dict, validate_default=True)
+    """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
+    linear`` lets the learning rate fall to zero at the end of training."""
     network: NetworkConfig = NetworkConfig()
     normalise: NormaliseConfig = NormaliseConfig()
     validation: ValidationConfig = ValidationConfig()
@@ -157,72 +92,40 @@ class TrainConfig(Config):
             check_environment(info.data["task"], environment)
         return environment
 
-    @field_validator("ppo", "sac")
+    @field_validator("algorithm")
     @classmethod
-    def _section_is_the_algorithms(
-        cls, section: PpoConfig | SacConfig | None, info: ValidationInfo
-    ) -> PpoConfig | SacConfig | None:
-        algorithm = info.data.get("algorithm", info.field_name)
-        if algorithm == info.field_name:
-            return section or (PpoConfig() if algorithm == "ppo" else SacConfig())
-        if section is not None:
-            raise ValueError(
-                f"the algorithm is {algorithm}: leave this section out, its keys are in {algorithm!r}"
-            )
-        return None
+    def _algorithm_exists(cls, algorithm: str) -> str:
+        find_algorithm(algorithm)
+        return algorithm
 
-    @field_validator("ppo")
+    @field_validator("learner")
     @classmethod
-    def _batch_fits(cls, ppo: PpoConfig | None, info: ValidationInfo) -> PpoConfig | None:
-        if ppo is None:
-            return None
-        rollout = ppo.n_steps * info.data.get("num_envs", ppo.batch_size)
-        if rollout % ppo.batch_size:
-            message = (
-                f"{ppo.batch_size} does not divide the {rollout} steps of an update"
-                f" (ppo.n_steps {ppo.n_steps} x num_envs {info.data['num_envs']})"
-            )
-            raise ProblemsError([(("batch_size",), message)])
-        return ppo
-
-    @field_validator("sac")
-    @classmethod
-    def _buffer_fits(cls, sac: SacConfig | None, info: ValidationInfo) -> SacConfig | None:
-        if sac is None:
-            return None
-        problems: list[tuple[Location, str]] = []
-        steps = info.data.get("steps", sac.learning_starts + 1)
-        if sac.learning_starts >= steps:
-            problems.append((("learning_starts",), f"{sac.learning_starts} leaves none of the {steps} steps"))
-        least = (sac.n_steps + 1) * info.data.get("num_envs", 1)
-        if sac.buffer_size < least:
-            message = f"{sac.buffer_size} is less than {least}, which n_steps and num_envs need"
-            problems.append((("buffer_size",), message))
+    def _arguments_fit(cls, learner: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if not {"algorithm", "steps", "num_envs"} <= set(info.data):
+            return learner  # what is wrong with these comes first
+        kind = find_algorithm(info.data["algorithm"])
+        problems = wrong_arguments(kind, learner)
+        if not problems:
+            problems = _sizes_that_do_not_fit(kind, learner, info.data["steps"], info.data["num_envs"])
         if problems:
-            raise ProblemsError(problems)
-        return sac
-
-    @field_validator("network")
-    @classmethod
-    def _network_fits(cls, network: NetworkConfig, info: ValidationInfo) -> NetworkConfig:
-        if info.data.get("algorithm") == "sac" and network.log_std_init:
-            message = "soft actor-critic computes the deviation by its network; leave this key out"
-            raise ProblemsError([(("log_std_init",), message)])
-        return network
+            raise ProblemsError([((key,), message) for key, message in problems])
+        return learner
 
     @property
-    def learner(self) -> PpoConfig | SacConfig:
-        """The section of the algorithm."""
-        section = self.ppo if self.algorithm == "ppo" else self.sac
-        assert section is not None
-        return section
+    def kind(self) -> type[BaseAlgorithm]:
+        """The class of the learner."""
+        return find_algorithm(self.algorithm)
 
     @property
     def round_steps(self) -> int:
         """Environment steps of a round: what a row of the learning curve stands for."""
-        if isinstance(self.learner, PpoConfig):
-            return self.learner.n_steps * self.num_envs
-        return self.learner.log_interval * self.learner.train_freq * self.num_envs
+        if is_on_policy(self.kind):
+            return int(self.argument("n_steps")) * self.num_envs * (self.round_updates or 1)
+        return int(self.argument("train_freq", 1)) * self.num_envs * (self.round_updates or 100)
+
+    def argument(self, key: str, otherwise: Any = None) -> Any:
+        """An argument of the learner, given or the library's default."""
+        return self.learner.get(key, default_of(self.kind, key, otherwise))
 
     @property
     def hash(self) -> str:
@@ -234,3 +137,31 @@ class TrainConfig(Config):
     def environment_seed(self) -> int:
         """Seed of the first training environment; the others count on from it."""
         return TRAINING_SEEDS.start + ENVIRONMENTS_MOST * self.seed
+
+
+def _sizes_that_do_not_fit(
+    kind: type[BaseAlgorithm], learner: dict[str, Any], steps: int, num_envs: int
+) -> list[tuple[str, str]]:
+    """Arguments of a learner that contradict the size of the run."""
+
+    def argument(key: str, otherwise: int) -> int:
+        return int(learner.get(key, default_of(kind, key, otherwise)))
+
+    if is_on_policy(kind):
+        n_steps = argument("n_steps", 1)
+        batch = argument("batch_size", n_steps * num_envs)
+        if n_steps * num_envs % batch:
+            message = (
+                f"{batch} does not divide the {n_steps * num_envs} steps of an update"
+                f" (n_steps {n_steps} x num_envs {num_envs})"
+            )
+            return [("batch_size", message)]
+        return []
+    problems = []
+    starts, size = argument("learning_starts", 0), argument("buffer_size", 1_000_000)
+    if starts >= steps:
+        problems.append(("learning_starts", f"{starts} leaves none of the {steps} steps"))
+    least = (argument("n_steps", 1) + 1) * num_envs
+    if size < least:
+        problems.append(("buffer_size", f"{size} is less than {least}, which n_steps and num_envs need"))
+    return problems

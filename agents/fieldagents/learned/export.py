@@ -1,27 +1,31 @@
-"""A trained policy as one ONNX file, with its observation normaliser and its action limits inside."""
+"""A trained policy as one ONNX file, with its observation normaliser and its action limits inside.
+
+A policy with a memory (a recurrent network, or a stack of observations) has a second input ``memory``, shape
+(batch, n), and a second output ``next_memory``: zeros when an episode begins, then what the last call gave.
+"""
 
 from __future__ import annotations
 
 import io
 import warnings
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import onnx
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
-from stable_baselines3.sac.policies import SACPolicy
 
 from fieldagents.learned.pixels import is_image
 
 
-class DeterministicPolicy(torch.nn.Module):
+class ExportedPolicy(torch.nn.Module):
     """Raw observation to the action an agent takes: normalise, network, most likely action, limits.
 
-    PPO's most likely action is clipped to the limits; SAC's is squashed between them.
+    As in the library, the action of a policy that squashes its outputs is scaled to the limits; that of any
+    other is clipped to them.
     """
 
     mean: torch.Tensor
@@ -33,67 +37,118 @@ class DeterministicPolicy(torch.nn.Module):
         super().__init__()
         self.policy = policy
         self.clip = float(normaliser.clip_obs) if normaliser.norm_obs else np.inf
-        shape = normaliser.observation_space.shape or ()
-        self.image = is_image(normaliser.observation_space)
-        mean, scale = np.zeros(shape), np.ones(shape)
+        space = normaliser.observation_space
+        self.image = is_image(space)
+        mean, scale = np.zeros(space.shape or ()), np.ones(space.shape or ())
         if normaliser.norm_obs:
             statistics = cast(RunningMeanStd, normaliser.obs_rms)
             mean, scale = statistics.mean, np.sqrt(statistics.var + normaliser.epsilon)
         self.register_buffer("mean", torch.tensor(mean, dtype=torch.float64))
         self.register_buffer("scale", torch.tensor(scale, dtype=torch.float64))
-        space = policy.action_space
-        self.discrete = isinstance(space, spaces.Discrete)
-        if isinstance(space, spaces.Box):
-            self.register_buffer("low", torch.tensor(space.low))
-            self.register_buffer("high", torch.tensor(space.high))
+        limits = policy.action_space
+        self.discrete = not isinstance(limits, spaces.Box)
+        if isinstance(limits, spaces.Box):
+            self.register_buffer("low", torch.tensor(limits.low))
+            self.register_buffer("high", torch.tensor(limits.high))
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Actions, shape (batch, ...), for observations, shape (batch, ...)."""
-        if self.image:
-            assert isinstance(self.policy, ActorCriticPolicy)
-            pixels = observation.permute(0, 3, 1, 2) / 255.0  # the learner sees channels first
-            return self._limited(
-                self.policy.mlp_extractor.forward_actor(self.policy.pi_features_extractor(pixels))
-            )
+    def normal(self, observation: torch.Tensor) -> torch.Tensor:
+        """Observations as the network was given them."""
+        if self.image:  # the network sees channels first
+            return observation.permute(0, 3, 1, 2)
         # in double precision, as the normaliser of the training does it
-        normal = ((observation.double() - self.mean) / self.scale).clamp(-self.clip, self.clip).float()
-        if isinstance(self.policy, SACPolicy):
-            actor = self.policy.actor
-            squashed = torch.tanh(actor.mu(actor.latent_pi(normal.flatten(1))))
-            return self.low + 0.5 * (squashed + 1.0) * (self.high - self.low)
-        assert isinstance(self.policy, ActorCriticPolicy)
-        return self._limited(self.policy.mlp_extractor.forward_actor(normal.flatten(1)))
+        return ((observation.double() - self.mean) / self.scale).clamp(-self.clip, self.clip).float()
 
-    def _limited(self, latent: torch.Tensor) -> torch.Tensor:
-        """PPO's most likely action within its limits."""
-        assert isinstance(self.policy, ActorCriticPolicy)
-        action: torch.Tensor = self.policy.action_net(latent)
+    def limited(self, action: torch.Tensor) -> torch.Tensor:
+        """Actions of the network within their limits."""
         if self.discrete:
-            return action.argmax(dim=1)
+            return action
+        action = action.reshape(-1, *self.low.shape)
+        if self.policy.squash_output:
+            return self.low + 0.5 * (action + 1.0) * (self.high - self.low)
         return torch.minimum(torch.maximum(action, self.low), self.high)
 
 
-def to_onnx(policy: BasePolicy, normaliser: VecNormalize, note: str) -> bytes:
+class PlainPolicy(ExportedPolicy):
+    """A policy of the present observation alone."""
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Actions, shape (batch, ...), for observations, shape (batch, ...)."""
+        return self.limited(self.policy._predict(self.normal(observation), deterministic=True))
+
+
+class StackedPolicy(ExportedPolicy):
+    """A policy of the latest observations: its memory is those before the present one."""
+
+    def __init__(self, policy: BasePolicy, normaliser: VecNormalize, stack: int) -> None:
+        super().__init__(policy, normaliser)
+        (whole,) = normaliser.observation_space.shape or (0,)
+        self.single = whole // stack
+        self.memory = whole - self.single
+
+    def forward(self, observation: torch.Tensor, memory: torch.Tensor) -> Any:
+        """Actions, and what is remembered, shape (batch, memory)."""
+        stacked = torch.cat([memory, observation], dim=1)
+        action = self.policy._predict(self.normal(stacked), deterministic=True)
+        return self.limited(action), stacked[:, self.single :]
+
+
+class RecurrentPolicy(ExportedPolicy):
+    """A policy with a network that remembers: its memory is the hidden state and the state of its cells."""
+
+    def __init__(self, policy: BasePolicy, normaliser: VecNormalize) -> None:
+        super().__init__(policy, normaliser)
+        self.layers, _, self.units = cast(Any, policy).lstm_hidden_state_shape
+        self.single = int(np.prod(normaliser.observation_space.shape or (1,)))
+        self.memory = 2 * self.layers * self.units
+
+    def forward(self, observation: torch.Tensor, memory: torch.Tensor) -> Any:
+        """Actions, and what is remembered, shape (batch, memory)."""
+        state = memory.reshape(-1, 2, self.layers, self.units).permute(1, 2, 0, 3).contiguous()
+        begun = torch.zeros_like(memory[:, 0])
+        network = cast(Any, self.policy)
+        action, (hidden, cells) = network._predict(
+            self.normal(observation),
+            lstm_states=(state[0], state[1]),
+            episode_starts=begun,
+            deterministic=True,
+        )
+        following = torch.stack([hidden, cells]).permute(2, 0, 1, 3).reshape(-1, self.memory)
+        return self.limited(action), following
+
+
+def to_onnx(policy: BasePolicy, normaliser: VecNormalize, note: str, stack: int = 1) -> bytes:
     """Export a policy; equal weights give equal bytes.
 
     Args:
-        policy: A trained policy of Stable-Baselines3.
+        policy: A trained policy of Stable-Baselines3's interface.
         normaliser: Holds the statistics of the observations.
         note: One line about where it comes from, kept in the file as its documentation.
+        stack: Observations that it is given at once.
     """
-    module = DeterministicPolicy(policy, normaliser).eval()
-    example = torch.zeros(1, *(normaliser.observation_space.shape or ()), dtype=torch.float32)
+    shape = normaliser.observation_space.shape or ()
+    names, outputs = ["observation"], ["action"]
+    module: ExportedPolicy
+    if hasattr(policy, "lstm_hidden_state_shape"):
+        module = RecurrentPolicy(policy, normaliser)
+    elif stack > 1:
+        module = StackedPolicy(policy, normaliser, stack)
+    else:
+        module = PlainPolicy(policy, normaliser)
+    example = [torch.zeros(2, *shape, dtype=torch.float32)]
+    if isinstance(module, StackedPolicy | RecurrentPolicy):
+        names, outputs = [*names, "memory"], [*outputs, "next_memory"]
+        example = [torch.zeros(2, module.single), torch.zeros(2, module.memory)]
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # the exporter that needs no further package; its deprecation is torch's affair, pinned here
-        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("ignore")
         torch.onnx.export(
-            module,
-            (example,),
+            module.eval(),
+            tuple(example),
             stream,  # type: ignore[arg-type]
-            input_names=["observation"],
-            output_names=["action"],
-            dynamic_axes={"observation": {0: "batch"}, "action": {0: "batch"}},
+            input_names=names,
+            output_names=outputs,
+            dynamic_axes={name: {0: "batch"} for name in (*names, *outputs)},
             opset_version=17,
             dynamo=False,
         )

@@ -29,7 +29,7 @@ CHECKPOINTS_KEPT = 3
 class Recorder(BaseCallback):
     """After each round: the learning curve; now and then a validation, the best policy, a checkpoint.
 
-    A round is an update of PPO, or ``log_interval`` updates of SAC.
+    A round is a row of the learning curve: some updates, see ``TrainConfig.round_updates``.
     """
 
     def __init__(self, run: Run, folder: Path, report: Report) -> None:
@@ -87,7 +87,7 @@ class Recorder(BaseCallback):
         """Score the policy as it would be shipped; keep it if it is the best so far."""
         run, config, steps = self._run, self._run.config, self.model.num_timesteps
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
-        policy = to_onnx(run.policy, run.normaliser, note)
+        policy = to_onnx(run.policy, run.normaliser, note, config.stack)
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
         episodes = run_episodes(OnnxAgent(policy), config.task, config.environment, seeds)
         score = float(episodes["return"].mean())

@@ -2,43 +2,53 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
+from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.save_util import recursive_getattr
+from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
+from fieldagents.learned.algorithms import is_on_policy
 from fieldagents.learned.checkpoint import random_state, restore_random_state, to_arrays
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.pixels import is_image
+from fieldagents.learned.pixels import ImageFeatures, is_image
 from fieldagents.learned.vector import NativeVecEnv
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
+LOGGED = {
+    True: ("approx_kl", "explained_variance", "std"),
+    False: ("actor_loss", "critic_loss", "ent_coef"),
+}
+"""What the learning curve keeps of an update, on-policy and off-policy, where the learner logs it."""
+
+BOOKKEEPING = ("start_time", "_num_timesteps_at_start")
+"""Of the rate that the library prints: differs from one run to the next, and nothing depends on it."""
 
 
 class SpaceError(ValueError):
     """An environment whose observations or actions the algorithm cannot take."""
 
 
-class Run(ABC):
-    """The parts of a training run, and their state as a whole; one subclass an algorithm.
+class Run:
+    """The parts of a training run, and their state as a whole, for any learner of the library's interface.
 
     Attributes:
-        model: The learner of Stable-Baselines3.
+        model: The learner.
         environment: The training environments.
-        normaliser: Normalises what they give.
+        normaliser: Normalises what they give, after stacking it.
         best: Steps and mean return of the best validation so far.
-        logged: What the learner logs of an update and the learning curve keeps.
-    """
+        logged: What the learning curve keeps of an update.
 
-    model: BaseAlgorithm
-    logged: ClassVar[tuple[str, ...]]
+    Raises:
+        SpaceError: If the learner refuses the environment's spaces, or its arguments.
+    """
 
     def __init__(self, config: TrainConfig, environment: NativeVecEnv) -> None:
         space = environment.observation_space
@@ -49,25 +59,49 @@ class Run(ABC):
             raise SpaceError(
                 f"training needs observations that are arrays of floating numbers or grey images, not {space}"
             )
-        if image and config.algorithm != "ppo":
-            raise SpaceError(f"images are learned from by ppo, not by {config.algorithm}")
+        if image and (config.stack > 1 or not is_on_policy(config.kind)):
+            raise SpaceError("images are learned from by on-policy algorithms such as ppo, without a stack")
+        if config.stack > 1 and len(space.shape or ()) != 1:
+            raise SpaceError(f"only observations of one dimension are stacked, not {space}")
         self.config, self.environment = config, environment
         self.best: tuple[int, float] = (0, -np.inf)
+        self.logged = LOGGED[is_on_policy(config.kind)]
+        self._stacked: VecFrameStack | None = None
+        given: VecEnv = environment
+        if config.stack > 1:
+            given = self._stacked = VecFrameStack(environment, config.stack, channels_order="last")
         self.normaliser = VecNormalize(
-            environment,
+            given,
             norm_obs=config.normalise.observation and not image,  # pixels have their scale
             norm_reward=config.normalise.reward,
             clip_obs=config.normalise.clip,
             clip_reward=config.normalise.clip,
-            gamma=config.learner.gamma,
+            gamma=config.argument("gamma", 0.99),
         )
+        network = config.network
+        policy_kwargs = {
+            "net_arch": list(network.hidden),
+            "activation_fn": ACTIVATIONS[network.activation],
+            **({} if network.log_std_init is None else {"log_std_init": network.log_std_init}),
+            **({"features_extractor_class": ImageFeatures} if image else {}),
+            **network.more,
+        }
+        arguments = dict(config.learner)
+        if arguments.pop("learning_rate_decay", "constant") == "linear":
+            arguments["learning_rate"] = falling(config.argument("learning_rate"))
+        try:
+            self.model = config.kind(
+                config.policy, self.normaliser, policy_kwargs=policy_kwargs, device="cpu", **arguments
+            )
+        except (AssertionError, TypeError, ValueError) as error:
+            raise SpaceError(f"{config.algorithm} cannot be made for {config.task}: {error}") from error
+        self.model.action_space.seed(config.seed)  # an off-policy learner draws its first actions from it
 
     @property
     def policy(self) -> BasePolicy:
         """The policy that is being trained."""
         return self.model.policy
 
-    @abstractmethod
     def learn(self, steps: int, recorder: Any, fresh: bool) -> None:
         """Train for some more steps.
 
@@ -76,27 +110,23 @@ class Run(ABC):
             recorder: The callback to call.
             fresh: Whether the run begins.
         """
-
-    @abstractmethod
-    def learner_state(self) -> dict[str, Any]:
-        """What the next update depends on in this algorithm alone: optimisers, buffers, its own streams."""
-
-    @abstractmethod
-    def restore_learner(self, state: dict[str, Any]) -> None:
-        """Set what `learner_state` gave, after a round trip through a file."""
+        # An off-policy learner would log every few episodes; the recorder does so every round.
+        log: Any = 1 if is_on_policy(self.config.kind) else None
+        self.model.learn(steps, callback=recorder, reset_num_timesteps=fresh, log_interval=log)
 
     def state(self) -> dict[str, Any]:
         """All that the next update depends on."""
-        model, normaliser = self.model, self.normaliser
+        normaliser, model = self.normaliser, self.model
+        _, variables = model._get_torch_save_params()
         return {
             "algorithm": self.config.algorithm,
             "steps": model.num_timesteps,
-            "updates": model._n_updates,
-            "policy": self.policy.state_dict(),
-            "learner": self.learner_state(),
-            "observation": model._last_obs,
-            "episode_starts": model._last_episode_starts,
-            "episodes": list(model.ep_info_buffer or ()),
+            "networks": model.get_parameters(),
+            "variables": {name: recursive_getattr(model, name).detach().clone() for name in variables},
+            "counters": {name: value for name, value in self._attributes().items() if _is_plain(value)},
+            "buffer": _filled(getattr(model, "replay_buffer", None)),
+            "first_actions": model.action_space.np_random.bit_generator.state,
+            "stack": None if self._stacked is None else self._stacked.stacked_obs.stacked_obs,
             "observation_statistics": _statistics(normaliser.obs_rms) if normaliser.norm_obs else None,
             "return_statistics": _statistics(normaliser.ret_rms),
             "returns": normaliser.returns,
@@ -109,19 +139,21 @@ class Run(ABC):
         """Continue from a state that `state` gave, after a round trip through a file."""
         model, normaliser = self.model, self.normaliser
         model.learn(0, reset_num_timesteps=True)  # has the library set up what it sets up only here
-        model.num_timesteps = state["steps"]
-        model._n_updates = state["updates"]
-        self.policy.load_state_dict(state["policy"])
-        self.restore_learner(state["learner"])
-        observation = state["observation"].numpy()
+        model.set_parameters(state["networks"], device="cpu")
+        with torch.no_grad():
+            for name, value in state["variables"].items():
+                recursive_getattr(model, name).copy_(value)
+        own = self._attributes()
+        for name, value in state["counters"].items():
+            setattr(model, name, _like(value, own.get(name)))
         if is_image(self.environment.observation_space):
             # the library turns images by a view, and the order in memory is that of torch's sums
-            turned = np.array(np.moveaxis(observation, 1, 3), order="C", copy=True)
-            observation = np.moveaxis(turned, 3, 1)
-        model._last_obs = observation
-        model._last_episode_starts = state["episode_starts"].numpy()
-        assert model.ep_info_buffer is not None
-        model.ep_info_buffer.extend(state["episodes"])
+            turned = np.array(np.moveaxis(cast(Any, model._last_obs), 1, 3), order="C", copy=True)
+            model._last_obs = np.moveaxis(turned, 3, 1)
+        _fill(getattr(model, "replay_buffer", None), to_arrays(state["buffer"]))
+        model.action_space.np_random.bit_generator.state = state["first_actions"]
+        if self._stacked is not None:
+            self._stacked.stacked_obs.stacked_obs = state["stack"].numpy()
         if normaliser.norm_obs:
             _restore_statistics(normaliser.obs_rms, state["observation_statistics"])
         _restore_statistics(normaliser.ret_rms, state["return_statistics"])
@@ -130,10 +162,64 @@ class Run(ABC):
         self.best = (state["best"][0], state["best"][1])
         restore_random_state(state["random"])  # last, since building the rest draws from these streams
 
+    def _attributes(self) -> dict[str, Any]:
+        """The learner's own attributes but its networks, buffers and environments."""
+        model = self.model
+        networks, variables = model._get_torch_save_params()
+        apart = {name.split(".")[0] for name in [*networks, *variables]}
+        # what the library leaves out of a finished model, a run under way needs: a network's last memory
+        apart |= {name for name in model._excluded_save_params() if not name.startswith("_last")}
+        apart |= {*BOOKKEEPING}
+        return {name: value for name, value in vars(model).items() if name not in apart}
 
-def schedule(rate: float, decay: str) -> float | Callable[[float], float]:
-    """The learning rate over the remaining part of the training, 1 to 0."""
-    return (lambda remaining: rate * remaining) if decay == "linear" else rate
+
+def falling(rate: float) -> Callable[[float], float]:
+    """A learning rate that falls to zero with the remaining part of the training, 1 to 0."""
+    return lambda remaining: rate * remaining
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value is made of numbers, texts, arrays and containers of these alone."""
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and _is_plain(item) for key, item in value.items())
+    if isinstance(value, list | tuple | deque):
+        return all(_is_plain(item) for item in value)
+    kinds = (bool, int, float, str, np.generic, np.ndarray, torch.Tensor)
+    return value is None or isinstance(value, kinds)
+
+
+def _like(value: Any, own: Any) -> Any:
+    """A value that has come back from a file, in the types of the learner's own one."""
+    if isinstance(own, deque):
+        return deque(value, maxlen=own.maxlen)
+    if isinstance(own, tuple) and isinstance(value, list):
+        items = [_like(one, like) for one, like in zip(value, own, strict=True)]
+        return type(own)(*items) if hasattr(own, "_fields") else tuple(items)
+    if isinstance(own, torch.Tensor):
+        return value
+    return to_arrays(value)
+
+
+def _filled(buffer: Any) -> dict[str, Any] | None:
+    """What a replay buffer holds, without the part that is still empty."""
+    if buffer is None:
+        return None
+    rows = buffer.buffer_size if buffer.full else buffer.pos
+    arrays = {name: array[:rows] for name, array in _arrays(buffer).items()}
+    return {"position": buffer.pos, "full": buffer.full, "arrays": arrays}
+
+
+def _fill(buffer: Any, state: dict[str, Any] | None) -> None:
+    """Fill a replay buffer with what `_filled` gave."""
+    if buffer is None or state is None:
+        return
+    buffer.pos, buffer.full = state["position"], state["full"]
+    for name, array in _arrays(buffer).items():
+        array[: len(state["arrays"][name])] = state["arrays"][name]
+
+
+def _arrays(buffer: Any) -> dict[str, NDArray[Any]]:
+    return {name: value for name, value in vars(buffer).items() if isinstance(value, np.ndarray)}
 
 
 def _statistics(statistics: Any) -> list[Any]:

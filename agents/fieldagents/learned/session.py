@@ -11,10 +11,8 @@ from stable_baselines3.common.utils import set_random_seed
 
 from fieldagents.learned.checkpoint import load_checkpoint
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.ppo import PpoRun
 from fieldagents.learned.recorder import Recorder
 from fieldagents.learned.run import Run
-from fieldagents.learned.sac import SacRun
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
 from fieldgym import TASKS
@@ -23,8 +21,8 @@ from fieldgym import TASKS
 class DivergedError(ValueError):
     """Training has lost itself in weights that are no numbers."""
 
-    def __init__(self, steps: int, algorithm: str) -> None:
-        super().__init__(f"training diverged at step {steps}: try a lower {algorithm}.learning_rate")
+    def __init__(self, steps: int) -> None:
+        super().__init__(f"training diverged at step {steps}: try a lower learner.learning_rate")
 
 
 def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
@@ -44,7 +42,7 @@ def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
         settings=config.environment.settings,
         reality=config.environment.reality,
     )
-    run = make_run(config, NativeVecEnv(native, seed=config.environment_seed))
+    run = Run(config, NativeVecEnv(native, seed=config.environment_seed))
     try:
         run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
@@ -55,11 +53,6 @@ def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
     except ValueError as error:
         if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn
             raise
-        raise DivergedError(run.model.num_timesteps, config.algorithm) from error
+        raise DivergedError(run.model.num_timesteps) from error
     finally:
         run.environment.close()
-
-
-def make_run(config: TrainConfig, environment: NativeVecEnv) -> Run:
-    """The run of the config's algorithm."""
-    return {"ppo": PpoRun, "sac": SacRun}[config.algorithm](config, environment)

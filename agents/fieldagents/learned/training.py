@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import platform
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldagents.config import load_config
+from fieldagents.learned.algorithms import require_extra
 from fieldagents.learned.config import TrainConfig
 from fieldagents.progress import progress as showing_progress
 from fieldgym import TASKS
@@ -20,15 +20,11 @@ from fieldmodels.files import write_text
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
-VERSIONED = ("fieldgym", "numpy", "numba", "gymnasium", "torch", "stable-baselines3", "onnx")
+VERSIONED = ("fieldgym", "numpy", "numba", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "onnx")
 
 
 class TrainingError(ValueError):
     """A training run that cannot begin or go on."""
-
-
-class MissingExtraError(ImportError):
-    """A package that only training needs is not installed."""
 
 
 def train(
@@ -54,7 +50,7 @@ def train(
         MissingExtraError: Without the packages of the ``train`` extra.
         TrainingError: If the folder does not fit.
     """
-    _require_extra()
+    require_extra()
     config = _self_contained(config)
     if resume is not None and out is not None:
         raise TrainingError("a resumed run stays in its folder: give either --resume or --out")
@@ -138,13 +134,3 @@ def _check_same(config: TrainConfig, folder: Path) -> None:
             " the run will not be equal to an uninterrupted one to the last bit",
             file=sys.stderr,
         )
-
-
-def _require_extra() -> None:
-    for module in ("torch", "stable_baselines3", "tensorboard", "onnx"):
-        try:
-            importlib.import_module(module)
-        except ImportError:
-            raise MissingExtraError(
-                f"training needs {module}, which is not installed: pip install 'fieldgym[train]'"
-            ) from None

@@ -1,42 +1,46 @@
 """Gymnasium's vector environments as Stable-Baselines3 wants them, without copying a step.
 
-Gymnasium's native vector environments reset one step late (``AutoresetMode.NEXT_STEP``): the step after
-an episode's end ignores its action and returns the first observation of the next episode. That step is no
-experience. Stable-Baselines3 expects the reset within the last step instead, so here the late step stays
-in the rollout, marked, and `RealRolloutBuffer` leaves it out of every update.
+Gymnasium's vector environments reset one step late; Stable-Baselines3 expects the first observation of the
+next episode from the step that ends one. So the ended rows are reset at once, by ``reset_mask``: every row
+that a learner sees is a step that was made.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from stable_baselines3.common.buffers import RolloutBuffer
-from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from fieldgym.base import TaskVectorEnv
+
 
 class NativeVecEnv(VecEnv):
-    """A native Gymnasium vector environment behind the interface of Stable-Baselines3.
+    """A Gymnasium vector environment behind the interface of Stable-Baselines3.
 
-    Attributes:
-        native: The vector environment.
-        late_resets: Which environments only reset in the last step: shape (environments,), bool.
+    Args:
+        native: A vector environment of fieldgym, or another whose rows are reset from outside
+            (``AutoresetMode.DISABLED``).
+        seed: Of the first reset; row i is seeded with ``seed + i``.
+
+    Raises:
+        ValueError: If its rows cannot be reset one by one.
     """
 
     def __init__(self, native: VectorEnv[Any, Any, Any], seed: int) -> None:
         mode = native.metadata.get("autoreset_mode")
-        if mode != AutoresetMode.NEXT_STEP:
-            raise ValueError(f"training needs a vector environment with NEXT_STEP autoreset, not {mode}")
+        if mode != AutoresetMode.DISABLED and not isinstance(native.unwrapped, TaskVectorEnv):
+            raise ValueError(
+                f"training resets the ended rows of a vector environment itself; make this one with"
+                f" autoreset_mode=AutoresetMode.DISABLED, not {mode}"
+            )
         self.native = native
-        self.late_resets: NDArray[np.bool_] = np.zeros(native.num_envs, dtype=np.bool_)
         self._seed: int | None = seed
-        self._ended = np.zeros(native.num_envs, dtype=np.bool_)
         self._returns = np.zeros(native.num_envs)
         self._lengths = np.zeros(native.num_envs, dtype=np.int64)
         self._actions: NDArray[Any] | None = None
@@ -46,8 +50,7 @@ class NativeVecEnv(VecEnv):
         """Begin new episodes everywhere; the first time from the seed handed in."""
         observation, _ = self.native.reset(seed=self._seed)
         self._seed = None
-        for array in (self.late_resets, self._ended, self._returns, self._lengths):
-            array[:] = 0
+        self._returns[:], self._lengths[:] = 0.0, 0
         return np.array(observation)
 
     def step_async(self, actions: NDArray[Any]) -> None:
@@ -55,28 +58,31 @@ class NativeVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step every environment.
+        """Step every environment, and begin the next episode of those that have ended.
 
         Returns:
             Observations, rewards, ends of episodes, and a dict for each environment; at an end it holds
             ``terminal_observation``, ``TimeLimit.truncated`` and the ``episode``'s return and length.
         """
         observation, reward, terminated, truncated, _ = self.native.step(self._actions)
-        self.late_resets[:] = self._ended
-        ended = (terminated | truncated) & ~self.late_resets
-        self._ended[:] = ended
-        self._returns += np.where(self.late_resets, 0.0, reward)
-        self._lengths += ~self.late_resets
+        reward = np.asarray(reward, dtype=np.float64)
+        self._returns += reward
+        self._lengths += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended = np.asarray(terminated | truncated)
+        if not ended.any():
+            return np.array(observation), reward, ended, infos
         for i in np.flatnonzero(ended):
             infos[i] = {
                 "terminal_observation": np.array(observation[i]),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
-        self._returns[ended] = 0.0
-        self._lengths[ended] = 0
-        return np.array(observation), np.asarray(reward, dtype=np.float64), ended.copy(), infos
+        self._returns[ended], self._lengths[ended] = 0.0, 0
+        first, _ = self.native.reset(options={"reset_mask": ended.copy()})
+        following = np.array(observation)
+        following[ended] = first[ended]
+        return following, reward, ended, infos
 
     def close(self) -> None:
         """Close the vector environment."""
@@ -86,7 +92,6 @@ class NativeVecEnv(VecEnv):
         """Everything that the next steps depend on, the native environment's own state included."""
         return {
             "native": self.native.unwrapped.get_state(),  # type: ignore[attr-defined]
-            "ended": self._ended.copy(),
             "returns": self._returns.copy(),
             "lengths": self._lengths.copy(),
         }
@@ -94,7 +99,6 @@ class NativeVecEnv(VecEnv):
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from a state that `get_state` gave."""
         self.native.unwrapped.set_state(state["native"])  # type: ignore[attr-defined]
-        self._ended[:] = state["ended"]
         self._returns[:] = state["returns"]
         self._lengths[:] = state["lengths"]
         self._seed = None
@@ -123,33 +127,3 @@ class NativeVecEnv(VecEnv):
 
     def _indices(self, indices: VecEnvIndices) -> Sequence[int]:
         return list(self._get_indices(indices))
-
-
-class RealRolloutBuffer(RolloutBuffer):
-    """A rollout buffer that draws its batches from real experience only, not from late resets."""
-
-    FLAT = ("observations", "actions", "values", "log_probs", "advantages", "returns")
-
-    def __init__(
-        self, buffer_size: int, *args: Any, environment: NativeVecEnv, rng: np.random.Generator, **kwargs: Any
-    ) -> None:
-        self._environment = environment
-        self._rng = rng
-        self._real = np.ones((buffer_size, environment.num_envs), dtype=np.bool_)
-        super().__init__(buffer_size, *args, **kwargs)
-
-    def add(self, *args: Any, **kwargs: Any) -> None:
-        """Store one step of every environment."""
-        self._real[self.pos] = ~self._environment.late_resets
-        super().add(*args, **kwargs)
-
-    def get(self, batch_size: int | None = None) -> Generator[RolloutBufferSamples, None, None]:
-        """Give the real steps once, in random order, in batches."""
-        if not self.generator_ready:
-            for name in self.FLAT:
-                setattr(self, name, self.swap_and_flatten(getattr(self, name)))
-            self.generator_ready = True
-        order = self._rng.permutation(np.flatnonzero(self.swap_and_flatten(self._real)))
-        size = batch_size or len(order)
-        for start in range(0, len(order), size):
-            yield self._get_samples(order[start : start + size])

@@ -8,9 +8,16 @@ from typing import Any
 
 import numpy as np
 import onnxruntime
+from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldagents.agent import Agent
+
+FORMS = (
+    (["observation"], ["action"]),
+    (["observation", "memory"], ["action", "next_memory"]),
+)
+"""Inputs and outputs of a policy file."""
 
 
 class PolicyError(ValueError):
@@ -25,7 +32,8 @@ class OnnxAgent(Agent):
 
     Args:
         policy: The ONNX file or its bytes: input ``observation`` (batch, ...) float32, output ``action``
-            (batch, ...).
+            (batch, ...). One with a memory also has ``memory`` (batch, n) float32 among its inputs and
+            ``next_memory`` among its outputs; it is zero when an episode begins.
         name: The agent's name in tables; the file's stem unless given.
         title: One line that says what it is.
 
@@ -50,14 +58,41 @@ class OnnxAgent(Agent):
             self._session = onnxruntime.InferenceSession(policy, options, providers=["CPUExecutionProvider"])
         except Exception as error:
             raise PolicyError(f"{path}: not an ONNX policy: {error}") from None
-        inputs = [entry.name for entry in self._session.get_inputs()]
+        given = {entry.name: tuple(entry.shape[1:]) for entry in self._session.get_inputs()}
         outputs = [entry.name for entry in self._session.get_outputs()]
-        if (inputs, outputs) != (["observation"], ["action"]):
+        if (list(given), outputs) not in FORMS:
             raise PolicyError(
-                f"{path}: a policy maps 'observation' to 'action', this file maps {inputs} to {outputs}"
+                f"{path}: a policy maps 'observation' to 'action' (one with a memory also 'memory' to"
+                f" 'next_memory'), this file maps {list(given)} to {outputs}"
             )
-        self.shape = tuple(self._session.get_inputs()[0].shape[1:])
+        self.shape = given["observation"]
+        self._memories: tuple[int, ...] | None = given.get("memory")
+        self._memory = np.zeros((0, 0), dtype=np.float32)
         self._source, self.name, self.title = path, name or path.stem, title
+
+    def reset(self, seed: int) -> None:  # noqa: ARG002 - nothing is drawn
+        """See ``Agent.reset``."""
+        self._memory = np.zeros((0, 0), dtype=np.float32)
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """See ``Agent.begin_episodes``."""
+        if len(self._memory) == len(begun):
+            self._memory[begun] = 0.0
+
+    def fits(self, observations: Space[Any], actions: Space[Any]) -> None:
+        """See ``Agent.fits``."""
+        if observations.shape != self.shape:
+            raise PolicyError(
+                f"{self._source}: made for observations of shape {self.shape},"
+                f" the environment gives {observations.shape}"
+            )
+        action = self.act(np.zeros((2, *self.shape)), {})
+        self.reset(0)
+        if action.shape != (2, *(actions.shape or ())):
+            raise PolicyError(
+                f"{self._source}: gives actions of shape {action.shape[1:]},"
+                f" the environment takes {actions.shape}"
+            )
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
         """The deterministic actions for a batch of observations."""
@@ -67,5 +102,12 @@ class OnnxAgent(Agent):
                 f"{self._source}: made for observations of shape {self.shape},"
                 f" the environment gives {observation.shape[1:]}"
             )
-        actions: NDArray[Any] = self._session.run(["action"], {"observation": observation})[0]
-        return actions
+        if self._memories is None:
+            (actions,) = self._session.run(["action"], {"observation": observation})
+            return np.asarray(actions)
+        if len(self._memory) != len(observation):
+            self._memory = np.zeros((len(observation), *self._memories), dtype=np.float32)
+        given = {"observation": observation, "memory": self._memory}
+        actions, memory = self._session.run(["action", "next_memory"], given)
+        self._memory = np.array(memory)
+        return np.asarray(actions)

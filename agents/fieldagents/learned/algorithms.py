@@ -1,0 +1,143 @@
+"""Which learner a config means: any algorithm of Stable-Baselines3's interface, by name or by import path."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Mapping
+from functools import cache
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field, PositiveFloat, PositiveInt, TypeAdapter, ValidationError
+
+from fieldmodels.names import did_you_mean
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+LIBRARIES = ("stable_baselines3", "sb3_contrib")
+
+OWN_PLACE = {
+    "policy": "the key policy",
+    "policy_kwargs": "the section network",
+    "env": "the section environment",
+    "seed": "the key seed",
+    "device": "no place: training runs on the processor, so that it can be repeated to the bit",
+    "verbose": "no place: progress is shown anyway",
+    "tensorboard_log": "no place: the run's folder has it",
+    "stats_window_size": "no place: the curve is of the latest 100 episodes",
+    "_init_setup_model": "no place",
+}
+"""Arguments of a learner that a config does not give in its section, and where they stand instead."""
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Natural = Annotated[int, Field(ge=0)]
+TYPES: dict[str, Any] = {
+    "learning_rate": PositiveFloat,
+    "gamma": Fraction,
+    "gae_lambda": Fraction,
+    "tau": Annotated[float, Field(gt=0.0, le=1.0)],
+    "batch_size": PositiveInt,
+    "n_steps": PositiveInt,
+    "n_epochs": PositiveInt,
+    "buffer_size": PositiveInt,
+    "learning_starts": Natural,
+    "train_freq": PositiveInt,
+    "gradient_steps": Annotated[int, Field(ge=-1)],
+    "max_grad_norm": PositiveFloat,
+    "target_kl": PositiveFloat | None,
+    "vf_coef": Annotated[float, Field(ge=0.0)],
+    "ent_coef": Annotated[float, Field(ge=0.0)] | str,
+}
+"""Types of arguments that mean the same in every algorithm; further ones are the algorithm's own business."""
+
+
+class MissingExtraError(ImportError):
+    """A package that only training needs is not installed."""
+
+
+def require_extra() -> None:
+    """Raise MissingExtraError unless all that training needs is installed."""
+    for module in ("torch", *LIBRARIES, "tensorboard", "onnx"):
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            raise MissingExtraError(
+                f"training needs {module}, which is not installed: pip install 'fieldgym[train]'"
+            ) from None
+
+
+@cache
+def find_algorithm(name: str) -> type[BaseAlgorithm]:
+    """The class of a learner.
+
+    Args:
+        name: Of an algorithm of Stable-Baselines3 or sb3-contrib, such as ``ppo`` or ``recurrent_ppo``, or
+            ``module:Class`` of any other with their interface.
+
+    Raises:
+        MissingExtraError: Without the packages of the ``train`` extra.
+        ValueError: If there is no such algorithm.
+    """
+    require_extra()
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    if ":" in name:
+        try:
+            found = resolve_name(name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ValueError(f"{name!r} cannot be imported: {error}") from None
+    else:
+        known = {}
+        for library in LIBRARIES:
+            for word, one in vars(importlib.import_module(library)).items():
+                if inspect.isclass(one) and issubclass(one, BaseAlgorithm):
+                    known[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", word).lower()] = one
+        if name.lower() not in known:
+            hint = did_you_mean(name, known) or f"; there are {', '.join(sorted(known))}"
+            raise ValueError(f"there is no algorithm {name!r}{hint}, or name your own as module:Class")
+        found = known[name.lower()]
+    if not (inspect.isclass(found) and issubclass(found, BaseAlgorithm)):
+        raise ValueError(f"{name!r} is not an algorithm with the interface of Stable-Baselines3")
+    return found
+
+
+def is_on_policy(kind: type[BaseAlgorithm]) -> bool:
+    """Whether it learns from what its present policy has just done."""
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+    return issubclass(kind, OnPolicyAlgorithm)
+
+
+def default_of(kind: type[BaseAlgorithm], key: str, otherwise: Any = None) -> Any:
+    """The library's default of a learner's argument; ``otherwise`` if there is none."""
+    parameter = inspect.signature(kind).parameters.get(key)
+    return otherwise if parameter is None or parameter.default is parameter.empty else parameter.default
+
+
+def wrong_arguments(kind: type[BaseAlgorithm], given: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What is wrong with the arguments of a learner: the key and the message of each mistake."""
+    signature = inspect.signature(kind).parameters
+    free = any(one.kind is one.VAR_KEYWORD for one in signature.values())
+    known = [key for key in signature if key not in OWN_PLACE] + ["learning_rate_decay"]
+    problems = []
+    for key, value in given.items():
+        if key in OWN_PLACE:
+            problems.append((key, f"not an argument of this section; its place: {OWN_PLACE[key]}"))
+        elif key not in known and not free:
+            problems.append((key, f"unknown key{did_you_mean(key, known)}"))
+        elif key == "learning_rate_decay" and value not in ("constant", "linear"):
+            problems.append((key, f"constant or linear, not {value!r}"))
+        elif key in TYPES:
+            try:
+                TypeAdapter(TYPES[key]).validate_python(value)
+            except ValidationError as error:
+                problems.append((key, f"{error.errors()[0]['msg']}, not {value!r}"))
+    if given.get("gradient_steps") == 0:
+        problems.append(("gradient_steps", "nothing is learned without gradient steps: at least 1, or -1"))
+    entropy = given.get("ent_coef", "auto")
+    if isinstance(entropy, str) and not re.fullmatch(r"auto(_\d*\.?\d+)?", entropy):
+        problems.append(("ent_coef", f"a number, auto or auto_0.1, not {entropy!r}"))
+    return problems
