@@ -25,7 +25,7 @@ MEMORY = 4
 """Strides whose commands, turns and line positions are remembered; the newest first."""
 BANDS = 2
 """Bands of rows that can be looked at."""
-BODIES = 19
+BODIES = 18
 """Numbers that hold the state of the rigid bodies, where they are the plant."""
 
 DRAWS = 8
