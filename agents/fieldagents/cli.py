@@ -159,6 +159,12 @@ def evaluate(
     config: ConfigPath,
     overrides: Settings = None,
     out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    trust_pickle: Annotated[
+        bool,
+        typer.Option(
+            "--trust-pickle", help="Load .zip files of Stable-Baselines3: their pickles can run any code."
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compare agents on the same published episode seeds, with intervals and verdicts.
@@ -176,7 +182,8 @@ def evaluate(
     from fieldagents.evaluation import show
     from fieldagents.evaluation.config import EvaluateConfig
 
-    checked = load_config(config, EvaluateConfig, overrides or [])
+    overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
+    checked = load_config(config, EvaluateConfig, overrides)
     folder = out or Path("results") / checked.name
     with progress() as report:
         summary = run(checked, folder, report)

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.agents import agent_names, make_agent
+from fieldagents.evaluation.agents import agent_names, known_agent, make_agent
 from fieldagents.operator import Operator
 from fieldagents.progress import Report
 from fieldagents.task import get_task
 from fieldgym import TASKS
 from fieldmodels.files import replacing
-from fieldmodels.names import did_you_mean
 
 FILMS = (".gif", ".webp")
 SLICES = 10
@@ -69,8 +68,8 @@ def watch(
 
     Args:
         task: Name of the task.
-        agent: Its name as ``fieldgym list`` has it, or the path of a ``policy.onnx``; None takes the first
-            one in the task's table that acts.
+        agent: Its name as ``fieldgym list`` has it, or another that ``make_agent`` knows; None takes the
+            first one in the task's table that acts.
         environment: Settings and reality.
         seed: Seed of the episode.
         film: Write a film to this file, by its ending ``.gif`` or ``.webp``, instead of opening a window.
@@ -85,10 +84,11 @@ def watch(
     if agent is None and not acting:
         raise WatchError(f"task {task!r} has no agent that acts; name a policy file: --agent policy.onnx")
     name = agent or acting[0]
-    if not name.endswith(".onnx") and name not in acting:
+    if name not in acting:
         if name in agent_names(task):
             raise WatchError(f"{name} is an estimator and does not act; watch one of {', '.join(acting)}")
-        raise WatchError(f"there is no agent {name!r}{did_you_mean(name, acting)}")
+        if problem := known_agent(name, task):
+            raise WatchError(problem)
     if film is not None and film.suffix.lower() not in FILMS:
         raise WatchError(f"{film}: a film ends in {' or '.join(FILMS)}")
     if film is None:

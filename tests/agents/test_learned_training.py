@@ -18,11 +18,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from fieldagents.config import ConfigError, load_config
 from fieldagents.learned import training
-from fieldagents.learned.algorithms import MissingExtraError
 from fieldagents.learned.checkpoint import CheckpointError, load_checkpoint, save_checkpoint, to_arrays
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.publish import publish
 from fieldagents.learned.training import TrainingError, train
+from fieldagents.policies.algorithms import MissingExtraError
 from fieldagents.policies.policy import OnnxAgent, PolicyError
 from fieldagents.policies.zoo import ZooError, list_zoo
 from fieldmodels.yaml import save_yaml

@@ -1,16 +1,18 @@
-"""Who can take part in an evaluation: reference agents, trained policies of the zoo, policy files."""
+"""Who can take part in an evaluation: reference agents, trained policies, agents of one's own."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from fieldagents.agent import Agent
 from fieldagents.policies import zoo
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.task import get_task
+from fieldmodels.names import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -48,16 +50,81 @@ def describe_agents(task: str) -> list[dict[str, str]]:
     return described
 
 
-def make_agent(name: str, task: str, settings: Mapping[str, Any]) -> AgentRuns:
+class AgentError(ValueError):
+    """An agent that cannot take part."""
+
+
+def known_agent(name: str, task: str) -> str:
+    """What is wrong with the name of a participant; empty if it can be made.
+
+    Args:
+        name: See `make_agent`.
+        task: Name of the task.
+    """
+    if name in agent_names(task):
+        return ""
+    if _is_import_path(name):
+        try:
+            resolve_name(name)
+        except (ImportError, AttributeError, ValueError) as error:
+            return f"{name!r} cannot be imported: {error}"
+        return ""
+    if name.endswith(".zip"):
+        return "" if Path(name).is_file() else f"no such file: {name}"
+    if name.endswith(".onnx") or Path(name).is_dir():
+        return "" if _policies(name) else f"no such file, or no policy.onnx in this folder: {name}"
+    return f"there is no agent {name!r}{did_you_mean(name, agent_names(task))}"
+
+
+def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: bool = False) -> AgentRuns:
     """Build a participant.
 
     Args:
-        name: Name of a reference agent or of a zoo entry, or the path of a ``policy.onnx``.
+        name: Name of a reference agent or of a zoo entry; the path of a ``policy.onnx``, of a training run's
+            folder, of a folder of such runs (one participant, whose verdicts are over its runs), or of a
+            ``.zip`` of Stable-Baselines3; or ``module:Class`` of an ``Agent`` of one's own, called with the
+            settings.
         task: Name of the task.
         settings: The environment's settings: which tuned values or which training fits them best.
+        trust_pickle: Whether a ``.zip`` may be loaded: it holds pickles, which run whatever code their
+            author has put there.
+
+    Raises:
+        AgentError: If there is no such agent, or a ``.zip`` is not trusted.
     """
-    if name.endswith(".onnx"):
-        return AgentRuns(name, (OnnxAgent(Path(name)),), learned=True)
+    if problem := known_agent(name, task):
+        raise AgentError(problem)
     if name in (known := get_task(task).agents):
         return AgentRuns(name, (known[name].make(settings),))
+    if _is_import_path(name):
+        made = resolve_name(name)(settings)
+        if not isinstance(made, Agent):
+            raise AgentError(f"{name}: gives {type(made).__name__}, which is not a fieldagents.agent.Agent")
+        return AgentRuns(name, (made,))
+    if name.endswith(".zip"):
+        if not trust_pickle:
+            raise AgentError(
+                f"{name}: a .zip of Stable-Baselines3 holds pickles, which run any code that their author has"
+                " put there; if you trust this file, say --trust-pickle"
+            )
+        from fieldagents.policies.sb3 import Sb3Agent
+
+        return AgentRuns(name, (Sb3Agent(Path(name)),), learned=True)
+    if policies := _policies(name):
+        return AgentRuns(name, tuple(OnnxAgent(path, name=name) for path in policies), learned=True)
     return AgentRuns(name, zoo.get_entry(task, name).agents(settings), learned=True)
+
+
+def _is_import_path(name: str) -> bool:
+    """Whether a name is ``module:Class``."""
+    module, colon, attribute = name.partition(":")
+    return bool(colon) and attribute.isidentifier() and all(part.isidentifier() for part in module.split("."))
+
+
+def _policies(name: str) -> list[Path]:
+    """The policy files that a path stands for, in order."""
+    path = Path(name)
+    if path.is_file():
+        return [path]
+    whole = path / "policy.onnx"
+    return [whole] if whole.is_file() else sorted(path.glob("*/policy.onnx"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from pydantic import Field, ValidationInfo, field_validator
 
 from fieldagents.config import (
@@ -15,7 +13,7 @@ from fieldagents.config import (
     check_environment,
     check_task,
 )
-from fieldagents.evaluation.agents import agent_names
+from fieldagents.evaluation.agents import known_agent
 from fieldmodels.names import did_you_mean
 
 
@@ -26,8 +24,11 @@ class EvaluateConfig(Config):
         name: Name of the result folder.
         task: Name of the task.
         environments: The scenarios: a name of one's own to settings and reality.
-        agents: Names of reference or learned agents, or paths of ``policy.onnx`` files.
+        agents: Names of reference or learned agents; paths of policies or of folders of training runs; or
+            ``module:Class`` of an agent of one's own (see ``make_agent``).
         baseline: The agent that all others are compared with; it is in ``agents`` too.
+        trust_pickle: Whether agents may be ``.zip`` files of Stable-Baselines3, whose pickles run any code
+            that their author has put there.
         episodes: Number of episodes of every agent in every scenario, the same published seeds for all.
     """
 
@@ -36,6 +37,7 @@ class EvaluateConfig(Config):
     environments: dict[Name, EnvironmentConfig] = Field(min_length=1)
     agents: list[str] = Field(min_length=1)
     baseline: str
+    trust_pickle: bool = False
     episodes: int = Field(default=100, ge=2, le=10_000)
 
     @field_validator("task")
@@ -65,11 +67,8 @@ class EvaluateConfig(Config):
         for i, name in enumerate(agents):
             if name in agents[:i]:
                 problems.append(((i,), f"agent {name!r} is listed twice"))
-            elif name.endswith(".onnx"):
-                if not Path(name).is_file():
-                    problems.append(((i,), f"no such file: {name}"))
-            elif "task" in info.data and name not in (known := agent_names(info.data["task"])):
-                problems.append(((i,), f"there is no agent {name!r}{did_you_mean(name, known)}"))
+            elif "task" in info.data and (problem := known_agent(name, info.data["task"])):
+                problems.append(((i,), problem))
         if problems:
             raise ProblemsError(problems)
         return agents
@@ -80,8 +79,6 @@ class EvaluateConfig(Config):
         agents = info.data.get("agents")
         if agents is not None and baseline not in agents:
             raise ValueError(f"{baseline!r} is not among the agents{did_you_mean(baseline, agents)}")
-        if agents is None and "task" in info.data and not baseline.endswith(".onnx"):
-            known = agent_names(info.data["task"])
-            if baseline not in known:
-                raise ValueError(f"there is no agent {baseline!r}{did_you_mean(baseline, known)}")
+        if agents is None and "task" in info.data and (problem := known_agent(baseline, info.data["task"])):
+            raise ValueError(problem)
         return baseline

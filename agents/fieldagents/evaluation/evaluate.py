@@ -47,7 +47,7 @@ def evaluate(
     began = time.perf_counter()
     seeds = TEST_SEEDS[: config.episodes]
     entries = [
-        (scenario, environment, make_agent(name, config.task, environment.settings))
+        (scenario, environment, make_agent(name, config.task, environment.settings, config.trust_pickle))
         for scenario, environment in config.environments.items()
         for name in config.agents
     ]

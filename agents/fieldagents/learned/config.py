@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
 from fieldagents.config import Config, EnvironmentConfig, Name, ProblemsError, check_environment, check_task
-from fieldagents.learned.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
+from fieldagents.policies.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
 if TYPE_CHECKING:

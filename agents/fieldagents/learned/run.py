@@ -15,11 +15,11 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
-from fieldagents.learned.algorithms import is_on_policy
 from fieldagents.learned.checkpoint import random_state, restore_random_state, to_arrays
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.pixels import ImageFeatures, is_image
 from fieldagents.learned.vector import NativeVecEnv
+from fieldagents.policies.algorithms import is_on_policy
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 LOGGED = {

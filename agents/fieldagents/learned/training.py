@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from fieldagents.config import load_config
-from fieldagents.learned.algorithms import require_extra
 from fieldagents.learned.config import TrainConfig
+from fieldagents.policies.algorithms import require_extra
 from fieldagents.progress import progress as showing_progress
 from fieldgym import TASKS
 from fieldmodels.drivers.named import flown

@@ -70,6 +70,20 @@ def require_extra() -> None:
 
 
 @cache
+def algorithms() -> dict[str, type[BaseAlgorithm]]:
+    """The algorithms of Stable-Baselines3 and sb3-contrib by the names that configs have for them."""
+    require_extra()
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    return {
+        re.sub(r"(?<=[a-z])(?=[A-Z])", "_", word).lower(): one
+        for library in LIBRARIES
+        for word, one in vars(importlib.import_module(library)).items()
+        if inspect.isclass(one) and issubclass(one, BaseAlgorithm)
+    }
+
+
+@cache
 def find_algorithm(name: str) -> type[BaseAlgorithm]:
     """The class of a learner.
 
@@ -90,11 +104,7 @@ def find_algorithm(name: str) -> type[BaseAlgorithm]:
         except (ImportError, AttributeError, ValueError) as error:
             raise ValueError(f"{name!r} cannot be imported: {error}") from None
     else:
-        known = {}
-        for library in LIBRARIES:
-            for word, one in vars(importlib.import_module(library)).items():
-                if inspect.isclass(one) and issubclass(one, BaseAlgorithm):
-                    known[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", word).lower()] = one
+        known = algorithms()
         if name.lower() not in known:
             hint = did_you_mean(name, known) or f"; there are {', '.join(sorted(known))}"
             raise ValueError(f"there is no algorithm {name!r}{hint}, or name your own as module:Class")
