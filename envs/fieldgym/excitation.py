@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +26,18 @@ from fieldmodels.machines.excitation.motion import DECISION
 from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
-    INERTIA,
-    MASS,
     NAMES,
     PRIOR_MEAN,
     PRIOR_VARIANCE,
     SAMPLES,
-    STIFFNESS,
     UNKNOWNS,
     Rules,
 )
+from fieldmodels.machines.excitation.rewards import GROUPS, bits, relative_accuracy, weight_of_each
 from fieldmodels.machines.excitation.shaker import (
     CHANNELS,
     FINEST,
+    VARIANTS,
     Shaken,
     Shakers,
     average_percent,
@@ -54,13 +53,8 @@ REACHED_PERCENT = 20.0
 """Average error that counts as identified [%]: about the source's result, 18.9 (Table I)."""
 MEAN_BOUND, LOG_LOW, LOG_HIGH = 5.0, -12.0, 1.0
 """Bounds of the observed means (in standard deviations of the prior) and logarithms of deviations."""
-GROUPS = {
-    "mass": range(MASS, INERTIA),
-    "inertia": range(INERTIA, CG),
-    "c.g.": range(CG, DAMPING),
-    "damping": range(DAMPING, STIFFNESS),
-    "stiffness": range(STIFFNESS, UNKNOWNS),
-}
+
+Weight = Annotated[float, Setting("", least=0, most=1e6)]
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -68,6 +62,28 @@ class ExcitationSettings(Rules):
     """What can be set in ``fieldgym/Excitation-v0``."""
 
     decisions: Annotated[int, Setting("Decisions of 0.4 s in an episode.", least=1, most=100_000)] = 25
+    reward: Annotated[
+        Literal["bits", "relative_error"],
+        Setting(
+            "What a decision is rewarded for: the `bits` that the filter gains, or halvings of the expected "
+            "`relative_error`, the mean of the standard deviations over the nominal values."
+        ),
+    ] = "bits"
+    weights: Annotated[
+        tuple[Weight, Weight, Weight, Weight, Weight],
+        Setting(
+            "Weight in the reward of mass, each inertia, c.g., damping and stiffness: the source's "
+            '"weightings that may be problem dependent" (section VI).'
+        ),
+    ] = (1.0, 1.0, 1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Check the numbers; see ``check_declared``."""
+        super().__post_init__()
+        if not (weight_of_each(np.array(self.weights)) * VARIANTS[self.variant].unknowns).any():
+            raise ModelError(
+                f"weights: all that is estimated has no weight in {self.weights}; let one be positive"
+            )
 
 
 DIAGNOSED = "soft"
@@ -157,11 +173,12 @@ class _ExcitationTask(BatchTask):
 
     def step(self, actions: Floats) -> Outcome:
         """Shake every vehicle for one decision."""
-        before = self.shakers.bits.sum(axis=1)
+        before = self._worth(self.shakers.bits, self.shakers.deviations)
         low, high = self.shakers.ranges
         commands = low + (high - low) * (actions + 1.0) / 2.0
         shaken = self.shakers.advance(commands, traces=self._traces is not None)
         self._shaken = shaken
+        reward = self._worth(shaken.bits, self.shakers.deviations) - before
         self.elapsed += 1
         if self._traces is not None:
             assert shaken.motion is not None
@@ -174,11 +191,21 @@ class _ExcitationTask(BatchTask):
         self.below_since[:] = np.where(below, since, -1)
         return Outcome(
             observation=self.observation(),
-            reward=shaken.bits.sum(axis=1) - before,
+            reward=reward,
             terminated=np.zeros(len(self.elapsed), dtype=np.bool_),
             truncated=self.elapsed >= self.drawn.column("decisions"),
             info=self.reset_info(),
         )
+
+    def _worth(self, information: Floats, deviations: Floats) -> Floats:
+        """What the experiments are worth as they stand, by the settings' reward, shape (batch,)."""
+        weights = weight_of_each(self.drawn.column("weights"))
+        relative = self.drawn.column("reward") == "relative_error"
+        worth = bits(information, weights)
+        if relative.any():
+            accuracy = relative_accuracy(deviations, self.shakers.nominal, weights, self.shakers.estimated)
+            worth = np.where(relative, accuracy, worth)
+        return worth
 
     def observation(self) -> NDArray[np.float32]:
         """What is known and where the arm is, shape (batch, 50)."""
@@ -348,6 +375,12 @@ class ExcitationEnv(TaskEnv):
     in the form that depends on its standard deviation alone, summed over the parameters. The sum of an
     episode is the final information less that of the prior. A filter's bits are worth what its standard
     deviations are: those of the default are honest; `naive` claims bits that it does not have.
+
+    With `reward="relative_error"` a step is worth log2 of the expected relative error before it over that
+    after it: of the mean, over the parameters that are nominally not zero, of the filter's standard
+    deviation over the nominal value. Bits count a halving of any parameter's deviation alike; this reward
+    follows what is known worst, and ranks motions by Table I's error where bits do not. `weights` weigh
+    groups of parameters in either.
 
     `info` holds after each step, and after `reset`
 

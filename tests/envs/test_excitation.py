@@ -52,6 +52,46 @@ def test_rewards_sum_to_the_information_gained():
     assert (rewards.sum(axis=0) > 100).all()
 
 
+def test_weights_weigh_the_bits_of_their_groups():
+    rewards, infos, _ = episode(anything, weights=(2.0, 1.0, 0.0, 0.5, 3.0))
+    weights = [2.0] + 6 * [1.0] + 3 * [0.0] + 6 * [0.5] + 6 * [3.0]
+    gained = (infos[-1]["information"] - infos[0]["information"]) @ weights
+    np.testing.assert_allclose(rewards.sum(axis=0), gained, rtol=1e-12)
+
+
+@pytest.mark.parametrize("preset", ["table1", "soft"])
+def test_relative_error_is_rewarded_by_its_halvings(preset):
+    weights = (1.0, 2.0, 0.5, 1.0, 0.0)
+    rewards, infos, _ = episode(
+        anything, reward="relative_error", weights=weights, preset=preset, truth_spread=0.2
+    )
+    expected = []
+    for info in (infos[0], infos[-1]):
+        total = count = 0.0
+        for i, nominal in enumerate(PRESETS[preset]):
+            weight = weights[0 if i < 1 else 1 if i < 7 else 2 if i < 10 else 3 if i < 16 else 4]
+            if nominal:
+                total += weight * info["estimate"]["covariance"][:, i, i] ** 0.5 / abs(nominal)
+                count += weight
+        expected.append(total / count)
+    np.testing.assert_allclose(rewards.sum(axis=0), np.log2(expected[0] / expected[1]), rtol=1e-12)
+
+
+def test_scalar_and_vector_rewards_are_equal_to_the_bit():
+    chosen = {"reward": "relative_error", "weights": (1.0, 0.3, 2.0, 1.0, 1.0), "decisions": 3}
+    vector, _, _ = episode(anything, batch=2, seed=5, **chosen)
+    for row, seed in enumerate((5, 6)):
+        env = gym.make(ID, settings=chosen)
+        env.reset(seed=seed)
+        scalar = [env.step(anything(k).astype(np.float32))[1] for k in range(3)]
+        assert np.array_equal(scalar, vector[:, row])
+
+
+def test_weights_that_leave_nothing_are_refused():
+    with pytest.raises(fieldgym.SettingsError, match="let one be positive"):
+        gym.make(ID, settings={"weights": (1.0, 0.0, 0.0, 0.0, 0.0), "variant": "table2"})
+
+
 def test_constant_action_keeps_equation_24():
     _, infos, _ = episode(CONSTANT_ACTION, batch=1)
     for k, info in enumerate(infos):

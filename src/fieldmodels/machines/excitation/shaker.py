@@ -310,6 +310,16 @@ class Shakers:
         return self._information(self._filters.covariance[self._estimator])
 
     @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations of the estimates by the chosen filter, shape (batch, 22)."""
+        return np.asarray(np.sqrt(np.diagonal(self._filters.covariance[self._estimator], axis1=1, axis2=2)))
+
+    @property
+    def nominal(self) -> FloatArray:
+        """The 22 nominal values of every experiment, those of its preset, shape (batch, 22)."""
+        return np.asarray(self._records["nominal"])
+
+    @property
     def draws(self) -> FloatArray:
         """Mean of the draws behind the latest sample's noise, whatever was commanded, shape (batch,)."""
         return np.asarray(mean_draws(self._keys, self._counts))
