@@ -7,6 +7,7 @@ numbers in this module are that chapter's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -75,9 +76,9 @@ class _PoseReachingTask(BatchTask):
         self._chosen: Floats | None = None
 
     def spaces(self) -> tuple[Box, Box]:
-        """Speed and turn rate; where the ball is."""
+        """Speed and turn rate, and speed to the left; where the ball is."""
         return (
-            Box(-1.0, 1.0, (2,), np.float32),
+            Box(-1.0, 1.0, (self.settings.action_count,), np.float32),
             Box(OBSERVATION_LOW, OBSERVATION_HIGH, dtype=np.float32),
         )
 
@@ -213,11 +214,11 @@ class _PoseReachingTask(BatchTask):
         assert self._trails is not None
         begun = tick.numbers[NUMBERS.index("time")] == 0.0
         self._begin_trails(np.flatnonzero(begun).tolist())
-        limits = self.robots.rules.limits
+        commands = self.robots.commands(actions)
         for i in np.flatnonzero(~begun).tolist():
             self._trails[i].append(tick.true_poses[i])
-            speed, rate = actions[i].tolist()
-            self._commands[i] = (0.5 * limits.max_speed * (1.0 + speed), limits.max_rate * rate)
+            speed, sideways, rate = commands[i].tolist()
+            self._commands[i] = (math.hypot(speed, sideways), rate)
 
 
 class PoseReachingEnv(TaskEnv):
@@ -244,6 +245,11 @@ class PoseReachingEnv(TaskEnv):
     |-----|--------|----|---|----|
     | 0 | speed *v* | 0 | 0.5 m/s | 1 m/s (`max_speed`) |
     | 1 | turn rate *ω* | -4 rad/s, to the right | 0 | 4 rad/s, to the left (`max_rate`) |
+
+    With `drive="omnidirectional"`, as the source's robots are built (section 5.3.1), `Box(-1, 1, (3,),
+    float32)`: 0 is the speed forwards from -1 to 1 m/s, 2 the speed to the left, likewise; a velocity
+    longer than `max_speed` is shortened to it. The robot drives d(x, y)/dt = *v* (cos θ, sin θ) +
+    *u* (-sin θ, cos θ).
 
     ## Observation Space
 
@@ -329,6 +335,10 @@ class PoseReachingEnv(TaskEnv):
     - **Deviates**: the source gives its method distance, heading and heading offset, in coordinates at the
       ball; here the observation has more than one needs. Its command *ω* is called a velocity rotation
       and then behaves like a direction; here it is a turn rate.
+    - **Omnidirectional**: the source's robots "were made to behave in a kinematic unicycle manner"; what
+      they can do otherwise is an option. In a `reality` its sideways drive is a third rim, with the same
+      gain, dead zone, saturation, delay, lag and rate limit; stock effects act on `speed` and
+      `turn_rate` alone. `dubins_length` stays the unicycle's, as a yardstick.
     - **Assumed**: limits of speed and turn rate; when the robot has arrived (the source shows pictures, no
       numbers); walls at the field's edges; the robot as a point; starts `T2`, `T3`; tick, timeout, reward.
 

@@ -274,3 +274,42 @@ def test_arrival_is_drawn():
         over = env.step(np.array([1, 0], np.float32))[2]
     badge = (slice(492, 518), slice(800, 936))
     assert (before[badge] != env.render()[badge]).any()
+
+
+OMNIDIRECTIONAL = {"drive": "omnidirectional"}
+
+
+@pytest.mark.parametrize(
+    ("action", "ahead", "left"),
+    [
+        ((1, 0, 0), 1, 0),
+        ((-0.5, 0, 0), -0.5, 0),
+        ((0, 0, 1), 0, 1),
+        ((0.3, 0, -0.4), 0.3, -0.4),
+        ((7, 0, 1), 0.5**0.5, 0.5**0.5),
+    ],
+)
+def test_an_omnidirectional_robot_drives_any_way(action, ahead, left):
+    env = gym.make(ID, settings=OMNIDIRECTIONAL)
+    env.reset(seed=0, options={"pose": (1.0, 0.5, 0.5 * math.pi)})
+    info = env.step(np.array(action, np.float32))[4]
+    np.testing.assert_allclose(info["pose"], (1.0 - 0.1 * left, 0.5 + 0.1 * ahead, 0.5 * math.pi), atol=1e-8)
+    assert info["path_length"] == pytest.approx(0.1 * math.hypot(ahead, left))
+
+
+@pytest.mark.parametrize("reality", [None, FAULTS])
+def test_omnidirectional_robots_side_by_side_are_single_ones(reality):
+    actions = np.random.default_rng(4).uniform(-1, 1, (40, 6, 3)).astype(np.float32)
+    chosen = {**OMNIDIRECTIONAL, "starts": "T1", "timeout": 2.0}
+    ours, theirs = (play(actions, 3, reality, mode, **chosen) for mode in ("vector_entry_point", "sync"))
+    np.testing.assert_equal(ours, theirs)
+
+
+def test_an_omnidirectional_robot_arrives_at_the_instant_it_passes():
+    """Sideways over the ball, turning: at one instant near it and heading up, within a tick."""
+    env = gym.make(ID, settings={**OMNIDIRECTIONAL, "tick": 1.0})
+    env.reset(seed=0, options={"pose": (-0.5, 0.0, 0.5 * math.pi)})
+    _, _, arrived, _, info = env.step(np.array([0, 0, -1], np.float32))
+    assert arrived
+    assert info["time"] == pytest.approx(0.45, abs=0.011)
+    assert info["path_length"] == pytest.approx(info["time"])

@@ -43,7 +43,7 @@ def shares(poses: np.ndarray, distance: float, turn: float, substeps: int) -> np
     for i in range(len(poses)):
         c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
         result[i] = unicycle.arrival_share(
-            poses[i, 0], poses[i, 1], c, s, distance, turn, 0.05, math.cos(math.radians(10)), substeps
+            poses[i, 0], poses[i, 1], c, s, distance, 0.0, turn, 0.05, math.cos(math.radians(10)), substeps
         )
     return result
 

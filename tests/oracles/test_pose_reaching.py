@@ -182,23 +182,33 @@ def test_a_pose_driven_by_measured_wheels(machine, effect, rng, agree):
 def agree_in_the_task(rng, agree):
     """The task's robot goes from instant to instant, 10 ms apart: within one it may be off by 0.05 mm."""
 
-    def check(effects):
+    def check(effects, drive="unicycle"):
         tick, start = 0.1, {"x": -1.3, "y": 0.4, "heading": -0.7}
-        env = gym.make("fieldgym/PoseReaching-v0", reality=effects, disable_env_checker=True)
+        env = gym.make(
+            "fieldgym/PoseReaching-v0", settings={"drive": drive}, reality=effects, disable_env_checker=True
+        )
         settings = env.unwrapped.settings
         assert settings.tick == tick
         _, info = env.reset(seed=1, options={"pose": tuple(start.values())})
         actions = rng.uniform((-1.0, -1.0), (0.3, 1.0), size=(8, 2)).repeat(3, axis=0).astype(np.float32)
         actions[3:6] = 0.8, -0.9
+        if drive == "omnidirectional":  # to and fro, so that no wall is met
+            sideways = (
+                0.5 * rng.uniform(0.2, 1.0, len(actions)) * np.resize([1, 1, 1, -1, -1, -1], len(actions))
+            )
+            actions = np.column_stack([actions, sideways]).astype(np.float32)
+            actions[:, 0] = 0.7 * np.resize([1, -1], len(actions)) * actions[:, 0]
         shown = [info["pose"]]
         for action in actions:
             _, _, terminated, _, info = env.step(action)
             assert not terminated
             assert info["wall_hits"] == 0
             shown.append(info["pose"])
-        commands = np.zeros((len(shown), 2))
+        commands = np.zeros((len(shown), actions.shape[1]))
         commands[:-1, 0] = 0.5 * settings.max_speed * (1.0 + actions[:, 0])
         commands[:-1, 1] = settings.max_rate * actions[:, 1]
+        if drive == "omnidirectional":
+            commands[:-1, 0], commands[:-1, 2] = settings.max_speed * actions[:, (0, 2)].T
         simulate = find_oracle("pose_reaching").simulate
         on, off = (simulate(BASE, e, commands, tick, start)[:, :3] for e in (effects, {}))
         got = np.array(shown)
@@ -226,3 +236,32 @@ IN_THE_TASK = [
 @pytest.mark.parametrize("pair", IN_THE_TASK, ids="+".join)
 def test_pairs_in_the_task(pair, agree_in_the_task):
     agree_in_the_task({effect: DRIVE[effect][-1] for effect in pair})
+
+
+@pytest.mark.parametrize("effect", DRIVE)
+def test_an_omnidirectional_robot(effect, agree_in_the_task):
+    agree_in_the_task({effect: DRIVE[effect][-1]}, "omnidirectional")
+
+
+def test_a_nominal_omnidirectional_robot_drives_exactly(rng):
+    """The task's arcs against adaptive integration, with actions beyond the largest speed shortened to it."""
+    start = {"x": -1.3, "y": 0.4, "heading": -0.7}
+    env = gym.make("fieldgym/PoseReaching-v0", settings={"drive": "omnidirectional"})
+    _, info = env.reset(seed=1, options={"pose": tuple(start.values())})
+    actions, shown = rng.uniform(-1.0, 1.0, size=(12, 3)).astype(np.float32), [info["pose"]]
+    actions[0] = 1.0, 0.3, -1.0
+    for action in actions:
+        shown.append(env.step(action)[4]["pose"])
+    length = np.maximum(np.hypot(actions[:, 0], actions[:, 2]), 1.0)
+    commands = np.vstack(
+        [
+            np.column_stack([actions[:, 0] / length, 4.0 * actions[:, 1], actions[:, 2] / length]),
+            0 * actions[:1],
+        ]
+    )
+    want = find_oracle("pose_reaching").simulate(BASE, {}, commands, 0.1, start)[:, :3]
+    np.testing.assert_allclose(np.array(shown)[:, :2], want[:, :2], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(np.exp(1j * np.array(shown)[:, 2]), np.exp(1j * want[:, 2]), rtol=0, atol=1e-7)
+    assert env.unwrapped.step(actions[0])[4]["path_length"] == pytest.approx(
+        0.1 * (np.hypot(commands[:-1, 0], commands[:-1, 2]).sum() + 1.0), rel=1e-6
+    )

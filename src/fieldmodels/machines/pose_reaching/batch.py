@@ -60,6 +60,14 @@ class Rules:
         Literal["strict", "loose"],
         Setting("`strict`: within 5 cm of the ball and 10 deg of the heading; `loose`: 10 cm and 15 deg."),
     ] = "strict"
+    drive: Annotated[
+        Literal["unicycle", "omnidirectional"],
+        Setting(
+            "`unicycle` drives forwards, as the source's robots were made to; `omnidirectional` also "
+            "backwards and sideways, as they can.",
+            fixed="it shapes the actions",
+        ),
+    ] = "unicycle"
     tick: Annotated[
         float,
         Setting(
@@ -96,6 +104,11 @@ class Rules:
     def __post_init__(self) -> None:
         """Check the numbers; see ``check_declared``."""
         check_declared(self)
+
+    @property
+    def action_count(self) -> int:
+        """Numbers in an action."""
+        return 3 if self.drive == "omnidirectional" else 2
 
     @property
     def arrival(self) -> Arrival:
@@ -299,7 +312,9 @@ class Robots:
 
         Args:
             actions: Speed from 0 (-1) to the largest (1), turn rate from the largest to the right (-1) to
-                the largest to the left (1), clipped; shape (batch, 2), float, C-contiguous.
+                the largest to the left (1), clipped; shape (batch, 2), float, C-contiguous. Of an
+                omnidirectional robot speed from the largest backwards (-1), and the speed to the left, from
+                -1 to 1, as the third, shape (batch, 3).
             restarting: True lets a robot whose episode is over begin its next one instead; its action is
                 ignored, its reward 0, and what is observed of it is the new episode's start.
 
@@ -308,13 +323,15 @@ class Robots:
         """
         if not self._ready:
             raise ModelError("seed and restart every robot before the first tick")
+        given, sideways = self._commanded(actions)
         begin = np.flatnonzero(self.robots["over"]) if self.stock and restarting else NOBODY
         tick = self._empty()
         finite = advance_all(
             self.robots,
             actions,
             restarting,
-            None if self.stock is None else self._given(actions, self.stock),
+            given,
+            sideways,
             self.extended,
             self._rules,
             tick.observed,
@@ -335,16 +352,32 @@ class Robots:
                 see_all(self._shown, tick.observed, tick.poses)
         return tick
 
-    def _given(self, actions: NDArray[np.floating[Any]], stock: Stepped) -> FloatArray:
-        """What the drive makes of commanded speeds [m/s] and turn rates [rad/s], shape (batch, 2)."""
-        if stock.moves:
-            every = np.arange(len(self))
-            self.set_reality(every, stock.change(every, self.rules.tick))
-        speed, rate = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0).T
-        rules = self._rules
-        return stock.given(
-            np.column_stack([0.5 * rules["max_speed"] * (1.0 + speed), rules["max_rate"] * rate])
-        )
+    def _commanded(self, actions: NDArray[np.floating[Any]]) -> tuple[FloatArray | None, FloatArray | None]:
+        """Speeds and turn rates that the drive is given, and speeds to the left; None as actions say."""
+        omnidirectional = self.rules.drive == "omnidirectional"
+        if self.stock is None and not omnidirectional:
+            return None, None
+        commands = self.commands(actions)
+        given = np.ascontiguousarray(commands[:, ::2])
+        if self.stock is not None:
+            if self.stock.moves:
+                every = np.arange(len(self))
+                self.set_reality(every, self.stock.change(every, self.rules.tick))
+            given = self.stock.given(given)
+        return given, np.ascontiguousarray(commands[:, 1]) if omnidirectional else None
+
+    def commands(self, actions: NDArray[np.floating[Any]]) -> FloatArray:
+        """What actions command: speed, speed to the left [m/s] and turn rate [rad/s], shape (batch, 3).
+
+        An omnidirectional robot's velocity is shortened to the largest speed.
+        """
+        clipped, rules = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0), self._rules
+        rate = rules["max_rate"] * clipped[:, 1]
+        if self.rules.drive == "unicycle":
+            return np.column_stack([0.5 * rules["max_speed"] * (1.0 + clipped[:, 0]), 0.0 * rate, rate])
+        ahead, left = clipped[:, 0], clipped[:, 2]
+        scale = rules["max_speed"] / np.maximum(np.hypot(ahead, left), 1.0)
+        return np.column_stack([scale * ahead, scale * left, rate])
 
     def state(self) -> dict[str, NDArray[Any]]:
         """An exact snapshot of all robots: plain arrays, the first structured."""

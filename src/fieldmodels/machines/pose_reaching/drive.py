@@ -32,23 +32,34 @@ def rim(speed: float, q: Any) -> float:
 
 
 @inlined
+def strength_of(time: float, step: float, q: Any) -> float:
+    """Factor on all rims in a step that begins at a time [s]: a jump holds for the share that is left."""
+    if q.parameter_step.factor == 1.0:
+        return 1.0
+    jumped = min(max((time - q.parameter_step.time) / step + 1.0, 0.0), 1.0)
+    return float(1.0 + (q.parameter_step.factor - 1.0) * jumped)
+
+
+@inlined
 def rims(speed: float, rate: float, time: float, step: float, q: Any) -> tuple[float, float]:
     """What both rims aim at [m/s] in a step, for the command that holds in it.
 
     Args:
         speed: Commanded speed [m/s].
         rate: Commanded turn rate [rad/s].
-        time: Time at the step's beginning [s]; after a jump (``parameter_step``) its factor holds for the
-            share of the step that is left.
+        time: Time at the step's beginning [s].
         step: Length of the step [s].
         q: Numbers of the robot.
     """
-    strength = 1.0
-    if q.parameter_step.factor != 1.0:
-        jumped = min(max((time - q.parameter_step.time) / step + 1.0, 0.0), 1.0)
-        strength = 1.0 + (q.parameter_step.factor - 1.0) * jumped
+    strength = strength_of(time, step, q)
     half, gain = 0.5 * q.track * q.turn_gain.gain * rate, q.actuator_gain.gain
     return strength * rim(gain * (speed - half), q), strength * rim(gain * (speed + half), q)
+
+
+@inlined
+def across(sideways: float, time: float, step: float, q: Any) -> float:
+    """What the sideways drive of an omnidirectional robot aims at [m/s]: a third rim; as ``rims``."""
+    return strength_of(time, step, q) * rim(q.actuator_gain.gain * sideways, q)
 
 
 @inlined
@@ -117,6 +128,7 @@ def moved(
     sine: float,
     left: float,
     right: float,
+    lateral: float | None,
     duration: float,
     disturbance: float,
     q: Any,
@@ -130,6 +142,7 @@ def moved(
         sine: Sine of the heading.
         left: Travel of the left rim, by the wheel's angle and nominal radius [m].
         right: The same of the right one.
+        lateral: The same of the sideways drive, positive to the left [m]; None for a unicycle.
         duration: Time that it takes [s].
         disturbance: Additional turn rate [rad/s].
         q: Numbers of the robot.
@@ -141,7 +154,11 @@ def moved(
     right *= 1.0 - 0.5 * q.unequal_wheels.difference
     distance = 0.5 * (left + right)
     turn = (1.0 - q.yaw_slip.share) * (right - left) / q.track + disturbance * duration
-    sideways = q.sideways_slip.coefficient
-    lateral = -sideways * distance * turn / duration if sideways != 0.0 else 0.0
-    x, y, cosine, sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
-    return x + q.slope.x * abs(distance), y + q.slope.y * abs(distance), cosine, sine, turn
+    slip, way, ahead, aside = q.sideways_slip.coefficient, abs(distance), distance, 0.0
+    if lateral is not None:
+        way, aside = math.hypot(distance, lateral), lateral
+    if slip != 0.0:  # outwards: across the motion, by the centripetal acceleration
+        outwards = slip * turn / duration
+        ahead, aside = distance + outwards * aside, aside - outwards * distance
+    x, y, cosine, sine = slipping_arc(x, y, cosine, sine, ahead, aside, turn)
+    return x + q.slope.x * way, y + q.slope.y * way, cosine, sine, turn

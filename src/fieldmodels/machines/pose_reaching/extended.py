@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
-from fieldmodels.machines.pose_reaching.drive import excess_of, rim_speed, rim_travel, rims
+from fieldmodels.machines.pose_reaching.drive import across, excess_of, rim_speed, rim_travel, rims
 from fieldmodels.machines.pose_reaching.unicycle import wrapped
 
 
@@ -23,8 +23,8 @@ class Extended(NamedTuple):
     Attributes:
         rows: Numbers of each robot, shape (batch,), dtype ``ROW``.
         on: Which robots have an effect, shape (batch,).
-        speeds: Speed of each rim [m/s], shape (batch, 2).
-        aims: What the rims aimed at in the latest instants [m/s], shape (batch, slots, 2).
+        speeds: Speed of each rim and of the sideways drive [m/s], shape (batch, 3).
+        aims: What these aimed at in the latest instants [m/s], shape (batch, slots, 3).
         poses: Poses at the latest instants: x [m], y [m], heading [rad]; shape (batch, slots, 3).
     """
 
@@ -49,7 +49,7 @@ def make_extended(
     delays = ("actuator_delay", "sensor_delay")
     longest = max(float(kind[name]["delay"].max()) for name in delays for kind in (rows, possible))
     batch, slots = len(rows), math.ceil(longest / instant) + 2
-    return Extended(rows, on, np.zeros((batch, 2)), np.zeros((batch, slots, 2)), np.zeros((batch, slots, 3)))
+    return Extended(rows, on, np.zeros((batch, 3)), np.zeros((batch, slots, 3)), np.zeros((batch, slots, 3)))
 
 
 @inlined
@@ -78,13 +78,30 @@ def travelled(
     q, slots = e.rows[b], e.aims.shape[1]
     newest = instant % slots
     e.aims[b, newest, 0], e.aims[b, newest, 1] = rims(speed, rate, instant * step, step, q)
-    # A delay of m instants and a part: for that part of the step the older of two aims holds.
-    whole = int(q.actuator_delay.delay / step)
-    early = q.actuator_delay.delay - whole * step
-    newer, older = (instant - whole) % slots, (instant - whole - 1) % slots
+    newer, older, early = late_aims(instant, step, slots, q)
     left = rim_in_step(e, b, 0, e.aims[b, older, 0], early, e.aims[b, newer, 0], step - early)
     right = rim_in_step(e, b, 1, e.aims[b, older, 1], early, e.aims[b, newer, 1], step - early)
     return left, right
+
+
+@inlined
+def travelled_sideways(e: Extended, b: int, instant: int, step: float, sideways: float) -> float:
+    """Travel to the left of an omnidirectional robot ``b`` [m]; arguments as of ``travelled``."""
+    q, slots = e.rows[b], e.aims.shape[1]
+    e.aims[b, instant % slots, 2] = across(sideways, instant * step, step, q)
+    newer, older, early = late_aims(instant, step, slots, q)
+    return rim_in_step(e, b, 2, e.aims[b, older, 2], early, e.aims[b, newer, 2], step - early)
+
+
+@inlined
+def late_aims(instant: int, step: float, slots: int, q: Any) -> tuple[int, int, float]:
+    """Where the newer and the older aim of a step stand, and for how long the older one holds [s].
+
+    A delay is of m instants and a part: for that part of the step the older of two aims holds.
+    """
+    whole = int(q.actuator_delay.delay / step)
+    early = q.actuator_delay.delay - whole * step
+    return (instant - whole) % slots, (instant - whole - 1) % slots, early
 
 
 @inlined

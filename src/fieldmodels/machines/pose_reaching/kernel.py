@@ -12,13 +12,20 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.pose_reaching.drive import moved
 from fieldmodels.machines.pose_reaching.dubins import shortest
-from fieldmodels.machines.pose_reaching.extended import Extended, at_rest, measured, remember, travelled
+from fieldmodels.machines.pose_reaching.extended import (
+    Extended,
+    at_rest,
+    measured,
+    remember,
+    travelled,
+    travelled_sideways,
+)
 from fieldmodels.machines.pose_reaching.parameters import GOAL_HEADING
 from fieldmodels.machines.pose_reaching.unicycle import (
-    arc,
     arrival_share,
     arrived,
     slid_along_walls,
+    slipping_arc,
     stopped_by_walls,
     wrapped,
 )
@@ -118,42 +125,52 @@ def turned(heading: float, turn: float) -> float:
 
 
 @inlined
-def drive(robot: Any, speed: float, rate: float, c: Any) -> tuple[bool, bool]:
+def drive(robot: Any, speed: float, sideways: float | None, rate: float, c: Any) -> tuple[bool, bool]:
     """Drive a nominal robot for a tick in one arc, or until it has arrived; faster than ``drive_extended``.
+
+    ``sideways`` is None for a unicycle, and left out when this is compiled.
 
     Returns:
         Whether it has arrived, and whether a wall has held it.
     """
     x, y, cosine, sine = robot.x, robot.y, robot.cosine, robot.sine
     distance, turn, time = speed * c.tick, rate * c.tick, (robot.ticks + 1) * c.tick
+    lateral, way = 0.0, distance
+    if sideways is not None:
+        lateral = sideways * c.tick
+        way = math.hypot(distance, lateral)
     there = False
-    if robot.distance < c.near + distance:
-        share = arrival_share(x, y, cosine, sine, distance, turn, c.near, c.cosine_of_angle, c.substeps)
+    if robot.distance < c.near + way:
+        share = arrival_share(
+            x, y, cosine, sine, distance, lateral, turn, c.near, c.cosine_of_angle, c.substeps
+        )
         if share <= 1.0:
             there = True
-            distance, turn, time = share * distance, share * turn, (robot.ticks + share) * c.tick
-    new_x, new_y, robot.cosine, robot.sine = arc(x, y, cosine, sine, distance, turn)
+            distance, lateral, way = share * distance, share * lateral, share * way
+            turn, time = share * turn, (robot.ticks + share) * c.tick
+    new_x, new_y, robot.cosine, robot.sine = slipping_arc(x, y, cosine, sine, distance, lateral, turn)
     held = abs(new_x) > c.half_length or abs(new_y) > c.half_width
     if held:
         new_x, new_y, _ = within_walls(x, y, new_x, new_y, c)
-        distance = math.hypot(new_x - x, new_y - y)
+        way = math.hypot(new_x - x, new_y - y)
     robot.x = new_x
     robot.y = new_y
     robot.heading = turned(robot.heading, turn)
     robot.time = time
-    robot.path_length += distance
+    robot.path_length += way
     return there, held
 
 
 @compiled
 def drive_extended(
-    robot: Any, speed: float, rate: float, extended: Extended, b: int, c: Any
+    robot: Any, speed: float, sideways: float | None, rate: float, extended: Extended, b: int, c: Any
 ) -> tuple[bool, bool]:
     """As ``drive``, with effects: from instant to instant.
 
     Args:
         robot: The robot, dtype ``ROBOT``.
         speed: Commanded speed [m/s].
+        sideways: Commanded speed to the left [m/s]; None for a unicycle.
         rate: Commanded turn rate [rad/s].
         extended: All robots, with their effects.
         b: Number of the robot.
@@ -164,8 +181,11 @@ def drive_extended(
     for k in range(1, c.substeps + 1):
         instant = robot.ticks * c.substeps + k
         left, right = travelled(extended, b, instant - 1, step, speed, rate)
+        lateral = None
+        if sideways is not None:
+            lateral = travelled_sideways(extended, b, instant - 1, step, sideways)
         x, y, robot.cosine, robot.sine, turn = moved(
-            robot.x, robot.y, robot.cosine, robot.sine, left, right, step, 0.0, extended.rows[b]
+            robot.x, robot.y, robot.cosine, robot.sine, left, right, lateral, step, 0.0, extended.rows[b]
         )
         x, y, hit = within_walls(robot.x, robot.y, x, y, c)
         robot.path_length += math.hypot(x - robot.x, y - robot.y)
@@ -182,14 +202,14 @@ def drive_extended(
 
 @inlined
 def driven(
-    robot: Any, speed: float, rate: float, extended: Extended | None, b: int, c: Any
+    robot: Any, speed: float, sideways: float | None, rate: float, extended: Extended | None, b: int, c: Any
 ) -> tuple[bool, bool]:
     """Drive a robot for a tick, with its effects if it has any; see ``drive``."""
     if extended is not None:
         if extended.on[b]:
-            return drive_extended(robot, speed, rate, extended, b, c)
-        return drive(robot, speed, rate, c)
-    return drive(robot, speed, rate, c)
+            return drive_extended(robot, speed, sideways, rate, extended, b, c)
+        return drive(robot, speed, sideways, rate, c)
+    return drive(robot, speed, sideways, rate, c)
 
 
 @compiled
@@ -269,6 +289,7 @@ def advance_all(
     actions: NDArray[np.floating[Any]],
     restarting: bool,
     given: FloatArray | None,
+    sideways: FloatArray | None,
     extended: Extended | None,
     rules: NDArray[Any],
     observed: NDArray[np.float32],
@@ -282,14 +303,16 @@ def advance_all(
     """Take every robot through one tick; with ``restarting``, one whose episode is over begins its next.
 
     See ``Robots.advance`` and ``Tick`` for the arrays; ``given`` are speeds [m/s] and turn rates [rad/s] in
-    the place of those that the actions command, shape (batch, 2), or None.
+    the place of those that the actions command, shape (batch, 2), or None; ``sideways`` are the speeds to the
+    left of omnidirectional robots [m/s], shape (batch,), or None.
 
     Returns:
         False if an action is not a finite number; then nothing has happened.
     """
     for b in range(len(robots)):
-        if not (math.isfinite(actions[b, 0]) and math.isfinite(actions[b, 1])):
-            return False
+        for i in range(actions.shape[1]):
+            if not math.isfinite(actions[b, i]):
+                return False
     for b in range(len(robots)):
         robot, c = robots[b], rules[b]
         there, out_of_time, gain = False, False, 0.0
@@ -301,7 +324,10 @@ def advance_all(
             if given is not None:
                 speed, rate = given[b, 0], given[b, 1]
             time, distance = robot.time, robot.distance
-            there, held = driven(robot, speed, rate, extended, b, c)
+            if sideways is not None:
+                there, held = driven(robot, speed, sideways[b], rate, extended, b, c)
+            else:
+                there, held = driven(robot, speed, None, rate, extended, b, c)
             robot.distance = math.sqrt(robot.x * robot.x + robot.y * robot.y)
             robot.ticks += 1
             out_of_time = robot.ticks >= c.last_tick and not there

@@ -240,7 +240,7 @@ def predict_pose(
             left -= travelled(course, 0, sample, begin, episode, step, q)
             right = travelled(course, 1, end, end_part, episode, step, q)
             right -= travelled(course, 1, sample, begin, episode, step, q)
-            x, y, cosine, sine, turn = moved(x, y, cosine, sine, left, right, duration, extra, q)
+            x, y, cosine, sine, turn = moved(x, y, cosine, sine, left, right, None, duration, extra, q)
             heading += turn
 
 

@@ -43,7 +43,7 @@ def slipping_arc(
         cosine: Cosine of the heading.
         sine: Sine of the heading.
         distance: Length of the arc, speed times time [m].
-        lateral: The same of the sideways slip, positive to the left [m].
+        lateral: The same of the sideways motion or slip, positive to the left [m].
         turn: Change of heading, turn rate times time [rad].
 
     Returns:
@@ -124,6 +124,7 @@ def arrival_share(
     cosine: float,
     sine: float,
     distance: float,
+    lateral: float,
     turn: float,
     arrival_distance: float,
     cosine_of_angle: float,
@@ -133,11 +134,13 @@ def arrival_share(
 
     Distance and heading must be right at one instant. Steps that cannot come near cost one comparison.
     """
-    reach = arrival_distance + abs(distance)
+    reach = arrival_distance + abs(distance) + abs(lateral)
     if x * x + y * y >= reach * reach:
         return 2.0
     for k in range(1, substeps + 1):
-        x, y, cosine, sine = arc(x, y, cosine, sine, distance / substeps, turn / substeps)
+        x, y, cosine, sine = slipping_arc(
+            x, y, cosine, sine, distance / substeps, lateral / substeps, turn / substeps
+        )
         if arrived(x, y, sine, arrival_distance, cosine_of_angle):
             return k / substeps
     return 2.0

@@ -106,7 +106,7 @@ def time_after(
     """Least time from a pose if a command holds for one step first."""
     c, s = math.cos(heading), math.sin(heading)
     distance, turn = speed * step, rate * step
-    share = arrival_share(x, y, c, s, distance, turn, near, cosine, 8)
+    share = arrival_share(x, y, c, s, distance, 0.0, turn, near, cosine, 8)
     if share <= 1.0:
         return share * step
     new_x, new_y, _, _ = arc(x, y, c, s, distance, turn)
