@@ -10,7 +10,7 @@ import pytest
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.exam.benchmarks import get_benchmark
-from fieldmodels.machines.line_following.body import Hardware
+from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.recording import record_walk
@@ -54,6 +54,23 @@ def test_what_rigid_bodies_suffer_is_named(hardware: Hardware, effect: str):
     found = diagnose(LineFollowing(), [walk(700, 6, scene)])
     assert found.verdict in ("named", "ambiguous")
     assert effect in (found.causes[0].effect, *found.causes[0].alternatives)
+
+
+def test_the_slip_that_is_named_is_the_bodies_own_response_to_one_turn():
+    """A turn of 0.05 rad between straight strides: what is done at once, and what follows a stride later."""
+    slippery = Hardware(friction=0.15)
+    body, headings = Body(hardware=slippery), []
+    for turn in (0.0, 0.05, 0.0):
+        body.stride(turn)
+        headings.append(body.pose[2] / 0.05)
+    at_once, later = np.diff(headings)
+    scene = Scene(straight(700), plant="pymunk", hardware=slippery, noise=QUIET)
+    found = diagnose(LineFollowing(), [walk(700, 7, scene)])
+    (cause,) = found.causes
+    assert cause.effect == "foot_slip"
+    assert 1.0 - cause.parameters["turn"].value == pytest.approx(at_once, abs=0.03)
+    assert cause.parameters["twist"].value == pytest.approx(later, abs=0.03)
+    assert later > 0.1
 
 
 @pytest.mark.parametrize("mass", [0.8, *(pytest.param(m, marks=SLOW) for m in (0.1, 0.3))])

@@ -47,8 +47,8 @@ EFFECTS = (
     # bounded so that slip is not a whole stride of delay (turn 1, twist 1), and gains nothing
     Effect(
         "foot_slip",
-        "The feet slip: a part of each turn and step is lost, and as the inner legs straighten in the air, "
-        "the body turns on over the slipping outer feet.",
+        "The feet slip: a part of each turn and step is lost, and the body's momentum turns it on over the "
+        "slipping feet on which it lands.",
         "environment",
         (
             Parameter("turn", "1", 0.0, 0.0, 0.7, 0.05, starts=(0.2,)),

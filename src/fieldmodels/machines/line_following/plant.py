@@ -67,8 +67,7 @@ def turn_of(commands: FloatArray, plant: Any, bias: float, limit: float) -> floa
     before = (1.0 - part) * commands[whole + 1] + part * commands[earliest]
     now = min(max(now, -most), most)
     before = min(max(before, -most), most)
-    # feet that slip lose a part of the turn; as the inner legs straighten in the air, the body goes on
-    # turning over the slipping outer feet
+    # feet that slip lose a part of the turn; momentum turns the body on over the slipping feet that land next
     asked = (1.0 - plant.foot_slip.turn) * now + plant.foot_slip.twist * before
     return float(plant.turn_gain.factor * asked + plant.steering_bias.turn + bias)
 
