@@ -12,7 +12,7 @@ from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import report_section, show
 from fieldagents.evaluation.episodes import MetricError, Tally, play_episodes
-from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
+from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Metric, TaskDefinition
 
@@ -96,10 +96,10 @@ def toy(monkeypatch):
         )  # fmt: skip
     episodes = pd.concat(frames).assign(scenario="field")
     labels = {name: Labels("observation", "", False) for name in ("sure", "quick", "hopeless")}
-    rows = summarise_scenario(episodes, "toy", "sure", labels)
+    rows, pairs = summarise(episodes, "toy", "sure", labels)
     conditions = {"field": {"settings": {}, "reality": {}}}
     took = {"field": {"sure": DecisionTime(0.02, 0.5), "quick": DecisionTime(1.5, 2.0), "hopeless": None}}
-    return Summary("toy", "toy", "sure", 60, TEST_SEEDS[0], 1.0, took, conditions, {"field": rows}), episodes
+    return Summary("toy", "toy", "sure", 60, TEST_SEEDS[0], 1.0, took, conditions, rows, pairs), episodes
 
 
 def test_every_metric_has_its_own_verdict_over_its_own_pairs(toy):

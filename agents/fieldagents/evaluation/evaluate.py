@@ -18,7 +18,7 @@ from fieldagents.evaluation.agents import AgentRuns, make_agent
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import check_fits, play_episodes
 from fieldagents.evaluation.report import write_report
-from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise_scenario
+from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
 from fieldgym import TASKS
@@ -71,6 +71,7 @@ def evaluate(
     labels = {one.name: Labels(one.kind, one.runs[0].title, one.learned) for _, _, one in entries}
     episodes = pd.concat(tables, ignore_index=True)
     check_pairs(episodes, config.task)
+    scenarios, pairs = summarise(episodes, config.task, config.baseline, labels)
     summary = Summary(
         name=config.name,
         task=config.task,
@@ -80,10 +81,8 @@ def evaluate(
         seconds=round(time.perf_counter() - began, 1),
         decision_ms=took,
         environments={name: written_out(config.task, one) for name, one in config.environments.items()},
-        scenarios={
-            str(scenario): summarise_scenario(part, config.task, config.baseline, labels)
-            for scenario, part in episodes.groupby("scenario", sort=False)
-        },
+        scenarios=scenarios,
+        pairs=pairs,
     )
     with replacing(out / "episodes.parquet") as temporary:
         episodes.to_parquet(temporary, index=False)

@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Comparison, Interval
+from fieldagents.evaluation.ranking import Pair, leading
 from fieldagents.evaluation.summary import DecisionTime, Row, Summary
 from fieldagents.task import Metric, get_task
 from fieldmodels import html
@@ -47,6 +49,7 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
             html.figure(_figure(rows, summary, first, own), _caption(first, own is not None)),
             html.table(*_table(rows, summary, first, summary.decision_ms[scenario]), _explained(first)),
         ]
+        parts.append(_among_all(rows, summary.pairs[scenario], first, own))
         if others:
             parts.append(html.table(*_overview(rows, others), "The other metrics, each with its interval."))
         for metric in others:
@@ -107,7 +110,7 @@ def _table(
 ) -> Cells:
     """Header and cells for one metric; columns that would be empty are left out."""
     header = ["agent", "sees", _headed(metric), "episodes", f"against {summary.baseline}", "%", "verdict"]
-    header += ["training runs", "ms a decision", "alone"]
+    header += ["training runs", "gap closed", "ms a decision", "alone"]
     body = []
     for row in rows:
         score = row.scores[metric.name]
@@ -120,6 +123,8 @@ def _table(
             percent = "" if paired.percent is None else f"{paired.percent:+.1f}"
             cells += [_mean(metric, paired.difference, paired.ci95, "+"), percent, paired.verdict]
         cells.append(f"{training.n}: {training.verdict}" if training else "")
+        gap = row.standing.gap if decision_ms is not None else None
+        cells.append("" if gap is None else f"{100 * gap:.0f} %")
         took = (decision_ms or {}).get(row.agent)
         cells += ["", ""] if took is None else [f"{took.batch:.2g}", f"{took.alone:.2g}"]
         body.append(cells)
@@ -176,27 +181,109 @@ def _lead(summary: Summary, metric: Metric) -> str:
         if informed and informed[0].kind == "model":
             parts.append(
                 "of the agents that see the observation and the settings, "
-                + _first(informed, summary, metric)
+                + _first(informed, summary, metric, summary.pairs[scenario])
             )
         if only:
-            parts.append("of the agents that see only the observation, " + _first(only, summary, metric))
+            parts.append(
+                "of the agents that see only the observation, "
+                + _first(only, summary, metric, summary.pairs[scenario])
+            )
         if parts:
             sentences.append(f"<b>{html.text(scenario)}</b>: {'; '.join(parts)}.")
     return "<br>".join(sentences)
 
 
-def _first(rows: Sequence[Row], summary: Summary, metric: Metric) -> str:
-    """Who comes first of some rows, best first, and how it compares with the baseline."""
+def _first(rows: Sequence[Row], summary: Summary, metric: Metric, pairs: tuple[Pair, ...]) -> str:
+    """Who leads some rows, best first: alone only if it is told apart from the second."""
     best = rows[0]
-    tied = [row.agent for row in rows if row.first.mean == best.first.mean]
-    names = " and ".join(f"<b>{html.text(name)}</b>" for name in tied)
-    versus = ""
-    if len(tied) == 1 and best.against_baseline is not None:
-        versus = f", {_against(best.against_baseline)} {summary.baseline}"
+    lead = leading([row.agent for row in rows], pairs)
     unit = "%" if metric.binary else metric.unit.removeprefix("1")
-    score = f"{_mean(metric, best.first.mean, best.ci95)} {unit}".strip()
-    come = "comes" if len(tied) == 1 else "come"
-    return f"{names} {come} first with {html.text(score)}{html.text(versus)}"
+    score = html.text(f"{_mean(metric, best.first.mean, best.ci95)} {unit}".strip())
+    versus = ""
+    if best.against_baseline is not None:
+        versus = html.text(f", {_against(best.against_baseline)} {summary.baseline}")
+    name = f"<b>{html.text(best.agent)}</b>"
+    if len(lead) == 1:
+        return f"{name} comes first with {score}{versus}"
+    others = " and ".join(f"<b>{html.text(other)}</b>" for other in lead[1:])
+    return f"{name} has the best mean, {score}{versus}, and is not told apart from {others}"
+
+
+def _among_all(
+    rows: tuple[Row, ...], pairs: tuple[Pair, ...], metric: Metric, episodes: pd.DataFrame | None
+) -> str:
+    """Every agent among all: interquartile means, probabilities of improvement, profiles, all pairs."""
+    standing = [
+        [
+            row.agent,
+            "none" if row.standing.middle is None else f"{row.standing.middle:.4g}",
+            "" if row.standing.improvement is None else f"{100 * row.standing.improvement:.0f} %",
+            "" if row.standing.gap is None else f"{100 * row.standing.gap:.0f} %",
+        ]
+        for row in rows
+    ]
+    place = {row.agent: i for i, row in enumerate(rows)}
+    compared = [
+        [
+            pair.agent,
+            pair.other,
+            _mean(metric, pair.difference, pair.ci95, "+"),
+            "" if pair.p is None else f"{pair.p:.2g}",
+            pair.verdict,
+            "algorithms" if pair.of_algorithms else "policies",
+        ]
+        for pair in sorted(pairs, key=lambda pair: (place[pair.agent], place[pair.other]))
+    ]
+    parts = ["<details><summary>All agents against each other</summary>"]
+    if episodes is not None and not metric.binary:
+        better = "left" if metric.lower_is_better else "right"
+        parts.append(
+            html.figure(
+                _profiles(rows, metric, episodes),
+                f"Performance profiles: part of all episodes with at most this {metric.label}; further "
+                f"{better} is better.",
+            )
+        )
+    parts += [
+        html.table(
+            ["agent", "interquartile mean", "better than the baseline in", "gap closed"],
+            standing,
+            "The interquartile mean is that of the middle half of all episodes; ties count half; the gap is "
+            "that from the baseline to the best privileged agent.",
+        ),
+        html.table(
+            ["agent", "other", _headed(metric), "p", "verdict", "about"],
+            compared,
+            "Agent minus other on the same episodes, with an interval over training runs and episodes "
+            "together; p and verdict are corrected for the number of pairs (Holm).",
+        ),
+        "</details>",
+    ]
+    return "\n".join(parts)
+
+
+def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame) -> Any:
+    """Empirical distribution of every agent's episodes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4))
+    axes = figure.subplots()
+    for number, row in enumerate(rows):
+        values = np.sort(episodes.loc[episodes["agent"] == row.agent, metric.name].dropna().to_numpy())
+        if len(values):
+            style = ("-", "--", ":", "-.")[number // 10 % 4]
+            axes.step(
+                values, np.arange(1, len(values) + 1) / len(values), style, where="post", label=row.agent
+            )
+    if _positive(rows, metric, episodes):
+        _logarithmic(axes)
+    axes.set_xlabel(metric.label)
+    axes.set_ylabel("part of the episodes")
+    axes.set_ylim(0, 1)
+    axes.grid(color="#d9dee6", linewidth=0.8)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+    figure.tight_layout()
+    return figure
 
 
 def _against(paired: Comparison) -> str:
@@ -246,8 +333,10 @@ def _notes(summary: Summary) -> str:
         seeds += f" What does not depend on the agent was the same for all, to the bit: {common}."
     notes = [
         seeds,
-        "Differences are paired, with Student's t interval over episodes; each verdict is about one "
-        f"comparison at 95 %. Below {MIN_EPISODES} episodes there is no interval and no verdict.",
+        "Differences are paired, with Student's t interval over episodes; each verdict in the first table "
+        "is about one comparison at 95 %; those of all pairs are corrected for their number, and who comes "
+        f"first is told from the second by these. Below {MIN_EPISODES} episodes there is no interval and no "
+        "verdict.",
         "A verdict on a trained agent is about the policies that were scored. About its algorithm only "
         "several training runs can say something (column training runs): below "
         f"{MIN_RUNS} runs they are insufficient.",

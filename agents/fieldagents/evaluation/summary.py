@@ -16,6 +16,7 @@ from fieldagents.evaluation.comparison import (
     compare,
     mean_interval,
 )
+from fieldagents.evaluation.ranking import Pair, Standing, all_pairs, scores_of, standings
 from fieldagents.task import Metric, get_task
 
 
@@ -51,6 +52,7 @@ class Row:
         runs: Number of its training runs (1 for an agent that was not trained).
         episode_return: Mean return; None for an estimator, which does not act.
         scores: Its score by each of the task's metrics; the first one is what verdicts are about.
+        standing: How it stands among all, by the first metric.
     """
 
     agent: str
@@ -59,6 +61,7 @@ class Row:
     runs: int
     episode_return: float | None
     scores: dict[str, Score]
+    standing: Standing
 
     @property
     def first(self) -> Score:
@@ -122,6 +125,7 @@ class Summary:
         environments: Scenario to the ``settings`` that are not the defaults and to its ``reality``, in
             full even where the config names a file.
         scenarios: Scenario to its rows, best agent first.
+        pairs: Scenario to all pairs of its agents, by the first metric.
     """
 
     name: str
@@ -133,6 +137,7 @@ class Summary:
     decision_ms: dict[str, dict[str, DecisionTime | None]]
     environments: dict[str, dict[str, Any]]
     scenarios: dict[str, tuple[Row, ...]]
+    pairs: dict[str, tuple[Pair, ...]]
 
     def to_json(self) -> dict[str, Any]:
         """The content of ``summary.json``."""
@@ -143,8 +148,9 @@ class Summary:
             scenario: {agent: time and asdict(time) for agent, time in agents.items()}
             for scenario, agents in self.decision_ms.items()
         }
-        changed = {"decision_ms": took, "scenarios": rows}
-        return {"schema": 1, "metric": metrics[0], "metrics": metrics, **plain, **changed}
+        pairs = {name: [asdict(pair) for pair in of] for name, of in self.pairs.items()}
+        changed = {"decision_ms": took, "scenarios": rows, "pairs": pairs}
+        return {"schema": 2, "metric": metrics[0], "metrics": metrics, **plain, **changed}
 
 
 @dataclass(frozen=True)
@@ -162,6 +168,16 @@ class Labels:
     learned: bool
 
 
+def summarise(
+    episodes: pd.DataFrame, task: str, baseline: str, labels: dict[str, Labels]
+) -> tuple[dict[str, tuple[Row, ...]], dict[str, tuple[Pair, ...]]]:
+    """Rows and pairs of every scenario; see `summarise_scenario`, whose episodes also have a ``scenario``."""
+    first = get_task(task).metrics[0]
+    parts = {str(name): part for name, part in episodes.groupby("scenario", sort=False)}
+    rows = {name: summarise_scenario(part, task, baseline, labels) for name, part in parts.items()}
+    return rows, {name: all_pairs(scores_of(part, first), first) for name, part in parts.items()}
+
+
 def summarise_scenario(
     episodes: pd.DataFrame, task: str, baseline: str, labels: dict[str, Labels]
 ) -> tuple[Row, ...]:
@@ -177,6 +193,9 @@ def summarise_scenario(
         One row an agent, the best first; where the first metric is equal, the next one decides.
     """
     rows = []
+    first = get_task(task).metrics[0]
+    privileged = {agent for agent, label in labels.items() if label.kind == "privileged"}
+    stand = standings(scores_of(episodes, first), baseline, privileged, first)
     for agent, label in labels.items():
         own = episodes[episodes["agent"] == agent]
         mean_return = float(own["return"].mean())
@@ -191,6 +210,7 @@ def summarise_scenario(
                     metric.name: _score(episodes, agent, baseline, metric, label.learned)
                     for metric in get_task(task).metrics
                 },
+                standing=stand[agent],
             )
         )
     return tuple(

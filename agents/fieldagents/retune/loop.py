@@ -15,7 +15,7 @@ from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.evaluation.evaluate import check_pairs, written_out
-from fieldagents.evaluation.summary import Labels, Summary, summarise_scenario
+from fieldagents.evaluation.summary import Labels, Summary, summarise
 from fieldagents.retune.config import RetuneConfig
 from fieldagents.retune.recovery import Recovery, recovery
 from fieldagents.retune.report import write_report
@@ -75,6 +75,7 @@ def retune(
         name: Labels("privileged" if name == ORACLE else agent.kind, _titled(agent, made_in[name]), False)
         for name, agent in agents.items()
     }
+    scenarios, pairs = summarise(episodes, config.task, NOMINAL, labels)
     summary = Summary(
         name=config.name,
         task=config.task,
@@ -84,10 +85,8 @@ def retune(
         seconds=round(time.perf_counter() - began, 1),
         decision_ms={scenario: {} for scenario in environments},
         environments=written,
-        scenarios={
-            str(scenario): summarise_scenario(part, config.task, NOMINAL, labels)
-            for scenario, part in episodes.groupby("scenario", sort=False)
-        },
+        scenarios=scenarios,
+        pairs=pairs,
     )
     metric = next(one for one in get_task(config.task).metrics if one.name == config.counted)
     result = Retuning(
