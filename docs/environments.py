@@ -93,7 +93,7 @@ def picture(task: Task, path: Path) -> None:
     env = gym.make(task.env_id, render_mode="rgb_array", disable_env_checker=True).unwrapped
     name = get_task(task.name).picture
     agent = make_agent(name, task.name, {}).runs[0] if name else Middle(env.action_space)
-    episode = Episode(env, agent, seed=3)
+    episode = Episode(task.name, env, agent, seed=3)
     frame = None
     for _ in islice(episode.steps(), STEPS_BEFORE_THE_PICTURE):
         if not episode.over:

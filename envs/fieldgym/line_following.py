@@ -28,6 +28,7 @@ from fieldmodels.machines.line_following.parameters import (
     Gait,
     Lighting,
     Noise,
+    RgbThresholds,
     Threshold,
     TurnLimit,
     WalkRules,
@@ -67,6 +68,7 @@ class LineFollowingSettings(WalkRules, Noise, Lighting):
     strides: Annotated[int, Setting("Strides in an episode.", least=1, most=100_000)] = 100
     limit: TurnLimit = Gait.limit
     threshold: Threshold = Exposure.threshold
+    rgb_thresholds: RgbThresholds = Exposure.rgb_thresholds
     friction: Friction = Hardware.friction
     motor: MotorTorque = Hardware.motor
     lost_offset: Annotated[
@@ -137,7 +139,8 @@ class _LineFollowingTask(BatchTask):
         action = Box(-1.0, 1.0, (1,), np.float32)
         if self.pixels:
             camera = self.walks.scenes[0].camera
-            return action, Box(0, 255, (camera.rows, camera.width, 1), np.uint8)
+            channels = 3 if self.settings.colour else 1
+            return action, Box(0, 255, (camera.rows, camera.width, channels), np.uint8)
         return action, Box(-OBSERVED, OBSERVED, (4 + 5 * self.settings.bands,), np.float32)
 
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
@@ -168,7 +171,8 @@ class _LineFollowingTask(BatchTask):
         """The line's last places, the last commands, the lost flags; or the image."""
         if self.pixels:
             assert self.walks.images is not None
-            return self.walks.images[..., None].copy()
+            images = self.walks.images
+            return images.copy() if self.settings.colour else images[..., None].copy()
         walks, bands = self.walks.walks, self.settings.bands
         parts: list[NDArray[Any]] = [
             walks["lines"][:, 0] / WIDTH_SCALE,
@@ -419,8 +423,8 @@ class LineFollowingEnv(TaskEnv):
       (3.3.2, 3.5.1); threshold, centroid, flag for too few pixels (3.4.2); Duvetyne tape of two inches
       that reads 35 beside a floor of 165 (Fig 3.13); turns of 9 m (3.6); a dark corner that loses the
       line and thicker tape that brings it back, the robot's own shadow that draws the centroid aside (3.6).
-    - **Deviates**: no colours (tape and floor are grey, Fig 3.13); the body's pitching is left out, so that
-      the view does not move to and fro within a stride.
+    - **Deviates**: images are grey unless `colour` asks for red, green and blue (tape and floor are grey,
+      Fig 3.13); the body's pitching is left out, so that the view does not move to and fro within a stride.
     - **Assumed**, since the source is silent: that the sensor is read at the outer touchdown and that the
       second step goes along the old heading (reading it at the inner touchdown, or going along the new
       heading, makes the task easier); 1 m camera height, 50 degrees field of view; all noise, the bias
@@ -473,7 +477,9 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
     ## Observation Space
 
     `Box(0, 255, (120, 160, 1), uint8)`: the grey image, with exposure, light, shadow and noise. The body
-    sways: the camera's heading has the noise that the centroid has in the other environment.
+    sways: the camera's heading has the noise that the centroid has in the other environment. With `colour`
+    it is `Box(0, 255, (120, 160, 3), uint8)`: red, green and blue, each with its own noise, under one
+    exposure. One image a row is kept: 58 kB.
 
     ## Rewards
 

@@ -20,6 +20,7 @@ from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.policies.policy import OnnxAgent
 
 TASK = "line_following_pixels"
+COLOUR = {"strides": 7, "track": "straight", "colour": True}
 TINY = {
     "name": "tiny",
     "task": TASK,
@@ -27,7 +28,7 @@ TINY = {
     "steps": 96,
     "num_envs": 2,
     "checkpoint_every": 1,
-    "environment": {"settings": {"strides": 7, "track": "straight"}},
+    "environment": {"settings": COLOUR},
     "algorithm": "ppo",
     "learner": {"n_steps": 16, "batch_size": 16, "n_epochs": 1},
     "network": {"hidden": [8]},
@@ -48,12 +49,12 @@ def finished(tmp_path_factory):
 def test_onnx_acts_on_images_as_the_trained_policy_does(finished):
     """Raw bytes, rows first, give the learner's own most likely action."""
     native = gymnasium.make_vec(
-        fieldgym.TASKS[TASK].env_id, num_envs=2, vectorization_mode="vector_entry_point"
+        fieldgym.TASKS[TASK].env_id, num_envs=2, vectorization_mode="vector_entry_point", settings=COLOUR
     )
     run = Run(TrainConfig(**TINY), NativeVecEnv(native, seed=0))
     run.restore(load_checkpoint(sorted((finished / "checkpoints").glob("*.pt"))[-1]))
     rng = np.random.default_rng(0)
-    noise = rng.integers(0, 256, (20, 120, 160, 1), dtype=np.uint8)
+    noise = rng.integers(0, 256, (20, 120, 160, 3), dtype=np.uint8)
     images = np.concatenate([native.reset(seed=k)[0] for k in range(20)] + [noise])
     with torch.no_grad():  # large outputs, so that actions differ and some meet their limits
         run.policy.action_net.weight.mul_(100)

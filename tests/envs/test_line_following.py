@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from fieldagents.task import get_task
 from fieldgym.settings import SettingsError
 from fieldmodels.machines.line_following.firmware import line_position
 from fieldmodels.machines.line_following.parameters import Camera
@@ -94,6 +95,26 @@ def test_second_band_sees_the_curve_before_it_comes():
         observation, *_ = envs.step(np.zeros((1, 1), dtype=np.float32))
     near, ahead = np.array(far).T
     assert np.argmax(ahead > 0.05) < np.argmax(near > 0.05)
+
+
+def test_colour_images_hold_three_components_and_no_more_memory():
+    """The walk is that of the grey environment; an image a row is all that is kept."""
+    grey, colour = (vector(PIXELS, num_envs=2, colour=colour) for colour in (False, True))
+    assert colour.single_observation_space.shape == (120, 160, 3)
+    agent = get_task("line_following").agents["tuned"].make({"colour": True})
+    seen = [envs.reset(seed=4)[0] for envs in (grey, colour)]
+    images = colour.unwrapped._task.walks.images
+    assert images.nbytes == 2 * 120 * 160 * 3
+    for _ in range(30):
+        action = agent.act(seen[1], {})
+        steps = [envs.step(action) for envs in (grey, colour)]
+        seen = [step[0] for step in steps]
+        np.testing.assert_array_equal(steps[0][4]["offset"], steps[1][4]["offset"])
+        np.testing.assert_allclose(seen[1].mean(axis=3), seen[0][..., 0], atol=40)
+        assert seen[1] in colour.observation_space
+    assert colour.unwrapped._task.walks.images is images
+    assert not steps[1][4]["lost"].any()
+    assert (steps[1][4]["offset"] < 0.15).all()
 
 
 def test_dark_corner_hides_the_line_only_there():

@@ -61,6 +61,7 @@ DRAWN = {
         "strides": ((2, 4), {}),
         "limit": ((0.05, 0.3), {}),
         "threshold": ((90.0, 40.0), IMAGES),
+        "rgb_thresholds": (((90.0, 90.0, 90.0), (90.0, 90.0, 5.0)), {**IMAGES, "colour": True}),
         "friction": ((0.8, 0.05), {"plant": "pymunk"}),
         "motor": ((10.0, 0.05), {"plant": "pymunk"}),
         "lost_offset": ((1.0, 0.05), {}),

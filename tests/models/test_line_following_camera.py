@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldmodels.machines.line_following.firmware import calibrate, centroid, line_position
-from fieldmodels.machines.line_following.parameters import TAPES, Camera, Exposure, Lighting
+from fieldmodels.machines.line_following.parameters import TAPES, Camera, Exposure, Lighting, Tape
 from fieldmodels.machines.line_following.renderer import Renderer, make_view
 from fieldmodels.machines.line_following.sensor import make_optics, see_line
 from fieldmodels.machines.line_following.tracks import TRACKS, straight
@@ -82,6 +82,40 @@ def test_centroid_counts_what_is_below_the_threshold_in_the_band_only():
     assert count == 40
     assert column == 102.0
     assert line_position(image, CAMERA, 90.0) == (0.0, False)  # 40 pixels are too few
+
+
+def test_colours_are_those_of_the_floor_under_one_exposure():
+    """By hand: a level is gain (reflectance + 0.065), and the gain makes the mean of all components 160."""
+    view = make_view(CAMERA, floor="track_red", colour=True)
+    image = Renderer(straight(), CAMERA, view).image((20, 0.0, 0.0), 20, 1)
+    floor = np.median(image[:, :40].reshape(-1, 3), axis=0)
+    tape = np.median(image[50:70, 79:81].reshape(-1, 3), axis=0)
+    parts = np.array([0.30, 0.14, 0.10]) + 0.065
+    np.testing.assert_allclose(floor / floor[1], parts / parts[1], atol=0.02)
+    np.testing.assert_allclose(tape, floor[0] * (0.0125 + 0.065) / parts[0], atol=4)
+    assert image.mean() == pytest.approx(160, abs=1)
+    grey = Renderer(straight(), CAMERA, make_view(CAMERA, floor="track_red")).image((20, 0.0, 0.0), 20, 1)
+    assert np.median(grey[:, :40]) == pytest.approx(floor.mean(), abs=2)
+    noise = image[:, :40].reshape(-1, 3).astype(float) - np.median(image[:, :40], axis=1)[:, None].mean(
+        axis=0
+    )
+    assert np.abs(np.corrcoef(noise.T)[np.triu_indices(3, 1)]).max() < 0.05
+
+
+def test_a_pixel_is_tape_only_if_red_green_and_blue_are_dark():
+    """A dark red stripe is dark enough for a grey camera; the rule of section 3.4.2 leaves it alone."""
+    red = Tape(reflectance=(0.16, 0.0, 0.0))
+    found = {}
+    for colour in (False, True):
+        renderer = Renderer(straight(), CAMERA, make_view(CAMERA, red, colour=colour))
+        found[colour] = line_position(renderer.image((20, 0.05, 0), 20, 1), CAMERA, THRESHOLD)
+    assert found[False][1]
+    assert not found[True][1]
+    black = Renderer(straight(), CAMERA, make_view(CAMERA, colour=True)).image((20, 0.05, 0), 20, 1)
+    place, seen = line_position(black, CAMERA, (THRESHOLD,) * 3)
+    assert seen
+    assert place == pytest.approx(-0.05, abs=0.004)
+    assert not line_position(black, CAMERA, (THRESHOLD, 5.0, THRESHOLD))[1]  # the camera reads 35 in each
 
 
 def test_dark_loses_the_line_and_wider_tape_brings_it_back():

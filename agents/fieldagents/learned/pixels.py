@@ -13,12 +13,12 @@ SHRINK = 4
 
 
 def is_image(space: spaces.Space[Any]) -> bool:
-    """Whether observations are grey images, shape (rows, columns, 1), uint8."""
+    """Whether observations are images, shape (rows, columns, channels), uint8."""
     return isinstance(space, spaces.Box) and space.dtype == "uint8" and len(space.shape) == 3
 
 
 class ImageFeatures(BaseFeaturesExtractor):
-    """Features of grey images in [0, 1], shape (batch, 1, rows, columns).
+    """Features of images in [0, 1], shape (batch, channels, rows, columns).
 
     Args:
         space: The image's space, channel first.

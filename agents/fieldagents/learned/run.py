@@ -57,7 +57,7 @@ class Run:
             not isinstance(space, gymnasium.spaces.Box) or not np.issubdtype(space.dtype, np.floating)
         ):
             raise SpaceError(
-                f"training needs observations that are arrays of floating numbers or grey images, not {space}"
+                f"training needs observations that are arrays of floating numbers or images, not {space}"
             )
         if image and (config.stack > 1 or not is_on_policy(config.kind)):
             raise SpaceError("images are learned from by on-policy algorithms such as ppo, without a stack")

@@ -93,10 +93,10 @@ class Canvas:
         self._surface.blit(image, (round(x), round(y)))
 
     def image(self, levels: NDArray[np.uint8], x: float, y: float, w: float, h: float) -> None:
-        """Put a grey image, shape (rows, columns), into a rectangle."""
-        grey = np.repeat(np.transpose(levels)[:, :, None], 3, axis=2)
+        """Put an image, grey of shape (rows, columns) or colour (rows, columns, 3), into a rectangle."""
+        colours = levels if levels.ndim == 3 else np.repeat(levels[:, :, None], 3, axis=2)
         picture = pygame.transform.scale(
-            pygame.surfarray.make_surface(grey), (round(w * _SCALE), round(h * _SCALE))
+            pygame.surfarray.make_surface(np.swapaxes(colours, 0, 1)), (round(w * _SCALE), round(h * _SCALE))
         )
         self._surface.blit(picture, (round(x * _SCALE), round(y * _SCALE)))
 

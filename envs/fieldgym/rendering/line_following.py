@@ -115,10 +115,10 @@ def _from_above(canvas: Canvas, picture: Picture) -> None:
     across = np.array([-math.sin(heading), math.cos(heading)])
     along = np.array([math.cos(heading), math.sin(heading)])
     here = np.array([x, y])
-    for side, ahead in ((0.20, 0.17), (-0.20, 0.17), (0.10, -0.17), (-0.10, -0.17)):
+    for side, ahead in ((0.20, 0.17), (-0.20, 0.17), (0.15, -0.17), (-0.15, -0.17)):
         foot = here + side * across + ahead * along
         start, end = place(np.array([foot - 0.1 * along, foot + 0.1 * along]))
-        canvas.bar(start, end, INK if abs(side) > 0.15 else MUTED, 0.07 * scale)
+        canvas.bar(start, end, INK if ahead > 0 else MUTED, 0.07 * scale)
     body = np.array([here + 0.22 * across, here - 0.22 * across])
     left, right = place(body)
     canvas.bar(left, right, ROBOT, 0.12 * scale)
@@ -129,7 +129,7 @@ def _from_above(canvas: Canvas, picture: Picture) -> None:
 
 def _camera(canvas: Canvas, picture: Picture) -> None:
     left, top, width, height = 516.0, 48.0, 300.0, 225.0
-    rows, columns = picture.image.shape
+    rows, columns = picture.image.shape[:2]
     canvas.text("what the camera sees", (left, 34), MUTED, 12)
     canvas.image(picture.image, left, top, width, height)
     color = LOST if picture.lost else FOUND

@@ -29,8 +29,9 @@ from fieldgym.line_following import WIDTH_SCALE, LineFollowingSettings
 from fieldgym.settings import read_settings
 from fieldmodels.machines.line_following.declaration import nominal_plant
 from fieldmodels.machines.line_following.firmware import line_position
-from fieldmodels.machines.line_following.parameters import Camera, Gait
+from fieldmodels.machines.line_following.parameters import Camera, Exposure, Gait
 from fieldmodels.machines.line_following.plant import MEMORY, turn_of
+from fieldmodels.settings import part_of
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +60,9 @@ class Steering(Agent):
     ) -> None:
         self.name, self.title, self.sees = name, title, sees
         read = read_settings(dict(settings), LineFollowingSettings)
-        self.limit, self._threshold, self.latency = read.limit, read.threshold, read.latency_strides
+        self.limit, self.latency = read.limit, read.latency_strides
+        limits = part_of(read, Exposure).levels
+        self._threshold = limits if read.colour else limits[:1]
         self._board: _Board | None = None
 
     @abstractmethod
@@ -84,7 +87,7 @@ class Steering(Agent):
         if observation.ndim == 4:
             if self._board is None:
                 self._board = _Board(len(observation), self._threshold)
-            seen = self._board.read(observation[..., 0])
+            seen = self._board.read(observation)
         else:
             seen = np.asarray(observation, dtype=np.float64)
         asked = self.turn(seen, info) / self.limit
@@ -102,7 +105,7 @@ class Steering(Agent):
 class _Board:
     """The camera board and the robot's memory of what it sent, for agents that are given images."""
 
-    def __init__(self, count: int, threshold: float) -> None:
+    def __init__(self, count: int, threshold: tuple[float, ...]) -> None:
         self._camera, self._threshold = Camera(), threshold
         self._seen = np.zeros((count, 9))
 

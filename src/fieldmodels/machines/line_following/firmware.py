@@ -14,15 +14,35 @@ from fieldmodels.model import ModelError
 Image = NDArray[np.uint8]
 
 
-@compiled
-def centroid(image: Image, first_row: int, last_row: int, threshold: float) -> tuple[float, int]:
+def centroid(
+    image: Image, first_row: int, last_row: int, threshold: float | tuple[float, ...]
+) -> tuple[float, int]:
     """Mean column of the pixels below the threshold in a band of rows, and their number.
 
-    Sections 3.3.2 and 3.4.2. Floor and tape are grey, so one level stands for red, green and blue.
+    Sections 3.3.2 and 3.4.2: a pixel of a colour image is tape if each component is below its threshold.
+
+    Args:
+        image: Grey, shape (rows, width), or colour, shape (rows, width, 3).
+        first_row: First row of the band.
+        last_row: Row after its last one.
+        threshold: Level, or one for each component.
 
     Returns:
         Column, in pixels from the image's left edge (0 if there is no such pixel), and the number.
     """
+    found: tuple[float, int]
+    if image.ndim == 2:
+        level = threshold[0] if isinstance(threshold, tuple) else threshold
+        found = _grey_centroid(image, first_row, last_row, level)
+    else:
+        band: Image = np.any(image[first_row:last_row] >= np.asarray(threshold), axis=2).astype(np.uint8)
+        found = _grey_centroid(band, 0, last_row - first_row, 1.0)
+    return found
+
+
+@compiled
+def _grey_centroid(image: Image, first_row: int, last_row: int, threshold: float) -> tuple[float, int]:
+    """As ``centroid``, of a grey image."""
     limit = np.uint8(min(max(np.ceil(threshold), 0.0), 255.0))
     count = 0
     total = 0
@@ -36,8 +56,10 @@ def centroid(image: Image, first_row: int, last_row: int, threshold: float) -> t
     return (total / count + 0.5 if count else 0.0), count
 
 
-def line_position(image: Image, camera: Camera, threshold: float) -> tuple[float, bool]:
+def line_position(image: Image, camera: Camera, threshold: float | tuple[float, ...]) -> tuple[float, bool]:
     """What the camera board sends: the line's sideways place at the look-ahead distance, or the lost flag.
+
+    Image and threshold are those of ``centroid``.
 
     Returns:
         Place [m], left positive, and whether the line is found (else the place is 0).

@@ -135,17 +135,21 @@ class Noise:
         check_declared(self)
 
 
+Reflectance = float | tuple[float, float, float]
+"""Share of the light that is reflected; three numbers for red, green and blue."""
+
+
 @dataclass(frozen=True)
 class Tape:
     """A tape on the floor.
 
     Attributes:
         width: Width [m].
-        reflectance: Share of the light that it reflects.
+        reflectance: Share of the light that it reflects, or of red, green and blue light.
     """
 
     width: float = 0.0508
-    reflectance: float = 0.0125
+    reflectance: Reflectance = 0.0125
 
 
 TAPES = {
@@ -159,13 +163,31 @@ TAPES = {
 floor of the same photo is eight times as bright as the lightest (section 3.4.1, Fig 3.11), taken for 0.3.
 ``duvetyne_wide`` is the line thickened with extra tape (section 3.6)."""
 
-FLOORS = {"linoleum": 0.30, "cement": 0.27, "white": 0.80, "dark_grey": 0.15}
-"""Share of the light that floors reflect (assumed; linoleum and tape read 165 and 35, Fig 3.13)."""
+FLOORS: dict[str, Reflectance] = {
+    "linoleum": 0.30,
+    "cement": 0.27,
+    "white": 0.80,
+    "dark_grey": 0.15,
+    "track_red": (0.30, 0.14, 0.10),
+    "track_green": (0.10, 0.24, 0.12),
+}
+"""Share of the light that floors reflect (assumed; linoleum and tape read 165 and 35, Fig 3.13). The last two
+are the red-brown lanes and the green areas beside them in Barton Hall (section 3.1.2)."""
 
 
 Threshold = Annotated[
     float,
     Setting("Level below which a pixel is tape (section 3.4.2, by its calibration).", above=0, below=255),
+]
+
+
+Level = Annotated[float, Setting("", above=0, below=256)]
+RgbThresholds = Annotated[
+    tuple[Level, Level, Level] | None,
+    Setting(
+        "Levels of red, green and blue below which, all three, a pixel of a colour image is tape (section "
+        "3.4.2); None for `threshold` in each."
+    ),
 ]
 
 
@@ -191,6 +213,12 @@ class Exposure:
     pedestal: float = 0.065
     noise: float = 5.0
     threshold: Threshold = 90.0
+    rgb_thresholds: RgbThresholds = None
+
+    @property
+    def levels(self) -> tuple[float, float, float]:
+        """Thresholds of red, green and blue."""
+        return self.rgb_thresholds or (self.threshold,) * 3
 
 
 FULL_LIGHT_GAIN = 452.0
@@ -282,7 +310,13 @@ class WalkRules:
         Literal["duvetyne", "shurtape", "masking", "gaffer", "duvetyne_wide"],
         Setting("The tape; `duvetyne_wide` is twice as wide."),
     ] = "duvetyne"
-    floor: Annotated[Literal["linoleum", "cement", "white", "dark_grey"], Setting("The floor.")] = "linoleum"
+    floor: Annotated[
+        Literal["linoleum", "cement", "white", "dark_grey", "track_red", "track_green"], Setting("The floor.")
+    ] = "linoleum"
+    colour: Annotated[
+        bool,
+        Setting("Whether images have red, green and blue, not grey alone.", fixed="it shapes the images"),
+    ] = False
 
     def __post_init__(self) -> None:
         """Check the numbers; see ``check_declared``."""

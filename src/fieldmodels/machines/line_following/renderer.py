@@ -18,6 +18,7 @@ from fieldmodels.machines.line_following.parameters import (
     Camera,
     Exposure,
     Lighting,
+    Reflectance,
     Tape,
 )
 from fieldmodels.machines.line_following.tracks import Track, nearest, point_at
@@ -42,8 +43,8 @@ class View(NamedTuple):
     width: int
     rows: int
     tape_width: float
-    tape: float
-    floor: float
+    tape: tuple[float, ...]
+    floor: tuple[float, ...]
     mean: float
     gain: float
     pedestal: float
@@ -62,9 +63,10 @@ class View(NamedTuple):
 def make_view(
     camera: Camera | None = None,
     tape: Tape | str = "duvetyne",
-    floor: float | str = "linoleum",
+    floor: Reflectance | str = "linoleum",
     exposure: Exposure | None = None,
     lighting: Lighting | None = None,
+    colour: bool = False,
 ) -> View:
     """Gather what an image depends on; names are those of ``TAPES`` and ``FLOORS``."""
     camera, exposure, lighting = camera or Camera(), exposure or Exposure(), lighting or Lighting()
@@ -78,8 +80,8 @@ def make_view(
         width=camera.width,
         rows=camera.rows,
         tape_width=chosen.width,
-        tape=chosen.reflectance,
-        floor=FLOORS[floor] if isinstance(floor, str) else floor,
+        tape=_channels(chosen.reflectance, colour),
+        floor=_channels(FLOORS[floor] if isinstance(floor, str) else floor, colour),
         mean=exposure.mean,
         gain=exposure.gain,
         pedestal=exposure.pedestal,
@@ -94,6 +96,12 @@ def make_view(
         sun_length=length,
         sun_shade=lighting.sun_shade,
     )
+
+
+def _channels(reflectance: Reflectance, colour: bool) -> tuple[float, ...]:
+    """Reflectances of red, green and blue light, or that of all light."""
+    three = reflectance if isinstance(reflectance, tuple) else (reflectance,) * 3
+    return three if colour else (sum(three) / 3 if isinstance(reflectance, tuple) else reflectance,)
 
 
 @inlined
@@ -207,8 +215,8 @@ def render(
         expected: Arc length near which the camera is [m].
         key: Key of the pixels' noise, uint64.
         cover: Working space; gives each pixel's share of tape, shape (rows, width).
-        light: Working space, shape (rows, width).
-        image: Filled with the levels, shape (rows, width), uint8.
+        light: Working space, shape (channels, rows, width).
+        image: Filled with the levels, shape (channels, rows, width), uint8.
 
     Returns:
         The gain that auto exposure chose [levels].
@@ -239,24 +247,26 @@ def render(
                         place = (0.5 * view.width - at - 0.5) / view.focal * depth
                         if low < place < high:
                             lit *= view.sun_shade
-                    reflectance = view.floor + cover[row, at] * (view.tape - view.floor)
-                    light[row, at] = reflectance * lit + view.pedestal
-                    total += light[row, at]
+                    for c in range(len(view.tape)):
+                        reflectance = view.floor[c] + cover[row, at] * (view.tape[c] - view.floor[c])
+                        light[c, row, at] = reflectance * lit + view.pedestal
+                        total += light[c, row, at]
             before = here
-    gain = min(view.mean * view.rows * view.width / total, view.gain)
+    gain = min(view.mean * len(view.tape) * view.rows * view.width / total, view.gain)
     # the difference of two uniform bytes stands for a Gaussian: its standard deviation is 104.5
     spread = view.noise * gain / 104.51
     state = key
     bits = np.uint64(0)
-    for row in range(view.rows):
-        for column in range(view.width):
-            if column % 4 == 0:
-                state = state + GAMMA
-                bits = mixed(state)
-            noise = float(bits & np.uint64(255)) - float((bits >> np.uint64(8)) & np.uint64(255))
-            bits = bits >> np.uint64(16)
-            level = gain * light[row, column] + spread * noise + 0.5
-            image[row, column] = np.uint8(min(max(level, 0.0), 255.0))
+    for c in range(len(view.tape)):
+        for row in range(view.rows):
+            for column in range(view.width):
+                if column % 4 == 0:
+                    state = state + GAMMA
+                    bits = mixed(state)
+                noise = float(bits & np.uint64(255)) - float((bits >> np.uint64(8)) & np.uint64(255))
+                bits = bits >> np.uint64(16)
+                level = gain * light[c, row, column] + spread * noise + 0.5
+                image[c, row, column] = np.uint8(min(max(level, 0.0), 255.0))
     return gain
 
 
@@ -267,6 +277,7 @@ class Renderer:
         camera: The camera.
         track: The line.
         view: What an image depends on beside the camera's place.
+        shape: Of an image: (rows, width), and 3 if it has colours.
     """
 
     def __init__(self, track: Track, camera: Camera | None = None, view: View | None = None) -> None:
@@ -274,7 +285,9 @@ class Renderer:
         self.track = track
         self.view = view or make_view(self.camera)
         shape = (self.camera.rows, self.camera.width)
-        self._cover, self._light = np.empty(shape), np.empty(shape)
+        channels = len(self.view.tape)
+        self.shape = shape if channels == 1 else (*shape, channels)
+        self._cover, self._light = np.empty(shape), np.empty((channels, *shape))
 
     def image(
         self,
@@ -290,15 +303,16 @@ class Renderer:
             pose: Place [m] and heading [rad].
             expected: Arc length near which the camera is [m].
             key: Key of the pixels' noise.
-            out: Image to fill, shape (rows, width), uint8; None makes a new one.
+            out: Image to fill, shape ``shape``, uint8; None makes a new one.
             pitch_error: True pitch minus the camera's own [rad].
         """
-        image = np.empty(self._cover.shape, dtype=np.uint8) if out is None else out
+        image = np.empty(self.shape, dtype=np.uint8) if out is None else out
         view = self.view
         if pitch_error:
             view = view._replace(pitch=view.pitch + pitch_error)
         render(
             view, self.track.table, self.track.spacing, self.track.closed,
-            *pose, expected, np.uint64(key), self._cover, self._light, image,
+            *pose, expected, np.uint64(key), self._cover, self._light,
+            image[None] if image.ndim == 2 else image.transpose(2, 0, 1),
         )  # fmt: skip
         return image

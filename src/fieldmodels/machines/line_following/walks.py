@@ -96,8 +96,8 @@ class Walks:
         scenes: What each walks on and sees with; track, camera and what is kept of each are the same.
         walks: All state, shape (batch,), dtype ``WALK``.
         plants: What each walk and camera truly is, shape (batch,), dtype ``PLANT``.
-        images: What each camera saw last, shape (batch, rows, columns), uint8; only if the sight is
-            ``image``.
+        images: What each camera saw last, shape (batch, rows, columns), uint8, and 3 where scenes have
+            ``colour``; only if the sight is ``image``.
         stock: Stock effects around the walks, or None.
     """
 
@@ -140,9 +140,10 @@ class Walks:
         self._track = (track.table, track.spacing, track.closed)
         self._begun = np.zeros(batch, dtype=np.bool_)
         self._rigid = scene.plant == "pymunk"
+        self._picture = (one.rows, one.width, 3) if scene.colour else (one.rows, one.width)
         self.images: Image | None = None
         if scene.sight == "image":
-            self.images = np.zeros((batch, one.rows, one.width), dtype=np.uint8)
+            self.images = np.zeros((batch, *self._picture), dtype=np.uint8)
 
     def __len__(self) -> int:
         """Number of walks."""
@@ -260,20 +261,20 @@ class Walks:
             scene = self.scenes[i]
             image = self._photograph(i, images[i])
             for band, (first, last) in enumerate(self._rows):
-                column, count = centroid(image, first, last, scene.exposure.threshold)
+                limit = scene.exposure.levels if scene.colour else scene.exposure.threshold
+                column, count = centroid(image, first, last, limit)
                 place = (scene.camera.width / 2.0 - column) * scene.camera.metres_per_pixel
                 take_in(self.walks, i, band, place, count >= self._bands[band].least, self.plants[i])
 
     def image(self, i: int) -> Image:
-        """What one walk's camera sees, shape (rows, columns), uint8; drawn anew unless images are the sight.
+        """What one walk's camera sees, shaped as in ``images``; drawn anew unless images are the sight.
 
         Both sights put the sensor's noise into where the line is, and so does this picture.
         """
         if self.images is not None:
             image: Image = self.images[i]
             return image
-        camera = self.scenes[i].camera
-        return self._photograph(i, np.zeros((camera.rows, camera.width), dtype=np.uint8))
+        return self._photograph(i, np.zeros(self._picture, dtype=np.uint8))
 
     def _body(self, i: int) -> Body:
         """The rigid bodies of a walk."""
@@ -290,7 +291,7 @@ class Walks:
     ) -> Renderer:
         scene = self.scenes[0]
         camera = replace(scene.camera, height=height)
-        return Renderer(scene.track, camera, make_view(camera, tape, floor, exposure, lighting))
+        return Renderer(scene.track, camera, make_view(camera, tape, floor, exposure, lighting, scene.colour))
 
     def _photograph(self, i: int, image: Image) -> Image:
         """Render what one walk's camera sees; a swaying body makes the line's noise."""
