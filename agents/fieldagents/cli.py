@@ -261,6 +261,13 @@ def diagnose(
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the resampling.")] = 0,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Give the best verdict after this time, and what was not tried (default: none).",
+        ),
+    ] = None,
     then_retune: Annotated[
         Path | None,
         typer.Option(
@@ -317,7 +324,7 @@ def diagnose(
     from fieldmodels.diagnosis.report import write_results
 
     with progress() as report:
-        diagnosis = run(chosen, recordings, tests, fixed=held, progress=report, seed=seed)
+        diagnosis = run(chosen, recordings, tests, fixed=held, progress=report, seed=seed, budget=budget)
     folder = out or Path("results") / f"diagnosis-{chosen.name}"
     written = write_results(diagnosis, folder)
     result = diagnosis.to_json()

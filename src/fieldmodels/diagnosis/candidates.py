@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.budget import SEARCH, Budget
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.fit import costs, fit, refit, weighed
 from fieldmodels.diagnosis.held_out import held_out_loss
@@ -70,6 +71,7 @@ class Candidates:
         whitener: Whitening matrix that all fits share.
         unidentifiable: Effects that the free parameters absorb exactly.
         options: Thresholds and prices.
+        budget: How long the search may take.
         seen: Cached results of ``screened``, by parent and effect.
     """
 
@@ -79,6 +81,7 @@ class Candidates:
     folds: IntArray
     whitener: FloatArray
     options: DiagnosisOptions = DEFAULT
+    budget: Budget = field(default_factory=Budget)
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
 
@@ -121,7 +124,9 @@ class Candidates:
         return self._judged((), best, 0.0)
 
     def extend(self, parent: Candidate, name: str) -> Candidate | None:
-        """Add an effect to a fitted set; None if no start gives a finite cost."""
+        """Add an effect to a fitted set; None if no start gives a finite cost, or the time is over."""
+        if self.budget.lacks(" + ".join((*parent.effects, name)), SEARCH):
+            return None
         effect = self.problem.model.effect(name)
         _, starts = self.screened(parent, effect)
         free = self.free((*parent.effects, name))

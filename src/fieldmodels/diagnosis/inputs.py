@@ -9,7 +9,8 @@ from scipy import stats
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.problem import Problem, build
+from fieldmodels.diagnosis.informative import evenly
+from fieldmodels.diagnosis.problem import build
 from fieldmodels.drivers.declaration import Hold
 from fieldmodels.machine import Machine, held_inputs
 from fieldmodels.model import Model
@@ -21,8 +22,8 @@ SHARE = 0.5
 """Of the variance of the errors that it must remove: dry friction on a pendulum imitates up to 0.28."""
 LEVEL = 0.01
 """Level of the test over blocks of windows."""
-ENOUGH = 200
-"""Windows that suffice for the decision."""
+ENOUGH = 10_000
+"""Samples of windows that suffice for the decision."""
 WORDS: dict[Hold, str] = {"held": "are held from sample to sample", "interpolated": "move along a line"}
 
 
@@ -50,7 +51,7 @@ def decided(
     found = []
     for hold in (model.hold, other):
         one = held_inputs(model, hold).scaled_to(recordings)
-        problem = _thinned(build(one, recordings, horizon(one, recordings)))
+        problem, _ = evenly(build(one, recordings, horizon(one, recordings)), ENOUGH)
         candidates = Candidates(
             problem=problem, start=start(one), fixed=fixed, folds=problem.blocks % 4,
             whitener=np.diag(1 / problem.output_scale),
@@ -81,10 +82,3 @@ def _weighed_alike(candidates: Candidates, rival: Candidate, usual: Candidates) 
     """The rival judged by the usual base's weights, without which losses do not compare."""
     candidates.whitener = usual.whitener
     return candidates.again(rival)
-
-
-def _thinned(problem: Problem) -> Problem:
-    """Whole blocks spread over the data, if there are many windows."""
-    blocks = np.unique(problem.blocks)
-    every = max(1, len(problem) // ENOUGH)
-    return problem.select(np.isin(problem.blocks, blocks[::every]))

@@ -30,6 +30,8 @@ class DiagnosisOptions:
         rare_gain: Nats of a curve that acts in few windows only; then four times the curve level will do.
         most_causes: Effects in a set.
         most_curves: Curves beside each other.
+        rows: Samples of the windows that are fitted, a thousand windows at 100 Hz, a hundred at 1 kHz; of a
+            longer record those that tell most. A million samples at 1 kHz are diagnosed in a minute.
     """
 
     level: float = 0.01
@@ -45,6 +47,7 @@ class DiagnosisOptions:
     rare_gain: float = 40.0
     most_causes: int = 4
     most_curves: int = 2
+    rows: int = 50_000
 
 
 DEFAULT = DiagnosisOptions()

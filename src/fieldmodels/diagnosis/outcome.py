@@ -57,7 +57,8 @@ class Diagnosis:
         windows: Number of training and of test windows.
         seconds: Duration of the diagnosis.
         evidence: Arrays for the report.
-        notes: Peculiarities and preprocessing of the data (``Recording.notes``).
+        notes: Peculiarities and preprocessing of the data (``Recording.notes``), and which of them were used.
+        stopped: What was left out for a budget of time; empty if nothing was.
         above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
     """
 
@@ -84,6 +85,7 @@ class Diagnosis:
     seconds: float
     evidence: Evidence
     notes: tuple[str, ...] = ()
+    stopped: str = ""
     above_noise: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -186,6 +188,7 @@ class Diagnosis:
                 "windows": {"train": self.windows[0], "test": self.windows[1]},
                 "notes": list(self.notes),
             },
+            "stopped": self.stopped or None,
             "seconds": round(self.seconds, 2),
         }
 
@@ -207,6 +210,8 @@ class Diagnosis:
         if self.possible:
             names = " and ".join(c.effect.replace("_", " ") for c in self.possible)
             text += f" Possible, but not to be told from none: {names}."
+        if self.stopped:
+            text += f" {self.stopped}"
         return text
 
     def _sentence(self) -> str:

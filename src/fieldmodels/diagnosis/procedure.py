@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldmodels.diagnosis.budget import Budget
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.causes import (
     causes_of,
@@ -23,6 +24,7 @@ from fieldmodels.diagnosis.cutting import check_range, in_all, known_values, mai
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.extension import extend
 from fieldmodels.diagnosis.gain import Prediction, predict
+from fieldmodels.diagnosis.informative import evenly, informative
 from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
@@ -67,6 +69,7 @@ def diagnose(
     progress: Callable[[str, float], None] | None = None,
     seed: int = 0,
     options: DiagnosisOptions = DEFAULT,
+    budget: float | None = None,
 ) -> Diagnosis:
     """Find what a simulation gets wrong, name the cause or report it as unknown, and measure the gain.
 
@@ -79,6 +82,8 @@ def diagnose(
         progress: Called with the current step and the share done.
         seed: Seed of the resampling for confidence intervals.
         options: Thresholds and prices.
+        budget: Time [s] after which the best verdict so far is given, with what was left out for it
+            (``Diagnosis.stopped``); without one no result depends on the clock.
 
     Returns:
         Verdict, causes with parameters and gains, unmodelled dynamics, and evidence for the report.
@@ -86,7 +91,9 @@ def diagnose(
     Raises:
         ModelError: For an unknown or impossible fixed value.
         RecordingError: If there are too few data or none.
+        ValueError: If the budget is no positive time.
     """
+    time_left = Budget(budget)
     report = progress or (lambda _what, _share: None)
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
@@ -106,12 +113,13 @@ def diagnose(
                 scaled_progress(report, number, len(stages)),
                 seed,
                 options,
+                time_left,
             )
             for number, stage in enumerate(stages)
         ],
     )
     notes = tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
-    return replace(whole, notes=(*said, *lacking, *notes))
+    return replace(whole, notes=(*said, *lacking, *notes, *whole.notes), stopped=time_left.words())
 
 
 def _diagnose_stage(
@@ -122,6 +130,7 @@ def _diagnose_stage(
     report: Progress,
     seed: int,
     options: DiagnosisOptions,
+    budget: Budget,
 ) -> Diagnosis:
     """Diagnose one stage by itself; arguments as of ``diagnose``."""
     began = time.perf_counter()
@@ -136,8 +145,13 @@ def _diagnose_stage(
         folds=training.folds,
         whitener=np.diag(1 / training.output_scale),
         options=options,
+        budget=budget,
     )
     rng = np.random.default_rng(seed)
+    report("choosing windows", 0.02)
+    training, said = informative(candidates)
+    candidates = replace(candidates, problem=training, folds=training.folds)
+    testing, measured = evenly(testing, options.rows)
     mistaken = mistaken_columns(model, train, training, start, frozenset(fixed))
     found = _found(candidates, train, testing, mistaken, report, rng)
     result = _stated(candidates, testing, found, fixed, rng)
@@ -147,6 +161,7 @@ def _diagnose_stage(
         trained_on=tuple(r.source for r in train),
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
         seconds=time.perf_counter() - began,
+        notes=tuple(note for note in (said, measured and f"the gain is measured on {measured}") if note),
     )
 
 
@@ -238,20 +253,25 @@ def _stated(
     # A curve that is certain leaves no two names to tell apart.
     answered = bool(found.mistaken) or (verdict == "unknown" and bool(curves) and found.certain)
     effects, not_runnable = runnable(model, curves)
+    lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,
         machine=model,
         verdict=verdict,
         causes=tuple(refitted(c, model, final) for c in found.causes),
         mistaken=found.mistaken,
-        misfit=failed_tests(training, selection.base, candidates.options),
+        misfit=()
+        if lacks("tests of the residuals")
+        else failed_tests(training, selection.base, candidates.options),
         gain=gains(testing, (selection.base, kept), (found.before, found.after, whole), rng),
         curves=curves,
         possible=found.possible,
         curve_effects=effects,
         not_runnable=not_runnable,
         seen=() if model.random_force else visible(kept, found.judged.tried),
-        next_measurement=None if answered else next_measurement(candidates, selection, verdict, rng),
+        next_measurement=None
+        if answered or lacks("the next measurement")
+        else next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=poorly_known(model, base),
         above_noise=above_noise(testing, found.after),

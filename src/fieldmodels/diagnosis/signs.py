@@ -14,11 +14,13 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.gain import noise_floor, predict
+from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
 
 FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
+ENOUGH = 6_000  # samples of windows that suffice for the decision
 BETTER = 0.5  # of the error that right columns leave; wrong ones leave a tenth or less on every bench
 
 
@@ -77,6 +79,7 @@ def _changed(recording: Recording, changes: Mapping[str, tuple[str, float]]) -> 
 
 def _error(problem: Problem, start: FloatArray, fixed: frozenset[str]) -> tuple[float, bool]:
     """Error of the refitted base by the spread of the signals, and whether it is far from the noise."""
+    problem, _ = evenly(problem, ENOUGH)
     candidates = Candidates(
         problem=problem, start=start, fixed=fixed, folds=problem.folds,
         whitener=np.diag(1 / problem.output_scale),

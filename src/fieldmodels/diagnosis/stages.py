@@ -59,6 +59,7 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
         tested_on=first.tested_on,
         windows=first.windows,
         seconds=sum(part.seconds for part in parts),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
         evidence=Evidence(
             traces={name: rows for part in parts for name, rows in part.evidence.traces.items()},
             residuals={name: rows for part in parts for name, rows in part.evidence.residuals.items()},

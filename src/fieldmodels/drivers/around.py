@@ -33,7 +33,6 @@ from fieldmodels.drivers.stepped import (
     place_of,
     rows_of,
 )
-from fieldmodels.drivers.windows import episode_edges
 from fieldmodels.effects import actuators, changes, sensors
 from fieldmodels.effects.curves import Curve, on_curve
 from fieldmodels.effects.stock import Names, Sizes, Stock
@@ -220,13 +219,14 @@ class Surrounded(Model):
     def _commanded(self, windows: Windows, vector: FloatArray) -> Windows:
         """The windows of a recording whose commands have passed the actuators."""
         recording = windows.recording
-        first, _ = episode_edges(recording)
         changed = {}
         for signal in self.inputs:
             if signal.name in recording and self._is_on("actuator", signal.name, vector):
                 row, curve_row = self._numbers("actuator", signal.name, vector)
                 command = np.ascontiguousarray(recording[signal.name], dtype=np.float64)
-                changed[signal.name] = actuators.mean_given(command, first, recording.step, row, curve_row)
+                changed[signal.name] = actuators.mean_given(
+                    command, windows.pieces, recording.step, row, curve_row
+                )
         if not changed:
             return windows
         return replace(windows, recording=self.inner.with_commands(recording, changed))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -21,6 +23,7 @@ BRISTLE = forces.ROW.column("hysteresis_force")
 TEMPLATE = "windows.py.j2"
 LANES_WITH_DERIVATIVES = 4
 FAST = 2.0  # times the usual speed: faster than nearly all of a recording
+Made = TypeVar("Made")
 PLAY = 0.02  # of the largest command, over which play is crossed
 
 
@@ -72,6 +75,7 @@ class WindowDriver:
         self.machine = machine
         self.rows = Rows(machine)
         self.module = driver_module(machine, TEMPLATE)
+        self._driving, self._path = Once(self._prepare), Once(self._smooth)
 
     def __call__(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
@@ -121,8 +125,9 @@ class WindowDriver:
     def _run(self, module: Any, parameters: FloatArray, states: FloatArray, windows: Windows) -> FloatArray:
         """Run a module; parameters, states and what comes back may carry derivatives on a last axis."""
         machine, recording, rows = self.machine, windows.recording, self.rows
-        first, last = episode_edges(recording)
-        command = machine.commands(recording, last)
+        command, play = self._driving(recording)
+        bounds = windows.pieces
+        inside = bounds[np.searchsorted(bounds[:, 0], windows.starts, side="right") - 1]
         force_rows = rows.of("force", parameters)
         carried = parameters.shape[2:]
         out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs), *carried))
@@ -131,7 +136,9 @@ class WindowDriver:
         if not len(windows):
             return out
         sizes = np.std(windows.states, axis=0)
-        path = self._paths(recording, bool(force_rows[:, :, BRISTLE].any()))
+        path = np.zeros((len(machine.forces), 0))
+        if force_rows[:, :, BRISTLE].any():
+            path = self._path(recording)
         module.simulate(
             np.ascontiguousarray(parameters[:, rows.base]),
             rows.of("actuator", parameters),
@@ -141,11 +148,13 @@ class WindowDriver:
             np.ascontiguousarray(parameters[:, rows.curves]),
             command,
             np.zeros(0) if windows.disturbance is None else np.ascontiguousarray(windows.disturbance),
-            first,
-            last,
+            recording.bounds,  # a bristle remembers for as long as it is not turned round
+            bounds,
+            inside[:, 0],
+            inside[:, 1] - 1,
             recording.step,
             machine.hold == "interpolated",
-            PLAY * float(np.max(np.abs(command[:, :1]), initial=0.0)) or 1.0,
+            play,
             np.array([s.name in recording for s in machine.outputs]),
             windows.starts,
             windows.lengths,
@@ -159,14 +168,33 @@ class WindowDriver:
         )
         return out
 
-    def _paths(self, recording: Recording, bent: bool) -> FloatArray:
-        """Measured position along each force, freed of noise, shape (forces, n); or (forces, 0)."""
+    def _prepare(self, recording: Recording) -> tuple[FloatArray, float]:
+        """What drives the machine along a recording, shape (n, inputs), and the command that crosses play."""
+        command = self.machine.commands(recording, episode_edges(recording)[1])
+        return command, PLAY * float(np.max(np.abs(command[:, :1]), initial=0.0)) or 1.0
+
+    def _smooth(self, recording: Recording) -> FloatArray:
+        """Measured position along each force, freed of noise, shape (forces, n)."""
         positions = [f.position for f in self.machine.forces]
-        if not bent:
-            return np.zeros((len(positions), 0))
         return np.array(
             [without_noise(recording, p) if p in recording else np.zeros(len(recording)) for p in positions]
         )
+
+
+class Once(Generic[Made]):
+    """Makes something of a recording, once as long as the recording exists."""
+
+    def __init__(self, make: Callable[[Recording], Made]) -> None:
+        self.make = make
+        self.made: dict[int, tuple[weakref.ref[Recording], Made]] = {}
+
+    def __call__(self, recording: Recording) -> Made:
+        """What was made of it."""
+        key = id(recording)
+        if key not in self.made:
+            gone = weakref.ref(recording, lambda _: self.made.pop(key, None))
+            self.made[key] = gone, self.make(recording)
+        return self.made[key][1]
 
 
 def _bounds(machine: Declaration, c: Curve) -> tuple[int, int]:

@@ -123,7 +123,7 @@ def is_curved(curve: FloatArray) -> bool:
 @allocation_free
 def actuate(
     command: FloatArray,
-    first: IntArray,
+    bounds: IntArray,
     step: float,
     interpolated: bool,
     r: Row,
@@ -134,20 +134,19 @@ def actuate(
 
     Args:
         command: Commands, shape (n,).
-        first: First sample of each sample's episode, shape (n,).
+        bounds: First sample and end of every episode, or of every piece that is needed, shape (pieces, 2).
         step: Sampling interval [s].
         interpolated: Whether the target goes along lines from sample to sample, instead of being held.
         r: The input's row.
         curve: Row of a curve of the command, or empty.
         out: Receives the target, shape (n,).
     """
-    engaged = 0.0
     ahead = 0.5 if interpolated else 1.0  # so that what follows a jump has the right area
-    for i in range(len(command)):
-        if i == first[i]:
-            engaged = asked(command[i], r, curve)
-        after = min(max((i + ahead) - r.parameter_step_time / step, 0.0), 1.0)
-        out[i], engaged = target(command[i], engaged, after, r, curve)
+    for piece in range(len(bounds)):
+        engaged = asked(command[bounds[piece, 0]], r, curve)
+        for i in range(bounds[piece, 0], bounds[piece, 1]):
+            after = min(max((i + ahead) - r.parameter_step_time / step, 0.0), 1.0)
+            out[i], engaged = target(command[i], engaged, after, r, curve)
 
 
 @inlined
@@ -207,25 +206,26 @@ def follow(force: float, aim: float, h: float, r: Row) -> float:
 
 @allocation_free
 def respond(
-    aims: FloatArray, first: IntArray, step: float, interpolated: bool, r: Row, out: FloatArray
+    aims: FloatArray, bounds: IntArray, step: float, interpolated: bool, r: Row, out: FloatArray
 ) -> None:
     """The actuator's force along every episode, from rest at its first command.
 
     Args:
         aims: What the actuator aims at, shape (n,).
-        first: First sample of each sample's episode, shape (n,).
+        bounds: First sample and end of every episode, or of every piece that is needed, shape (pieces, 2).
         step: Sampling interval [s].
         interpolated: Whether the target goes along lines from sample to sample, instead of being held.
         r: The input's row.
         out: Receives the force at the sample times, shape (n,).
     """
-    for i in range(len(aims)):
-        if i == first[i]:
-            out[i] = aims[i]
-        elif interpolated:
-            out[i] = follow_line(out[i - 1], aims[i - 1], aims[i], step, r)
-        else:
-            out[i] = follow(out[i - 1], aims[i - 1], step, r)
+    for piece in range(len(bounds)):
+        begin = bounds[piece, 0]
+        out[begin] = aims[begin]
+        for i in range(begin + 1, bounds[piece, 1]):
+            if interpolated:
+                out[i] = follow_line(out[i - 1], aims[i - 1], aims[i], step, r)
+            else:
+                out[i] = follow(out[i - 1], aims[i - 1], step, r)
 
 
 PIECES = 16
@@ -247,28 +247,28 @@ def mean_over(force: float, aim: float, h: float, r: Row) -> tuple[float, float]
 
 
 @compiled
-def mean_given(command: FloatArray, first: IntArray, step: float, r: Row, curve: FloatArray) -> FloatArray:
+def mean_given(command: FloatArray, bounds: IntArray, step: float, r: Row, curve: FloatArray) -> FloatArray:
     """Mean of what the actuator gives over the interval after each sample.
 
     Args:
         command: Commands, shape (n,).
-        first: First sample of each sample's episode, shape (n,).
+        bounds: First sample and end of every episode, or of every piece that is needed, shape (pieces, 2).
         step: Sampling interval [s].
         r: The input's row.
         curve: Row of a curve of the command, or empty.
     """
-    aims, mean, out = np.empty(len(command)), np.empty(len(command)), np.empty(len(command))
-    actuate(command, first, step, False, r, curve, aims)
-    force = 0.0
-    for i in range(len(aims)):
-        if i == first[i]:
-            force = aims[i]
-        mean[i], force = mean_over(force, aims[i], step, r)
+    aims, mean, out = np.empty(len(command)), np.empty(len(command)), command.copy()
+    actuate(command, bounds, step, False, r, curve, aims)
     shift = r.delay_delay / step
     whole = math.floor(shift)
-    for i in range(len(mean)):
-        near, far = max(i - whole, first[i]), max(i - whole - 1, first[i])
-        out[i] = mean[near] + (shift - whole) * (mean[far] - mean[near])
+    for piece in range(len(bounds)):
+        first, end = bounds[piece]
+        force = aims[first]
+        for i in range(first, end):
+            mean[i], force = mean_over(force, aims[i], step, r)
+        for i in range(first, end):
+            near, far = max(i - whole, first), max(i - whole - 1, first)
+            out[i] = mean[near] + (shift - whole) * (mean[far] - mean[near])
     return out
 
 

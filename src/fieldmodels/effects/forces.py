@@ -160,17 +160,19 @@ def resistance(moved: float, v: float, sign: float, bristle: float, load: float,
 
 
 @allocation_free
-def bend_along(path: FloatArray, first: IntArray, r: Row, out: FloatArray) -> None:
+def bend_along(path: FloatArray, bounds: IntArray, r: Row, out: FloatArray) -> None:
     """The bristle's force along a measured path, unbent at the start of every episode.
 
     Args:
         path: Measured position, freed of noise, shape (n,).
-        first: First sample of each sample's episode, shape (n,).
+        bounds: First sample and end of every episode, shape (episodes, 2).
         r: The force's row.
         out: Receives the bristle's force, shape (n,).
     """
-    for i in range(len(path)):
-        out[i] = 0.0 if i == first[i] else bend(out[i - 1], path[i] - path[i - 1], r)
+    for piece in range(len(bounds)):
+        out[bounds[piece, 0]] = 0.0
+        for i in range(bounds[piece, 0] + 1, bounds[piece, 1]):
+            out[i] = bend(out[i - 1], path[i] - path[i - 1], r)
 
 
 @inlined

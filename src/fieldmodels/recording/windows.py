@@ -24,6 +24,8 @@ class Windows:
             window's end and for outputs that the recording lacks.
         disturbance: Additive generalised force on every sample of the recording, shape (n,), in the
             model's ``disturbance_unit``; None for none.
+        needed: First sample and end of every piece that a simulation must look at, shape (pieces, 2), one
+            after the other: the windows and what led to them; None for whole episodes.
     """
 
     recording: Recording
@@ -32,6 +34,7 @@ class Windows:
     states: FloatArray
     observed: BoolArray
     disturbance: FloatArray | None = None
+    needed: IntArray | None = None
 
     def __len__(self) -> int:
         """Number of windows."""
@@ -41,6 +44,11 @@ class Windows:
     def samples(self) -> int:
         """Size of arrays over a window's samples; no window is longer."""
         return int(self.observed.shape[1])
+
+    @property
+    def pieces(self) -> IntArray:
+        """First sample and end of every piece that simulations look at, shape (pieces, 2)."""
+        return self.recording.bounds if self.needed is None else self.needed
 
     def select(self, which: BoolArray | IntArray) -> Windows:
         """Keep some of the windows."""

@@ -10,7 +10,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.compiled import compiled
 from fieldmodels.drivers.rates import white_noise
-from fieldmodels.drivers.windows import Rows, episode_edges
+from fieldmodels.drivers.windows import Rows
 from fieldmodels.effects.actuators import actuate, follow, has_dynamics, respond, unpack
 from fieldmodels.machine import Machine
 from fieldmodels.model import Model
@@ -52,11 +52,10 @@ class Drive(Model):
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``; a force does not depend on where a window starts."""
         recording = windows.recording
-        first, _ = episode_edges(recording)
         command = np.ascontiguousarray(recording[self.inputs[0].name], dtype=np.float64)
         rows = Rows(self.whole).of("actuator", np.atleast_2d(parameters))[:, 0]
-        force = np.empty((len(rows), len(command)))
-        give(rows, command, first, recording.step, force)
+        force = np.zeros((len(rows), len(command)))
+        give(rows, command, windows.pieces, recording.step, force)
         samples = np.minimum(windows.starts[:, None] + np.arange(windows.samples), len(command) - 1)
         return np.asarray(force[:, samples][..., None])
 
@@ -66,30 +65,32 @@ class Drive(Model):
 
 
 @compiled
-def give(q: FloatArray, command: FloatArray, first: IntArray, step: float, out: FloatArray) -> None:
+def give(q: FloatArray, command: FloatArray, bounds: IntArray, step: float, out: FloatArray) -> None:
     """Force right after every command, for every row of parameters.
 
     Args:
         q: The input's rows, shape (batch, numbers of actuators.Row).
         command: Commanded force, shape (n,).
-        first: First sample of each sample's episode, shape (n,).
+        bounds: First sample and end of every episode, or of every piece that is needed, shape (pieces, 2).
         step: Sampling interval [s].
         out: Receives the force, shape (batch, n).
     """
     target, stored = np.empty(len(command)), np.empty(len(command))
     for p in range(len(q)):
         r = unpack(q[p])
-        actuate(command, first, step, False, r, q[p, :0], target)
+        actuate(command, bounds, step, False, r, q[p, :0], target)
         slow = has_dynamics(r)
         if slow:
-            respond(target, first, step, False, r, stored)
+            respond(target, bounds, step, False, r, stored)
         shift = r.delay_delay / step
-        for i in range(len(command)):
-            if not slow:
-                whole = int(np.floor(shift))
-                near, far = max(i - whole, first[i]), max(i - whole - 1, first[i])
-                out[p, i] = target[near] + (shift - whole) * (target[far] - target[near])
-                continue
-            at = max(i - first[i] + READ - shift, 0.0)
-            row = first[i] + int(np.floor(at))
-            out[p, i] = follow(stored[row], target[row], (at - np.floor(at)) * step, r)
+        for piece in range(len(bounds)):
+            first = bounds[piece, 0]
+            for i in range(first, bounds[piece, 1]):
+                if not slow:
+                    whole = int(np.floor(shift))
+                    near, far = max(i - whole, first), max(i - whole - 1, first)
+                    out[p, i] = target[near] + (shift - whole) * (target[far] - target[near])
+                    continue
+                at = max(i - first + READ - shift, 0.0)
+                row = first + int(np.floor(at))
+                out[p, i] = follow(stored[row], target[row], (at - np.floor(at)) * step, r)

@@ -50,8 +50,8 @@ def respond_to(
     nothing = np.zeros(0)
     for episode, u in enumerate(commands):
         target = np.empty(len(u))
-        first = np.zeros(len(u), dtype=np.int64)
-        actuators.actuate(np.ascontiguousarray(u), first, step, False, r, nothing, target)
+        whole = np.array([[0, len(u)]])
+        actuators.actuate(np.ascontiguousarray(u), whole, step, False, r, nothing, target)
         x = v = bristle = 0.0
         given = float(target[0])
         for i in range(len(u)):
