@@ -5,6 +5,8 @@
     python benchmarks/uav_route_planners.py --layouts --work 40000
     python benchmarks/uav_route_planners.py --two
     python benchmarks/uav_route_planners.py --agents 20
+    python benchmarks/uav_route_planners.py --proofs 12 --work 150000
+    python benchmarks/uav_route_planners.py --gaps 100
 
 For detection thresholds 0.5, 0.6, 0.7, and for 0.5 with a lock lost in four steps: the program as printed,
 the same with its table's headings added up, whole legs, and the lattice. One line a plan, as it comes: how
@@ -12,7 +14,9 @@ the search ended, its size, its time, the ratio of the printed program's time to
 model says of the plan. The source's program has 15,363 binaries, 72 linear variables and 10,359 constraints.
 ``--readings`` prints what the slack and the form of (4.33) change, flown with the bank and without;
 ``--layouts`` a detour around one radar and a way between three, with the ratio to the lattice's time;
-``--two`` the source's two aircraft; ``--agents`` what the planning agents need on random layouts.
+``--two`` the source's two aircraft; ``--agents`` what the planning agents need on random layouts;
+``--proofs`` how the source's program ends on test layouts, and which of its plans survive; ``--gaps`` how far
+the certified planner may be from the best over random layouts of one to three radars.
 """
 
 from __future__ import annotations
@@ -26,14 +30,20 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from fieldagents.seeds import TUNING_SEEDS
+from fieldagents.config import EnvironmentConfig
+from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.seeds import TEST_SEEDS, TUNING_SEEDS
+from fieldagents.task import get_task
+from fieldagents.tasks.uav_route import agents
 from fieldagents.tasks.uav_route.agents import legs, legs_lock_loss, legs_low, over_lattice, printed
+from fieldagents.tasks.uav_route.certified import certified_plan
 from fieldagents.tasks.uav_route.lattice import lattice_plan
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import layouts_of
 from fieldagents.tasks.uav_route.plan import Plan
 from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
 from fieldgym.uav_route import UavRouteSettings
+from fieldmodels.machines.uav_route.layouts import random_layout
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, Aircraft, Detection, Layout, World
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 
@@ -107,7 +117,48 @@ def two(more: dict[str, Any]) -> None:
                 print(line(plan, 0.5, plan), f" cost {plan.search.objective:g} s", flush=True)
 
 
-def agents(count: int) -> None:
+def proofs(count: int, work: int | None) -> None:
+    """How the source's program ends on test layouts, and what its plans are worth."""
+    seeds = TEST_SEEDS[:count]
+    agents.WORK = work or 10**9
+    print(
+        "seed,lock_loss,status,work,processor_s,steps_bound_s,steps_s,gap,outcome,length_km,over_s,longest_s"
+    )
+    for seed in seeds:
+        for name in ("printed", "printed_lock_loss"):
+            agent = get_task("uav_route").agents[name].make({})
+            begun = time.process_time()
+            table = run_episodes(agent, "uav_route", EnvironmentConfig(), range(seed, seed + 1))
+            took = time.process_time() - begun
+            (plan,), one = agent._plans.values(), table.iloc[0]
+            search = plan.search
+            outcome = "no plan" if one["no_plan"] else "arrived" if one["success"] else "hit"
+            print(
+                f"{seed},{name.removeprefix('printed').strip('_') or 'none'},{search.status},{search.work},"
+                f"{took:.1f},{search.bound:.1f},{search.objective:.1f},{search.gap:.3f},{outcome},"
+                f"{one['path_length']:.1f},{one['time_over']:.0f},{one['longest_detection']:.0f}",
+                flush=True,
+            )
+
+
+def gaps(count: int) -> None:
+    """Gap of the certified planner to its bound, and processor time, over layouts of one to three radars."""
+    found = []
+    for seed in range(count):
+        layout = random_layout(np.random.default_rng(seed), 1 + seed % 3)
+        begun = time.process_time()
+        plan = certified_plan(layout)
+        found.append((plan.search.gap, plan.excess, time.process_time() - begun))
+        print(
+            f"{seed:3d} {len(layout.radars)} {plan.search.status} {found[-1][0]:6.2%} {found[-1][2]:5.1f} s",
+            flush=True,
+        )
+    for part in (0.5, 0.9, 1.0):
+        gap, excess, took = np.quantile(np.array(found), part, axis=0)
+        print(f"{part:4.0%}: gap {gap:.2%}, over tangent, arc and spiral {excess:.2%}, {took:.1f} s")
+
+
+def planning_agents(count: int) -> None:
     """What the planning agents need for one of the environment's random layouts."""
     envs = gymnasium.make_vec("fieldgym/UavRoute-v0", num_envs=count, vectorization_mode="vector_entry_point")
     _, info = envs.reset(seed=TUNING_SEEDS[0])
@@ -143,6 +194,8 @@ def main() -> None:
     parser.add_argument("--readings", action="store_true")
     parser.add_argument("--layouts", action="store_true")
     parser.add_argument("--two", action="store_true")
+    parser.add_argument("--gaps", type=int, default=0, metavar="LAYOUTS")
+    parser.add_argument("--proofs", type=int, default=0, metavar="LAYOUTS")
     parser.add_argument("--agents", type=int, default=0, metavar="LAYOUTS")
     given = parser.parse_args()
     more: dict[str, Any] = {"solver": given.solver, "work": given.work}
@@ -150,7 +203,13 @@ def main() -> None:
     for threshold in (0.5, 0.6, 0.7):  # nor is it timed what each world's distances are, for anyone
         leg_plan(EXAMPLE, World(detection=Detection(threshold=threshold)), **more)
     if given.agents:
-        agents(given.agents)
+        planning_agents(given.agents)
+        return
+    if given.gaps:
+        gaps(given.gaps)
+        return
+    if given.proofs:
+        proofs(given.proofs, given.work)
         return
     print(HEAD, flush=True)
     if given.readings or given.layouts or given.two:

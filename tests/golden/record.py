@@ -37,7 +37,7 @@ RECORDED = {"propeller_arm": "pendulum", "differential_drive": "pose_reaching"}
 """Whose exam records the data of a model that has no exam of its own."""
 STEPS = 25
 SLOW = {
-    "uav_route": {"printed", "printed_lock_loss", "three_legs"},
+    "uav_route": {"printed", "printed_lock_loss"},
     "heel_strike": {"ekf_filterpy", "imm_filterpy"},
 }
 """Agents that take minutes."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent
 from fieldagents.task import ReferenceAgent
+from fieldagents.tasks.uav_route.certified import certified_plan
 from fieldagents.tasks.uav_route.lattice import lattice_plan
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of, lower_bound, moved_goal
@@ -219,12 +220,16 @@ def printed(*, lock_loss: bool) -> Planning:
 def legs(layout: Layout, world: World, heading: float | None) -> Plan:
     """Two verified legs, polished into four; three where two find no way."""
     plan = leg_plan(layout, world, directions=72, polish=4, heading=heading, work=WORK)
-    return plan if plan.found else three_legs(layout, world, heading)
+    return plan if plan.found else leg_plan(layout, world, legs=3, polish=4, heading=heading, work=WORK)
 
 
-def three_legs(layout: Layout, world: World, heading: float | None) -> Plan:
-    """Three verified legs, polished into four."""
-    return leg_plan(layout, world, legs=3, polish=4, heading=heading, work=WORK)
+def certified(settings: UavRouteSettings) -> Planning:
+    """The shortest of legs and polished lattice paths, with a bound."""
+
+    def plan(layout: Layout, world: World, heading: float | None) -> Plan:
+        return certified_plan(layout, world, least_leg=settings.least_leg, heading=heading, work=WORK)
+
+    return plan
 
 
 def legs_low(layout: Layout, world: World, heading: float | None) -> Plan:
@@ -304,7 +309,7 @@ AGENTS = (
         "printed_lock_loss", "The same with lock loss, (4.33)", lambda _: printed(lock_loss=True), direct=True
     ),
     _reference("legs", "Two verified legs by a small program, then polished into four", lambda _: legs),
-    _reference("three_legs", "The same with three legs, which takes longer", lambda _: three_legs),
+    _reference("certified", "The shortest of legs and polished lattice paths, with a proven gap", certified),
     _reference(
         "legs_low",
         "Two verified legs at the lowest probability of detection that leaves a way",

@@ -131,7 +131,7 @@ def leg_plan(
             return make_plan(name, layout, world, search, heading=heading)
         waypoints, chosen, spans = _cleared(program.waypoints(), program.chosen(), program.spans())
         if polish:
-            waypoints = _better(waypoints, chosen, spans, part, world, heading, max(polish, legs))
+            waypoints = improved(waypoints, chosen, spans, part, world, heading, max(polish, legs))
         flown = simulate_plan(waypoints, layout.radars, world, heading=heading).verification
         seen = _seeing(waypoints, layout, world, heading)
         if flown.undetected or (lock_loss and flown.survived) or seen <= set(known):
@@ -207,7 +207,7 @@ def _cleared(
     return path, [modes[i] for i in legs], [spans[i] for i in legs]
 
 
-def _better(
+def improved(
     waypoints: FloatArray,
     modes: list[list[Mode]],
     spans: list[Span],

@@ -18,6 +18,8 @@ NOSE = math.radians(30.0)
 """Half-angle of the cone about the nose in which Table 4.1's signature is low [rad]."""
 TAIL = math.radians(20.0)
 """The same about the tail [rad]."""
+STEEP = math.radians(1.0)
+"""Within this angle Table 4.1 goes from low to high [rad]."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,11 @@ def limits_of(world: World) -> Limits:
 
 
 @lru_cache(maxsize=64)
-def banked_limits(world: World) -> tuple[FloatArray, FloatArray]:
-    """Azimuths from nose to tail [rad], and beyond which distance [km] a bank to any side is not detected."""
+def banked_limits(world: World, *, kinder: bool = False) -> tuple[FloatArray, FloatArray]:
+    """Azimuths from nose to tail [rad], and beyond which distance [km] a bank to any side is not detected.
+
+    With ``kinder`` it is the distance of the side to which a bank shows less.
+    """
     azimuths = np.radians(np.linspace(0.0, 180.0, 361))
     coarse = np.arange(0.0, world.detection.reach + 8.0, 4.0)[:, None]
 
@@ -61,7 +66,8 @@ def banked_limits(world: World) -> tuple[FloatArray, FloatArray]:
         at, azimuth = np.broadcast_arrays(distance, azimuths)
         banks = (-world.aircraft.bank, world.aircraft.bank)
         chances = [probability_seen(world, at, azimuth, b) for b in banks]
-        return np.asarray(np.max(chances, axis=0) > world.detection.threshold)
+        worst = np.min(chances, axis=0) if kinder else np.max(chances, axis=0)
+        return np.asarray(worst > world.detection.threshold)
 
     low = np.where(seen(coarse), coarse, -4.0).max(axis=0)
     high = low + 4.0
@@ -69,6 +75,18 @@ def banked_limits(world: World) -> tuple[FloatArray, FloatArray]:
         middle = 0.5 * (low + high)
         low, high = np.where(seen(middle), middle, low), np.where(seen(middle), high, middle)
     return azimuths, high
+
+
+@lru_cache(maxsize=64)
+def steepest(world: World, nose: bool) -> tuple[FloatArray, FloatArray]:
+    """Distances over the ground, and how far the radar may be from nose or tail there, rounded up [rad]."""
+    radius = np.arange(1.0, limits_of(world).side + 1.0)
+    cone = NOSE if nose else TAIL
+    offsets = np.linspace(0.0, STEEP, 201)
+    azimuth = cone + offsets if nose else math.pi - cone - offsets
+    seen = probability_seen(world, radius[:, None] + 0.0 * azimuth, azimuth + 0.0 * radius[:, None])
+    last = np.maximum((seen <= world.detection.threshold).sum(axis=1), 1) - 1
+    return radius, cone + offsets[last] + offsets[1]
 
 
 def probability_seen(

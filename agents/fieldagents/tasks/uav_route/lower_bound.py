@@ -16,13 +16,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from fieldagents.tasks.uav_route.limits import NOSE, TAIL, limits_of, probability_seen
+from fieldagents.tasks.uav_route.limits import NOSE, STEEP, TAIL, limits_of, steepest
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
-
-_STEEP = math.radians(1.0)  # Table 4.1 goes from low to high within this angle
 
 
 def lower_bound(layout: Layout, world: World) -> float:
@@ -121,7 +119,7 @@ def _about(start: FloatArray, goal: FloatArray, world: World) -> float:
 
 def _around_is_shorter(inner: float, angle: float, circle: float) -> bool:
     """Whether flying in and out along the limits gains an angle less cheaply than the circle does."""
-    nose, tail = NOSE + _STEEP, TAIL + _STEEP
+    nose, tail = NOSE + STEEP, TAIL + STEEP
     per_logarithm = math.tan(nose) + math.tan(tail)
     per_radius = 1.0 / math.cos(nose) + 1.0 / math.cos(tail)
     return per_radius * inner * (1.0 - math.exp(-angle / per_logarithm)) >= circle * angle
@@ -145,25 +143,13 @@ def _around(r: float, s: float, angle: float, circle: float) -> float:
     )
 
 
-@lru_cache(maxsize=64)
-def _steepest(world: World, nose: bool) -> tuple[FloatArray, FloatArray]:
-    """Distances over the ground, and how far the radar may be from nose or tail there, rounded up [rad]."""
-    radius = np.arange(1.0, limits_of(world).side + 1.0)
-    cone = NOSE if nose else TAIL
-    offsets = np.linspace(0.0, _STEEP, 201)
-    azimuth = cone + offsets if nose else math.pi - cone - offsets
-    seen = probability_seen(world, radius[:, None] + 0.0 * azimuth, azimuth + 0.0 * radius[:, None])
-    last = np.maximum((seen <= world.detection.threshold).sum(axis=1), 1) - 1
-    return radius, cone + offsets[last] + offsets[1]
-
-
 class _Spiral:
     """Ways between the circle and a place inside it, as steep to the radial as the threshold allows."""
 
     def __init__(self, inner: float, circle: float, world: World, *, nose: bool) -> None:
         edges = np.linspace(inner, circle, 401)
         self.radius, self.step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
-        radius, limit = _steepest(world, nose)
+        radius, limit = steepest(world, nose)
         self.limit = limit[np.minimum(np.searchsorted(radius, edges[1:]), len(limit) - 1)]
         self.reach = self._angle(circle)
 
