@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.budget import SEARCH, Budget
 from fieldmodels.diagnosis.coordinates import Coordinates
-from fieldmodels.diagnosis.fit import costs, fit, refit, weighed
-from fieldmodels.diagnosis.held_out import held_out_loss
+from fieldmodels.diagnosis.fit import costs, fit, parameters_at, refit, weighed
+from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps, window_loss
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
@@ -23,6 +23,7 @@ from fieldmodels.model import Effect, Model
 
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
+NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
 LINES = 4  # spectral lines that are followed
@@ -30,6 +31,7 @@ BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
 MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
 CLEAR = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
+EXTRAPOLATED = 5.0  # nats above its fitted loss from which on a window's held-out one is simulated
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as identifiable
 
 
@@ -300,7 +302,27 @@ class Candidates:
 
     def _judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
         size = sum(self.problem.model.effect(name).size for name in effects)
-        return Candidate(effects, fitted, search, held_out_loss(fitted, self.folds), size, self.options.price)
+        return Candidate(effects, fitted, search, self.held_out(fitted), size, self.options.price)
+
+    def held_out(self, fitted: Fit) -> FloatArray:
+        """Held-out loss of every window, simulated where its linear prediction is far from what was fitted.
+
+        A window in which a machine nearly sticks may have a slope that holds for no step at all.
+        """
+        loss, coordinates = (
+            held_out_loss(fitted, self.folds),
+            Coordinates(self.problem.model.all_parameters, fitted.free),
+        )
+        if fitted.observations is not None:
+            return loss
+        excess = loss - window_loss(fitted)
+        for fold, step in leave_out_steps(fitted, self.folds):
+            inside = self.folds == fold
+            if excess[inside].max() > EXTRAPOLATED:
+                moved = parameters_at(fitted, coordinates, step)
+                again = fit(self.problem, moved, NONE, fitted.whitener, fitted.states, 6)
+                loss[inside] = np.minimum(loss[inside], window_loss(again, inside))
+        return loss
 
     def _profiled(self, best: Fit, effect: Effect) -> Fit:
         """Search parameters without derivative on successively finer grids around the best start."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,14 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
         Loss, shape (windows,).
     """
     loss = np.zeros(len(fitted.residual))
+    for fold, step in leave_out_steps(fitted, folds):
+        inside = folds == fold
+        loss[inside] = window_loss(fitted, inside, fitted.jacobian[inside] @ step)
+    return loss
+
+
+def leave_out_steps(fitted: Fit, folds: IntArray) -> Iterator[tuple[int, FloatArray]]:
+    """Each fold, and the Gauss-Newton step of the free coordinates without it, shape (free,)."""
     # Nearly unidentifiable parameters would be moved by thousands of coordinates.
     active = fitted.active & (np.sqrt(np.sum(fitted.jacobian**2, axis=(0, 1))) > INSENSITIVE)
     jacobian = fitted.jacobian[:, :, active]
@@ -35,12 +45,12 @@ def held_out_loss(fitted: Fit, folds: IntArray) -> FloatArray:
     whole, gradient = flat.T @ flat, flat.T @ fitted.residual.reshape(-1)
     for fold in np.unique(folds):
         inside = folds == fold
-        own, residual = jacobian[inside], fitted.residual[inside]
-        flat = stacked(own)
+        flat = stacked(jacobian[inside])
         rest = whole - flat.T @ flat
-        step = np.linalg.pinv(rest, hermitian=True) @ (gradient - flat.T @ residual.reshape(-1))
-        loss[inside] = window_loss(fitted, inside, own @ step)
-    return loss
+        step = np.zeros(len(active))
+        left = gradient - flat.T @ fitted.residual[inside].reshape(-1)
+        step[active] = np.linalg.pinv(rest, hermitian=True) @ left
+        yield int(fold), step
 
 
 def window_loss(
