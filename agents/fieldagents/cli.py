@@ -512,6 +512,12 @@ def watch(
         Path | None, typer.Option(help="Write a film (`.gif` or `.webp`) instead of opening a window.")
     ] = None,
     seconds: Annotated[float, typer.Option(help="Longest film [s].", min=0.1, max=600)] = 20.0,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            help="Drive by hand, and add the drive to this `.csv` or `.parquet`, which is an agent."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Watch an agent at work, in a window or as a film.
@@ -521,13 +527,17 @@ def watch(
         fieldgym watch heel_strike --agent ppo
 
         fieldgym watch heel_strike --agent adaptive --set settings.collision_kind=low_pass --out walk.gif
+
+        fieldgym watch pose_reaching --set settings.starts=T1 --seed 3 --save drives.csv
+
+        fieldgym watch pose_reaching --agent drives.csv
     """
     from fieldagents.config import environment_of
     from fieldagents.watch import watch as run
 
     environment = environment_of(task, overrides or [])
     with progress() as report:
-        seen = run(task, agent, environment, seed=seed, film=out, seconds=seconds, progress=report)
+        seen = run(task, agent, environment, seed=seed, film=out, seconds=seconds, save=save, progress=report)
     result = {
         "agent": seen.agent,
         "seed": seen.seed,
@@ -535,6 +545,7 @@ def watch(
         "return": seen.episode_return,
         "finished": seen.finished,
         "film": None if out is None else str(out),
+        "drives": seen.kept or None,
     }
     if as_json:
         _print_json(result)

@@ -15,17 +15,21 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from fieldagents.agent import Agent, Sees
 from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.config import Config
+from fieldagents.operator import Operator
 from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy as np
     import pandas as pd
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from fieldmodels.model import Model
     from fieldmodels.reality import Reality
@@ -197,6 +201,22 @@ class Reproducible:
         return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
 
 
+class Drives(Protocol):
+    """Recorded drives that an agent learns from; made of a file, which may not exist yet, and settings."""
+
+    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+        """Load and check the drives that the file holds."""
+
+    def row(self, info: Mapping[str, Any], action: NDArray[Any]) -> Mapping[str, float]:
+        """What is kept of an instant: signals by name."""
+
+    def add(self, rows: Sequence[Mapping[str, float]]) -> str:
+        """Add a drive to the file; returns what became of it, in words."""
+
+    def agent(self) -> Agent:
+        """The agent that these drives teach."""
+
+
 @dataclass(frozen=True)
 class TaskDefinition:
     """What the floor of agents knows of a task.
@@ -206,12 +226,17 @@ class TaskDefinition:
         metrics: What is measured in an episode; verdicts are about the first.
         recorder: Who records its model's data; None for a model that is driven by a command.
         picture: The agent at work in the documentation's picture; without one the actions stay in the middle.
+        steer: What a human operator's stick does: the operator's action in the place of the agent's own.
+        drives: Where the class is that keeps drives and makes an agent of them, ``module:class`` of a
+            `Drives`; empty if the task has none.
     """
 
     name: str
     metrics: tuple[Metric, ...]
     recorder: Recorder | None = None
     picture: str | None = None
+    steer: Callable[[Operator, NDArray[np.float32]], NDArray[np.float32]] = Operator.action
+    drives: str = ""
 
     @property
     def agents(self) -> dict[str, ReferenceAgent]:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.agents import agent_names, known_agent, make_agent
+from fieldagents.evaluation.agents import agent_names, keep_drives, known_agent, make_agent
 from fieldagents.operator import Operator
 from fieldagents.progress import Report
-from fieldagents.task import get_task
+from fieldagents.task import Drives, get_task
 from fieldgym import TASKS
 from fieldmodels.files import replacing
 
@@ -43,6 +43,7 @@ class Watched:
         steps: Its steps.
         episode_return: Sum of its rewards.
         finished: Whether it came to its end (a film ends earlier where it is long enough).
+        kept: What became of the drive that was to be kept, in words; empty if none was.
     """
 
     agent: str
@@ -50,6 +51,7 @@ class Watched:
     steps: int
     episode_return: float
     finished: bool
+    kept: str = ""
 
 
 def watch(
@@ -60,11 +62,12 @@ def watch(
     seed: int = 0,
     film: Path | None = None,
     seconds: float = 20.0,
+    save: Path | None = None,
     progress: Report = lambda _stage, _part: None,
 ) -> Watched:
     """Let an agent play one episode where it can be seen.
 
-    In a window, a task that has an operator can be taken over by keyboard; see ``Operator``.
+    In a window, a task that has an operator can be taken over by keyboard or gamepad; see ``Operator``.
 
     Args:
         task: Name of the task.
@@ -74,11 +77,15 @@ def watch(
         seed: Seed of the episode.
         film: Write a film to this file, by its ending ``.gif`` or ``.webp``, instead of opening a window.
         seconds: Longest film [s].
+        save: Add the drive to this file of drives, from which an agent learns; in a window the operator then
+            steers from the beginning.
         progress: Called with what is being done and the part of the film that is done.
 
     Raises:
         WatchError: If there is no such agent, it does not act, the file's ending is not that of a film, or
             there is no screen.
+        AgentError: If no agent of the task learns from drives.
+        RecordingError: If the file of drives cannot be added to.
     """
     acting = _acting(task)
     if agent is None and not acting:
@@ -101,10 +108,15 @@ def watch(
         settings={**environment.settings, **actor.settings},
         reality=environment.reality,
     ).unwrapped
+    drives = None if save is None else keep_drives(task, save, environment.settings)
     operator = Operator() if film is None and TASKS[task].operator else None
-    episode = Episode(task, env, actor, seed, operator)
+    if operator is not None and drives is not None:
+        operator.switch()
+    episode = Episode(task, env, actor, seed, operator, drives)
     try:
         if film is None:
+            if operator is not None:
+                operator.find_gamepad()
             progress(f"{task}: {name}", 0.0)
             for _ in episode.steps():
                 if _closed():
@@ -116,16 +128,25 @@ def watch(
             write_film(film, frames, rate, lambda n: progress(f"{task}: {name}", n / most))
     finally:
         env.close()
-    return Watched(name, seed, episode.count, episode.total, episode.over)
+    kept = "" if drives is None else drives.add(episode.rows)
+    return Watched(name, seed, episode.count, episode.total, episode.over, kept)
 
 
 class Episode:
     """An agent of the batch interface in a single environment."""
 
     def __init__(
-        self, task: str, env: Any, agent: Agent, seed: int, operator: Operator | None = None
+        self,
+        task: str,
+        env: Any,
+        agent: Agent,
+        seed: int,
+        operator: Operator | None = None,
+        drives: Drives | None = None,
     ) -> None:
         self._task, self.env, self._agent, self._seed, self._operator = task, env, agent, seed, operator
+        self._drives = drives
+        self.rows: list[Mapping[str, float]] = []
         self.count, self.total, self.over = 0, 0.0, False
 
     def steps(self) -> Iterator[None]:
@@ -137,17 +158,23 @@ class Episode:
         while not self.over:
             seen = visible(_batch(info), agent.sees, self._task)
             action = agent.act(np.asarray(observation)[None], seen)[0]
-            if (sketch := agent.sketch()) is not None and hasattr(env, "show"):
-                env.show(**sketch)
+            shown = dict(agent.sketch() or {})
             if (operator := self._operator) is not None:
                 operator.read_keys()
                 if operator.steering:
-                    action = operator.action(action)
+                    action = get_task(self._task).steer(operator, action)
                     agent.overruled(action[None])
-                env.show(steering=operator.steering, joystick=operator.joystick)
+                shown |= {"steering": operator.steering, "joystick": operator.joystick}
+            if shown and hasattr(env, "show"):
+                env.show(**shown)
+            before = info
             observation, reward, terminated, truncated, info = env.step(action)
             self.count, self.total = self.count + 1, self.total + float(reward)
             self.over = terminated or truncated
+            if self._drives is not None:
+                self.rows.append(self._drives.row(before, action))
+                if self.over:
+                    self.rows.append(self._drives.row(info, action))
             yield
 
 

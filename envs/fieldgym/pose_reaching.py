@@ -74,6 +74,7 @@ class _PoseReachingTask(BatchTask):
         self._commands = [(0.0, 0.0)] * batch
         self._memory: Sequence[Floats] = ()
         self._chosen: Floats | None = None
+        self._steering = False
 
     def spaces(self) -> tuple[Box, Box]:
         """Speed and turn rate, and speed to the left; where the ball is."""
@@ -166,8 +167,11 @@ class _PoseReachingTask(BatchTask):
         self._tick = None
         self._begin_trails(range(len(self.robots)))
 
-    def show(self, memory: Sequence[ArrayLike] | None, chosen: ArrayLike | None) -> None:
+    def show(
+        self, memory: Sequence[ArrayLike] | None, chosen: ArrayLike | None, steering: bool = False
+    ) -> None:
         """Take over what is drawn beside the task; see ``PoseReachingEnv.show``."""
+        self._steering = steering
         batch = len(self.robots)
         paths = [np.asarray(path, dtype=np.float64) for path in (() if memory is None else memory)]
         for path in paths:
@@ -198,6 +202,7 @@ class _PoseReachingTask(BatchTask):
                 numbers=dict(zip(NUMBERS, self.tick.numbers[:, i].tolist(), strict=True)),
                 memory=self._memory,
                 chosen=None if self._chosen is None else self._chosen[i],
+                steering=self._steering,
             )
         )
 
@@ -357,18 +362,27 @@ class PoseReachingEnv(TaskEnv):
         super().__init__(settings, reality, render_mode)
         self.metadata = self.metadata | real_time(self.settings)
 
-    def show(self, memory: Sequence[ArrayLike] | None = None, chosen: ArrayLike | None = None) -> None:
-        """Draw what an agent remembers beside the task, until the next call; no arguments: nothing.
+    def show(
+        self,
+        memory: Sequence[ArrayLike] | None = None,
+        chosen: ArrayLike | None = None,
+        *,
+        steering: bool = False,
+        joystick: float = 0.0,  # noqa: ARG002 - the speed and the turn rate are drawn
+    ) -> None:
+        """Draw what an agent remembers, and who steers, until the next call; no arguments: nothing.
 
         Args:
             memory: Remembered paths, each of shape (points, 2 or more): x [m], y [m], ...
             chosen: The remembered state that the agent acts on, shape (2 or more,): x [m], y [m], ...
+            steering: Whether a human operator steers.
+            joystick: Where the operator's stick is, -1 to 1, left positive.
 
         Raises:
             ValueError: If a shape is wrong.
         """
         assert isinstance(self._task, _PoseReachingTask)
-        self._task.show(memory, chosen)
+        self._task.show(memory, chosen, steering)
 
 
 class PoseReachingVectorEnv(TaskVectorEnv):

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -131,7 +132,7 @@ def test_an_operator_takes_over_by_keyboard(monkeypatch):
 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(room, "_closed", lambda: False)
-    held = {pygame.K_LEFT: False, pygame.K_RIGHT: False}
+    held = defaultdict(bool)
     strides = iter(range(100))
 
     def keys(kind):

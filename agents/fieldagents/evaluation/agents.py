@@ -11,8 +11,11 @@ from typing import Any
 from fieldagents.agent import Agent
 from fieldagents.policies import zoo
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.task import get_task
+from fieldagents.task import Drives, get_task
 from fieldmodels.names import did_you_mean
+
+DRIVES = (".csv", ".parquet")
+"""Endings of recorded drives."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,10 @@ def known_agent(name: str, task: str) -> str:
         except (ImportError, AttributeError, ValueError) as error:
             return f"{name!r} cannot be imported: {error}"
         return ""
+    if name.endswith(DRIVES):
+        if not get_task(task).drives:
+            return f"{name}: task {task!r} has no agent that learns from recorded drives"
+        return "" if Path(name).is_file() else f"no such file: {name}"
     if name.endswith(".zip"):
         return "" if Path(name).is_file() else f"no such file: {name}"
     if name.endswith(".onnx") or Path(name).is_dir():
@@ -81,9 +88,9 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
 
     Args:
         name: Name of a reference agent or of a zoo entry; the path of a ``policy.onnx``, of a training run's
-            folder, of a folder of such runs (one participant, whose verdicts are over its runs), or of a
-            ``.zip`` of Stable-Baselines3; or ``module:Class`` of an ``Agent`` of one's own, called with the
-            settings.
+            folder, of a folder of such runs (one participant, whose verdicts are over its runs), of a
+            ``.zip`` of Stable-Baselines3, or of recorded drives (``.csv``, ``.parquet``) that teach; or
+            ``module:Class`` of an ``Agent`` of one's own, called with the settings.
         task: Name of the task.
         settings: The environment's settings: which tuned values or which training fits them best.
         trust_pickle: Whether a ``.zip`` may be loaded: it holds pickles, which run whatever code their
@@ -91,6 +98,7 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
 
     Raises:
         AgentError: If there is no such agent, or a ``.zip`` is not trusted.
+        RecordingError: If recorded drives cannot teach.
     """
     if problem := known_agent(name, task):
         raise AgentError(problem)
@@ -101,6 +109,8 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
         if not isinstance(made, Agent):
             raise AgentError(f"{name}: gives {type(made).__name__}, which is not a fieldagents.agent.Agent")
         return AgentRuns(name, (made,))
+    if name.endswith(DRIVES):
+        return AgentRuns(name, (keep_drives(task, Path(name), settings).agent(),))
     if name.endswith(".zip"):
         if not trust_pickle:
             raise AgentError(
@@ -113,6 +123,19 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
     if policies := _policies(name):
         return AgentRuns(name, tuple(OnnxAgent(path, name=name) for path in policies), learned=True)
     return AgentRuns(name, zoo.get_entry(task, name).agents(settings), learned=True)
+
+
+def keep_drives(task: str, path: Path, settings: Mapping[str, Any]) -> Drives:
+    """The drives of a file, which may not exist yet.
+
+    Raises:
+        AgentError: If the task has no agent that learns from drives.
+        RecordingError: If the file is no recording of drives.
+    """
+    if not get_task(task).drives:
+        raise AgentError(f"task {task!r} has no agent that learns from recorded drives")
+    made: Drives = resolve_name(get_task(task).drives)(path, settings)
+    return made
 
 
 def _is_import_path(name: str) -> bool:

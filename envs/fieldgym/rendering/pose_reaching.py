@@ -45,6 +45,7 @@ class Scene:
         numbers: The numbers of ``info``.
         memory: Remembered paths, each of shape (points, 2 or more): x [m], y [m].
         chosen: The remembered state that the agent acts on: x [m], y [m], ..., if it has one.
+        steering: Whether a human operator steers.
     """
 
     field: Field
@@ -56,6 +57,7 @@ class Scene:
     numbers: Mapping[str, float]
     memory: Sequence[NDArray[np.float64]] = ()
     chosen: NDArray[np.float64] | None = None
+    steering: bool = False
 
 
 def draw(scene: Scene) -> Frame:
@@ -92,7 +94,9 @@ def _legend(canvas: Canvas, scene: Scene) -> None:
     if len(scene.memory):
         entries.append(("remembered", MEMORY, 110.0))
     if scene.chosen is not None:
-        entries.append(("chosen", CHOSEN, 0.0))
+        entries.append(("chosen", CHOSEN, 82.0))
+    if scene.steering:
+        entries.append(("operator steers", GOAL_COLOR, 0.0))
     x = 200.0
     for name, color, width in entries:
         canvas.circle((x, 27), 5, color)

@@ -6,4 +6,5 @@ TASK = Task(
     name="pose_reaching",
     title="Pose reaching",
     description="Drive a unicycle to a ball and arrive with the right heading.",
+    operator=True,
 )

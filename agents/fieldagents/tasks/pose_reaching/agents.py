@@ -22,7 +22,12 @@ from fieldagents.tasks.pose_reaching.path_memory.matrices import Floats, Integer
 from fieldagents.tasks.pose_reaching.path_memory.memory import PathMemory, States
 from fieldagents.tasks.pose_reaching.path_memory.own_data import OwnData
 from fieldagents.tasks.pose_reaching.path_memory.practice import own_data, to_action
-from fieldagents.tasks.pose_reaching.path_memory.reading import AS_IT_WORKS, AS_PRINTED, Reading
+from fieldagents.tasks.pose_reaching.path_memory.reading import (
+    AS_IT_WORKS,
+    AS_PRINTED,
+    Reading,
+    wrapped,
+)
 from fieldagents.tasks.pose_reaching.path_memory.regression import NeighbourMemory
 from fieldagents.tasks.pose_reaching.path_memory.teachers import (
     Teacher,
@@ -47,7 +52,7 @@ class Decides(Protocol):
     """Anything that chooses commands for poses."""
 
     def __call__(self, poses: Floats) -> tuple[Floats, Integers | None]:
-        """Speed [m/s] and turn rate [rad/s], shape (batch, 2); the remembered states, if there are any."""
+        """What ``to_action`` takes, shape (batch, 2 or 3); the remembered states, if there are any."""
 
 
 class Driver(Agent):
@@ -109,6 +114,29 @@ def away_from_walls(poses: Floats, commands: Floats, max_rate: float, field: Fie
     return np.where(held, turn, commands)
 
 
+def direct(poses: Floats, settings: PoseReachingSettings) -> Floats:
+    """Straight to the ball: at once if the robot is omnidirectional, else it turns, drives, and turns.
+
+    Args:
+        poses: x [m], y [m], heading [rad], shape (batch, 3).
+        settings: Of the environment.
+
+    Returns:
+        Speed [m/s], turn rate [rad/s] and speed to the left [m/s], shape (batch, 3).
+    """
+    distance, tick = np.hypot(poses[:, 0], poses[:, 1]), settings.tick
+    speed = np.minimum(settings.max_speed, distance / tick)
+    sight = wrapped(np.arctan2(-poses[:, 1], -poses[:, 0]) - poses[:, 2])
+    upright = wrapped(GOAL_HEADING - poses[:, 2])
+    if settings.drive == "unicycle":
+        away = distance > 0.2 * settings.arrival.distance
+        rate = np.where(away, sight, upright) / tick
+        return np.stack([np.where(away & (np.abs(sight) < 1e-3), speed, 0.0), rate, 0.0 * rate], axis=1)
+    rate = np.clip(upright / tick, -settings.max_rate, settings.max_rate)
+    angle = sight - 0.5 * rate * tick
+    return np.stack([speed * np.cos(angle), rate, speed * np.sin(angle)], axis=1)
+
+
 def nine_paths(teacher: Teacher, settings: PoseReachingSettings, paths: int = PATHS) -> States:
     """The training data of section 5.3.2: from the right half, facing the ball, 14 states a path."""
     return taught(teacher, starts_facing(paths), POINTS, settings.tick, settings.limits)
@@ -133,8 +161,40 @@ def path_memory(
 
     def make(settings: PoseReachingSettings) -> Agent:
         states = nine_paths(teacher, settings)
-        memory = PathMemory(states, reading, form)
-        return Driver(name, title, settings, lambda poses: memory.commands(poses, settings.tick), states)
+        return memory_driver(name, title, settings, PathMemory(states, reading, form))
+
+    return make
+
+
+def memory_driver(
+    name: str, title: str, settings: PoseReachingSettings, memory: PathMemory, sideways: bool = False
+) -> Agent:
+    """An agent that drives by a path memory.
+
+    Args:
+        name: Its name.
+        title: What it does.
+        settings: Of the environment.
+        memory: What it remembers.
+        sideways: Whether an omnidirectional robot drives as one; else as a unicycle, as the source's did.
+    """
+    max_rate = settings.max_rate if sideways and settings.drive == "omnidirectional" else None
+    return Driver(
+        name, title, settings, lambda poses: memory.commands(poses, settings.tick, max_rate), memory.states
+    )
+
+
+def _straight(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
+    def make(settings: PoseReachingSettings) -> Agent:
+        memory = PathMemory(nine_paths("straight", settings))
+        return memory_driver(name, title, settings, memory, sideways=True)
+
+    return make
+
+
+def _direct(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
+    def make(settings: PoseReachingSettings) -> Agent:
+        return Driver(name, title, settings, lambda poses: (direct(poses, settings), None))
 
     return make
 
@@ -218,6 +278,11 @@ AGENTS = (
         lambda name, title: path_memory(name, title, "dubins", AS_IT_WORKS),
     ),
     _reference(
+        "path_memory_straight",
+        "The same, taught by nine straight paths of an omnidirectional robot, and driving as one where it is",
+        _straight,
+    ),
+    _reference(
         "nearest_neighbour",
         "Speed and turn rate of the nearest state of 200 shortest paths with any heading",
         lambda name, title: _neighbours(name, title, 1),
@@ -241,6 +306,11 @@ AGENTS = (
         "graceful",
         "The smooth control law of Park and Kuipers, the teacher of path_memory",
         _graceful,
+    ),
+    _reference(
+        "direct",
+        "Straight to the ball: turn, drive, turn; all at once on an omnidirectional robot",
+        _direct,
     ),
     _reference(
         "least_time",

@@ -1,14 +1,17 @@
-"""Pose reaching: what is measured, and who records its model's data."""
+"""Pose reaching: what is measured, who records its model's data, and how a human drives."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fieldagents.task import Metric, Recorder, TaskDefinition
 
 if TYPE_CHECKING:
-    import numpy as np
+    from numpy.typing import NDArray
 
+    from fieldagents.operator import Operator
     from fieldagents.record.config import RecordConfig
     from fieldmodels.model import Model
     from fieldmodels.reality import Reality
@@ -31,6 +34,13 @@ def record(config: RecordConfig, model: Model, reality: Reality, rng: np.random.
     return record_drive(
         config.duration, rng, reality, step=step, episodes=config.episodes, noise=config.noise, model=model
     )
+
+
+def steer(operator: Operator, own: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The stick gives speed and turn rate, to an omnidirectional robot its velocity; then twisting turns."""
+    if len(own) == 2:
+        return np.array([2 * max(operator.ahead, 0.0) - 1, operator.joystick], dtype=own.dtype)
+    return np.array([operator.ahead, operator.turn, operator.joystick], dtype=own.dtype)
 
 
 TASK = TaskDefinition(
@@ -63,4 +73,6 @@ TASK = TaskDefinition(
         ("pose_reaching", "differential_drive"), ("input", "step", "episodes", "noise"), record
     ),
     picture="path_memory",
+    steer=steer,
+    drives="fieldagents.tasks.pose_reaching.drives:RecordedDrives",
 )

@@ -162,6 +162,27 @@ class Tick(NamedTuple):
     late: NDArray[np.bool_]
 
 
+def commanded(
+    actions: NDArray[np.floating[Any]], max_speed: float | FloatArray, max_rate: float | FloatArray
+) -> FloatArray:
+    """What actions command: speed, speed to the left [m/s] and turn rate [rad/s], shape (batch, 3).
+
+    An omnidirectional robot's velocity is shortened to the largest speed.
+
+    Args:
+        actions: Of unicycles, shape (batch, 2), or of omnidirectional robots, shape (batch, 3).
+        max_speed: Largest speed [m/s], of all or each.
+        max_rate: Largest turn rate [rad/s], of all or each.
+    """
+    clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+    ahead, rate = clipped[:, 0], max_rate * clipped[:, 1]
+    if clipped.shape[1] == 2:
+        return np.column_stack([0.5 * np.asarray(max_speed) * (1.0 + ahead), 0.0 * rate, rate])
+    left = clipped[:, 2]
+    scale = max_speed / np.maximum(np.hypot(ahead, left), 1.0)
+    return np.column_stack([scale * ahead, scale * left, rate])
+
+
 class Robots:
     """A batch of robots in one reality (or one reality each), each with an episode of its own.
 
@@ -367,17 +388,8 @@ class Robots:
         return given, np.ascontiguousarray(commands[:, 1]) if omnidirectional else None
 
     def commands(self, actions: NDArray[np.floating[Any]]) -> FloatArray:
-        """What actions command: speed, speed to the left [m/s] and turn rate [rad/s], shape (batch, 3).
-
-        An omnidirectional robot's velocity is shortened to the largest speed.
-        """
-        clipped, rules = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0), self._rules
-        rate = rules["max_rate"] * clipped[:, 1]
-        if self.rules.drive == "unicycle":
-            return np.column_stack([0.5 * rules["max_speed"] * (1.0 + clipped[:, 0]), 0.0 * rate, rate])
-        ahead, left = clipped[:, 0], clipped[:, 2]
-        scale = rules["max_speed"] / np.maximum(np.hypot(ahead, left), 1.0)
-        return np.column_stack([scale * ahead, scale * left, rate])
+        """What actions command; see ``commanded``."""
+        return commanded(actions, self._rules["max_speed"], self._rules["max_rate"])
 
     def state(self) -> dict[str, NDArray[Any]]:
         """An exact snapshot of all robots: plain arrays, the first structured."""

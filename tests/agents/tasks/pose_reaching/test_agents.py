@@ -155,3 +155,42 @@ def test_metrics_hold_for_arrivals_only(results):
         np.testing.assert_array_equal(table[name].isna(), table["success"] == 0)
     assert (table["length_ratio"].dropna() > 0).all()
     assert (table["dubins_length"] > 0).all()
+
+
+def test_an_omnidirectional_robot_takes_the_direct_approach():
+    """Section 5.3.2: straight to the ball, and the orientation changes independently of the path."""
+    settings = {"drive": "omnidirectional", "starts": "T3"}
+    environment, seeds = EnvironmentConfig(settings=settings), TEST_SEEDS[:150]
+    env = gymnasium.make("fieldgym/PoseReaching-v0", settings=settings)
+    starts = np.array([env.reset(seed=seed)[1]["pose"] for seed in seeds])
+    distance = np.hypot(starts[:, 0], starts[:, 1])
+    turn = np.abs((starts[:, 2] - 0.5 * np.pi + np.pi) % (2 * np.pi) - np.pi)
+    # No robot is faster than its largest speed and turn rate; arrival is 5 cm and 10 deg before the goal.
+    least = np.maximum(np.maximum(distance - 0.05, 0.0), np.maximum(turn - np.radians(10), 0.0) / 4.0)
+    results = {
+        name: run_episodes(make(name, **settings), TASK, environment, seeds)
+        for name in ("direct", "path_memory_straight", "path_memory")
+    }
+    assert all(table["success"].mean() == 1 for table in results.values())
+    over = {name: table["time"] - least for name, table in results.items()}
+    assert over["direct"].min() > -1e-9
+    assert over["direct"].max() < 0.1 + 1e-9  # a tick
+    assert over["direct"].mean() < over["path_memory_straight"].mean() < 0.1
+    assert over["path_memory"].mean() > 1.0  # made to behave as a unicycle, as the source's were
+
+
+def test_a_unicycle_goes_straight_too_but_turns_before_and_after(results):
+    table = results["direct"]
+    assert table["success"].mean() == 1
+    assert (table["length_ratio"] <= 1.0 + 1e-6).all()
+    assert results["path_memory_straight"]["success"].mean() < 0.3  # it cannot turn on the way
+
+
+@pytest.mark.parametrize("name", ["graceful", "own_data"])
+def test_agents_of_a_unicycle_drive_an_omnidirectional_robot_as_one(name):
+    settings = {"drive": "omnidirectional"}
+    ours, theirs = (
+        run_episodes(make(name, **own), TASK, EnvironmentConfig(settings=own), TEST_SEEDS[:20])
+        for own in (settings, {})
+    )
+    np.testing.assert_allclose(ours["time"], theirs["time"], rtol=1e-5)

@@ -74,6 +74,20 @@ PRINTED_LAMBDA_THETA = [0, 0, 0, 0.3, 0.2, 0.1, 0.4, 0.3, 0.1]
 PRINTED_LAMBDA_PSI = [0, 0, 0, 0.3, 0.1, 0.1, 0.5, 0.2, 0.1]
 
 
+def test_omega_is_the_heading_in_the_goals_frame():
+    """In all nine states omega is psi, the heading less that of the goal, within 0.02 pi.
+
+    So it is neither a turn rate nor an angle "relative to the robot's present heading", which of a unicycle
+    is about zero: it is the direction of the velocity in the goal's frame.
+    """
+    psi, omega = EXAMPLE[:, 2], EXAMPLE[:, 4]
+    assert np.abs(omega - psi).max() <= 0.02 * PI + 1e-12
+    assert np.ptp(omega) > PI  # no accident of small numbers
+    # Neither is explained by theta: psi = theta - psi_f, as printed, holds for two states.
+    off = np.abs((EXAMPLE[:, 1] - GOAL_HEADING - psi + PI) % (2 * PI) - PI)
+    assert (off < 1e-9).sum() == 2
+
+
 def test_worked_example_of_the_source():
     distance = EXAMPLE_DISTANCE.nearest(EXAMPLE[:, 0])
     np.testing.assert_array_equal(distance, [3, 2, 1, 4, 2, 1, 3, 2, 0])

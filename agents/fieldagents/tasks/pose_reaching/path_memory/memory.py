@@ -26,7 +26,8 @@ class States:
         poses: x [m], y [m], heading [rad], shape (states, 3).
         speed: Speed over the coming tick [m/s], shape (states,).
         rate: Mean turn rate over the coming tick [rad/s], shape (states,).
-        direction: Heading at the end of that tick [rad], shape (states,).
+        direction: Direction of the commanded velocity [rad], shape (states,): the heading at the end of that
+            tick; of an omnidirectional robot that of its way.
         path: Number of the path that a state belongs to, shape (states,).
     """
 
@@ -67,27 +68,37 @@ class PathMemory:
         self.lookup: Lookup = FORMS[form](columns(inputs, grids), grids, reading.fallback, reading.ties)
         self._speed = rounded_speed(states.speed, reading.speed)
 
-    def commands(self, poses: Floats, tick: float) -> tuple[Floats, Integers]:
+    def commands(self, poses: Floats, tick: float, max_rate: float | None = None) -> tuple[Floats, Integers]:
         """Commands for robots at these poses.
 
         Args:
             poses: x [m], y [m], heading [rad], shape (batch, 3).
             tick: Time for which a command holds [s].
+            max_rate: Largest turn rate of an omnidirectional robot [rad/s]; None for a unicycle.
 
         Returns:
             Speed [m/s] and turn rate [rad/s] (beyond the robot's limits where it should turn faster than it
-            can), shape (batch, 2), and the remembered states that they come from, -1 where none does.
+            can), shape (batch, 2), of an omnidirectional robot also the speed to the left [m/s], shape
+            (batch, 3); and the remembered states that they come from, -1 where none does.
         """
         inputs, side = measure(poses, self.reading)
         winner = self.lookup.winners(inputs)
         # A state on the left half was mirrored when it was remembered, the robot is when it is measured.
         flip = side * self._side[winner]
-        if self.reading.command == "rate":
-            rate = flip * self.states.rate[winner]
-        else:
-            direction = self.states.direction[winner]
-            away = np.where(flip < 0, np.pi - direction, direction) - poses[:, 2]
-            rate = (wrapped(away) if self.reading.wrap else away) / tick
         speed = self._speed[winner]
-        stopped = winner < 0
-        return np.stack([np.where(stopped, 0.0, speed), np.where(stopped, 0.0, rate)], axis=1), winner
+
+        def away(angle: Floats) -> Floats:
+            from_heading = np.where(flip < 0, np.pi - angle, angle) - poses[:, 2]
+            return wrapped(from_heading) if self.reading.wrap else from_heading
+
+        if self.reading.command == "rate":
+            given = np.stack([speed, flip * self.states.rate[winner]], axis=1)
+        elif max_rate is None:
+            given = np.stack([speed, away(self.states.direction[winner]) / tick], axis=1)
+        else:
+            later = self.states.poses[winner, 2] + tick * self.states.rate[winner]
+            rate = np.clip(away(later) / tick, -max_rate, max_rate)
+            # The way of a tick leads where the velocity points at half of its turn.
+            angle = away(self.states.direction[winner]) - 0.5 * rate * tick
+            given = np.stack([speed * np.cos(angle), rate, speed * np.sin(angle)], axis=1)
+        return np.where(winner[:, None] < 0, 0.0, given), winner

@@ -19,11 +19,20 @@ STRAYING_TICKS = 5
 
 
 def to_action(commands: Floats, settings: PoseReachingSettings) -> NDArray[np.float32]:
-    """Actions of commands (speed [m/s], turn rate [rad/s]), taken to the robot's limits, shape (batch, 2)."""
-    speed = 2.0 * commands[:, 0] / settings.max_speed - 1.0
-    return np.clip(np.stack([speed, commands[:, 1] / settings.max_rate], axis=1), -1.0, 1.0).astype(
-        np.float32
-    )
+    """Actions of commands, taken to the robot's limits, shape (batch, 2 or, omnidirectional, 3).
+
+    Args:
+        commands: Speed [m/s], turn rate [rad/s] and perhaps, of an omnidirectional robot, speed to the left
+            [m/s], shape (batch, 2 or 3).
+        settings: Of the environment.
+    """
+    ahead, rate = commands[:, 0] / settings.max_speed, commands[:, 1] / settings.max_rate
+    if settings.drive == "unicycle":
+        chosen = [2.0 * ahead - 1.0, rate]
+    else:
+        left = commands[:, 2] / settings.max_speed if commands.shape[1] > 2 else 0.0 * rate
+        chosen = [ahead, rate, left]
+    return np.clip(np.stack(chosen, axis=1), -1.0, 1.0).astype(np.float32)
 
 
 def own_data(

@@ -1,4 +1,4 @@
-"""Who drives the training paths: a smooth control law, or the shortest path.
+"""Who drives the training paths: a smooth control law, the shortest path, or an omnidirectional robot.
 
 The source's teacher was one of the path generators of Cornell's RoboCup system, which it does not describe
 (section 5.3.2); it says that any will do (5.4).
@@ -20,7 +20,7 @@ from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.parameters import GOAL, GOAL_HEADING, Field, Limits
 from fieldmodels.machines.pose_reaching.unicycle import arc, wrapped
 
-Teacher = Literal["graceful", "dubins"]
+Teacher = Literal["graceful", "dubins", "straight"]
 
 LIMITS, FIELD = Limits(), Field()
 FINE = 0.002
@@ -96,10 +96,27 @@ def shortest_path(start: Floats, limits: Limits = LIMITS) -> Floats:
     return path.at(np.arange(0.0, path.length, FINE * limits.max_speed))
 
 
-TEACHERS: dict[str, Callable[[Floats, Limits], Floats]] = {"graceful": graceful_path, "dubins": shortest_path}
+def straight_path(start: Floats, limits: Limits = LIMITS) -> Floats:
+    """Poses of an omnidirectional robot that drives straight to the ball, 2 ms apart, shape (n, 3).
+
+    It turns evenly on the way; section 5.3.2: "a more direct approach to the ball and change orientation
+    independently of the path heading".
+    """
+    x, y, heading = start
+    turn = wrapped(GOAL_HEADING - heading)
+    duration = max(math.hypot(x, y) / limits.max_speed, abs(turn) / limits.max_rate)
+    share = np.linspace(0.0, 1.0, max(2, math.ceil(duration / FINE)))
+    return np.stack([x * (1 - share), y * (1 - share), heading + turn * share], axis=1)
 
 
-def record(paths: list[Floats], points: int, tick: float) -> States:
+TEACHERS: dict[str, Callable[[Floats, Limits], Floats]] = {
+    "graceful": graceful_path,
+    "dubins": shortest_path,
+    "straight": straight_path,
+}
+
+
+def record(paths: list[Floats], points: int, tick: float, sideways: bool = False) -> States:
     """Remember some points of driven paths, each with the mean command of the tick that follows.
 
     A command holds for a whole tick, so what is remembered is what a tick of it did: averaging keeps the
@@ -109,6 +126,7 @@ def record(paths: list[Floats], points: int, tick: float) -> States:
         paths: Poses 2 ms apart, each of shape (n, 3), headings continuous.
         points: States to keep of each path, evenly spaced along it; the last lies before the goal.
         tick: Time for which a command holds [s].
+        sideways: Whether the robot drives where it does not head: the motion has a direction of its own.
     """
     ahead = max(1, round(tick / FINE))
     kept: list[States] = []
@@ -119,12 +137,13 @@ def record(paths: list[Floats], points: int, tick: float) -> States:
         at = np.minimum(np.searchsorted(length, wanted), len(path) - 2)
         after = np.minimum(at + ahead, len(path) - 1)
         took = (after - at) * FINE
+        way = path[after] - path[at]
         kept.append(
             States(
                 poses=path[at],
                 speed=(length[after] - length[at]) / took,
                 rate=(path[after, 2] - path[at, 2]) / took,
-                direction=path[after, 2],
+                direction=np.arctan2(way[:, 1], way[:, 0]) if sideways else path[after, 2],
                 path=np.full(points, number),
             )
         )
@@ -172,4 +191,4 @@ def taught(
         tick: Time for which a command holds [s].
         limits: Speeds and turning circle.
     """
-    return record([TEACHERS[teacher](start, limits) for start in starts], points, tick)
+    return record([TEACHERS[teacher](start, limits) for start in starts], points, tick, teacher == "straight")
