@@ -54,6 +54,12 @@ OFF_POLICY = {
 RUNS = {
     "ppo": {"learner": ON_POLICY},
     "stacked": {"learner": ON_POLICY, "stack": 3},
+    "imitating": {
+        "learner": ON_POLICY,
+        "stack": 2,
+        "imitate": {"teacher": "oracle_gains", "rounds": 2, "steps": 12, "batch_size": 16},
+        "validation": {"every": 3, "episodes": 4, "by": "return"},
+    },
     "recurrent_ppo": {
         "learner": ON_POLICY,
         "policy": "MlpLstmPolicy",
@@ -65,7 +71,7 @@ RUNS = {
 }
 """A run of each kind: on-policy and off-policy, with and without a memory, by name and by import path."""
 
-ALGORITHMS = {"stacked": "ppo"}
+ALGORITHMS = {"stacked": "ppo", "imitating": "ppo"}
 
 
 def tiny(kind="ppo", **changes) -> TrainConfig:
@@ -114,10 +120,15 @@ def test_the_run_folder_holds_what_it_promises(finished_each, algorithm):
     assert load_config(finished / "config.yaml", TrainConfig) == tiny(algorithm)
     assert json.loads((finished / "versions.json").read_text())["torch"] == torch.__version__
     curve = pd.read_csv(finished / "curve.csv")
-    assert list(curve["steps"]) == list(range(64, 641, 64))
-    assert list(curve.loc[curve["validation_return"].notna(), "steps"]) == [192, 384, 576, 640]
+    before = [0] if algorithm == "imitating" else []
+    assert list(curve["steps"]) == before + list(range(64, 641, 64))
+    assert list(curve.loc[curve["validation_return"].notna(), "steps"]) == [*before, 192, 384, 576, 640]
     run = json.loads((finished / "run.json").read_text())
-    assert run["validation_return"] == curve["validation_return"].max()
+    best = curve["validation_return"].idxmax()
+    if tiny(algorithm).validation.by == "metric":
+        best = curve["validation_error_mm"].idxmin()
+    assert run["best_steps"] == curve["steps"][best]
+    assert run["validation_return"] == curve["validation_return"][best]
     assert len(list((finished / "checkpoints").glob("*.pt"))) == 3
     assert list((finished / "tensorboard").glob("events*"))
 

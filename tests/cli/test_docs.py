@@ -87,7 +87,7 @@ def test_config_on_the_training_page_loads(tmp_path):
 TRAINED = [
     path
     for path in sorted((DOCS.parent / "configs").glob("*/*.yaml"))
-    if path.stem.startswith(("ppo", "sac"))
+    if path.stem.startswith(("ppo", "sac", "student"))
 ]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
 from fieldagents.config import Config, EnvironmentConfig, Name, ProblemsError, check_environment, check_task
+from fieldagents.evaluation.agents import known_agent
 from fieldagents.policies.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
@@ -48,7 +49,27 @@ class ValidationConfig(Config):
 
     every: PositiveInt = 10
     """Rounds between two scores."""
+    by: Literal["metric", "return"] = "metric"
+    """What the best policy is chosen by: the task's metrics, the first that differs; or the mean return."""
     episodes: Annotated[int, Field(ge=1, le=len(VALIDATION_SEEDS))] = 32
+
+
+class ImitationConfig(Config):
+    """Before anything is learned by reward: the policy learns to act as another agent would (DAgger).
+
+    In the first round the teacher acts, then the policy does, and the teacher says what it would have done;
+    each round the policy is fitted to all that was said so far.
+    """
+
+    teacher: str
+    """Any agent that an evaluation knows; it is given what it may see, a privileged one the hidden truth."""
+    rounds: PositiveInt = 10
+    steps: PositiveInt = 200
+    """Steps of each environment in a round."""
+    epochs: PositiveInt = 4
+    """Times that a round goes through all data."""
+    batch_size: PositiveInt = 512
+    learning_rate: PositiveFloat = 1e-3
 
 
 class TrainConfig(Config):
@@ -63,8 +84,8 @@ class TrainConfig(Config):
     policy: str = "MlpPolicy"
     """The library's name of a policy."""
     seed: Annotated[int, Field(ge=0, lt=RUNS_MOST)] = 0
-    steps: PositiveInt
-    """Environment steps; training ends with the update that reaches them."""
+    steps: Annotated[int, Field(ge=0)]
+    """Environment steps; training ends with the update that reaches them. 0: imitation alone."""
     num_envs: Annotated[int, Field(ge=1, le=ENVIRONMENTS_MOST)] = 64
     stack: Annotated[int, Field(ge=1, le=100)] = 1
     """Observations that the policy is given at once, the latest last; zeros before an episode's first."""
@@ -76,6 +97,7 @@ class TrainConfig(Config):
     learner: dict[str, Any] = Field(default_factory=dict, validate_default=True)
     """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
     linear`` lets the learning rate fall to zero at the end of training."""
+    imitate: ImitationConfig | None = Field(default=None, validate_default=True)
     network: NetworkConfig = NetworkConfig()
     normalise: NormaliseConfig = NormaliseConfig()
     validation: ValidationConfig = ValidationConfig()
@@ -97,6 +119,16 @@ class TrainConfig(Config):
     def _algorithm_exists(cls, algorithm: str) -> str:
         find_algorithm(algorithm)
         return algorithm
+
+    @field_validator("imitate")
+    @classmethod
+    def _teacher_exists(cls, imitate: ImitationConfig | None, info: ValidationInfo) -> ImitationConfig | None:
+        if imitate is None:
+            if info.data.get("steps") == 0:
+                raise ValueError("without steps there must be somebody to imitate")
+        elif "task" in info.data and (problem := known_agent(imitate.teacher, info.data["task"])):
+            raise ProblemsError([(("teacher",), problem)])
+        return imitate
 
     @field_validator("learner")
     @classmethod
@@ -158,6 +190,8 @@ def _sizes_that_do_not_fit(
             return [("batch_size", message)]
         return []
     problems = []
+    if not steps:
+        return []
     starts, size = argument("learning_starts", 0), argument("buffer_size", 1_000_000)
     if starts >= steps:
         problems.append(("learning_starts", f"{starts} leaves none of the {steps} steps"))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import safe_mean
 
@@ -17,7 +19,7 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.checkpoint import save_checkpoint
 from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
-from fieldagents.learned.run import Run
+from fieldagents.learned.run import Best, Run
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.progress import Report
 from fieldagents.task import get_task
@@ -32,7 +34,7 @@ class Recorder(BaseCallback):
     A round is a row of the learning curve: some updates, see ``TrainConfig.round_updates``.
     """
 
-    def __init__(self, run: Run, folder: Path, report: Report) -> None:
+    def __init__(self, run: Run, folder: Path, report: Report, resumed: bool) -> None:
         super().__init__()
         self._run, self._folder, self._report = run, folder, report
         self._begun = run.model.num_timesteps
@@ -41,7 +43,7 @@ class Recorder(BaseCallback):
         self._columns = ("steps", "training_return", *run.logged, "validation_return")
         self._curve: list[dict[str, Any]] = []
         path = folder / "curve.csv"
-        if self._begun and path.is_file():
+        if resumed and path.is_file():
             rows = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8")))
             self._curve = [row for row in rows if int(row["steps"]) <= self._begun]
 
@@ -56,11 +58,12 @@ class Recorder(BaseCallback):
     def _on_training_end(self) -> None:
         if self.model.num_timesteps > self._begun:
             self._after_round(last=True)
-        steps, score = self._run.best
+        best = self._run.best
+        assert best is not None
         result = {
             "steps": self.model.num_timesteps,
-            "best_steps": steps,
-            "validation_return": score,
+            "best_steps": best.steps,
+            "validation_return": best.mean_return,
             "seconds": round(time.monotonic() - self._clock, 1),
         }
         write_text(self._folder / "run.json", json.dumps(result, indent=2) + "\n")
@@ -68,7 +71,8 @@ class Recorder(BaseCallback):
     def _after_round(self, last: bool) -> None:
         config, steps = self._run.config, self.model.num_timesteps
         number = steps // config.round_steps
-        latest = float(safe_mean([episode["r"] for episode in self.model.ep_info_buffer or ()]))
+        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
+        latest = float(safe_mean(returns)) if returns else math.nan
         self.logger.record("rollout/ep_rew_mean", latest)
         row: dict[str, Any] = {"steps": steps, "training_return": latest}
         for name in self._run.logged:
@@ -80,8 +84,12 @@ class Recorder(BaseCallback):
         if last or number % config.checkpoint_every == 0:
             self._save_checkpoint()
         self.logger.dump(steps)
-        best = f"best return {self._run.best[1]:.4g}" if self._run.best[0] else "training"
-        self._report(best, min(steps / config.steps, 1.0))
+        best = f"best return {self._run.best.mean_return:.4g}" if self._run.best else "training"
+        self._report(best, min(steps / config.steps, 1.0) if config.steps else 1.0)
+
+    def after_imitation(self) -> None:
+        """Record the policy that imitates, before it learns by reward."""
+        self._after_round(last=True)
 
     def _validate(self) -> dict[str, float]:
         """Score the policy as it would be shipped; keep it if it is the best so far."""
@@ -90,15 +98,18 @@ class Recorder(BaseCallback):
         policy = to_onnx(run.policy, run.normaliser, note, config.stack)
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
         episodes = run_episodes(OnnxAgent(policy), config.task, config.environment, seeds)
-        score = float(episodes["return"].mean())
+        mean_return = float(episodes["return"].mean())
         scores = {
-            "validation_return": score,
+            "validation_return": mean_return,
             f"validation_{self._metric}": float(episodes[self._metric].mean()),
         }
         for name, value in scores.items():
             self.logger.record(f"validation/{name.removeprefix('validation_')}", value)
-        if score > run.best[1]:
-            run.best = (steps, score)
+        rank = [mean_return]
+        if config.validation.by == "metric":
+            rank = [*_ranks(episodes, config.task), mean_return]
+        if run.best is None or rank > run.best.rank:
+            run.best = Best(steps, mean_return, rank)
             write_bytes(self._folder / "policy.onnx", policy)
         return scores
 
@@ -114,3 +125,13 @@ class Recorder(BaseCallback):
         save_checkpoint(self._run.state(), folder / f"{self.model.num_timesteps:012d}.pt")
         for old in sorted(folder.glob("*.pt"))[:-CHECKPOINTS_KEPT]:
             old.unlink()
+
+
+def _ranks(episodes: pd.DataFrame, task: str) -> list[float]:
+    """The task's metrics that depend on the agent, each so that more is better; without a value worst."""
+    means = [
+        (metric.lower_is_better, float(episodes[metric.name].mean()))
+        for metric in get_task(task).metrics
+        if not metric.common
+    ]
+    return [-math.inf if math.isnan(mean) else -mean if lower else mean for lower, mean in means]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any, cast
 
 import gymnasium
@@ -32,6 +33,21 @@ BOOKKEEPING = ("start_time", "_num_timesteps_at_start")
 """Of the rate that the library prints: differs from one run to the next, and nothing depends on it."""
 
 
+@dataclass(frozen=True)
+class Best:
+    """The best validation so far.
+
+    Attributes:
+        steps: When it was.
+        mean_return: Mean return of its episodes.
+        rank: What it was compared by, the first that differs; more is better.
+    """
+
+    steps: int
+    mean_return: float
+    rank: list[float]
+
+
 class SpaceError(ValueError):
     """An environment whose observations or actions the algorithm cannot take."""
 
@@ -43,7 +59,7 @@ class Run:
         model: The learner.
         environment: The training environments.
         normaliser: Normalises what they give, after stacking it.
-        best: Steps and mean return of the best validation so far.
+        best: The best validation so far; None before the first.
         logged: What the learning curve keeps of an update.
 
     Raises:
@@ -64,7 +80,7 @@ class Run:
         if config.stack > 1 and len(space.shape or ()) != 1:
             raise SpaceError(f"only observations of one dimension are stacked, not {space}")
         self.config, self.environment = config, environment
-        self.best: tuple[int, float] = (0, -np.inf)
+        self.best: Best | None = None
         self.logged = LOGGED[is_on_policy(config.kind)]
         self._stacked: VecFrameStack | None = None
         given: VecEnv = environment
@@ -132,7 +148,7 @@ class Run:
             "returns": normaliser.returns,
             "environment": self.environment.get_state(),
             "random": random_state(),
-            "best": self.best,
+            "best": None if self.best is None else asdict(self.best),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -159,7 +175,7 @@ class Run:
         _restore_statistics(normaliser.ret_rms, state["return_statistics"])
         normaliser.returns = state["returns"].numpy()
         self.environment.set_state(to_arrays(state["environment"]))
-        self.best = (state["best"][0], state["best"][1])
+        self.best = None if state["best"] is None else Best(**state["best"])
         restore_random_state(state["random"])  # last, since building the rest draws from these streams
 
     def _attributes(self) -> dict[str, Any]:
@@ -190,6 +206,8 @@ def _is_plain(value: Any) -> bool:
 
 def _like(value: Any, own: Any) -> Any:
     """A value that has come back from a file, in the types of the learner's own one."""
+    if value is None:  # saved before the first step
+        return None
     if isinstance(own, deque):
         return deque(value, maxlen=own.maxlen)
     if isinstance(own, tuple) and isinstance(value, list):

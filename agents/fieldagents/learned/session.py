@@ -11,6 +11,7 @@ from stable_baselines3.common.utils import set_random_seed
 
 from fieldagents.learned.checkpoint import load_checkpoint
 from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.imitation import imitate
 from fieldagents.learned.recorder import Recorder
 from fieldagents.learned.run import Run
 from fieldagents.learned.vector import NativeVecEnv
@@ -48,7 +49,11 @@ def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
         checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
         if checkpoints:
             run.restore(load_checkpoint(checkpoints[-1]))
-        recorder = Recorder(run, folder, report)
+        recorder = Recorder(run, folder, report, resumed=bool(checkpoints))
+        if config.imitate is not None and not checkpoints:
+            imitate(run, report)
+            recorder.init_callback(run.model)
+            recorder.after_imitation()
         run.learn(config.steps - run.model.num_timesteps, recorder, fresh=not checkpoints)
     except ValueError as error:
         if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn

@@ -28,6 +28,10 @@ class NativeVecEnv(VecEnv):
             (``AutoresetMode.DISABLED``).
         seed: Of the first reset; row i is seeded with ``seed + i``.
 
+    Attributes:
+        info: What the environments last said beside their observations, of the episodes now under way. No
+            learner is given it.
+
     Raises:
         ValueError: If its rows cannot be reset one by one.
     """
@@ -40,6 +44,7 @@ class NativeVecEnv(VecEnv):
                 f" autoreset_mode=AutoresetMode.DISABLED, not {mode}"
             )
         self.native = native
+        self.info: dict[str, Any] = {}
         self._seed: int | None = seed
         self._returns = np.zeros(native.num_envs)
         self._lengths = np.zeros(native.num_envs, dtype=np.int64)
@@ -48,7 +53,7 @@ class NativeVecEnv(VecEnv):
 
     def reset(self) -> NDArray[Any]:
         """Begin new episodes everywhere; the first time from the seed handed in."""
-        observation, _ = self.native.reset(seed=self._seed)
+        observation, self.info = self.native.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
         return np.array(observation)
@@ -64,7 +69,7 @@ class NativeVecEnv(VecEnv):
             Observations, rewards, ends of episodes, and a dict for each environment; at an end it holds
             ``terminal_observation``, ``TimeLimit.truncated`` and the ``episode``'s return and length.
         """
-        observation, reward, terminated, truncated, _ = self.native.step(self._actions)
+        observation, reward, terminated, truncated, self.info = self.native.step(self._actions)
         reward = np.asarray(reward, dtype=np.float64)
         self._returns += reward
         self._lengths += 1
@@ -79,7 +84,8 @@ class NativeVecEnv(VecEnv):
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
         self._returns[ended], self._lengths[ended] = 0.0, 0
-        first, _ = self.native.reset(options={"reset_mask": ended.copy()})
+        first, info = self.native.reset(options={"reset_mask": ended.copy()})
+        self.info = _taken_over(self.info, info, ended)
         following = np.array(observation)
         following[ended] = first[ended]
         return following, reward, ended, infos
@@ -127,3 +133,16 @@ class NativeVecEnv(VecEnv):
 
     def _indices(self, indices: VecEnvIndices) -> Sequence[int]:
         return list(self._get_indices(indices))
+
+
+def _taken_over(info: dict[str, Any], begun: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """An ``info`` with the entries of some rows from another one; what only one of them has stays."""
+    result = dict(info)
+    for key, value in begun.items():
+        if key not in info:
+            result[key] = value
+        elif isinstance(value, dict):
+            result[key] = _taken_over(info[key], value, rows)
+        else:
+            result[key] = np.where(rows.reshape(-1, *[1] * (np.ndim(value) - 1)), value, info[key])
+    return result

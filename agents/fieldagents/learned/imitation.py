@@ -1,0 +1,119 @@
+"""Learning from a teacher before learning by reward: DAgger (Ross, Gordon and Bagnell, 2011, algorithm 3.1).
+
+A teacher that sees what the policy does not (the hidden truth) is distilled into a policy that has to infer
+it, from a stack of observations; a teacher with the same rights is imitated.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from fieldagents.agent import Agent, visible
+from fieldagents.evaluation.agents import make_agent
+from fieldagents.learned.run import Run, SpaceError
+from fieldagents.progress import Report
+
+Floats = NDArray[np.float32]
+
+
+def imitate(run: Run, report: Report) -> None:
+    """Fit a run's policy to its teacher, as the config says; normalisers learn on the way.
+
+    Args:
+        run: A run that has not begun to learn.
+        report: Shown the progress.
+
+    Raises:
+        SpaceError: If the policy is recurrent, or its actions are not continuous.
+        ValueError: If the teacher cannot act in the environment.
+    """
+    config = run.config.imitate
+    assert config is not None
+    if hasattr(run.policy, "lstm_hidden_state_shape"):
+        raise SpaceError("a policy that imitates remembers by a stack of observations, not by recurrence")
+    if not isinstance(run.model.action_space, spaces.Box):
+        raise SpaceError(f"only continuous actions are imitated, not {run.model.action_space}")
+    given = run.config.environment.settings
+    (teacher, *_) = make_agent(config.teacher, run.config.task, given).runs
+    native = run.environment.native
+    teacher.fits(native.single_observation_space, native.single_action_space)
+    teacher.reset(run.config.seed)
+    rng = np.random.default_rng(run.config.seed)
+    optimiser = torch.optim.Adam(run.policy.parameters(), lr=config.learning_rate)
+    raw: list[Floats] = []
+    wanted: list[Floats] = []
+    _start(run, teacher)
+    for number in range(config.rounds):
+        report(f"imitating {config.teacher}", number / config.rounds)
+        seen, said = _round(run, teacher, config.steps, teacher_acts=number == 0)
+        raw.append(seen)
+        wanted.append(said)
+        inputs = torch.as_tensor(run.normaliser.normalize_obs(np.concatenate(raw)))
+        targets = _as_the_network_gives_them(run, torch.as_tensor(np.concatenate(wanted)))
+        _fit(run, optimiser, inputs, targets, config.epochs, config.batch_size, rng)
+
+
+def _start(run: Run, teacher: Agent) -> None:
+    """Begin all episodes, for the environments and for the teacher."""
+    run.normaliser.reset()
+    teacher.begin_episodes(np.ones(run.environment.num_envs, dtype=np.bool_))
+
+
+def _round(run: Run, teacher: Agent, steps: int, teacher_acts: bool) -> tuple[Floats, Floats]:
+    """Observations as the policy is given them, before normalisation, and what the teacher would do.
+
+    Both have shape (steps x environments, ...).
+    """
+    seen, said = [], []
+    space = cast(spaces.Box, run.environment.action_space)
+    for _ in range(steps):
+        stacked = np.array(run.normaliser.get_original_obs(), dtype=np.float32)
+        width = run.environment.observation_space.shape or ()
+        latest = stacked if run.config.stack == 1 else stacked[:, -width[0] :]
+        info = visible(run.environment.info, teacher.sees, run.config.task)
+        command = np.asarray(teacher.act(latest, info), dtype=np.float32)
+        seen.append(stacked)
+        said.append(np.clip(command, space.low, space.high))
+        action = command
+        if not teacher_acts:
+            action, _ = run.model.predict(run.normaliser.normalize_obs(stacked), deterministic=True)
+            teacher.overruled(action)
+        _, _, ended, _ = run.normaliser.step(action)
+        teacher.begin_episodes(ended)
+    return np.concatenate(seen), np.concatenate(said)
+
+
+def _as_the_network_gives_them(run: Run, actions: torch.Tensor) -> torch.Tensor:
+    """Actions in the scale of the network's outputs."""
+    if not run.policy.squash_output:
+        return actions
+    space = cast(spaces.Box, run.environment.action_space)
+    low, high = torch.as_tensor(space.low), torch.as_tensor(space.high)
+    return 2.0 * (actions - low) / (high - low) - 1.0
+
+
+def _fit(
+    run: Run,
+    optimiser: torch.optim.Optimizer,
+    inputs: torch.Tensor,
+    targets: torch.Tensor,
+    epochs: int,
+    batch_size: int,
+    rng: np.random.Generator,
+) -> None:
+    """Least squares from observations to the teacher's actions."""
+    run.policy.set_training_mode(True)
+    for _ in range(epochs):
+        for part in np.array_split(rng.permutation(len(inputs)), max(1, len(inputs) // batch_size)):
+            rows = torch.as_tensor(part)
+            outputs = run.policy._predict(inputs[rows], deterministic=True)
+            loss = torch.nn.functional.mse_loss(outputs.reshape(targets[rows].shape), targets[rows])
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+    run.policy.set_training_mode(False)
