@@ -57,6 +57,7 @@ RUNS = {
     "imitating": {
         "learner": ON_POLICY,
         "stack": 2,
+        "also": [{"settings": {"collision_kind": "low_pass"}}],
         "imitate": {"teacher": "oracle_gains", "rounds": 2, "steps": 12, "batch_size": 16},
         "validation": {"every": 3, "episodes": 4, "by": "return"},
     },
@@ -228,9 +229,18 @@ def test_onnx_acts_as_the_trained_policy_does(finished_each, algorithm):
     from fieldagents.learned.vector import NativeVecEnv
 
     env_id = fieldgym.TASKS["heel_strike"].env_id
-    native = gymnasium.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point")
     config = tiny(algorithm)
-    run = Run(config, NativeVecEnv(native, seed=0))
+    natives = [
+        gymnasium.make_vec(
+            env_id,
+            num_envs=4 // len(config.environments),
+            vectorization_mode="vector_entry_point",
+            settings=one.settings,
+        )
+        for one in config.environments
+    ]
+    native = natives[0]
+    run = Run(config, NativeVecEnv(*natives, seed=0))
     run.restore(load_checkpoint(sorted((finished_each / "checkpoints").glob("*.pt"))[-1]))
     quiet = OnnxAgent(to_onnx(run.policy, run.normaliser, "test", config.stack))
     with torch.no_grad():  # large outputs, so that some actions meet their limits

@@ -83,3 +83,30 @@ def test_what_is_logged_of_the_value_is_of_steps_that_were_made():
     expected = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
     assert model.logger.name_to_value["train/explained_variance"] == pytest.approx(expected)
     assert model.num_timesteps == 6 * 64
+
+
+def test_parts_are_the_rows_one_after_the_other():
+    """Two kinds of walks in one batch are what each is alone, to the bit, seeds included."""
+    env_id = fieldgym.TASKS["heel_strike"].env_id
+
+    def make(kind, n):
+        settings = {"collision_kind": kind, "strides": 7}
+        return gymnasium.make_vec(env_id, n, vectorization_mode="vector_entry_point", settings=settings)
+
+    together = NativeVecEnv(make("ar1", 2), make("low_pass", 3), seed=4)
+    alone = [NativeVecEnv(make("ar1", 2), seed=4), NativeVecEnv(make("low_pass", 3), seed=6)]
+    np.testing.assert_array_equal(together.reset(), np.concatenate([env.reset() for env in alone]))
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        actions = rng.uniform(-1, 1, (5, 3)).astype(np.float32)
+        whole = together.step(actions)
+        parts = [env.step(actions[rows]) for env, rows in zip(alone, together.rows, strict=True)]
+        for k in range(3):
+            np.testing.assert_array_equal(whole[k], np.concatenate([part[k] for part in parts]))
+        assert [bool(info) for info in whole[3]] == [bool(info) for part in parts for info in part[3]]
+        for i, env in enumerate(alone):
+            mine, own = together.infos[i]["privileged"], env.infos[0]["privileged"]
+            np.testing.assert_array_equal(mine["levels"], own["levels"])
+    pose = gymnasium.make_vec("fieldgym/PoseReaching-v0", 2, vectorization_mode="vector_entry_point")
+    with pytest.raises(ValueError, match="need equal spaces"):
+        NativeVecEnv(make("ar1", 2), pose, seed=0)

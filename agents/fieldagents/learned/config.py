@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
-from fieldagents.config import Config, EnvironmentConfig, Name, ProblemsError, check_environment, check_task
+from fieldagents.config import (
+    Config,
+    EnvironmentConfig,
+    Location,
+    Name,
+    ProblemsError,
+    check_environment,
+    check_task,
+)
 from fieldagents.evaluation.agents import known_agent
 from fieldagents.policies.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
@@ -94,6 +102,9 @@ class TrainConfig(Config):
     checkpoint_every: PositiveInt = 10
     """Rounds between two checkpoints."""
     environment: EnvironmentConfig = EnvironmentConfig()
+    also: tuple[EnvironmentConfig, ...] = ()
+    """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
+    validated, in all of them. Settings that are not named are those of ``environment``."""
     learner: dict[str, Any] = Field(default_factory=dict, validate_default=True)
     """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
     linear`` lets the learning rate fall to zero at the end of training."""
@@ -113,6 +124,24 @@ class TrainConfig(Config):
         if "task" in info.data:
             check_environment(info.data["task"], environment)
         return environment
+
+    @field_validator("also")
+    @classmethod
+    def _further_environments_fit(
+        cls, also: tuple[EnvironmentConfig, ...], info: ValidationInfo
+    ) -> tuple[EnvironmentConfig, ...]:
+        if "task" in info.data and "environment" in info.data:
+            problems: list[tuple[Location, str]] = []
+            for i, one in enumerate(also):
+                try:
+                    check_environment(info.data["task"], _filled_up(one, info.data["environment"]))
+                except ProblemsError as error:
+                    problems += [((i, *at), message) for at, message in error.problems]
+            if problems:
+                raise ProblemsError(problems)
+        if len(also) >= info.data.get("num_envs", len(also) + 1):
+            raise ValueError(f"{len(also) + 1} environments need as many rows at least: raise num_envs")
+        return also
 
     @field_validator("algorithm")
     @classmethod
@@ -142,6 +171,11 @@ class TrainConfig(Config):
         if problems:
             raise ProblemsError([((key,), message) for key, message in problems])
         return learner
+
+    @property
+    def environments(self) -> tuple[EnvironmentConfig, ...]:
+        """All environments, each whole."""
+        return (self.environment, *(_filled_up(one, self.environment) for one in self.also))
 
     @property
     def kind(self) -> type[BaseAlgorithm]:
@@ -199,3 +233,8 @@ def _sizes_that_do_not_fit(
     if size < least:
         problems.append(("buffer_size", f"{size} is less than {least}, which n_steps and num_envs need"))
     return problems
+
+
+def _filled_up(one: EnvironmentConfig, first: EnvironmentConfig) -> EnvironmentConfig:
+    """An environment with the settings of the first one where it has none of its own."""
+    return one.model_copy(update={"settings": {**first.settings, **one.settings}})

@@ -38,19 +38,16 @@ def imitate(run: Run, report: Report) -> None:
         raise SpaceError("a policy that imitates remembers by a stack of observations, not by recurrence")
     if not isinstance(run.model.action_space, spaces.Box):
         raise SpaceError(f"only continuous actions are imitated, not {run.model.action_space}")
-    given = run.config.environment.settings
-    (teacher, *_) = make_agent(config.teacher, run.config.task, given).runs
-    native = run.environment.native
-    teacher.fits(native.single_observation_space, native.single_action_space)
-    teacher.reset(run.config.seed)
+    teachers = Teachers(run)
     rng = np.random.default_rng(run.config.seed)
     optimiser = torch.optim.Adam(run.policy.parameters(), lr=config.learning_rate)
     raw: list[Floats] = []
     wanted: list[Floats] = []
-    _start(run, teacher)
+    run.normaliser.reset()
+    teachers.begin_episodes(np.ones(run.environment.num_envs, dtype=np.bool_))
     for number in range(config.rounds):
         report(f"imitating {config.teacher}", number / config.rounds)
-        seen, said = _round(run, teacher, config.steps, teacher_acts=number == 0)
+        seen, said = _round(run, teachers, config.steps, teacher_acts=number == 0)
         raw.append(seen)
         wanted.append(said)
         inputs = torch.as_tensor(run.normaliser.normalize_obs(np.concatenate(raw)))
@@ -58,13 +55,42 @@ def imitate(run: Run, report: Report) -> None:
         _fit(run, optimiser, inputs, targets, config.epochs, config.batch_size, rng)
 
 
-def _start(run: Run, teacher: Agent) -> None:
-    """Begin all episodes, for the environments and for the teacher."""
-    run.normaliser.reset()
-    teacher.begin_episodes(np.ones(run.environment.num_envs, dtype=np.bool_))
+class Teachers:
+    """The teacher of each of a run's environments, made for its settings."""
+
+    def __init__(self, run: Run) -> None:
+        config, self._environment = run.config, run.environment
+        assert config.imitate is not None
+        self._task = config.task
+        self._all: list[Agent] = []
+        for environment, part in zip(config.environments, run.environment.parts, strict=True):
+            teacher = make_agent(config.imitate.teacher, config.task, environment.settings).runs[0]
+            teacher.fits(part.single_observation_space, part.single_action_space)
+            teacher.reset(config.seed)
+            self._all.append(teacher)
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """See ``Agent.begin_episodes``."""
+        for teacher, rows in zip(self._all, self._environment.rows, strict=True):
+            teacher.begin_episodes(begun[rows])
+
+    def act(self, observation: Floats) -> Floats:
+        """What they would do, each with what it may see."""
+        commands = [
+            teacher.act(observation[rows], visible(info, teacher.sees, self._task))
+            for teacher, rows, info in zip(
+                self._all, self._environment.rows, self._environment.infos, strict=True
+            )
+        ]
+        return np.concatenate(commands).astype(np.float32)
+
+    def overruled(self, action: NDArray[np.float32]) -> None:
+        """See ``Agent.overruled``."""
+        for teacher, rows in zip(self._all, self._environment.rows, strict=True):
+            teacher.overruled(action[rows])
 
 
-def _round(run: Run, teacher: Agent, steps: int, teacher_acts: bool) -> tuple[Floats, Floats]:
+def _round(run: Run, teachers: Teachers, steps: int, teacher_acts: bool) -> tuple[Floats, Floats]:
     """Observations as the policy is given them, before normalisation, and what the teacher would do.
 
     Both have shape (steps x environments, ...).
@@ -75,16 +101,15 @@ def _round(run: Run, teacher: Agent, steps: int, teacher_acts: bool) -> tuple[Fl
         stacked = np.array(run.normaliser.get_original_obs(), dtype=np.float32)
         width = run.environment.observation_space.shape or ()
         latest = stacked if run.config.stack == 1 else stacked[:, -width[0] :]
-        info = visible(run.environment.info, teacher.sees, run.config.task)
-        command = np.asarray(teacher.act(latest, info), dtype=np.float32)
+        command = teachers.act(latest)
         seen.append(stacked)
         said.append(np.clip(command, space.low, space.high))
         action = command
         if not teacher_acts:
             action, _ = run.model.predict(run.normaliser.normalize_obs(stacked), deterministic=True)
-            teacher.overruled(action)
+            teachers.overruled(action)
         _, _, ended, _ = run.normaliser.step(action)
-        teacher.begin_episodes(ended)
+        teachers.begin_episodes(ended)
     return np.concatenate(seen), np.concatenate(said)
 
 

@@ -97,7 +97,8 @@ class Recorder(BaseCallback):
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
         policy = to_onnx(run.policy, run.normaliser, note, config.stack)
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
-        episodes = run_episodes(OnnxAgent(policy), config.task, config.environment, seeds)
+        agent = OnnxAgent(policy)
+        episodes = pd.concat(run_episodes(agent, config.task, one, seeds) for one in config.environments)
         mean_return = float(episodes["return"].mean())
         scores = {
             "validation_return": mean_return,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
@@ -36,14 +37,18 @@ def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
     """
     torch.set_num_threads(1)  # small networks: more threads only wait, and sums keep their order
     set_random_seed(config.seed)
-    native = gymnasium.make_vec(
-        TASKS[config.task].env_id,
-        num_envs=config.num_envs,
-        vectorization_mode="vector_entry_point",
-        settings=config.environment.settings,
-        reality=config.environment.reality,
-    )
-    run = Run(config, NativeVecEnv(native, seed=config.environment_seed))
+    shares = np.array_split(np.arange(config.num_envs), len(config.environments))
+    parts = [
+        gymnasium.make_vec(
+            TASKS[config.task].env_id,
+            num_envs=len(share),
+            vectorization_mode="vector_entry_point",
+            settings=environment.settings,
+            reality=environment.reality,
+        )
+        for environment, share in zip(config.environments, shares, strict=True)
+    ]
+    run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed))
     try:
         run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         checkpoints = sorted((folder / "checkpoints").glob("*.pt"))

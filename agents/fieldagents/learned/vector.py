@@ -21,42 +21,54 @@ from fieldgym.base import TaskVectorEnv
 
 
 class NativeVecEnv(VecEnv):
-    """A Gymnasium vector environment behind the interface of Stable-Baselines3.
+    """Gymnasium vector environments behind the interface of Stable-Baselines3, as one.
 
     Args:
-        native: A vector environment of fieldgym, or another whose rows are reset from outside
-            (``AutoresetMode.DISABLED``).
+        parts: Vector environments of fieldgym, or others whose rows are reset from outside
+            (``AutoresetMode.DISABLED``); of equal spaces, their rows one after the other.
         seed: Of the first reset; row i is seeded with ``seed + i``.
 
     Attributes:
-        info: What the environments last said beside their observations, of the episodes now under way. No
-            learner is given it.
+        rows: Which rows each part has.
+        infos: What each part last said beside its observations, of the episodes now under way. No learner is
+            given it.
 
     Raises:
-        ValueError: If its rows cannot be reset one by one.
+        ValueError: If the rows of a part cannot be reset one by one, or the spaces differ.
     """
 
-    def __init__(self, native: VectorEnv[Any, Any, Any], seed: int) -> None:
-        mode = native.metadata.get("autoreset_mode")
-        if mode != AutoresetMode.DISABLED and not isinstance(native.unwrapped, TaskVectorEnv):
-            raise ValueError(
-                f"training resets the ended rows of a vector environment itself; make this one with"
-                f" autoreset_mode=AutoresetMode.DISABLED, not {mode}"
-            )
-        self.native = native
-        self.info: dict[str, Any] = {}
+    def __init__(self, *parts: VectorEnv[Any, Any, Any], seed: int) -> None:
+        for part in parts:
+            mode = part.metadata.get("autoreset_mode")
+            if mode != AutoresetMode.DISABLED and not isinstance(part.unwrapped, TaskVectorEnv):
+                raise ValueError(
+                    "training resets the ended rows of a vector environment itself; make this one with"
+                    f" autoreset_mode=AutoresetMode.DISABLED, not {mode}"
+                )
+        first = parts[0]
+        for word in ("single_observation_space", "single_action_space"):
+            if any(getattr(part, word) != getattr(first, word) for part in parts):
+                raise ValueError(f"environments that train one policy need equal spaces: {word} differs")
+        ends = np.cumsum([part.num_envs for part in parts]).tolist()
+        self.parts = parts
+        self.rows = [slice(end - part.num_envs, end) for part, end in zip(parts, ends, strict=True)]
+        self.infos: list[dict[str, Any]] = [{} for _ in parts]
         self._seed: int | None = seed
-        self._returns = np.zeros(native.num_envs)
-        self._lengths = np.zeros(native.num_envs, dtype=np.int64)
+        self._returns = np.zeros(ends[-1])
+        self._lengths = np.zeros(ends[-1], dtype=np.int64)
         self._actions: NDArray[Any] | None = None
-        super().__init__(native.num_envs, native.single_observation_space, native.single_action_space)
+        super().__init__(ends[-1], first.single_observation_space, first.single_action_space)
 
     def reset(self) -> NDArray[Any]:
         """Begin new episodes everywhere; the first time from the seed handed in."""
-        observation, self.info = self.native.reset(seed=self._seed)
+        observations = []
+        for i, (part, rows) in enumerate(zip(self.parts, self.rows, strict=True)):
+            seed = None if self._seed is None else self._seed + rows.start
+            observation, self.infos[i] = part.reset(seed=seed)
+            observations.append(observation)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return np.array(observation)
+        return np.concatenate(observations)
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the actions of the next step."""
@@ -69,49 +81,59 @@ class NativeVecEnv(VecEnv):
             Observations, rewards, ends of episodes, and a dict for each environment; at an end it holds
             ``terminal_observation``, ``TimeLimit.truncated`` and the ``episode``'s return and length.
         """
-        observation, reward, terminated, truncated, self.info = self.native.step(self._actions)
-        reward = np.asarray(reward, dtype=np.float64)
+        assert self._actions is not None
+        steps = [self._step(i, self._actions[rows]) for i, rows in enumerate(self.rows)]
+        observation, last, reward, terminated, truncated = map(np.concatenate, zip(*steps, strict=True))
         self._returns += reward
         self._lengths += 1
+        ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        ended = np.asarray(terminated | truncated)
-        if not ended.any():
-            return np.array(observation), reward, ended, infos
         for i in np.flatnonzero(ended):
             infos[i] = {
-                "terminal_observation": np.array(observation[i]),
+                "terminal_observation": last[i],
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
         self._returns[ended], self._lengths[ended] = 0.0, 0
-        first, info = self.native.reset(options={"reset_mask": ended.copy()})
-        self.info = _taken_over(self.info, info, ended)
-        following = np.array(observation)
-        following[ended] = first[ended]
-        return following, reward, ended, infos
+        return observation, reward, ended, infos
+
+    def _step(self, i: int, actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """Step one part: following and last observations, rewards, terminations, truncations."""
+        part = self.parts[i]
+        last, reward, terminated, truncated, self.infos[i] = part.step(actions)
+        following, ended = last, np.asarray(terminated | truncated)
+        if ended.any():
+            first, info = part.reset(options={"reset_mask": ended.copy()})
+            self.infos[i] = _taken_over(self.infos[i], info, ended)
+            following = np.array(last)
+            following[ended] = first[ended]
+        return following, last, np.asarray(reward, dtype=np.float64), terminated, truncated
 
     def close(self) -> None:
-        """Close the vector environment."""
-        self.native.close()
+        """Close the vector environments."""
+        for part in self.parts:
+            part.close()
 
     def get_state(self) -> dict[str, Any]:
-        """Everything that the next steps depend on, the native environment's own state included."""
+        """Everything that the next steps depend on, the environments' own state included."""
         return {
-            "native": self.native.unwrapped.get_state(),  # type: ignore[attr-defined]
+            "parts": [part.unwrapped.get_state() for part in self.parts],  # type: ignore[attr-defined]
             "returns": self._returns.copy(),
             "lengths": self._lengths.copy(),
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from a state that `get_state` gave."""
-        self.native.unwrapped.set_state(state["native"])  # type: ignore[attr-defined]
+        for part, own in zip(self.parts, state["parts"], strict=True):
+            part.unwrapped.set_state(own)  # type: ignore[attr-defined]
         self._returns[:] = state["returns"]
         self._lengths[:] = state["lengths"]
         self._seed = None
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of the vector environment, once for each environment asked for."""
-        return [getattr(self.native, attr_name)] * len(self._indices(indices))
+        """An attribute of the vector environments, once for each environment asked for."""
+        values = [getattr(part, attr_name) for part in self.parts for _ in range(part.num_envs)]
+        return [values[i] for i in self._indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Not possible: the environments of a native batch have no attributes of their own."""
