@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
 from fieldmodels.exam.oracles import find_oracle, heel_strike, line_following
-from fieldmodels.exam.plants import axis_listed, leg
+from fieldmodels.exam.plants import axis_listed, leg, vehicle
 from fieldmodels.exam.plants.axis import simulate
 from fieldmodels.exam.plants.commands import COMMANDS
 from fieldmodels.exam.plants.noise import NOISES
@@ -144,6 +145,27 @@ def test_a_listed_effect_of_a_flight_acts_as_its_oracle_says(effect: str):
         )
 
 
+@pytest.mark.parametrize("effect", ["", *get_bench("excitation").effects])
+def test_a_listed_effect_of_a_shaken_vehicle_acts_as_its_oracle_says(effect: str):
+    """To 2 % of the sensors' noise, or half a percent of what the effect contributes (soil: 2 %)."""
+    bench, mode, count = get_bench("excitation"), len(effect) % 3, 50
+    values = {effect: bench.values(effect, 6.0, 1, 3)} if effect else {}
+    base = bench.base(3)
+    shaped = [np.array([[base[f"{kind}_{a}"]] for a in vehicle.AXES]) for kind in ("damping", "stiffness")]
+    plant = vehicle.Vehicle(*shaped)
+    vehicle.install(plant, values)
+    samples = vehicle.shaking(count * STEP, STEP, np.random.default_rng(7))
+    spline = make_interp_spline(np.arange(count + 1.0), samples, k=5)
+    fine = spline(np.arange(count * vehicle.FINE + 1) / vehicle.FINE)[:, None]
+    rows = vehicle.simulate(plant, np.array([float(mode)]), fine, np.zeros((count, 11, 1)), STEP)[..., 0]
+    commands = np.column_stack([samples, np.full(count + 1, mode + 1.0)])
+    on, off = (
+        find_oracle("excitation").simulate(base, hidden, commands, STEP)[:count] for hidden in (values, {})
+    )
+    allowed = 0.02 * np.array(vehicle.NOISE) + (0.02 if "soil" in effect else 0.005) * np.abs(on - off).max()
+    assert (np.abs(rows - on).max(axis=0) <= allowed).all(), np.abs(rows - on).max(axis=0) / vehicle.NOISE
+
+
 UNLISTED = [
     (name, kind)
     for name in bench_names()
@@ -155,7 +177,7 @@ UNLISTED = [
 @pytest.mark.parametrize(("name", "kind"), UNLISTED)
 def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(name: str, kind: str):
     bench = get_bench(name)
-    lengths = {"line_following": 60.0, "heel_strike": 30.0, "uav_route": 3000.0}
+    lengths = {"line_following": 60.0, "heel_strike": 30.0, "uav_route": 3000.0, "excitation": 4.0}
     conditions = Conditions(duration=lengths.get(name, 6.0), factor=0.0)
     plain = np.nan_to_num(bench.log([], conditions, 4, False).outputs)
 

@@ -17,6 +17,7 @@ PLACES = {
     "line_following": "walk",
     "heel_strike": "leg",
     "uav_route": "flight",
+    "excitation": "vehicle",
 }
 """Which module here makes the records of a machine."""
 
