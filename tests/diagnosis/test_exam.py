@@ -461,7 +461,9 @@ def test_logs_are_read_as_their_publishers_say(public_data):
     assert len(test) > 20_000
 
 
-@pytest.mark.parametrize("name", bench_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=SLOW) if n in ("excitation", "uav_route") else n for n in bench_names()]
+)
 def test_a_sample_is_passed(name: str):
     """One effect is named, and nothing where nothing is hidden: of seeds that are in no set."""
     single = replace(cases_of("develop", [name], ["single"])[0], hidden=(get_bench(name).steady[0],))

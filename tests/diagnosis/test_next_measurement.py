@@ -114,6 +114,32 @@ def test_where_nobody_chooses_the_input_it_says_which_moments_count():
     assert next_measurement(candidates, selection, "consistent", np.random.default_rng(0)) is None
 
 
+def test_what_is_promised_goes_by_the_errors_that_remained_and_only_the_ambiguous_is_measured_again():
+    from fieldmodels.diagnosis.candidates import Candidates
+    from fieldmodels.diagnosis.next_measurement import next_measurement
+    from fieldmodels.diagnosis.problem import build
+    from fieldmodels.diagnosis.selection import Selection
+
+    promised = []
+    for times in (1.0, 4.0):  # errors of so many times the noise that the model declares
+        record = synthesise(
+            RIG, {"actuator_delay": {"delay": 0.006}}, "mixed", duration=24.0, amplitude=8.0, noise=times,
+            rng=np.random.default_rng(4),
+        )  # fmt: skip
+        problem = build(RIG, [record], 0.5)
+        candidates = Candidates(
+            problem, RIG.nominal, frozenset(), problem.blocks % 4, np.diag(1 / problem.output_scale)
+        )
+        base = candidates.base()
+        late, slow = (candidates.extend(base, name) for name in ("actuator_delay", "actuator_lag"))
+        selection = Selection(base, late, (slow,), base, (late, slow), ())
+        plan = next_measurement(candidates, selection, "ambiguous", np.random.default_rng(0))
+        promised.append(max(plan.input["compared"].values()))
+        for verdict in ("named", "unknown", "consistent"):
+            assert next_measurement(candidates, selection, verdict, np.random.default_rng(0)) is None
+    assert 3.0 < promised[0] / promised[1] < 32.0  # by sensor noise alone it would be 1
+
+
 def test_a_planned_input_that_does_not_fit_is_refused(tmp_path):
     time = np.arange(100) * 0.01
     save_recording(Recording(time=time, signals={"force": np.sin(time)}), tmp_path / "input.csv")

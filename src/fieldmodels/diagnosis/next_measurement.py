@@ -16,7 +16,6 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.linearisation import project
-from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.planned_inputs import Limits, Shape, limits_of, planned, shapes
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import NextMeasurement, Verdict
@@ -27,7 +26,7 @@ Scores = dict[tuple[str, float], float]
 SECONDS, LONGEST = 20.0, 240.0  # durations of a planned measurement: for comparing inputs, at most
 WINDOWS = 12  # at the main horizon, at least
 ENOUGH = 16.0  # nats that decide: above the 6 that distinguish two sets by 2.5 standard deviations
-WEAK = 15.0  # nats: a single effect that leads the next one by less is weakly supported
+ITERATIONS = 6  # of the refit of the alternative
 HOPELESS = 0.1  # nats from the best input: no practical duration would suffice
 TRIES, LEAST_SCALE = (
     6,
@@ -36,21 +35,15 @@ TRIES, LEAST_SCALE = (
 
 
 def models_to_distinguish(selection: Selection, verdict: Verdict) -> tuple[Candidate, Candidate] | None:
-    """The two sets that a measurement should distinguish; None if there are none.
+    """The two sets that a measurement should distinguish: the chosen one and its closest alternative.
 
-    For an ambiguous verdict the chosen set and its closest alternative; for a single weakly supported effect,
-    it and the next; if nothing is named though single effects would gain, the best two of them.
+    Returns:
+        None unless the verdict is ambiguous: what is named is decided already, and of two sets that both
+        leave something unexplained neither is worth a measurement.
     """
-    chosen = selection.chosen
-    if verdict == "ambiguous":
-        return (chosen, selection.alternatives[0]) if selection.alternatives else None
-    others = [c for c in selection.ranking if set(c.effects) != set(chosen.effects)]
-    if verdict == "named" and len(chosen.effects) == 1 and others:
-        return (chosen, others[0]) if others[0].total - chosen.total < WEAK else None
-    gaining = [c for c in selection.ranking if selection.before.total - c.total > DEFAULT.least_gain]
-    if verdict == "unknown" and len(gaining) > 1:
-        return gaining[0], gaining[1]
-    return None
+    if verdict != "ambiguous" or not selection.alternatives:
+        return None
+    return selection.chosen, selection.alternatives[0]
 
 
 def next_measurement(
@@ -149,13 +142,12 @@ class _Plan:
         given = {signal.name: values[:, i] for i, signal in enumerate(model.inputs)}
         record = Recording(time=_clock(len(values), self.step), signals={**measured, **given})
         try:
-            problem = build(model, [record], model.horizons[min(1, len(model.horizons) - 1)])
+            problem = build(model, [record], self.present.horizon, self.present)
         except RecordingError:
             return None
-        samples = problem.parts[0].counts.mean(axis=0)
-        noise = np.array([model.outputs[j].noise or problem.output_scale[0] for j in problem.outputs])
-        whitener = np.diag(np.sqrt(samples) / np.maximum(noise, 1e-12))
-        fitted = fit(problem, self.other.fit.parameters, self.other.fit.free, whitener, iterations=6)
+        # Errors are as large as they were: sensor noise alone would promise far too much.
+        start, free, whitener = self.other.fit.parameters, self.other.fit.free, self.chosen.fit.whitener
+        fitted = fit(problem, start, free, whitener, iterations=ITERATIONS)
         return fitted.cost if np.isfinite(fitted.cost) else None
 
     def room(self, values: FloatArray) -> str:
@@ -202,7 +194,8 @@ class _Plan:
             why=(
                 f"A {kind} (shortest {shortest:g} s, {up_to}: nothing beyond what was recorded) separates "
                 f"{_names(self.chosen)} from {_names(self.other)} best. {seconds:.0f} s of it should yield "
-                f"{expected:.1f} nats: the better one then leads with a probability of {100 * chance:.1f} %."
+                f"{expected:.1f} nats: the better one then leads with a probability of "
+                f"{min(100 * chance, 99.9):.1f} %."
                 f"{self.room(values)}"
             ),
             input={
