@@ -85,6 +85,7 @@ def test_intervals_cover():
         hits += [m.low <= math.log(2) <= m.high, s.low <= 0.5 <= s.high, a.low <= 5 <= a.high]
     assert ((hits > 920) & (hits < 985)).all(), hits
     assert median_of(range(6)) == Statistic(2.5, 0, 5)
+    assert share_of(np.ones(2000)).high == share_of(np.ones(2000)).value == 1.0
     with pytest.raises(ValueError, match="at least 6"):
         median_of([1, 2, 3, 4, 5])
 
@@ -122,7 +123,9 @@ def test_the_page_of_the_documentation_is_current():
     assert (folder / "ledger.md").read_text() == pages.page()
 
 
-FIGURES: dict[str, list[str]] = {}
+FIGURES: dict[str, list[str]] = {
+    "line_following": [*(f"Fig 3.{k}" for k in range(1, 18)), "eq (3.1)"],
+}
 """Numbered figures and tables of each source that the ledger covers; a source enters with its last claim."""
 
 

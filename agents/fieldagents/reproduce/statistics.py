@@ -38,7 +38,8 @@ def share_of(successes: ArrayLike) -> Statistic:
     x = _samples(successes, 2)
     interval = mean_interval(x, 2, binary=True)
     assert interval is not None
-    return Statistic(float(x.mean()), *interval)
+    share = float(x.mean())  # of successes alone, rounding may put the interval's end just below it
+    return Statistic(share, min(interval[0], share), max(interval[1], share))
 
 
 def _samples(values: ArrayLike, least: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

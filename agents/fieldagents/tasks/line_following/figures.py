@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from fieldagents.config import EnvironmentConfig
@@ -20,87 +19,11 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.progress import Report
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Reproducible, Reproduction, get_task
-from fieldmodels.machines.line_following.firmware import calibrate, line_position
-from fieldmodels.machines.line_following.parameters import Camera, Exposure, Lighting
-from fieldmodels.machines.line_following.renderer import Renderer, make_view
-from fieldmodels.machines.line_following.tracks import straight
+from fieldagents.tasks.line_following import photographs, venues
+from fieldagents.tasks.line_following.photographs import SOURCE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, "
-TAPE, FLOOR, INK = "#263240", "#e2b54d", "#0b6e99"
-PRINTED = {"tape": "mid-30s", "floor": "160 to 170"}
-
-
-def figure_3_13(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
-    progress: Report,
-    *,
-    lights: tuple[Annotated[float, Field(ge=0, le=2)], ...] = (1.0, 0.4, 0.2, 0.12),
-    frames: Annotated[int, Field(ge=2, le=1000)] = 40,
-) -> Reproduction:
-    """Levels of tape and floor in the camera's image, by light, and the threshold between them."""
-    from matplotlib.figure import Figure
-
-    camera, threshold = Camera(), Exposure().threshold
-    figure = Figure(figsize=(10, 2.1 * len(lights)))
-    panels = np.atleast_2d(figure.subplots(len(lights), 2, width_ratios=(1, 2)))
-    mask = np.zeros((camera.rows, camera.width), dtype=np.bool_)
-    mask[camera.first_row : camera.last_row, camera.width // 2 - 2 : camera.width // 2 + 2] = True
-    floor = np.ones_like(mask)
-    floor[:, camera.width // 2 - 10 : camera.width // 2 + 10] = False
-    rows: list[dict[str, Any]] = []
-    kept: list[NDArray[np.uint8]] = []
-    for k, (light, (left, right)) in enumerate(zip(lights, panels, strict=True)):
-        progress(f"light {light:g}", k / len(lights))
-        found = {}
-        for tape in ("duvetyne", "duvetyne_wide"):
-            renderer = Renderer(straight(), camera, make_view(camera, tape, lighting=Lighting(light=light)))
-            images = [renderer.image((20.0, 0.0, 0.0), 20.0, key) for key in range(frames)]
-            found[tape] = float(np.mean([line_position(image, camera, threshold)[1] for image in images]))
-            if tape == "duvetyne":
-                first = images[0]
-        if light >= min(lights[:2]):
-            kept.append(first)
-        left.imshow(first, cmap="gray", vmin=0, vmax=255)
-        left.set_axis_off()
-        left.set_title(f"light {light:g}", loc="left", fontsize=10)
-        bins = np.arange(0, 257, 4)
-        right.hist(first[floor], bins=bins, color=FLOOR, label="floor", density=True)
-        right.hist(first[mask], bins=bins, color=TAPE, label="tape", density=True)
-        right.axvline(threshold, color=INK, label="threshold")
-        right.set_yticks([])
-        rows.append(
-            {
-                "light": light,
-                "tape: median level": float(np.median(first[mask])),
-                "floor: median level": float(np.median(first[floor])),
-                "printed": f"tape {PRINTED['tape']}, floor {PRINTED['floor']}" if k == 0 else "",
-                "line found, 2 inches of tape [%]": 100 * found["duvetyne"],
-                "line found, 4 inches [%]": 100 * found["duvetyne_wide"],
-            }
-        )
-    panels[0][1].legend(frameon=False)
-    panels[-1][1].set_xlabel("level")
-    figure.tight_layout()
-    chosen = calibrate([np.where(mask | floor, image, 165) for image in kept], [mask] * len(kept))
-    return Reproduction(
-        "Levels of tape and floor by light",
-        SOURCE + "Fig 3.13 and sections 3.4.2, 3.6",
-        pd.DataFrame(rows),
-        {"figure-3.13": figure},
-        (
-            f"Calibrated on the two brightest lights (section 3.4.2), the threshold is {chosen:.0f};"
-            f" the default is {threshold:.0f}.",
-            "As the light goes, exposure lifts the tape's level towards the floor's until too few pixels "
-            "stay below the threshold; twice the tape has twice the pixels and lasts longer, as in the dark "
-            "corner of section 3.6.",
-            "Levels at full light are matched by the model's pedestal and gain, which the source does not "
-            "give; how the levels move with the light is what the model then predicts.",
-        ),
-    )
-
 
 GIVEN = {
     "one band": ("printed", "tuned", "memory", "lqg"),
@@ -185,7 +108,51 @@ def _information_figure(found: pd.DataFrame) -> Figure:
 
 FIGURES = (
     Reproducible(
-        "figure-3.13", "Levels of tape and floor by light, and the threshold between them", figure_3_13
+        "side-sensors", "Colour sensors that look aside", photographs.side_sensors, {"readings": 500}, (1, 1)
+    ),
+    Reproducible(
+        "figure-3.5",
+        "The firmware's view of the line, and its centroid",
+        photographs.figure_3_5,
+        {"views": 60},
+        (1, 1),
+    ),
+    Reproducible(
+        "figure-3.8",
+        "Black tape on grey and white, and what exposure does to it (Figs 3.8, 3.9)",
+        photographs.figure_3_8,
+        {"photos": 50},
+        (1, 1),
+    ),
+    Reproducible(
+        "figure-3.11",
+        "Four tapes in one photograph, as taken and with altered levels (Figs 3.11, 3.12)",
+        photographs.figure_3_11,
+        {"photos": 50},
+        (1, 1),
+    ),
+    Reproducible(
+        "figure-3.13",
+        "Levels of tape and floor in red, green and blue by light, and the thresholds between them",
+        photographs.figure_3_13,
+        processor_s=(2, 2),
+    ),
+    Reproducible(
+        "law",
+        "The random search for the weights of the law (3.1); overshoot and effort",
+        venues.law,
+        {"searches": 3},
+        (4, 2),
+    ),
+    Reproducible(
+        "figure-3.16", "Self steering along a curve of 9 m", venues.figure_3_16, {"walks": 20}, (5, 2)
+    ),
+    Reproducible(
+        "figure-3.17",
+        "The exhibition's track by its light: laps, dark corner, thicker tape, shadow",
+        venues.figure_3_17,
+        {"walks": 40, "laps": 1},
+        (5, 3),
     ),
     Reproducible("information", "What one band of the image does not hold", information),
 )
