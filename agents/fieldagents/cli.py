@@ -261,6 +261,13 @@ def diagnose(
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the resampling.")] = 0,
+    window: Annotated[
+        Literal["record"] | None,
+        typer.Option(
+            help="`record`: run through each episode from one start, for slow processes with hidden states "
+            "(default: as the model says, else windows that each have their own start)."
+        ),
+    ] = None,
     budget: Annotated[
         float | None,
         typer.Option(
@@ -324,7 +331,9 @@ def diagnose(
     from fieldmodels.diagnosis.report import write_results
 
     with progress() as report:
-        diagnosis = run(chosen, recordings, tests, fixed=held, progress=report, seed=seed, budget=budget)
+        diagnosis = run(
+            chosen, recordings, tests, fixed=held, progress=report, seed=seed, budget=budget, window=window
+        )
     folder = out or Path("results") / f"diagnosis-{chosen.name}"
     written = write_results(diagnosis, folder)
     result = diagnosis.to_json()

@@ -158,6 +158,9 @@ class Model(ABC):
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
         wrapped_outputs: Outputs that are measured within a turn, [-pi, pi): its errors go by that.
         measured_states: Which output a window's state is taken from, where it has another name.
+        whole_records: True for a process whose memory is longer than any window (with hidden states): a
+            diagnosis then runs through each episode from one start. A hidden state says by its ``noise`` how
+            uncertain its start is.
     """
 
     name: str
@@ -174,6 +177,7 @@ class Model(ABC):
     measured_inputs: tuple[Signal, ...] = ()
     wrapped_outputs: tuple[str, ...] = ()
     measured_states: Mapping[str, str] = MappingProxyType({})
+    whole_records: bool = False
 
     @abstractmethod
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
@@ -248,6 +252,11 @@ class Model(ABC):
         """
         outputs = [signal.name for signal in self.outputs]
         return uniform_windows(recording, horizon, outputs, self.initial_states)
+
+    def runs(self, windows: Windows) -> NDArray[np.int64] | None:
+        """Number of the run that each window is a piece of; by default each has a start of its own (None)."""
+        del windows
+        return None
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Model:
         """The same model with scales, starts and sensor noise that suit these data.

@@ -96,6 +96,10 @@ class Curved(Model):
         """The model's own windows."""
         return self.inner.windows(recording, horizon)
 
+    def runs(self, windows: Windows) -> IntArray | None:
+        """The model's own; see ``Model.runs``."""
+        return self.inner.runs(windows)
+
     def between(self, commands: FloatArray, refine: int) -> FloatArray:
         """The model's own; see ``Model.between``."""
         return self.inner.between(commands, refine)

@@ -43,6 +43,7 @@ class Fit:
         whitener: Whitening matrix, shape (features, features).
         weight: What each feature is multiplied by before whitening, shape (windows, features); None for 1.
         observations: The event features; None if there are none.
+        runs: Number of the run that each window is a piece of; None where each has its own start.
     """
 
     parameters: FloatArray
@@ -60,12 +61,22 @@ class Fit:
     whitener: FloatArray
     weight: FloatArray | None = None
     observations: Observations | None = None
+    runs: IntArray | None = None
 
     @property
     def information(self) -> FloatArray:
         """Fisher information in the free parameters' coordinates, shape (free, free)."""
         flat = stacked(self.jacobian)
         return flat.T @ flat
+
+
+def over_runs(values: FloatArray, runs: IntArray | None) -> FloatArray:
+    """Sum over the windows of each run, for every window; the values themselves where each is a run."""
+    if runs is None:
+        return values
+    sums = np.zeros((runs.max() + 1, *values.shape[1:]))
+    np.add.at(sums, runs, values)
+    return np.asarray(sums[runs])
 
 
 def stacked(columns: FloatArray) -> FloatArray:
@@ -84,9 +95,8 @@ def project(fitted: Fit, columns: FloatArray) -> FloatArray:
         Columns like those of ``Fit.jacobian``, shape (windows, features + states, columns).
     """
     columns = np.where(np.isfinite(columns), columns, 0.0)
-    return _remove(
-        fitted.basis, _padded(fitted.whitener @ _weighted(columns, fitted.weight), fitted.states.shape[1])
-    )
+    padded = _padded(fitted.whitener @ _weighted(columns, fitted.weight), fitted.states.shape[1])
+    return _remove(fitted.basis, padded, fitted.runs)
 
 
 def cost_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> float:
@@ -95,8 +105,8 @@ def cost_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: Flo
 
 
 def losses_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:
-    """Cost of each window [nats], infinite where its simulation failed, shape (windows,)."""
-    prior = (problem.states - states) / (PRIOR * problem.state_scale)
+    """Cost of each window [nats], of runs their mean; infinite where a simulation failed, (windows,)."""
+    prior = _from_measured(problem, states)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
     known = np.where(finite[:, None], raw, 0.0)
     observations = problem.observations
@@ -105,7 +115,21 @@ def losses_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: F
     if observations is not None:
         _, event = observations.rows(whitener)
         result += observations.loss(known)[:, event].sum(axis=1)
-    return np.where(finite, result, np.inf)
+    result = np.where(finite, result, np.inf)
+    return over_runs(result, problem.runs) / over_runs(np.ones(len(result)), problem.runs)
+
+
+def _from_measured(problem: Problem, states: FloatArray) -> FloatArray:
+    """How far initial states are from the measured ones, over their prior; of a run in its first window."""
+    distance = (problem.states - states) / (PRIOR * problem.state_scale)
+    return np.asarray(distance * _is_first(problem)[:, None])
+
+
+def _is_first(problem: Problem) -> FloatArray:
+    """One for every window with a start of its own, zero for those that go on with a run."""
+    if problem.runs is None:
+        return np.ones(len(problem))
+    return np.asarray(np.diff(problem.runs, prepend=-1) != 0, dtype=np.float64)
 
 
 def linearise(
@@ -126,7 +150,7 @@ def linearise(
     weight = None if observations is None else observations.weight(finite)
     columns = _derivatives(problem, parameters, free, states, simulated, coordinates)
     basis, triangle = _state_basis(problem, parameters, states, whitener, simulated, weight)
-    prior = (problem.states - states) / (PRIOR * problem.state_scale)
+    prior = _from_measured(problem, states)
     weighted = finite if weight is None else finite * weight
     residual = np.concatenate([weighted @ whitener.T, prior], axis=1)[:, :, None]
     jacobian = _padded(whitener @ _weighted(columns, weight), n_states)
@@ -137,16 +161,21 @@ def linearise(
         states=states,
         cost=cost,
         quadratic=0.5 * float(np.sum(residual**2)),
-        residual=_remove(basis, residual)[:, :, 0],
-        jacobian=_remove(basis, jacobian),
+        residual=_remove(basis, residual, problem.runs)[:, :, 0],
+        jacobian=_remove(basis, jacobian, problem.runs),
         raw=raw,
         active=np.ones(len(free), dtype=np.bool_),
         basis=basis,
-        state_residual=np.asarray(np.linalg.solve(triangle, across @ residual)[:, :, 0]),
-        state_jacobian=np.asarray(np.linalg.solve(triangle, across @ jacobian), dtype=np.float64),
+        state_residual=np.asarray(
+            np.linalg.solve(triangle, over_runs(across @ residual, problem.runs))[:, :, 0]
+        ),
+        state_jacobian=np.asarray(
+            np.linalg.solve(triangle, over_runs(across @ jacobian, problem.runs)), dtype=np.float64
+        ),
         whitener=whitener,
         weight=weight,
         observations=observations,
+        runs=problem.runs,
     )
     return replace(result, active=_active(result, coordinates))
 
@@ -183,7 +212,10 @@ def _state_basis(
     simulated: FloatArray,
     weight: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """QR of the whitened sensitivities to the initial states, with the prior's rows below."""
+    """QR of the whitened sensitivities to the initial states, with the prior's rows below.
+
+    The windows of a run share a start: then the triangle is that of all their rows, by Cholesky.
+    """
     n_states = states.shape[1]
     columns = np.empty((*simulated.shape, n_states))
     for j in range(n_states):
@@ -192,17 +224,24 @@ def _state_basis(
         change = problem.simulate(parameters[None], moved)[0] - simulated
         columns[:, :, j] = change / STATE_STEP  # by spread, so that all columns are of the same order
     columns = np.where(np.isfinite(columns), columns, 0.0)
-    prior = np.broadcast_to(np.eye(n_states) / PRIOR, (len(columns), n_states, n_states))
-    q, r = np.linalg.qr(np.concatenate([whitener @ _weighted(columns, weight), prior], axis=1))
-    return q, r
+    prior = _is_first(problem)[:, None, None] * np.eye(n_states) / PRIOR
+    rows = np.concatenate([whitener @ _weighted(columns, weight), prior], axis=1)
+    if problem.runs is None:
+        q, r = np.linalg.qr(rows)
+        return q, r
+    lower = np.asarray(
+        np.linalg.cholesky(over_runs(rows.transpose(0, 2, 1) @ rows, problem.runs)), dtype=np.float64
+    )
+    across = np.asarray(np.linalg.solve(lower, rows.transpose(0, 2, 1)), dtype=np.float64)
+    return across.transpose(0, 2, 1), lower.transpose(0, 2, 1)
 
 
 def _weighted(columns: FloatArray, weight: FloatArray | None) -> FloatArray:
     return columns if weight is None else columns * weight[:, :, None]
 
 
-def _remove(basis: FloatArray, columns: FloatArray) -> FloatArray:
-    return np.asarray(columns - basis @ (basis.transpose(0, 2, 1) @ columns))
+def _remove(basis: FloatArray, columns: FloatArray, runs: IntArray | None) -> FloatArray:
+    return np.asarray(columns - basis @ over_runs(basis.transpose(0, 2, 1) @ columns, runs))
 
 
 def _padded(columns: FloatArray, rows: int) -> FloatArray:

@@ -91,16 +91,19 @@ class Problem:
     @cached_property
     def blocks(self) -> IntArray:
         """Block number of each window, counted over all recordings, shape (windows,)."""
-        result, first = [], 0
-        for part in self.parts:
-            result.append(part.blocks + first)
-            first = int(result[-1].max()) + 1 if len(part.blocks) else first
-        return np.concatenate(result)
+        return _counted_on([part.blocks for part in self.parts])
 
     @property
     def folds(self) -> IntArray:
         """Fold of each window for held-out losses: blocks in turn, shape (windows,)."""
         return np.asarray(self.blocks % FOLDS)
+
+    @cached_property
+    def runs(self) -> IntArray | None:
+        """Number of the run that each window is a piece of, shape (windows,); None where each is its own."""
+        runs = [self.model.runs(part.windows) for part in self.parts]
+        own = [np.unique(r, return_inverse=True)[1] for r in runs if r is not None]
+        return _counted_on(own) if len(own) == len(runs) else None
 
     @cached_property
     def state_scale(self) -> FloatArray:
@@ -207,6 +210,15 @@ class Problem:
                     )
                 )
         return replace(self, parts=tuple(parts))
+
+
+def _counted_on(numbers: Sequence[IntArray]) -> IntArray:
+    """Numbers of several recordings' windows, each recording counted on from the one before."""
+    result, first = [], 0
+    for own in numbers:
+        result.append(own + first)
+        first = int(result[-1].max()) + 1 if len(own) else first
+    return np.concatenate(result)
 
 
 def build(

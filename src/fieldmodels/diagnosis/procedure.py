@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -57,6 +58,7 @@ from fieldmodels.diagnosis.verdict import (
     mostly_explained,
     verdict_of,
 )
+from fieldmodels.diagnosis.whole import LONGER, WholeRecords
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
 
@@ -70,6 +72,7 @@ def diagnose(
     seed: int = 0,
     options: DiagnosisOptions = DEFAULT,
     budget: float | None = None,
+    window: Literal["record"] | None = None,
 ) -> Diagnosis:
     """Find what a simulation gets wrong, name the cause or report it as unknown, and measure the gain.
 
@@ -84,6 +87,8 @@ def diagnose(
         options: Thresholds and prices.
         budget: Time [s] after which the best verdict so far is given, with what was left out for it
             (``Diagnosis.stopped``); without one no result depends on the clock.
+        window: "record" to run through each episode from one start, instead of starting each window anew; by
+            default as the model says (``Model.whole_records``).
 
     Returns:
         Verdict, causes with parameters and gains, unmodelled dynamics, and evidence for the report.
@@ -101,6 +106,8 @@ def diagnose(
     train, test, lacking = in_all(model, train, test)
     fixed = {**known_values(model, [*train, *test]), **(fixed or {})}
     model, said = decided(model, train, main_horizon, lambda one: start_vector(one, fixed), frozenset(fixed))
+    if window == "record" or model.whole_records:
+        model = WholeRecords(model)
     stages = model.stages([*train, *test])
     whole = joined(
         model,
@@ -161,7 +168,15 @@ def _diagnose_stage(
         trained_on=tuple(r.source for r in train),
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
         seconds=time.perf_counter() - began,
-        notes=tuple(note for note in (said, measured and f"the gain is measured on {measured}") if note),
+        notes=tuple(
+            note
+            for note in (
+                said,
+                measured and f"the gain is measured on {measured}",
+                LONGER if result.undetermined and not isinstance(model, WholeRecords) else "",
+            )
+            if note
+        ),
     )
 
 
@@ -252,11 +267,12 @@ def _stated(
     )
     # A curve that is certain leaves no two names to tell apart.
     answered = bool(found.mistaken) or (verdict == "unknown" and bool(curves) and found.certain)
-    effects, not_runnable = runnable(model, curves)
+    machine = model.inner if isinstance(model, WholeRecords) else model
+    effects, not_runnable = runnable(machine, curves)
     lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,
-        machine=model,
+        machine=machine,
         verdict=verdict,
         causes=tuple(refitted(c, model, final) for c in found.causes),
         mistaken=found.mistaken,
