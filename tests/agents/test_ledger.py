@@ -125,6 +125,7 @@ def test_the_page_of_the_documentation_is_current():
 
 FIGURES: dict[str, list[str]] = {
     "line_following": [*(f"Fig 3.{k}" for k in range(1, 18)), "eq (3.1)"],
+    "uav_route": [*(f"Fig 4.{n}" for n in range(1, 7)), "Table 4.1", "Table 4.2"],
 }
 """Numbered figures and tables of each source that the ledger covers; a source enters with its last claim."""
 

@@ -5,22 +5,27 @@ Source: A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015, c
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import pandas as pd
 from pydantic import Field as Bounded
 
+from fieldagents.claim import Statistic
 from fieldagents.progress import Report
+from fieldagents.reproduce.statistics import exact, share_of
 from fieldagents.task import Reproducible, Reproduction
 from fieldagents.tasks.uav_route.lattice import lattice_plan
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.limits import limits_of
-from fieldagents.tasks.uav_route.plan import Plan
-from fieldagents.tasks.uav_route.printed import Form, printed_plan
-from fieldmodels.machines.uav_route.parameters import EXAMPLE, Detection, World
+from fieldagents.tasks.uav_route.plan import Counts, Plan
+from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
+from fieldmodels.machines.uav_route.detection import probability_of_detection
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, Detection, Layout, World
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,10 +57,11 @@ def figures_4_4_to_4_6(
     progress: Report,
     *,
     sides: Annotated[int, Bounded(ge=24, le=72)] = 24,
+    lookup: Literal["pairs", "sets"] = "pairs",
     work: Annotated[int, Bounded(ge=1)] = 200_000,
 ) -> Reproduction:
     """Plan the source's example as it does, in whole legs, and with lock loss; M is ``sides``."""
-    form, drawn = Form(sides=sides), []
+    form, drawn = Form(sides=sides, lookup=lookup), []
     for i, threshold in enumerate(COLOURS):
         progress("planning", i / 4)
         world = World(detection=Detection(threshold=threshold))
@@ -84,6 +90,70 @@ def figures_4_4_to_4_6(
             "The printed cost counts steps, so that many paths cost the same: which one a solver returns, "
             "and so its shape and length, is arbitrary.",
         ),
+        statistics=_statistics(drawn),
+    )
+
+
+def _statistics(drawn: list[Drawn]) -> dict[str, Statistic]:
+    """What decides the claims: the printed program's plans, and undetected routes, at 0.5 and at 0.7."""
+    printed, pardoned, legs, pardoned_lattice = drawn[0].plan, drawn[6].plan, drawn[1].plan, drawn[7].plan
+    program = _counted((EXAMPLE,)), _counted((EXAMPLE, SECOND_UAV))
+    flown = printed.verification
+    values = {
+        "linear variables, one aircraft": program[0].continuous,
+        "linear variables, two aircraft": program[1].continuous,
+        "kilometres saved by 0.7 instead of 0.5, printed program": _flown_cost(printed)
+        - _flown_cost(drawn[4].plan),
+        "kilometres saved by 0.7 instead of 0.5, undetected legs": legs.length - drawn[5].plan.length,
+        "kilometres saved by lock loss, printed program": _flown_cost(printed) - _flown_cost(pardoned),
+        "kilometres saved by lock loss, lattice": legs.length - pardoned_lattice.length,
+        "detected time of the printed plan [s]": flown.time_over if flown else math.nan,
+        "missile hits the printed plan with lock loss": _hit(pardoned),
+        "missile hits the lattice's plan with lock loss": _hit(pardoned_lattice),
+        "detour of the undetected route [km]": legs.length - math.dist(EXAMPLE.start, EXAMPLE.goal),
+    }
+    return {name: exact(value) for name, value in values.items() if not math.isnan(value)}
+
+
+def _counted(layouts: Sequence[Layout]) -> Counts:
+    """Size of the source's program of twelve steps."""
+    return joint_printed_plans(layouts, form=Form(lookup="sets"), work=1)[0].search.counts
+
+
+def _flown_cost(plan: Plan) -> float:
+    """The cost (4.22) of a plan as a length [km]."""
+    return plan.search.objective * World().aircraft.speed
+
+
+def _hit(plan: Plan) -> float:
+    return math.nan if plan.verification is None else float(not plan.verification.survived)
+
+
+def equations_of_4_2(
+    out: Path,  # noqa: ARG001 - nothing of its own to save
+    progress: Report,  # noqa: ARG001 - a moment
+    *,
+    cases: Annotated[int, Bounded(ge=100)] = 20_000,
+) -> Reproduction:
+    """The rule for a turn's side against geometry, and Table 4.2 against what is said of it."""
+    rng = np.random.default_rng(0)
+    place, velocity, waypoint = rng.uniform(-500.0, 500.0, (3, cases, 2))
+    ahead = waypoint - place
+    right = velocity[:, 0] * ahead[:, 1] - velocity[:, 1] * ahead[:, 0] > 0.0  # east of north is clockwise
+    printed = waypoint[:, 1] * velocity[:, 0] - waypoint[:, 0] * velocity[:, 1] < 0.0
+    signature, slant = 10.0 ** rng.uniform(-6.0, 0.0, cases), rng.uniform(10.0, 700.0, cases)
+    least = probability_of_detection(signature, slant)
+    nearer = probability_of_detection(signature, 0.9 * slant)
+    larger = probability_of_detection(np.minimum(1.2 * signature, 1.0), slant)
+    numbers = {
+        "share of turns whose printed side is right": share_of(printed == right),
+        "share of cases in which Table 4.2 rises with signature and falls with range": share_of(
+            (nearer >= least) & (larger >= least)
+        ),
+    }
+    table = pd.DataFrame([{"what": name, "share": one.value} for name, one in numbers.items()])
+    return Reproduction(
+        title="The side of a turn, and Table 4.2", source=SOURCE, table=table, statistics=numbers
     )
 
 
@@ -140,6 +210,12 @@ def _figure(drawn: list[Drawn], title: str) -> Figure:
 
 
 FIGURES = (
-    Reproducible("figure-4.5", "Paths under detection and lock loss (Figs 4.4 to 4.6)", figures_4_4_to_4_6),
+    Reproducible(
+        "figure-4.5",
+        "Paths under detection and lock loss (Figs 4.4 to 4.6)",
+        figures_4_4_to_4_6,
+        quick={"lookup": "sets"},
+    ),
+    Reproducible("section-4.2", "The side of a turn, and Table 4.2", equations_of_4_2),
 )
 """In the order of presentation."""
