@@ -78,7 +78,7 @@ def show_claims(claims: Sequence[Decided], console: Console) -> None:
 
     table = Table(width=WIDTH, box=box.SIMPLE_HEAD, show_lines=True)
     for name, width in (("verdict", 14), ("claim", 34), ("printed", 14), ("ours, interval at 95 %", 30)):
-        table.add_column(name, width=width)
+        table.add_column(name, width=width, overflow="fold")
     for one in claims:
         colour = "bold red" if one.unexpected else STYLES[one.verdict][0]
         claim = [f"{one.claim.where[0]}: {one.claim.says}", *_notes(one)]
@@ -153,7 +153,7 @@ def show(result: Reproduction, console: Console) -> None:
     for columns in _blocks(widths):
         table = Table(box=box.SIMPLE_HEAD)
         for j in columns:
-            table.add_column(header[j], width=widths[j])
+            table.add_column(header[j], width=widths[j], overflow="fold")
         for row in rows:
             table.add_row(*(row[j] for j in columns))
         console.print(table, width=WIDTH, markup=False)

@@ -6,31 +6,25 @@ identification", IEEE/ASME Trans. Mechatronics 8(2), 2003.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
-from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
-from pydantic import Field
 
-from fieldagents.agent import Agent
+from fieldagents.claim import Statistic
 from fieldagents.progress import Report
-from fieldagents.seeds import TEST_SEEDS
+from fieldagents.reproduce.statistics import exact, mean_of, ratio_of
 from fieldagents.task import Reproducible, Reproduction, get_task
-from fieldagents.tasks.excitation.agents import to_command
+from fieldagents.tasks.excitation.course import SOURCE, Course, Episodes, Floats, play
+from fieldagents.tasks.excitation.equations import EQUATIONS
 from fieldgym.excitation import ExcitationSettings
 from fieldmodels.machines.excitation.motion import DECISION
-from fieldmodels.machines.excitation.parameters import LIMITS, NAMES, SOFT, TABLE1, VEHICLE
-from fieldmodels.machines.excitation.shaker import Shaken, Shakers
+from fieldmodels.machines.excitation.parameters import NAMES, SOFT, TABLE1, VEHICLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Floats = NDArray[np.float64]
-SOURCE = "V. A. Sujan and S. Dubowsky, An optimal information method, IEEE/ASME TMech 8(2), 2003, "
 
 PRINTED_CONSTANT = (
     "4.0", "0.12", "0.05", "0.12", "0.05", "0.07", "0.04", "0.03", "0.5", "-1.1", "142", "140", "22", "79",
@@ -49,83 +43,6 @@ TABLE2_PRINTED = (0.04, -0.07, -0.09, 7.5, 355.0)
 """The one column of estimates that survives in Table II; its averages are printed as 208.4 and 26.8."""
 
 BLUE, RED, GREY = "#0b6e99", "#b3402a", "#8a8f98"
-Episodes = Annotated[int, Field(ge=1, le=1000)]
-
-
-@dataclass(frozen=True)
-class Course:
-    """What an agent's experiments went through, decision by decision.
-
-    Attributes:
-        angle: Of the arm in the first experiment [rad], at the samples, shape (samples,).
-        mean: Estimates of the compensated filter, shape (decisions + 1, episodes, 22).
-        naive: Of the filter as published, of that shape.
-        bits: Information about each parameter [bits], of that shape.
-        truth: True values, shape (22,).
-    """
-
-    angle: Floats
-    mean: Floats
-    naive: Floats
-    bits: Floats
-    truth: Floats
-
-    def percent(self, naive: bool = False) -> Floats:
-        """Mean |error| over the episodes in percent of the true value, shape (22,); NaN where it is 0."""
-        last = (self.naive if naive else self.mean)[-1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error = 100 * np.abs(last - self.truth).mean(axis=0) / np.abs(self.truth)
-        return np.where(self.truth == 0, np.nan, error)
-
-
-def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: int) -> Course:
-    """Let an agent shake a vehicle on the published test seeds.
-
-    Args:
-        agent: Who chooses the commands.
-        settings: Of the experiment; the vehicle takes the place of its preset.
-        vehicle: Its true parameters, shape (22,).
-        episodes: Number of experiments side by side.
-    """
-    limits = LIMITS[settings.limits]
-    shakers = Shakers(
-        episodes,
-        replace(settings, truth_spread=0.0),
-        vehicle,
-        nominal=vehicle,
-    )
-    shakers.restart(range(episodes), [np_random(seed)[0] for seed in TEST_SEEDS[:episodes]])
-    agent.reset(TEST_SEEDS.start)
-    agent.begin_episodes(np.ones(episodes, dtype=np.bool_))
-    shaken, course, angles = shakers.observe(), [shakers.observe()], []
-    for _ in range(settings.decisions):
-        action = agent.act(np.zeros((episodes, 0), dtype=np.float32), given(shaken))
-        shaken = shakers.advance(to_command(action, limits), traces=True)
-        assert shaken.motion is not None
-        course.append(shaken)
-        angles.append(shaken.motion[0, 1:, 0])
-    return Course(
-        np.concatenate(angles),
-        np.array([one.mean for one in course]),
-        np.array([one.mean_naive for one in course]),
-        np.array([one.bits for one in course]),
-        vehicle,
-    )
-
-
-def given(shaken: Shaken) -> dict[str, Any]:
-    """What the environment's ``info`` gives a model-based agent."""
-    return {
-        "estimate": {
-            "mean": shaken.mean,
-            "covariance": shaken.covariance,
-            "moments": shaken.moments,
-            "noise": shaken.noise,
-            "samples": shaken.samples,
-        },
-        "arm": {"command": shaken.command, "phase": shaken.phase},
-        "variances": shaken.variances,
-    }
 
 
 def rounded(digits: str) -> tuple[float, float, float]:
@@ -161,7 +78,7 @@ def table_1(
     out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
-    episodes: Episodes = 40,
+    episodes: Episodes = 200,
     limits: Literal["paper", "wide"] = "paper",
     noise: Literal["full_scale", "running_max"] = "full_scale",
     adaptive: str = "frozen_weight",
@@ -216,7 +133,63 @@ def table_1(
             "figure-10": convergence_figure(courses, ("cg_z", "stiffness_pitch")),
         },
         tuple(remarks),
+        _course_statistics(courses, ("cg_z", "stiffness_pitch"))
+        | _printed_statistics()
+        | _motion_statistics(courses),
     )
+
+
+def _course_statistics(courses: dict[str, Course], shown: tuple[str, ...]) -> dict[str, Statistic]:
+    """Average errors by both filters, and the errors and bits of the parameters that the figures show."""
+    constant, adaptive = courses.values()
+    statistics = {}
+    for kind, naive in (("filter as published", True), ("compensated filter", False)):
+        errors = [one.average(naive=naive) for one in (constant, adaptive)]
+        statistics[f"average error, constant, {kind} [%]"] = mean_of(errors[0])
+        statistics[f"average error, adaptive, {kind} [%]"] = mean_of(errors[1])
+        statistics[f"average error, constant over adaptive, {kind}"] = ratio_of(*errors)
+        for name in shown:
+            k = NAMES.index(name)
+            one = [
+                np.abs((c.naive if naive else c.mean)[-1, :, k] - c.truth[k]) for c in (constant, adaptive)
+            ]
+            statistics[f"error of {name}, constant over adaptive, {kind}"] = ratio_of(*one)
+    k = NAMES.index("stiffness_pitch")
+    statistics["bits of stiffness_pitch, adaptive less constant"] = mean_of(
+        adaptive.bits[-1, :, k] - constant.bits[-1, :, k]
+    )
+    return statistics
+
+
+def _printed_statistics() -> dict[str, Statistic]:
+    """Where Table I's printed averages stand between the least and the greatest that its digits allow."""
+    statistics = {}
+    columns = zip(
+        ("constant", "variable"), (PRINTED_CONSTANT, PRINTED_VARIABLE), PRINTED_AVERAGE, strict=True
+    )
+    for title, column, average in columns:
+        _, (_, low, high) = printed_average(column)
+        statistics[f"place of the printed average within its rounding, {title}"] = exact(
+            (average - low) / (high - low)
+        )
+    z = NAMES.index("damping_z")
+    errors = [100 * abs(float(c[z]) - TABLE1[z]) / TABLE1[z] for c in (PRINTED_CONSTANT, PRINTED_VARIABLE)]
+    statistics["printed error of damping z, constant over variable"] = exact(errors[0] / errors[1])
+    return statistics
+
+
+def _motion_statistics(courses: dict[str, Course]) -> dict[str, Statistic]:
+    """The constant motion against eq (24), and the mean commands of the adaptive one."""
+    constant, adaptive = courses.values()
+    time = DECISION * len(constant.command) * np.arange(1, len(constant.angle) + 1) / len(constant.angle)
+    printed = np.pi / 4 + 2 * np.pi / 9 * np.sin(np.pi / 2 * time)
+    amplitude, frequency, offset = adaptive.command.mean(axis=0).T
+    return {
+        "constant motion less (24) [rad]": exact(float(np.abs(constant.angle - printed).max())),
+        "mean amplitude of the adaptive motion [rad]": mean_of(np.abs(amplitude)),
+        "mean frequency of the adaptive motion [rad/s]": mean_of(frequency),
+        "mean offset of the adaptive motion [rad]": mean_of(offset),
+    }
 
 
 def _remarks_on_print() -> list[str]:
@@ -242,7 +215,7 @@ def table_2(
     out: Path,  # noqa: ARG001
     progress: Report,
     *,
-    episodes: Episodes = 40,
+    episodes: Episodes = 200,
     limits: Literal["paper", "wide"] = "paper",
     adaptive: str = "frozen_weight",
 ) -> Reproduction:
@@ -280,7 +253,17 @@ def table_2(
             "The source measured a real robot, whose other parameters it does not print; here they are those "
             "of the soft vehicle.",
         ),
+        _course_statistics(courses, ("damping_pitch", "stiffness_pitch"))
+        | {"average error of the printed column [%]": _printed_table2(true)},
     )
+
+
+def _printed_table2(true: Floats) -> Statistic:
+    """Average % error of the surviving column of Table II, with its ends by the rounding of its digits."""
+    printed = np.array(TABLE2_PRINTED)
+    half = 0.5 * np.array([0.01, 0.01, 0.01, 0.1, 1.0])
+    value, spread = (100 * (one / true).mean() for one in (np.abs(printed - true), half))
+    return Statistic(value, value - spread, value + spread)
 
 
 def motion_figure(courses: dict[str, Course]) -> Figure:
@@ -336,7 +319,13 @@ def convergence_figure(courses: dict[str, Course], parameters: tuple[str, ...]) 
                 time = DECISION * np.arange(len(values))
                 axes.fill_between(time, low, high, color=colour, alpha=0.15, linewidth=0)
                 axes.plot(time, middle, color=colour, label=f"{name}: median, 80 % of the runs")
-            axes.axhline(next(iter(courses.values())).truth[k], color=GREY, linestyle=":", label="true")
+            truth = next(iter(courses.values())).truth[k]
+            axes.axhline(truth, color=GREY, linestyle=":", label="true")
+            # The prior lies far off: the axis shows where the runs end, and the true value.
+            both = [c.mean if title.startswith("comp") else c.naive for c in courses.values()]
+            ends = np.quantile([found[len(time) // 2 :, :, k] for found in both], (0.1, 0.9), axis=(1, 2))
+            low, high = min(truth, ends.min()), max(truth, ends.max())
+            axes.set_ylim(low - 0.5 * (high - low), high + 0.5 * (high - low))
             axes.set_title(title, loc="left", fontsize=10)
             axes.set_ylabel(f"{parameter} [{VEHICLE[k].unit}]")
             axes.grid(color="#d9dee6", linewidth=0.8)
@@ -349,8 +338,17 @@ def convergence_figure(courses: dict[str, Course], parameters: tuple[str, ...]) 
 
 FIGURES = (
     Reproducible(
-        "table-1", "The 22 unknowns under constant and adaptive excitation (with Figs 7 to 10)", table_1
+        "table-1",
+        "The 22 unknowns under constant and adaptive excitation (with Figs 7 to 10)",
+        table_1,
+        quick={"episodes": 60},
     ),
-    Reproducible("table-2", "Five unknowns without an accelerometer (with Figs 11 to 13)", table_2),
+    Reproducible(
+        "table-2",
+        "Five unknowns without an accelerometer (with Figs 11 to 13)",
+        table_2,
+        quick={"episodes": 60},
+    ),
+    *EQUATIONS,
 )
 """In the order of presentation."""

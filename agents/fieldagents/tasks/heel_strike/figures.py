@@ -17,15 +17,13 @@ from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, share_of
 from fieldagents.task import Reproducible, Reproduction
+from fieldagents.tasks.heel_strike.basics import BASICS
+from fieldagents.tasks.heel_strike.sweeps import DECAY, SOURCE, SWEEPS, Seed
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
 from fieldmodels.machines.heel_strike.strides import Strides
 from fieldmodels.machines.heel_strike.walker import TRACES
-
-SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, "
-DECAY = 1000 / 3
-Seed = Annotated[int, Field(ge=0)]
 
 
 def figure_2_10(
@@ -165,82 +163,12 @@ def figure_2_12(
     )
 
 
-def figure_2_14(
-    out: Path,  # noqa: ARG001
-    progress: Report,
-    *,
-    strides: Annotated[int, Field(ge=10, le=100_000)] = 3000,
-    seed: Seed = 0,
-) -> Reproduction:
-    """Error against S_MS for process noise of several amplitudes and hold times."""
-    from matplotlib.figure import Figure
-
-    shares = np.linspace(0, 1, 11)
-    fine = np.concatenate([[0.0], np.geomspace(0.001, 1, 61)])
-    holds, amplitudes = (0.1, 0.2, 0.3, 0.4), (0.1, 0.3, 0.5, 0.7, 0.9)
-    figure = Figure(figsize=(11, 4.2))
-    panels = figure.subplots(1, len(holds) + 1, width_ratios=(1, 1, 1, 1, 1.3))
-    rows: list[dict[str, Any]] = []
-    for i, hold in enumerate(holds):
-        for j, amplitude in enumerate(amplitudes):
-            progress(f"process noise {amplitude:g} rad/s2 for {hold:g} s", (5 * i + j) / 20)
-            noise = Noise(process=amplitude, hold=hold, floor=0.0)
-            walks = record_walks([np.random.default_rng([seed, i, j])], strides, noise=noise)
-            gains = np.array([[s, s, 0.1, DECAY] for s in (*shares, *fine)])
-            errors = score_gains(walks, gains)
-            coarse, curve = errors[:11], errors[11:]
-            best = int(np.argmin(coarse))
-            colour = f"C{j}"
-            panels[i].plot(shares, coarse, color=colour, label=f"{amplitude:g}")
-            panels[i].plot(shares[best], coarse[best], "*", color=colour, markersize=10)
-            rows.append(
-                {
-                    "hold [s]": hold,
-                    "process noise [rad/s2]": amplitude,
-                    "best S_MS of the figure's grid": shares[best],
-                    "its error [mm]": coarse[best],
-                    "error of the sensor alone [mm]": coarse[-1],
-                    "best S_MS of a fine grid": fine[np.argmin(curve)],
-                    "error there [mm]": curve.min(),
-                }
-            )
-        panels[i].set_title(f"hold {hold:g} s", fontsize=10)
-        panels[i].set_xlabel("S_MS")
-        panels[i].set_ylim(0, 2)
-        panels[i].grid(color="#d9dee6", linewidth=0.8)
-    panels[0].set_ylabel("mean |error| at heel strike [mm]")
-    panels[0].legend(title="rad/s2", fontsize=8)
-    table = pd.DataFrame(rows)
-    for time, part in table.groupby("hold [s]"):
-        panels[-1].plot(part["process noise [rad/s2]"], part[table.columns[2]], "o-", label=f"{time} s")
-    panels[-1].set_title("Fig 2.15: best S_MS", fontsize=10)
-    panels[-1].set_xlabel("process noise [rad/s2]")
-    panels[-1].legend(title="hold", fontsize=8)
-    panels[-1].grid(color="#d9dee6", linewidth=0.8)
-    figure.tight_layout()
-    gained = 100 * (1 - table[table.columns[6]] / table[table.columns[3]])
-    saved = 100 * (1 - table[table.columns[3]] / table[table.columns[4]])
-    return Reproduction(
-        "Model or sensor: the best share of each under process noise",
-        SOURCE + "Figs 2.13 to 2.15: S_HR = 0.1, nominal gyro and collision noise (low_pass), flat floor",
-        table,
-        {"figure-2.14": figure},
-        (
-            "As printed: more process noise, and noise held for longer, want more of the sensor, and the "
-            f"curves are flat. At the best S_MS of the figure's grid the error is {saved.min():.0f} to "
-            f"{saved.max():.0f} % below that of the sensor alone.",
-            f"A logarithmic grid from 0.001 finds at most {gained.max():.1f} % less error than the figure's "
-            "grid of 0.1: for this noise that grid is fine enough.",
-        ),
-    )
-
-
 FIGURES = (
+    *BASICS,
     Reproducible(
         "figure-2.10",
         "Ranger's estimator under gyro noise and under collision noise (with Fig 2.9)",
         figure_2_10,
-        quick={"walks": 60},
         processor_s=(1, 1),
     ),
     Reproducible(
@@ -250,10 +178,6 @@ FIGURES = (
         quick={"strides": 300},
         processor_s=(2, 1),
     ),
-    Reproducible(
-        "figure-2.14",
-        "Model or sensor: the best share of each under process noise (with Figs 2.13 and 2.15)",
-        figure_2_14,
-    ),
+    *SWEEPS,
 )
 """In the order of presentation."""
