@@ -113,6 +113,10 @@ def test_colour_images_hold_three_components_and_no_more_memory():
         np.testing.assert_allclose(seen[1].mean(axis=3), seen[0][..., 0], atol=40)
         assert seen[1] in colour.observation_space
     assert colour.unwrapped._task.walks.images is images
+    frame = gym.make(PIXELS, settings={"colour": True, "floor": "track_red"}, render_mode="rgb_array")
+    frame.reset(seed=1)
+    view = frame.render()[70:250, 530:600].astype(float).mean(axis=(0, 1))  # of what the camera sees
+    assert view[0] > 1.4 * view[1] > 1.4 * view[2]
     assert not steps[1][4]["lost"].any()
     assert (steps[1][4]["offset"] < 0.15).all()
 
