@@ -16,7 +16,6 @@ A driver runs it: ``drivers.windows`` for a diagnosis, ``drivers.batch`` for an 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from functools import cached_property
 from typing import Any, Self
 
@@ -143,7 +142,6 @@ def held_inputs(model: Model, hold: Hold) -> Model:
     """
     if not isinstance(model, Machine):
         raise ModelError(f"model {model.name!r} says itself what its inputs do between samples; leave it out")
-    result = copy(model)
-    result.hold, result.hold_said = hold, True
-    result.__dict__.pop("driver", None)  # it runs the machine that it was made for
+    result = model.held_as(hold)
+    result.hold_said = True
     return result

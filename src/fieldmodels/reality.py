@@ -25,10 +25,12 @@ class Reality:
     Attributes:
         base: Values of base parameters: numbers, or samplers that draw one for each episode.
         effects: Values of the parameters of effects that are on, likewise.
+        hold: What inputs do between samples, ``held`` or ``interpolated``; empty for what the model says.
     """
 
     base: Mapping[str, Any] = field(default_factory=dict)
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    hold: str = ""
 
     @property
     def random(self) -> bool:
@@ -187,7 +189,10 @@ def _from_file(path: Path, model: Model) -> Reality:
         name: _values(values, f"{path}: effect {name!r}")
         for name, values in _mapping(data["effects"], f"{path}: 'effects'").items()
     }
-    return Reality(base=base, effects=effects)
+    hold = data.get("hold", "")
+    if hold not in ("", "held", "interpolated"):
+        raise ModelError(f"{path}: 'hold' must be 'held' or 'interpolated', not {hold!r}")
+    return Reality(base, effects, hold)
 
 
 def _values(entries: Any, place: str) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from fieldmodels.diagnosis.result import (
     number,
 )
 from fieldmodels.diagnosis.use import Simulation, picture, table
+from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.named import with_named
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
@@ -256,6 +257,7 @@ class Diagnosis:
         return {
             "schema": 1,
             "model": self.model,
+            **({"hold": self.machine.hold} if isinstance(self.machine, Declaration) else {}),
             "parameters": {name: e.to_json() for name, e in self.parameters.items()},
             "effects": {
                 name: {key: e.to_json() for key, e in values.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
@@ -268,6 +269,13 @@ class Declaration(Model):
         del last
         columns = [recording[s.name] for s in self.inputs] or [np.zeros(len(recording))]
         return np.column_stack(columns).astype(np.float64)
+
+    def held_as(self, hold: Hold) -> Self:
+        """The same machine with inputs that are held or interpolated between samples."""
+        result = copy(self)
+        result.hold = hold
+        result.__dict__.pop("driver", None)  # it runs the machine that it was made for
+        return result
 
     def between(self, commands: FloatArray, refine: int) -> FloatArray:
         """Commands on a finer grid, held or interpolated as the machine's inputs are."""

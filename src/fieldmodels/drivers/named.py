@@ -186,6 +186,8 @@ def flown(
     """
     reality = parse_reality(source, model)
     around = with_named(model, reality.effects)
+    if reality.hold and isinstance(around, Declaration):
+        around = around.held_as("interpolated" if reality.hold == "interpolated" else "held")
     if where is not None and isinstance(around, Surrounded):
         where.check(model.name, around.stock)
     return around, read_reality(reality, around)
