@@ -25,6 +25,14 @@ class DiagnosisOptions:
         same_gain: Two sets are told apart by more than so many nats, or
         same_p: by less if the difference is steady over the blocks: the p-value below which it is.
         beaten_by: Nats by which a curve must beat what is named to take its place.
+        beaten_p: p-value of the paired test over blocks that it does, from which on it may.
+        above: Times a sensor's white noise. If the first output's error stays above it and the names do not
+            explain most of that error, they are only possible. If nothing is named, something is missing if a
+            curve of the motion brings what it must at
+        likely_p: this p-value (curves of a sensor and of time fit its coloured noise), or if the error is
+        far: so many times the white noise. Pink noise, no fault of the machine, reached 3.5 in pendulums and
+            4.9 in a robot's heading over 2 s, its best curve of the motion p = 0.12; a pendulum moved by hand
+            reaches 75, a bang-bang swing-up 3.3 with p = 0.06.
         most: Share of what a curve explains that a name must explain to stay beside a curve of the rest:
             wrong names of a cubic and of a lagging sensor explained 0.6 of it.
         rare_gain: Nats of a curve that acts in few windows only; then four times the curve level will do.
@@ -43,6 +51,10 @@ class DiagnosisOptions:
     same_gain: float = 6.0
     same_p: float = 0.05
     beaten_by: float = 3.0
+    beaten_p: float = 0.1
+    above: float = 3.0
+    likely_p: float = 0.1
+    far: float = 6.0
     most: float = 0.75
     rare_gain: float = 40.0
     most_causes: int = 4

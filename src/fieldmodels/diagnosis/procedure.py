@@ -232,14 +232,18 @@ def _found(
     causes = with_alternatives(causes, selection, judged)
     before = predict(testing, selection.base.fit.parameters)
     after = predict(testing, judged.kept.fit.parameters) if causes else before
-    beyond_noise = not testing.model.random_force and far_from_noise(testing, after, bool(causes))
+    options = candidates.options
+    beyond_noise = not testing.model.random_force and far_from_noise(
+        testing, after, bool(causes), options.above
+    )
     if causes and beyond_noise and not mostly_explained(testing, before, after):
         # What is missing is larger than what was found: a part of it may be imitated.
         possible, causes, after = (*possible, *causes), (), before
         judged = judge(candidates, selection.base, selection.base)
     scored, certain = judged.curves, True
     if not scored and beyond_noise:
-        scored, certain = most_likely(judged.tried, judged.kept), False
+        far = far_from_noise(testing, after, bool(causes), options.far)
+        scored, certain = most_likely(judged.tried, judged.kept, far, options), False
     unknown = bool(mistaken) or (not causes and bool(scored))
     causes = (*causes, *(() if unknown else quantisation_found(train, testing, after)))
     return _Found(

@@ -19,9 +19,6 @@ from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import Cause, MissingCurve, Verdict
 from fieldmodels.diagnosis.selection import block_p_value
 
-FAR = 3.0  # times the noise: a larger error must have a cause, even if no test finds one
-BEATEN_P = 0.1  # of the paired test over blocks that a rival is better
-
 
 @dataclass(frozen=True)
 class Judgement:
@@ -85,9 +82,20 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     return Judgement(kept, beside, _with_formulas(beside, kept, left), twin if not beaten else None, beaten)
 
 
-def most_likely(tried: Curves, kept: Candidate) -> tuple[Scored, ...]:
-    """The best curve, significant or not, for an error that is known to be above the noise."""
-    return tuple(tried.judge(kept)[:1])
+def most_likely(tried: Curves, kept: Candidate, far: bool, options: DiagnosisOptions) -> tuple[Scored, ...]:
+    """The best curve for an error above the white noise; none if coloured noise of a sensor may be all of it.
+
+    Args:
+        tried: The curves.
+        kept: What they stand beside.
+        far: Whether the error is so large that something must be missing, significant or not.
+        options: Thresholds.
+    """
+    judged = tried.judge(kept)
+    if far:
+        return tuple(judged[:1])
+    moving = [s for s in judged if s.curve.place != "sensor" and s.curve.over != "time"]
+    return tuple(s for s in moving if s.total > tried.needed and s.p_value < options.likely_p)[:1]
 
 
 def verdict_of(causes: Sequence[Cause], curves: Sequence[MissingCurve]) -> Verdict:
@@ -97,14 +105,14 @@ def verdict_of(causes: Sequence[Cause], curves: Sequence[MissingCurve]) -> Verdi
     return "unknown" if curves else "consistent"
 
 
-def far_from_noise(testing: Problem, after: Prediction, named: bool) -> bool:
-    """Whether an error is so far above its sensor's noise that something must be missing.
+def far_from_noise(testing: Problem, after: Prediction, named: bool, times: float) -> bool:
+    """Whether an error is more than some times above its sensor's white noise.
 
     Where effects are named the first output decides, else any.
     """
     outputs = np.unique(testing.outputs)
     return any(
-        bool(after.rmse()[j] > FAR * noise_floor(testing, after, int(j)))
+        bool(after.rmse()[j] > times * noise_floor(testing, after, int(j)))
         for j in (outputs[:1] if named else outputs)
     )
 
@@ -179,7 +187,8 @@ def _beats(
 ) -> bool:
     better = named.loss - rival.loss
     lead = named.total + burden - rival.total
-    return lead > options.beaten_by and block_p_value(better + burden / len(better), blocks) < BEATEN_P
+    p = block_p_value(better + burden / len(better), blocks)
+    return lead > options.beaten_by and p < options.beaten_p
 
 
 def _as_good(

@@ -31,6 +31,8 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 IntArray = NDArray[np.int64]
 
 POSE, WHEELS = ("x", "y", "heading"), ("left_wheel", "right_wheel")
+MOVING = 3.0
+"""Times their noise: wheels that turn by less explain no motion (a gain would be too small by a ninth)."""
 DRIVEN_BY_WHEELS = "driven by measured wheels"
 """Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
 
@@ -121,7 +123,20 @@ class PoseReaching(Model):
         if not wheels or self.compared != POSE + WHEELS:
             return (Stage(self, names),)
         motion, drive = (type(self)(self.wheels, compared=group) for group in (POSE, WHEELS))
+        if self._at_rest(recordings):
+            # What reduces the wheels' noise, such as a slip, would be taken for a cause.
+            return (Stage(drive, before),)
         return Stage(motion, AFTER_THE_WHEELS), Stage(drive, before)
+
+    def _at_rest(self, recordings: Sequence[Recording]) -> bool:
+        """Whether the measured wheels hardly show more than their noise."""
+        for recording in recordings:
+            for signal in self.outputs[len(POSE) :]:
+                values = recording[signal.name]
+                white = float(np.std(np.diff(values, 2))) / np.sqrt(6.0)
+                if np.sqrt(np.mean(values**2)) > MOVING * max(signal.noise, white):
+                    return False
+        return True
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``; headings are continuous within a window."""
