@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
-from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.candidates import Candidates, _parameter_starts
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.drivers.rates import pace, rate_size, white_noise
 from fieldmodels.machine import held_inputs
@@ -80,6 +80,19 @@ def test_a_shaking_force_is_sought_where_it_is_whatever_the_pace(bench):
     expected = 0.7 * BENCHES[bench][0]
     found = scaled(bench, record).scales.frequencies
     assert min(abs(f / expected - 1) for f in found) < 2e-2
+
+
+@pytest.mark.parametrize("bench", ["a resonance of grams", "a table-top rig", "slower than anyone waits"])
+def test_lines_are_sought_around_the_resonance_whatever_the_pace(bench):
+    record, _ = oscillation(bench)
+    model, resonance = scaled(bench, record), BENCHES[bench][0]
+    problem = build(model, [record], model.horizons[1])
+    effect = model.effect("periodic_force")
+    k = [p.name for p in effect.parameters].index("frequency")
+    sought = np.array(_parameter_starts(problem, effect, k))
+    near = sought[(sought > 0.5 * resonance) & (sought < 1.5 * resonance)]
+    assert len(near) > 10
+    assert np.max(np.diff(near)) < 0.1 * resonance
 
 
 @pytest.mark.parametrize("radians", [0.01, 0.3, 0.7])

@@ -29,7 +29,9 @@ MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took f
 LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
-MAX_FREQUENCIES = 1000  # half a spectral line apart, from the lowest
+FREQUENCIES = 0.1, 5.0  # sought, in cycles of the main horizon, which follows the machine's pace
+USUAL = 0.5  # the same of a resonance
+MAX_FREQUENCIES = 1000  # half a spectral line apart, those nearest to the usual one
 CLEAR = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
 EXTRAPOLATED = 5.0  # nats above its fitted loss from which on a window's held-out one is simulated
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as identifiable
@@ -383,9 +385,12 @@ def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[floa
     if parameter.unit == "Hz" and not (large and parameter.starts):
         duration = max(np.ptp(p.windows.recording.time) for p in problem.parts)
         step = min(p.windows.recording.step for p in problem.parts)
-        grid = np.arange(max(1 / duration, 0.2), min(10.0, 0.4 / step), 0.5 / duration)
+        cycle = problem.model.horizons[min(1, len(problem.model.horizons) - 1)]
+        low, high = (share / cycle for share in FREQUENCIES)
+        grid = np.arange(max(1 / duration, low), min(high, 0.4 / step), 0.5 / duration)
         inside = grid[(grid > parameter.lower) & (grid < parameter.upper)]
-        return tuple(sorted({*inside[:MAX_FREQUENCIES].tolist(), *parameter.starts}))
+        nearest = np.argsort(np.abs(np.log(inside * cycle / USUAL)), kind="stable")[:MAX_FREQUENCIES]
+        return tuple(sorted({*inside[nearest].tolist(), *parameter.starts}))
     if parameter.starts:
         return parameter.starts
     if not parameter.smooth and parameter.unit == "s":
