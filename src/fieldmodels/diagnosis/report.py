@@ -247,9 +247,7 @@ def _curves(diagnosis: Diagnosis) -> str:
     words = [_curve_words(curve) for curve in diagnosis.curves]
     note = "With two standard errors; what the refitted base parameters take up is not in it."
     if diagnosis.not_runnable:
-        note += (
-            f" Not in extended.yaml, as the machine does not know it: {', '.join(diagnosis.not_runnable)}."
-        )
+        note += f" Not in extended.yaml: {'; '.join(diagnosis.not_runnable)}."
     return f"<h2>What no listed effect explains</h2><p>{' '.join(words)}</p>" + html.figure(figure, note)
 
 

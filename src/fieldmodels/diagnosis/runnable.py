@@ -10,6 +10,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.result import Estimate, MissingCurve
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.named import curve_name
+from fieldmodels.effects.curves import SIZE
 from fieldmodels.model import Model
 
 KNOTS = 17  # odd, so that a curve of a size has one where the sign changes
@@ -25,44 +26,45 @@ def runnable(
         curves: The curves.
 
     Returns:
-        Values of every effect that can be run, as ``extended.yaml`` has them, and the curves that cannot: of
-        a variable that the machine itself does not know, such as the rate of a rate.
+        Values of every effect that can be run, as ``extended.yaml`` has them, and the curves that
+        cannot, each with the reason.
     """
     effects: dict[str, dict[str, Estimate]] = {}
     left = []
     for curve in curves:
         found = _machine_effect(model, curve) if isinstance(model, Declaration) else _signal_effect(curve)
-        if found is None:
-            left.append(curve.direction)
+        if isinstance(found, str):
+            left.append(f"{curve.direction} ({found})")
         else:
             effects[found[0]] = dict(found[1])
     return effects, tuple(left)
 
 
-def _signal_effect(curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | None:
-    """Around a model that simulates by itself: a sensor's error over what it measures."""
+def _signal_effect(curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | str:
+    """Around a model that simulates by itself: a sensor's error over what it measures; or why not."""
     if curve.place != "sensor" or curve.over != curve.target:
-        return None
+        return "around a model that simulates by itself only a sensor's error over what it measures can act"
     return f"{curve.target}_curve", _values(curve, curve.over_unit, mirrored=False)
 
 
-def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | None:
+def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | str:
+    """A curve as an effect of a machine; or why it cannot run."""
     known = {*(s.name for s in (*machine.states, *machine.inputs)), "time"}
     target = curve.target
     if curve.place == "force":
         target = machine.forces[0].velocity if machine.forces else ""
     if not target or curve.place == "odds":
-        return None
+        return "a machine has no place where it could act"
     over, mirrored = curve.over, curve.over.startswith("size of ")
     variables = [_state(machine, v) for v in over.removeprefix("size of ").split(" times ")]
     plain = [v.removeprefix("size of ") for v in variables]
-    if not set(plain) <= known:
-        return None
+    if unknown := [v for v in plain if v not in known]:
+        # An acceleration follows from the forces: one that depends on it would make their equation implicit.
+        return f"{' and '.join(unknown)} is neither a state nor an input nor the time"
     if len(plain) == 1:
         return curve_name(curve.place, target, plain[0]), _values(curve, curve.over_unit, mirrored)
-    if plain == variables:
-        return curve_name(curve.place, target, "*".join(plain)), _values(curve, curve.over_unit, mirrored)
-    return None
+    factors = [v if v == p else f"{SIZE}{p}" for v, p in zip(variables, plain, strict=True)]
+    return curve_name(curve.place, target, "*".join(factors)), _values(curve, curve.over_unit, False)
 
 
 def _state(machine: Declaration, variable: str) -> str:

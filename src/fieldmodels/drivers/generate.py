@@ -28,7 +28,7 @@ from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
 from fieldmodels.drivers.duals import DUAL
 from fieldmodels.effects import sensors
-from fieldmodels.effects.curves import Curve
+from fieldmodels.effects.curves import SIZE, Curve
 
 HERE = Path(__file__).parent
 LANES = 16
@@ -242,6 +242,7 @@ def _curve(machine: Declaration, c: Curve, start: int, stop: int) -> dict[str, A
     outputs = [s.name for s in machine.outputs]
     names = {name: f"u{i}" for i, name in enumerate(inputs)} | {n: f"s{i}" for i, n in enumerate(states)}
     names["time"] = "t"
+    names |= {f"{SIZE}{name}": f"abs({word})" for name, word in names.items()}
     words = [" * ".join(names[word.strip()] for word in over.split("*")) for over in c.over]
     call = f"curve_{'on_curve' if len(words) == 1 else 'on_table'}({', '.join(words)}, crv[{start}:{stop}])"
     velocities = [f.velocity for f in machine.forces]

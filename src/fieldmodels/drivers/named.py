@@ -17,7 +17,7 @@ from fieldmodels.drivers.around import KINDS, Surrounded
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.stepped import TAKES_TIME, Channels, Stepped, make_signals, show_all
 from fieldmodels.effects import actuators, changes, sensors
-from fieldmodels.effects.curves import Curve, curve
+from fieldmodels.effects.curves import SIZE, Curve, curve
 from fieldmodels.effects.stock import Stock
 from fieldmodels.model import Model, ModelError
 from fieldmodels.names import did_you_mean
@@ -148,7 +148,7 @@ def with_curves(machine: Declaration, effects: Mapping[str, Any]) -> Declaration
             curve of this machine is left to the machine's own check.
     """
     variables = [*(s.name for s in (*machine.states, *machine.inputs)), "time"]
-    variables += [f"{a}*{b}" for a in variables for b in variables if a != b]
+    variables += [f"{a}*{size}{b}" for a in variables for b in variables if a != b for size in ("", SIZE)]
     targets = {
         "force": [f.velocity for f in machine.forces],
         "sensor": [s.name for s in machine.outputs],

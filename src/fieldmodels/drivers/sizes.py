@@ -10,7 +10,7 @@ import numpy as np
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.rates import centred, pace, rate_size, rms, white_noise
 from fieldmodels.drivers.windows import without_noise
-from fieldmodels.effects.curves import Curve
+from fieldmodels.effects.curves import SIZE, Curve
 from fieldmodels.effects.stock import Sizes, Stock
 from fieldmodels.model import Signal
 from fieldmodels.recording import Recording
@@ -95,11 +95,15 @@ def _range(machine: Declaration, variable: str, recordings: Sequence[Recording])
     for recording in recordings:
         columns = []
         for name in (word.strip() for word in variable.split("*")):
-            position = positions.get(name, "")
-            if name in recording:
-                columns.append(recording[name])
+            plain = name.removeprefix(SIZE)
+            position = positions.get(plain, "")
+            if plain in recording:
+                values = recording[plain]
             elif position in recording:
-                columns.append(np.gradient(without_noise(recording, position), recording.step))
+                values = np.gradient(without_noise(recording, position), recording.step)
+            else:
+                continue
+            columns.append(values if plain == name else np.abs(values))
         products.append(np.prod(columns, axis=0) if columns else np.zeros(0))
     values = np.concatenate(products)
     low, high = (float(q) for q in np.quantile(values, [0.05, 0.95])) if len(values) else (-1.0, 1.0)

@@ -17,6 +17,8 @@ from fieldmodels.model import Effect, ModelError, Parameter, Where
 
 KNOTS = 8
 GRID = 4
+SIZE = "size_of_"
+"""Before a factor of a variable that counts by its size: ``velocity*size_of_position``."""
 WHERE: dict[str, Where] = {
     "actuator": "actuator",
     "force": "force",

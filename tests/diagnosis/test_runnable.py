@@ -1,0 +1,49 @@
+"""Which curves an extended simulation runs with, and why the others cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from fieldgym.bench import as_env
+from fieldmodels.diagnosis.result import MissingCurve
+from fieldmodels.diagnosis.runnable import runnable
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+RIG = get_model("rig")
+
+
+def missing(over: str) -> MissingCurve:
+    """A force that falls in proportion to a variable, from -0.2 to 0.2."""
+    at = np.linspace(-0.2, 0.2, 9)
+    return MissingCurve(
+        "force", "", over, "1", "N", np.column_stack([at, -300.0 * at, 0.1 + 0.0 * at]), 1e-9, 50.0
+    )
+
+
+def test_a_velocity_times_the_size_of_a_position_runs_as_scipy_says():
+    effects, left = runnable(RIG, [missing("velocity times size of position")])
+    assert not left
+    reality = {name: {key: e.value for key, e in values.items()} for name, values in effects.items()}
+    force = 8.0 * np.sign(np.sin(np.arange(200) * 0.05))
+    log = synthesise(RIG, reality, {"force": force}, rng=np.random.default_rng(0), noise=False)
+    m, c, k = RIG.nominal[:3]
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        push = force[min(int(t / 0.01 + 1e-9), 199)] - 300.0 * np.clip(y[1] * abs(y[0]), -0.2, 0.2)
+        return [y[1], (push - c * y[1] - k * y[0]) / m]
+
+    truth = solve_ivp(rates, (0.0, 1.99), [0.0, 0.0], t_eval=np.arange(200) * 0.01, max_step=2e-3).y[0]
+    plain = synthesise(RIG, {}, {"force": force}, rng=np.random.default_rng(0), noise=False)["position"]
+    assert np.abs(truth - plain).max() > 0.01
+    assert np.abs(log["position"] - truth).max() < 0.01 * np.abs(truth - plain).max()
+    env = as_env("rig", reality=reality)
+    env.reset(seed=1)
+    assert np.isfinite(env.step(np.ones(1, np.float32))[0]).all()
+
+
+def test_a_curve_of_an_acceleration_does_not_run_and_says_why():
+    effects, left = runnable(RIG, [missing("rate of velocity")])
+    assert not effects
+    assert left == ("rate of velocity (rate of velocity is neither a state nor an input nor the time)",)
