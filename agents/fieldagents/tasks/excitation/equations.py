@@ -189,13 +189,20 @@ def _rank_correlation(a: Floats, b: Floats) -> Statistic:
 
 
 EQUATIONS = (
-    Reproducible("equations", "Equations (4), (9) to (16)", equations),
+    Reproducible("equations", "Equations (4), (9) to (16)", equations, processor_s=(1, 1)),
     Reproducible(
         "condition-number",
         "Convergence under information and under the condition number",
         condition_number,
         quick={"episodes": 60},
+        processor_s=(75, 24),
     ),
-    Reproducible("weightings", "Which reward ranks motions by their error", weightings, quick={"seeds": 12}),
+    Reproducible(
+        "weightings",
+        "Which reward ranks motions by their error",
+        weightings,
+        quick={"seeds": 12},
+        processor_s=(48, 24),
+    ),
 )
 """In the order of presentation."""

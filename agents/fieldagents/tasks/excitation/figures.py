@@ -342,12 +342,14 @@ FIGURES = (
         "The 22 unknowns under constant and adaptive excitation (with Figs 7 to 10)",
         table_1,
         quick={"episodes": 60},
+        processor_s=(42, 14),
     ),
     Reproducible(
         "table-2",
         "Five unknowns without an accelerometer (with Figs 11 to 13)",
         table_2,
         quick={"episodes": 60},
+        processor_s=(36, 12),
     ),
     *EQUATIONS,
 )

@@ -18,6 +18,7 @@ from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, share_of
 from fieldagents.task import Reproducible, Reproduction
 from fieldagents.tasks.heel_strike.basics import BASICS
+from fieldagents.tasks.heel_strike.gait import GAIT
 from fieldagents.tasks.heel_strike.sweeps import DECAY, SOURCE, SWEEPS, Seed
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise
@@ -165,6 +166,7 @@ def figure_2_12(
 
 FIGURES = (
     *BASICS,
+    *GAIT,
     Reproducible(
         "figure-2.10",
         "Ranger's estimator under gyro noise and under collision noise (with Fig 2.9)",
