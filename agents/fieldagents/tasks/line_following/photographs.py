@@ -7,6 +7,7 @@ the light, the sensor adds a pedestal, the exposure a gain (`fieldmodels...param
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -255,31 +256,23 @@ def figure_3_13(
     floor = np.ones_like(mask)
     floor[:, camera.width // 2 - 10 : camera.width // 2 + 10] = False
     taken: dict[tuple[float, str], list[NDArray[np.uint8]]] = {}
-    for k, light in enumerate(lights):
-        progress(f"light {light:g}", k / len(lights))
-        for tape in ("duvetyne", "duvetyne_wide"):
-            view = make_view(camera, tape, lighting=Lighting(light=light), colour=True)
-            renderer = Renderer(straight(), camera, view)
-            taken[light, tape] = [renderer.image((20.0, 0.0, 0.0), 20.0, key) for key in range(frames)]
+    for k, (light, tape) in enumerate(product(lights, ("duvetyne", "duvetyne_wide"))):
+        progress(f"light {light:g}", k / len(lights) / 2)
+        view = make_view(camera, tape, lighting=Lighting(light=light), colour=True)
+        renderer = Renderer(straight(), camera, view)
+        taken[light, tape] = [renderer.image((20.0, 0.0, 0.0), 20.0, key) for key in range(frames)]
     kept = [taken[light, "duvetyne"][0] for light in lights if light >= min(lights[:2])]
     # section 3.4.2: a threshold for each component, from photos in several lights; the seam is neither
     chosen = tuple(
         calibrate([np.where(mask | floor, image[..., c], 165) for image in kept], [mask] * len(kept))
         for c in range(3)
     )
+    found = {key: [line_position(one, camera, chosen)[1] for one in shots] for key, shots in taken.items()}
     rows: list[dict[str, Any]] = []
-    found: dict[tuple[float, str], list[bool]] = {}
     for light, (left, right) in zip(lights, panels, strict=True):
-        for tape in ("duvetyne", "duvetyne_wide"):
-            found[light, tape] = [line_position(one, camera, chosen)[1] for one in taken[light, tape]]
         first = taken[light, "duvetyne"][0]
-        left.imshow(first)
-        left.set_axis_off()
         left.set_title(f"light {light:g}", loc="left", fontsize=10)
-        for c, name in enumerate(("red", "green", "blue")):
-            right.hist(first[..., c].ravel(), bins=np.arange(0, 257, 4), histtype="step", color=name)
-            right.axvline(chosen[c], color=name, linestyle=":")
-        right.set_yscale("log")
+        _components(left, right, first, chosen)
         rows.append(
             {
                 "light": light,
@@ -318,6 +311,16 @@ def figure_3_13(
             },
         },
     )
+
+
+def _components(left: Axes, right: Axes, image: NDArray[np.uint8], chosen: tuple[float, ...]) -> None:
+    """Draw an image, and its components' histograms with their thresholds."""
+    left.imshow(image)
+    left.set_axis_off()
+    for c, name in enumerate(("red", "green", "blue")):
+        right.hist(image[..., c].ravel(), bins=list(range(0, 257, 4)), histtype="step", color=name)
+        right.axvline(chosen[c], color=name, linestyle=":")
+    right.set_yscale("log")
 
 
 LAMPS: Mapping[str, tuple[float, float, float]] = {
