@@ -20,9 +20,11 @@ from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.comparison import mean_interval
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.progress import Report
+from fieldagents.reproduce.statistics import exact, mean_of, share_of
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Reproducible, Reproduction
 from fieldagents.tasks.pose_reaching.agents import POINTS, SEED, Driver, nine_paths, table_driver
+from fieldagents.tasks.pose_reaching.extensions import EXTENSIONS
 from fieldagents.tasks.pose_reaching.path_memory.least_time import LeastTime, Resolution, Task
 from fieldagents.tasks.pose_reaching.path_memory.matrices import EXAMPLE_ANGLE, Floats, Integers
 from fieldagents.tasks.pose_reaching.path_memory.memory import PathMemory, States
@@ -78,10 +80,14 @@ class Drive:
     arrived: bool
 
     @property
+    def away_paths(self) -> Integers:
+        """The paths of the winners farther than 0.4 m from the ball."""
+        return np.asarray(self.paths[np.hypot(*self.poses[:-1, :2].T) > MERGED])
+
+    @property
     def switches(self) -> int:
         """How often, farther than 0.4 m from the ball, the winner came from another path than before."""
-        away = np.hypot(*self.poses[:-1, :2].T) > MERGED
-        return int((np.diff(self.paths[away]) != 0).sum())
+        return int((np.diff(self.away_paths) != 0).sum())
 
 
 def figures_5_3_to_5_9(
@@ -125,6 +131,7 @@ def figures_5_3_to_5_9(
     axes.set_title("Fig 5.9: training paths in blue, generated paths in red", fontsize=9, loc="left")
     figures["figure-5.9"] = figure
     changes = [drive.switches for drive in drives]
+    same = [float(np.mean(drive.away_paths == drive.paths[0])) for drive in drives]
     straight = rows[0]["straight until [m from the ball]"]
     return Reproduction(
         "Training paths and generated paths of the path memory",
@@ -140,6 +147,18 @@ def figures_5_3_to_5_9(
             f"Figs 5.5 to 5.7: the path changes {', '.join(map(str, changes[1:4]))} times on the way, each "
             f"time with a bump. Fig 5.8: {changes[4]} times.",
         ),
+        {
+            "states": exact(len(states)),
+            "drives that arrive": exact(sum(drive.arrived for drive in drives)),
+            "Fig 5.4: straight until, over the starting distance": exact(
+                straight / np.hypot(*SAMPLES["5.4"][0])
+            ),
+            **{f"Fig {n}: changes of path": exact(c) for n, c in zip(SAMPLES, changes, strict=True)},
+            **{
+                f"Fig {n}: share of its way on its first path": exact(s)
+                for n, s in zip(SAMPLES, same, strict=True)
+            },
+        },
     )
 
 
@@ -169,6 +188,7 @@ def rules(
     }
     teachers: tuple[Teacher, ...] = ("graceful", "dubins")
     rows: list[dict[str, Any]] = []
+    statistics = {}
     total = len(readings) * len(teachers)
     for teacher in teachers:
         memories = {name: PathMemory(nine_paths(teacher, SETTINGS), one) for name, one in readings.items()}
@@ -178,6 +198,7 @@ def rules(
             for starts in ("T1", "T2", "T3"):
                 result = _played(_agent(memory), episodes, starts)
                 row[f"success on {starts} [%]"] = _share(result["success"])
+                statistics[f"arrivals, {starts}, {teacher}, {name}"] = share_of(result["success"])
                 row[f"time over Dubins, {starts}"] = float(result["time_ratio"].mean())
             rows.append(row)
     return Reproduction(
@@ -189,6 +210,7 @@ def rules(
             "The text contradicts itself about what theta and omega are; bearing and direction are the only "
             "pair that works.",
         ),
+        statistics=statistics,
     )
 
 
@@ -263,7 +285,8 @@ def own_training_data(
     episodes: Episodes = 200,
 ) -> Reproduction:
     """Success and time against how long the robot babbled and practised, ideal and faulty robots."""
-    rows = []
+    rows: list[dict[str, Any]] = []
+    statistics = {}
     cases = [
         (robot, seconds, rounds)
         for robot in ("ideal", "faulty", "faulty, data of the ideal one")
@@ -280,6 +303,10 @@ def own_training_data(
             )
             results.append(_played(table_driver("own_data", "", SETTINGS, table), episodes, reality=reality))
         success = [100 * result["success"].mean() for result in results]
+        every = pd.concat(results)
+        case = f"{robot}, {seconds} s, {rounds} rounds"
+        statistics[f"arrivals, {case}"] = share_of(every["success"])
+        statistics[f"time over Dubins, {case}"] = mean_of(every["time_ratio"].dropna())
         rows.append(
             {
                 "robot": robot,
@@ -309,6 +336,7 @@ def own_training_data(
             f"{seeds} training seeds, {episodes} test episodes each, T3, strict, walls in force.",
             "Faulty: turns 30 % too little (yaw slip) and hears commands 0.1 s late.",
         ),
+        statistics=statistics,
     )
 
 
@@ -468,10 +496,30 @@ FIGURES = (
         "figure-5.9",
         "Training paths and generated paths of the path memory (Figs 5.3 to 5.9)",
         figures_5_3_to_5_9,
+        processor_s=(1.6, 1.6),
     ),
-    Reproducible("rules", "The path memory with one rule changed at a time", rules),
-    Reproducible("paths", "Success against the number of training paths", number_of_paths),
-    Reproducible("own-data", "The robot that makes its own training data (section 5.4)", own_training_data),
-    Reproducible("ceiling", "How near the ceiling is to the least time possible", ceiling),
+    *EXTENSIONS,
+    Reproducible(
+        "rules", "The path memory with one rule changed at a time", rules, {"episodes": 60}, (23, 7)
+    ),
+    Reproducible(
+        "paths",
+        "Success against the number of training paths",
+        number_of_paths,
+        {"seeds": 2, "episodes": 60, "most": 15},
+    ),
+    Reproducible(
+        "own-data",
+        "The robot that makes its own training data (section 5.4)",
+        own_training_data,
+        {"seeds": 1, "episodes": 60},
+        (17, 3),
+    ),
+    Reproducible(
+        "ceiling",
+        "How near the ceiling is to the least time possible",
+        ceiling,
+        {"episodes": 60, "finest": 2},
+    ),
 )
 """In the order of presentation."""
