@@ -58,14 +58,6 @@ def test_a_number_outside_its_interval_or_not_finite_is_refused(bad):
         Statistic(*bad)
 
 
-@pytest.mark.parametrize("success", [0.0, 1.0])
-@pytest.mark.parametrize("count", [7, 300, 2000])
-def test_a_share_of_none_or_all_lies_within_its_interval(success, count):
-    share = share_of(np.full(count, success))
-    assert share.low <= share.value <= share.high
-    assert 0 < share.high - share.low < 0.4
-
-
 def decided(*numbers, holds=(0.0, 1.0), expected="reproduced"):
     readings = {f"reading {i}": Ours("run", "x") for i in range(len(numbers))}
     claim = Claim("x", ("Fig 1",), "it", holds=holds, ours=readings, depends_on="both", expected=expected)
@@ -134,16 +126,13 @@ def test_the_page_of_the_documentation_is_current():
     assert (folder / "ledger.md").read_text() == pages.page()
 
 
-<<<<<<< HEAD
 FIGURES = {
     "line_following": [*(f"Fig 3.{k}" for k in range(1, 18)), "eq (3.1)"],
     "uav_route": [*(f"Fig 4.{n}" for n in range(1, 7)), "Table 4.1", "Table 4.2"],
     "heel_strike": [f"Fig 2.{i}" for i in range(1, 24)],
+    "pose_reaching": [f"Fig 5.{i}" for i in range(1, 11)],
     "excitation": [*(f"Fig {i}" for i in range(1, 14)), "Table I", "Table II"],
 }
-=======
-FIGURES: dict[str, list[str]] = {"pose_reaching": [f"Fig 5.{n}" for n in range(1, 11)]}
->>>>>>> 28bfd4d (Chapter 5 in the ledger: 30 claims, its worked example, crossing paths, bumps, a human teacher and the omnidirectional robot)
 """Numbered figures and tables of each source that the ledger covers; a source enters with its last claim."""
 
 

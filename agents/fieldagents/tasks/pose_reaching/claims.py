@@ -146,6 +146,7 @@ CLAIMS = (
         },
         depends_on="whether poses are mirrored, which the text does not say",
         expected="depends",
+        remark='"Unnecessary due the symmetric nature of the field": if a robot on the left is mirrored.',
     ),
     Claim(
         "no-state-is-near",

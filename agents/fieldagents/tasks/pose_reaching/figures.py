@@ -507,6 +507,7 @@ FIGURES = (
         "Success against the number of training paths",
         number_of_paths,
         {"seeds": 2, "episodes": 60, "most": 15},
+        (87, 6),
     ),
     Reproducible(
         "own-data",
@@ -520,6 +521,7 @@ FIGURES = (
         "How near the ceiling is to the least time possible",
         ceiling,
         {"episodes": 60, "finest": 2},
+        (50, 11),
     ),
 )
 """In the order of presentation."""
