@@ -153,7 +153,6 @@ def figure_3_11(
 
     names = ("duvetyne", "shurtape", "masking", "gaffer")
     chart = np.array([*(float(np.mean(TAPES[name].reflectance)) for name in names), 0.3])
-    shown: dict[str, NDArray[np.float64]] = {}
     rows = []
     for k in range(photos):
         progress("photographs", k / photos)
@@ -162,7 +161,6 @@ def figure_3_11(
         # section 3.4.1: the lightest level just right of the darkest peak, middle grey just left of it
         black, white = 0.5 * middle[0], 1.25 * middle[0]
         altered = np.clip(255.0 * (levels - black) / (white - black), 0.0, 255.0)
-        shown = {"Fig 3.11": levels, "Fig 3.12": altered}
         rows.append(
             {
                 "five peaks": float(peaks(levels) == 5),
@@ -172,12 +170,16 @@ def figure_3_11(
         )
     table = pd.DataFrame(rows)
     figure = Figure(figsize=(9, 5))
-    for row, (name, levels) in zip(figure.subplots(2, 2, width_ratios=(1, 2)), shown.items(), strict=True):
-        row[0].imshow(np.hstack([p.reshape(SIDE, SIDE) for p in levels]), cmap="gray", vmin=0, vmax=255)
+    shown = (("Fig 3.11", levels, (0.0, 255.0)), ("Fig 3.12", altered, (black, white)))
+    for row, (name, picture, ends) in zip(figure.subplots(2, 2, width_ratios=(1, 2)), shown, strict=True):
+        row[0].imshow(np.hstack([p.reshape(SIDE, SIDE) for p in picture]), cmap="gray", vmin=0, vmax=255)
         row[0].set_axis_off()
         row[1].hist(np.log2(np.maximum(levels.ravel(), 1.0)), bins=200, color=INK)
+        for end in ends:
+            row[1].axvline(np.log2(max(end, 1.0)), color=RED)
         row[1].set_yticks([])
-        row[1].set_title(f"{name}: a division is a doubling", loc="left", fontsize=10)
+        row[1].set_title(f"{name}: black and white in red", loc="left", fontsize=10)
+        row[1].set_xlabel("level as taken, in powers of two")
     figure.tight_layout()
     return Reproduction(
         "Four tapes in one photograph, as taken and with altered levels",
