@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from fieldagents import demo
+from fieldagents.claim import Claim, Ours
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import evaluate
 from fieldagents.evaluation.config import EvaluateConfig
+from fieldagents.reproduce import ledger as books
 from fieldagents.reproduce import reproduce
+from fieldagents.reproduce.pages import write_page
 from fieldagents.task import get_task
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
@@ -85,6 +88,26 @@ def test_reproduction_report(open_page, tmp_path: Path):
     reproduce("heel_strike/figure-2.12", tmp_path, ["strides=50"])
     words = check_page(open_page(tmp_path / "report.html"), figures=1)
     assert "Fig 2.12" in words
+
+
+def test_ledger(open_page, tmp_path: Path, monkeypatch):
+    """Verdicts come before claims and pictures; a run that fails is on the page."""
+    claims = get_task("heel_strike").claims
+    chosen = [claims[name] for name in ("ranger", "best-decay", "shallow-minimum")]
+    broken = Claim("x", ("Fig 0",), "It runs.", "1", (0, 1), Ours("figure-2.21", "x"))
+    monkeypatch.setattr(books, "claims_of", lambda _task: [("heel_strike", c) for c in (*chosen, broken)])
+    page = write_page(books.decide(tmp_path, quick=True), tmp_path)
+    words = check_page(open_page(page), figures=1)
+    for text in (
+        "reproduced",
+        "refuted",
+        "not computable",
+        "failed",
+        "1 not as expected",
+        "ours must be 308 to 358",
+    ):
+        assert text in words
+    assert words.index("verdict") < words.index("Fig 2.12")
 
 
 @pytest.mark.parametrize("verdict", REALITIES)
