@@ -225,12 +225,13 @@ def _silent_figure(column: dict[str, FloatArray], strikes: NDArray[np.intp]) -> 
 
 
 BASICS = (
-    Reproducible("figure-2.3", "A gyro at rest", figure_2_3, quick={"records": 4}),
+    Reproducible("figure-2.3", "A gyro at rest", figure_2_3, quick={"records": 4}, processor_s=(2, 1)),
     Reproducible(
         "figure-2.8",
         "A pendulum without noise (Figs 2.7, 2.8, 2.11, section 2.4.2)",
         figures_2_7_2_8_and_2_11,
+        processor_s=(1, 1),
     ),
-    Reproducible("numbers", "Arithmetic in the text", numbers_in_the_text),
+    Reproducible("numbers", "Arithmetic in the text", numbers_in_the_text, processor_s=(0.1, 0.1)),
 )
 """In the order of presentation."""

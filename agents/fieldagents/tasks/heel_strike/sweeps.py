@@ -456,28 +456,42 @@ SWEEPS = (
         "Model or sensor: the best share of each under process noise (Figs 2.13 to 2.15)",
         figures_2_13_to_2_15,
         quick={"strides": 1500},
+        processor_s=(7, 4),
     ),
     Reproducible(
         "figure-2.16",
         "Model or sensor: the best share of each under sensor noise (Figs 2.16 and 2.17)",
         figures_2_16_and_2_17,
         quick={"strides": 1500},
+        processor_s=(7, 4),
     ),
     Reproducible(
-        "figure-2.18", "How much of the geometry to take at a strike", figure_2_18, quick={"strides": 1500}
+        "figure-2.18",
+        "How much of the geometry to take at a strike",
+        figure_2_18,
+        quick={"strides": 1500},
+        processor_s=(6, 3),
     ),
     Reproducible(
         "figure-2.19",
         "The best decay of the gyro filter over all kinds of noise",
         figure_2_19,
         quick={"strides": 100},
+        processor_s=(50, 16),
     ),
     Reproducible(
         "figure-2.20",
         "The best model-based against the best sensor-based estimator (Figs 2.20 to 2.23)",
         figures_2_20_to_2_23,
         quick={"levels": 2, "strides": 200, "tests": 12},
+        processor_s=(54, 15),
     ),
-    Reproducible("section-2.7", "What a model gains", section_2_7, quick={"strides": 3000, "tests": 150}),
+    Reproducible(
+        "section-2.7",
+        "What a model gains",
+        section_2_7,
+        quick={"strides": 3000, "tests": 150},
+        processor_s=(14, 6),
+    ),
 )
 """In the order of presentation."""
