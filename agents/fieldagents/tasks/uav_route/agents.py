@@ -43,8 +43,8 @@ NODES = 10
 """Nodes of the lattice along the straight line."""
 LATTICE_LEG = 5.0
 """Smallest spacing of the lattice [km]."""
-WORK = 20_000
-"""Largest number of the solver's steps for one program: half a minute or so, whatever the clock says."""
+WORK = 150_000
+"""Largest number of the solver's steps for one program: minutes at most, whatever the clock says."""
 SIGHT = 500.0
 """Distance at which ``receding`` sees a radar [km]."""
 WORTH = 1.0

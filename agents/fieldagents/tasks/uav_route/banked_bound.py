@@ -34,13 +34,16 @@ from fieldmodels.compiled import compiled
 from fieldmodels.machines.uav_route.parameters import Layout, LegRules, World
 
 GRID = 1.0
-"""Between radii, and between distances of a leg from the radar [km]; turns are allowed as much too near."""
+"""Between radii [km]; turns are allowed as much too near, legs may be as much too short."""
+PASSING = 1.0
+"""Between the distances in which legs pass the radar [km]."""
 LEGS = 60
 """Largest number of legs: the environment's ``max_legs``."""
 LEVEL_IN, LEVEL_OUT, BANK_IN, BANK_OUT = 1, 2, 4, 8
-STEEPLY, PAST, INWARDS = 0, 1, 2
-"""Courses before a turn: outwards, on a line through the circle or past it; and inwards."""
-CLASSES = 3
+OUTWARDS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.7, 0.95, 1.0)
+"""Classes of courses away from the radar before a turn, by how far from it they pass at least [circles]."""
+PAST, INWARDS, CLASSES = 7, 8, 9
+"""The last of them, which may pass the radar; courses towards it; number of classes."""
 
 
 @dataclass(frozen=True)
@@ -49,21 +52,24 @@ class _Legs:
 
     Attributes:
         radius: Radii [km], shape (n,).
-        around: Which rows may pass the radar, outside the circle in which it sees the side, shape (m,).
+        course: Class of the rows' courses away from the radar, shape (m,).
         first: Column at which each row begins, shape (m,).
         root: Distance to the place next to the radar [km], shape (m, n).
         angle: Bearing relative to that place [rad], shape (m, n).
         allowed: Bits, shape (m, n): level towards the radar, level away from it, and the same two in a bank.
-        bank: Longest leg that only a bank hides, by the class of the course before it [km], shape (3, n).
+        bank: Longest leg that only a bank hides, less what its own slope takes off, by the class of the
+            course before it [km], shape (classes, n).
+        per_radian: Length of a bank by its turn [km/rad].
     """
 
     radius: FloatArray
-    around: NDArray[np.bool_]
+    course: NDArray[np.int64]
     first: NDArray[np.int64]
     root: FloatArray
     angle: FloatArray
     allowed: NDArray[np.uint8]
     bank: FloatArray
+    per_radian: float
 
 
 def banked_bound(layout: Layout, world: World, least_leg: float = LegRules.least_leg) -> float:
@@ -92,8 +98,8 @@ def _about(start: FloatArray, goal: FloatArray, world: World, least_leg: float) 
 
     def value(charge: float) -> float:
         cost = _cheapest(
-            charge, int(at[0]), int(at[1]), legs.around, legs.first, legs.root, legs.angle, legs.allowed,
-            legs.bank, max(least_leg - GRID, 0.0),
+            charge, int(at[0]), int(at[1]), legs.course, legs.first, legs.root, legs.angle, legs.allowed,
+            legs.bank, legs.per_radian, max(least_leg - GRID, 0.0),
         )  # fmt: skip
         return cost + charge * angle
 
@@ -120,7 +126,7 @@ def _legs(start: float, goal: float, world: World, least_leg: float) -> _Legs:
     circle = limits_of(world).side
     far = max(limits_of(world).banked_side, start, goal) + GRID
     radius = np.unique([*np.arange(min(start, goal, circle), far, GRID), start, goal, circle, far])
-    passing = np.unique([*np.arange(0.0, circle, GRID), *np.arange(circle, far, GRID)])
+    passing = np.unique([*np.arange(0.0, circle, PASSING), *np.arange(circle, far, PASSING)])
     sine = passing[:, None] / radius
     reached = sine <= 1.0
     slope = np.arcsin(np.minimum(sine, 1.0))
@@ -135,18 +141,19 @@ def _legs(start: float, goal: float, world: World, least_leg: float) -> _Legs:
         bits |= np.where(radius + GRID >= np.interp(course, azimuths, least), banked, 0).astype(np.uint8)
     hidden = azimuths[(least <= circle + GRID) & (azimuths < 0.5 * math.pi)].max(initial=NOSE)
     bank = np.empty((CLASSES, len(radius)))
-    bank[STEEPLY] = bank_length(world, math.pi - NOSE)
-    tangent = np.arcsin(np.minimum(circle / radius, 1.0))
-    bank[PAST] = [bank_length(world, max(math.pi - a - NOSE, 0.0)) for a in tangent]
+    for c, passed in enumerate(OUTWARDS):
+        slopes = np.arcsin(np.minimum(passed * circle / radius, 1.0))
+        bank[c] = [bank_length(world, math.pi - a) for a in slopes]
     bank[INWARDS] = _hidden_after_inwards(hidden, world, least_leg)
     return _Legs(
         radius=radius,
-        around=passing >= circle - 1e-9,
+        course=np.searchsorted(np.array(OUTWARDS) * circle, passing + 1e-9, side="right") - 1,
         first=np.argmax(reached, axis=1),
         root=np.sqrt(np.maximum(radius**2 - passing[:, None] ** 2, 0.0)),
         angle=np.arccos(np.minimum(sine, 1.0)),
         allowed=np.where(reached, bits, 0).astype(np.uint8),
         bank=bank,
+        per_radian=bank_length(world, 1.0),
     )
 
 
@@ -166,8 +173,9 @@ def _hidden_after_inwards(steepest_hidden: float, world: World, least_leg: float
 
 @compiled
 def _cheapest(
-    charge: float, start: int, goal: int, around: NDArray[np.bool_], first: NDArray[np.int64],
-    root: FloatArray, angle: FloatArray, allowed: NDArray[np.uint8], bank: FloatArray, least: float,
+    charge: float, start: int, goal: int, course: NDArray[np.int64], first: NDArray[np.int64],
+    root: FloatArray, angle: FloatArray, allowed: NDArray[np.uint8], bank: FloatArray, per_radian: float,
+    least: float,
 ) -> float:  # fmt: skip
     """Least length less charge times angle from start to goal, without a turn at the start.
 
@@ -186,7 +194,7 @@ def _cheapest(
     for _ in range(LEGS):
         before = cost.copy()
         for i in range(len(root)):
-            _level(i, charge, goal, around[i], first[i], root, angle, allowed, least, cost, inwards, outwards)
+            _level(i, charge, goal, course[i], first[i], root, angle, allowed, least, cost, inwards, outwards)
             begun = min(begun, inwards[start], outwards[start])
             for j in range(first[i], n):
                 bits = allowed[i, j]
@@ -195,8 +203,8 @@ def _cheapest(
                 )
                 for c in range(CLASSES):
                     cost[c, j] = min(cost[c, j], turned)
-                if shown[i] and bits & BANK_IN and root[i, j] - root[i, shown[i] - 1] <= bank[STEEPLY, j]:
-                    _hidden(i, j, charge, first[i], root, angle, allowed, bank, cost)
+                if shown[i] and bits & BANK_IN and root[i, j] - root[i, shown[i] - 1] <= bank[0, j]:
+                    _hidden(i, j, charge, first[i], root, angle, allowed, bank, per_radian, cost)
         if (cost == before).all():
             break
     return begun
@@ -204,13 +212,12 @@ def _cheapest(
 
 @compiled
 def _level(
-    i: int, charge: float, goal: int, around: bool, first: int, root: FloatArray, angle: FloatArray,
+    i: int, charge: float, goal: int, after: int, first: int, root: FloatArray, angle: FloatArray,
     allowed: NDArray[np.uint8], least: float, cost: FloatArray, inwards: FloatArray, outwards: FloatArray,
 ) -> None:  # fmt: skip
     """The best that level legs of one distance from the radar make of each radius they begin at."""
     n = root.shape[1]
     inwards[:first], outwards[:first] = math.inf, math.inf
-    after = PAST if around else STEEPLY
     best, past, k = math.inf, math.inf, n - 1
     for j in range(n - 1, first - 1, -1):
         g = root[i, j] - charge * angle[i, j]
@@ -221,7 +228,7 @@ def _level(
             best = min(best, cost[after, k] + root[i, k] - charge * angle[i, k])
             k -= 1
         outwards[j] = best - g if allowed[i, j] & (LEVEL_OUT | BANK_OUT) else math.inf
-    past = past if around else math.inf
+    past = past if after == PAST else math.inf
     best = math.inf
     for j in range(first, n):
         g = root[i, j] - charge * angle[i, j]
@@ -235,16 +242,17 @@ def _level(
 @compiled
 def _hidden(
     i: int, j: int, charge: float, first: int, root: FloatArray, angle: FloatArray,
-    allowed: NDArray[np.uint8], bank: FloatArray, cost: FloatArray,
+    allowed: NDArray[np.uint8], bank: FloatArray, per_radian: float, cost: FloatArray,
 ) -> None:  # fmt: skip
     """Legs towards the radar that only their bank hides, from column j on."""
-    k, shown, longest = j, False, bank[:, j].max()
+    own = per_radian * (0.5 * math.pi - angle[i, j])  # the new course is this far from the radial
+    k, shown, longest = j, False, bank[0, j] - own
     g = root[i, j] - charge * angle[i, j]
     while k >= first and allowed[i, k] & (LEVEL_IN | BANK_IN) and root[i, j] - root[i, k] <= longest + GRID:
         shown = shown or not allowed[i, k] & LEVEL_IN
         if shown and k < j:
             total = g - root[i, k] + charge * angle[i, k] + cost[INWARDS, k]
             for c in range(CLASSES):
-                if root[i, j] - root[i, k] <= bank[c, j] + (GRID if bank[c, j] > 0.0 else 0.0):
+                if bank[c, j] > 0.0 and root[i, j] - root[i, k] <= bank[c, j] - own + GRID:
                     cost[c, j] = min(cost[c, j], total)
         k -= 1

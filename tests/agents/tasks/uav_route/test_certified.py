@@ -68,7 +68,7 @@ def test_a_bank_hides_what_level_flight_shows_and_the_bound_knows_it(monkeypatch
     at, off = np.array([350.0]), np.array([math.radians(35.0)])
     assert probability_seen(World(), at, off)[0] > 0.5
     assert min(probability_seen(World(), at, off, b)[0] for b in (-math.pi / 4, math.pi / 4)) < 0.5
-    drawn = layout(6)
+    drawn = layout(99)
     own = banked_bound(drawn, World())
     legs = module._legs
 
