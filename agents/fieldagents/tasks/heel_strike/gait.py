@@ -211,9 +211,5 @@ GAIT = (
         quick={"strides": 600},
         processor_s=(8, 5),
     ),
-        gait,
-        quick={"strides": 600},
-        processor_s=(7, 5),
-    ),
 )
 """In the order of presentation."""
