@@ -69,7 +69,7 @@ class Plan:
         waypoints: North and east of start, waypoints and goal [km], shape (n, 2); (0, 2) without a plan.
         durations: Time of each leg [s], shape (n - 1,); None at the aircraft's speed.
         verification: What the continuous model says; None without a plan.
-        lower_bound: No path that is nowhere detected is shorter [km], bank ignored; NaN where not known.
+        lower_bound: No path that is nowhere detected is shorter [km], bank ignored (see ``lower_bound``).
     """
 
     planner: str
@@ -92,7 +92,7 @@ class Plan:
 
     @property
     def excess(self) -> float:
-        """Length over the lower bound, less one; negative only if the path is somewhere detected."""
+        """Length over the lower bound, less one; negative if the path is somewhere detected, or hidden by a bank."""
         return self.length / self.lower_bound - 1.0
 
 
