@@ -22,6 +22,8 @@ DRAWN = {
         "noise_fraction": ((0.02, 0.5), {}),
         "bits": ((5, 15), {}),
         "decisions": ((2, 4), {}),
+        "reward": (("bits", "relative_error"), {}),
+        "weights": (((1.0, 1.0, 1.0, 1.0, 1.0), (0.0, 1.0, 0.0, 0.0, 0.0)), {}),
     },
     "heel_strike": {
         "gyro": ((0.0041, 0.5), {}),
