@@ -4,8 +4,8 @@ Outside the circle in which the side is seen, any heading is allowed. Inside it,
 about 30 degrees of the nose or 20 of the tail, so that each radius gained or lost allows only so much angle:
 along the limit the path is a logarithmic spiral, and where a straight line keeps within it, that line.
 
-It is the length that results are divided by. A bank hides what level flight shows between 30 and 39 degrees from
-the nose, for as long as it lasts, so that a route may be shorter by up to 0.2 %: ``banked_bound`` knows that.
+It is the length that results are divided by. A bank hides what level flight shows between 30 and 39 degrees
+from the nose, for as long as it lasts: a route may be shorter by up to 0.2 %, which ``banked_bound`` knows.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ class Plan:
 
     @property
     def excess(self) -> float:
-        """Length over the lower bound, less one; negative if the path is somewhere detected, or hidden by a bank."""
+        """Length over the lower bound, less one; negative if it is detected, or hidden by a bank."""
         return self.length / self.lower_bound - 1.0
 
 
