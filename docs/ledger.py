@@ -44,7 +44,7 @@ def page() -> str:
         INTRODUCTION,
         f"**{len(claims)} claims**: " + ", ".join(f"{n} {v}" for v, n in counts.most_common()),
     ]
-    parts.append(".\n")
+    parts.append(f".\n\n{_figures(claims)}\n")
     for task in all_tasks():
         rows = [one for one in claims if one.task == task.name]
         if rows:
@@ -53,6 +53,21 @@ def page() -> str:
             )
             parts += map(_row, rows)
     return "".join(parts)
+
+
+def _figures(claims: Iterable[Decided]) -> str:
+    """How many of the sources' numbered figures and tables are decided, in a sentence."""
+    verdicts: dict[tuple[str, str], set[str]] = {}
+    for one in claims:
+        for place in one.claim.where:
+            if place.startswith(("Fig ", "Table ")):
+                verdicts.setdefault((one.task, place), set()).add(verdict_of(one))
+    idle = sum(found == {"not computable"} for found in verdicts.values())
+    open_ = sum(bool(found & {"undecided", "failed"}) for found in verdicts.values())
+    return (
+        f"Of {len(verdicts)} figures and tables {len(verdicts) - idle} hold something to compute; of these "
+        f"{len(verdicts) - idle - open_} are decided."
+    )
 
 
 def verdict_of(one: Decided) -> str:

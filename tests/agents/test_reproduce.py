@@ -62,6 +62,7 @@ def test_the_command_lists_and_prints_json(tmp_path):
     listed = json.loads(run("--json").stdout)["entries"]
     assert [entry["name"] for entry in listed] == list(reproducible())
     assert "heel_strike/figure-2.12" in run().stdout
+    assert "…" not in run().stdout
     done = run("heel_strike/figure-2.12", "--set", "strides=50", "--out", tmp_path / "new", "--json")
     result = json.loads(done.stdout, parse_constant=pytest.fail)
     assert len(result["table"]) == 20

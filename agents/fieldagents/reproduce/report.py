@@ -175,7 +175,10 @@ def show_reproducible(known: Mapping[str, Reproducible], console: Console) -> No
     from rich import box
     from rich.table import Table
 
-    table = Table("name", "what it is", "processor s", "options", box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("name", no_wrap=True)
+    for name in ("what it is", "processor s", "options"):
+        table.add_column(name, overflow="fold")
     for name, entry in known.items():
         options = "\n".join(f"{option}={default}" for option, default in entry.options.items())
         seconds = f"{entry.processor_s[0]:.0f}" if entry.processor_s else "?"

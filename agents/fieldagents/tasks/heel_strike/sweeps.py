@@ -483,8 +483,8 @@ SWEEPS = (
         "figure-2.20",
         "The best model-based against the best sensor-based estimator (Figs 2.20 to 2.23)",
         figures_2_20_to_2_23,
-        quick={"levels": 2, "strides": 200, "tests": 12},
-        processor_s=(54, 15),
+        quick={"levels": 2, "strides": 400, "tests": 20},
+        processor_s=(54, 20),
     ),
     Reproducible(
         "section-2.7",
