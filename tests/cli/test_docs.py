@@ -98,7 +98,7 @@ def test_shipped_training_configs_load(path):
 
     config = load_config(path, TrainConfig)
     assert config.task == path.parent.name
-    assert path.stem.startswith(config.algorithm)
+    assert path.stem.startswith((config.algorithm, "student"))
 
 
 def test_the_page_of_realities_names_every_stock_effect():
