@@ -34,7 +34,7 @@ def test_the_interval_over_runs_and_episodes_covers_the_mean_of_the_algorithm(ru
     for _ in range(1000):
         common = rng.gamma(2.0, 0.5, 50)
         scores = {"a": drawn(rng, runs, 50, spread, 0.1, common), "b": drawn(rng, 1, 50, 0.0, 0.0, common)}
-        (pair,) = all_pairs(scores, ERROR)
+        (pair,) = all_pairs(scores, ERROR, {"a"})
         hits += pair.ci95[0] < 0.1 < pair.ci95[1]
         assert pair.of_algorithms
     assert 0.92 <= hits / 1000 <= 0.985
@@ -58,7 +58,7 @@ def test_equal_agents_are_seldom_told_apart_however_many_pairs_there_are():
     for _ in range(300):
         common = rng.gamma(2.0, 0.5, 40)
         scores = {name: drawn(rng, 1, 40, 0.0, 0.0, common) for name in "abcdef"}
-        wrong += any(pair.verdict != "cannot tell" for pair in all_pairs(scores, ERROR))
+        wrong += any(pair.verdict != "cannot tell" for pair in all_pairs(scores, ERROR, ()))
     assert wrong / 300 < 0.08
 
 
@@ -71,21 +71,24 @@ def test_holm_by_hand():
 
 def test_shares_that_always_agree_keep_a_width():
     success = Metric("success", "1", "successes", "success", lower_is_better=False, binary=True)
-    (pair,) = all_pairs({"a": np.ones((1, 50)), "b": np.ones((1, 50))}, success)
+    (pair,) = all_pairs({"a": np.ones((1, 50)), "b": np.ones((1, 50))}, success, ())
     assert pair.verdict == "cannot tell"
     assert pair.ci95[0] < 0 < pair.ci95[1]
     mixed = np.ones((1, 50))
     mixed[0, :20] = 0
-    (pair,) = all_pairs({"a": np.ones((1, 50)), "b": mixed}, success)
+    (pair,) = all_pairs({"a": np.ones((1, 50)), "b": mixed}, success, ())
     assert pair.verdict == "better"
 
 
 def test_few_runs_speak_for_themselves_and_few_episodes_not_at_all():
     rng = np.random.default_rng(4)
     scores = {"a": drawn(rng, 3, 40, 0.0), "b": drawn(rng, 1, 40, 0.0, 3.0)}
-    (pair,) = all_pairs(scores, ERROR)
+    (pair,) = all_pairs(scores, ERROR, {"a"})
     assert (pair.verdict, pair.of_algorithms) == ("better", False)
-    (pair,) = all_pairs({name: x[:, :19] for name, x in scores.items()}, ERROR)
+    single = {"a": scores["a"][:1], "b": drawn(rng, 5, 40, 0.0, 3.0)}
+    assert not all_pairs(single, ERROR, {"a", "b"})[0].of_algorithms
+    assert all_pairs(single, ERROR, {"b"})[0].of_algorithms  # a has nothing to train
+    (pair,) = all_pairs({name: x[:, :19] for name, x in scores.items()}, ERROR, {"a"})
     assert (pair.verdict, pair.ci95) == ("insufficient", None)
 
 
@@ -118,7 +121,7 @@ def test_an_episode_that_lacks_a_value_is_left_out_of_the_pairs_it_is_in():
     scores = scores_of(frame, ERROR)
     assert scores["a"].shape == (2, 30)
     assert scores["b"].shape == (1, 30)
-    (pair,) = all_pairs(scores, ERROR)
+    (pair,) = all_pairs(scores, ERROR, ())
     assert pair.verdict == "better"
     expected = scores["a"][:, 5:].mean() - scores["b"][:, 5:].mean()
     assert pair.difference == pytest.approx(expected)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -69,15 +69,19 @@ def scores_of(episodes: pd.DataFrame, metric: Metric) -> dict[str, Floats]:
     }
 
 
-def all_pairs(scores: Mapping[str, Floats], metric: Metric) -> tuple[Pair, ...]:
+def all_pairs(scores: Mapping[str, Floats], metric: Metric, learned: Collection[str]) -> tuple[Pair, ...]:
     """Compare every agent with every other; verdicts are corrected for their number.
 
     Args:
         scores: See `scores_of`.
         metric: Which score it is.
+        learned: Agents that were trained; with fewer than ``MIN_RUNS`` runs they stand for themselves alone.
     """
-    names = list(scores)
-    found = [(a, b, *_difference(scores[a], scores[b], metric.binary)) for a, b in combinations(names, 2)]
+    found = []
+    for a, b in combinations(scores, 2):
+        runs = [len(scores[name]) for name in (a, b) if name in learned]
+        of_algorithms = bool(runs) and min(runs) >= MIN_RUNS
+        found.append((a, b, *_difference(scores[a], scores[b], metric.binary, of_algorithms), of_algorithms))
     corrected = holm([p for *_, p, _ in found])
     return tuple(
         Pair(a, b, difference, interval, p, _verdict(difference, p, metric), of_algorithms)
@@ -140,31 +144,29 @@ def leading(agents: list[str], pairs: tuple[Pair, ...]) -> list[str]:
 
 
 def _difference(
-    agent: Floats, other: Floats, binary: bool
-) -> tuple[float | None, Interval | None, float | None, bool]:
-    """Mean difference, its interval, its p, and whether runs count as random."""
+    agent: Floats, other: Floats, binary: bool, runs_are_random: bool
+) -> tuple[float | None, Interval | None, float | None]:
+    """Mean difference, its interval, and its p."""
     means = [np.nanmean(x, axis=0) if len(x) > 1 else x[0] for x in (agent, other)]
     both = ~(np.isnan(means[0]) | np.isnan(means[1]))
-    runs = [len(x) for x in (agent, other)]
-    random = all(n == 1 or n >= MIN_RUNS for n in runs) and max(runs) > 1
     if not both.any():
-        return None, None, None, random
+        return None, None, None
     by_episode = (means[0] - means[1])[both]
     difference, n = float(by_episode.mean()), len(by_episode)
     if n < MIN_EPISODES:
-        return difference, None, None, random
+        return difference, None, None
     parts = [(_variance(by_episode, binary) / n, n - 1)]
-    for x in (agent, other) if random else ():
+    for x in (agent, other) if runs_are_random else ():
         if len(x) > 1:
             of_runs = np.nanmean(x[:, both], axis=1)
             parts.append((float(np.var(of_runs, ddof=1)) / len(x), len(x) - 1))
     error = float(np.sqrt(sum(part for part, _ in parts)))
     if error == 0.0:
-        return difference, (difference, difference), float(difference == 0.0), random
+        return difference, (difference, difference), float(difference == 0.0)
     freedom = error**4 / sum(part**2 / degrees for part, degrees in parts)  # Welch and Satterthwaite
     half = float(stats.t.ppf(0.975, freedom)) * error
     p = 2 * float(stats.t.sf(abs(difference) / error, freedom))
-    return difference, (difference - half, difference + half), p, random
+    return difference, (difference - half, difference + half), p
 
 
 def _variance(differences: Floats, binary: bool) -> float:

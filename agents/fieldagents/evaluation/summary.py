@@ -175,7 +175,8 @@ def summarise(
     first = get_task(task).metrics[0]
     parts = {str(name): part for name, part in episodes.groupby("scenario", sort=False)}
     rows = {name: summarise_scenario(part, task, baseline, labels) for name, part in parts.items()}
-    return rows, {name: all_pairs(scores_of(part, first), first) for name, part in parts.items()}
+    learned = [agent for agent, label in labels.items() if label.learned]
+    return rows, {name: all_pairs(scores_of(part, first), first, learned) for name, part in parts.items()}
 
 
 def summarise_scenario(
