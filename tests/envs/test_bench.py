@@ -65,7 +65,7 @@ def test_an_episode_is_what_the_model_predicts_of_its_record(reality):
     assert (np.abs(predicted - nominal).max() > 1e-2) == (reality != "nominal")
 
 
-@pytest.mark.parametrize("machine", ["rig", "pendulum", "propeller_arm", Motor])
+@pytest.mark.parametrize("machine", ["rig", "pendulum", "propeller_arm", "servo", Motor])
 def test_the_contract_of_gymnasium(machine):
     env = as_env(machine if isinstance(machine, str) else machine(), SETTINGS)
     check_env(env, skip_render_check=True)

@@ -26,6 +26,7 @@ MODELS = (
     "rig",
     "pendulum",
     "propeller_arm",
+    "servo",
     "differential_drive",
     "pose_reaching",
     "line_following",
@@ -33,7 +34,7 @@ MODELS = (
     "heel_strike",
     "excitation",
 )
-RECORDED = {"propeller_arm": "pendulum", "differential_drive": "pose_reaching"}
+RECORDED = {"propeller_arm": "pendulum", "servo": "rig", "differential_drive": "pose_reaching"}
 """Whose exam records the data of a model that has no exam of its own."""
 STEPS = 25
 SLOW = {

@@ -88,11 +88,12 @@ class Unknown(Machine):
         return input.push - np.arctan(p.drag * state.speed)
 
 
-MACHINES = {"rig": None, "pendulum": None, "propeller_arm": None, "axis": Axis, "cart": Cart}
+MACHINES = {"rig": None, "pendulum": None, "propeller_arm": None, "servo": None, "axis": Axis, "cart": Cart}
 SIZES = {
     "rig": (8.0, (0.05, 0.3)),
     "pendulum": (0.8, (0.5, 2.0)),
     "propeller_arm": (0.3, (0.5, 2.0)),
+    "servo": (0.5, (0.5, 2.0)),
     "axis": (3.0, (0.3, 0.8)),
     "cart": (1.0, (0.5, 0.5, 1.0)),
     "unknown": (1.0, (0.4,)),

@@ -15,7 +15,7 @@ def test_a_model_goes_by_the_name_of_its_file_or_folder(name):
 
 
 def test_the_tasks_machines_and_the_benches_are_there():
-    assert set(model_names()) >= {"rig", "pendulum", "propeller_arm", "heel_strike", "uav_route"}
+    assert set(model_names()) >= {"rig", "pendulum", "propeller_arm", "servo", "heel_strike", "uav_route"}
 
 
 def test_asking_for_one_imports_no_other():
