@@ -79,7 +79,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the config, as in `--set a.b=1e-3`."),
 ]
-ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file.", show_default=False)]
+ConfigPath = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CONFIG",
+        help="YAML file, or the name of a shipped one: `heel_strike/ppo`.",
+        show_default=False,
+    ),
+]
 
 
 def _version(show: bool) -> None:
@@ -141,7 +148,7 @@ def train(
 
         fieldgym train configs/heel_strike/ppo.yaml
 
-        fieldgym train configs/heel_strike/ppo.yaml --seed 2 --set steps=2e5
+        fieldgym train heel_strike/ppo --seed 2 --set steps=2e5
 
         fieldgym train configs/heel_strike/ppo.yaml --resume runs/heel_strike/ppo-1a2b3c4d
     """

@@ -154,11 +154,30 @@ def check_task(name: str) -> str:
 C = TypeVar("C", bound=BaseModel)
 
 
+def shipped_configs() -> Path:
+    """Folder of the configs that come with the package."""
+    installed = Path(__file__).parent / "configs"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs"  # in a checkout
+
+
+def find_config(path: Path) -> Path:
+    """The file of a config: the path itself or, where there is none, the shipped one of that name.
+
+    Args:
+        path: A file, or a name such as ``heel_strike/ppo`` or ``configs/heel_strike/ppo.yaml``.
+    """
+    if path.exists() or path.is_absolute():
+        return path
+    name = Path(*path.parts[1:]) if path.parts[:1] == ("configs",) else path
+    shipped = shipped_configs() / name.parent / f"{name.name.removesuffix('.yaml')}.yaml"
+    return shipped if shipped.is_file() else path
+
+
 def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
     """Load a YAML file and check it whole.
 
     Args:
-        path: The file.
+        path: The file, or the name of a shipped one; see `find_config`.
         kind: The config class that says which keys there are.
         overrides: ``"a.b=value"`` each; the value is YAML, so ``1e-3``, ``[a, b]`` and ``off`` mean there
             what they mean in the file.
@@ -166,6 +185,7 @@ def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
     Raises:
         ConfigError: With every mistake at once, each as ``file:line: key: what, did you mean``.
     """
+    path = find_config(path)
     try:
         data = load_yaml(path)
     except YamlError as error:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from fieldagents.config import Config, ConfigError, Name, load_config
+from fieldagents.config import Config, ConfigError, Name, find_config, load_config, shipped_configs
 
 
 class Inner(Config):
@@ -139,3 +139,17 @@ def test_a_binary_file_is_not_a_config(tmp_path):
     path.write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
     (problem,) = problems(path)
     assert "not a text file" in problem
+
+
+def test_a_shipped_config_is_found_by_its_name_from_anywhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    own = Path("heel_strike/ppo.yaml")
+    shipped = shipped_configs() / own
+    assert shipped.is_file()
+    for name in ("heel_strike/ppo", "heel_strike/ppo.yaml", "configs/heel_strike/ppo.yaml"):
+        assert find_config(Path(name)) == shipped
+    assert find_config(Path("heel_strike/nothing")) == Path("heel_strike/nothing")
+    assert find_config(tmp_path / own) == tmp_path / own
+    own.parent.mkdir()
+    own.write_text("name: mine\n")
+    assert find_config(own) == own  # a file of one's own comes first
