@@ -405,11 +405,10 @@ def exam(
         fieldgym exam --cases 600 --publish docs/exam.md
     """
     from fieldmodels.exam import table
-    from fieldmodels.exam.benches import bench_names
-    from fieldmodels.exam.cases import cases_of
+    from fieldmodels.exam.cases import cases_of, examined
     from fieldmodels.exam.run import run_cases
 
-    chosen = cases_of(which, machine or bench_names(), kind or (), cases)
+    chosen = cases_of(which, machine or examined(), kind or (), cases)
     folder = out or Path("results") / f"exam-{which}"
     with progress() as report:
         rows = run_cases(chosen, folder, workers=workers, progress=report)

@@ -16,7 +16,7 @@ import pytest
 from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, read
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.cases import KINDS, SHARES, cases_of
+from fieldmodels.exam.cases import KINDS, SHARES, cases_of, examined
 from fieldmodels.exam.logs import STATEMENTS, failures
 from fieldmodels.exam.run import make, run_case, run_cases
 from fieldmodels.exam.scoring import RIGHT, deviations, of_listed, of_nothing, of_silence, of_unlisted
@@ -66,11 +66,11 @@ def test_a_bench_hides_what_the_model_lists_and_beside_it_only_what_it_does_not(
 
 @pytest.mark.parametrize("which", SETS)
 def test_cases_have_keys_of_their_own_and_are_the_same_in_every_run(which: Any):
-    cases = cases_of(which, bench_names())
+    cases = cases_of(which, examined())
     assert len({case.key for case in cases}) == len(cases)
     assert {case.kind for case in cases} == set(KINDS)
     assert {case.hidden[0] for case in cases if case.kind == "log"} == set(STATEMENTS)
-    assert cases == cases_of(which, bench_names())
+    assert cases == cases_of(which, examined())
     for case in cases:
         assert json.loads(json.dumps(case.to_json())) == case.to_json()
         assert Conditions.from_json(case.to_json()["conditions"]) == case.conditions

@@ -13,7 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
-from fieldmodels.exam.benches import FIRST, Bench, Conditions, Set, get_bench
+from fieldmodels.exam.benches import FIRST, Bench, Conditions, Set, bench_names, get_bench
 from fieldmodels.exam.logs import STATEMENTS
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
@@ -97,13 +97,25 @@ def cases_of(
         if kind not in KINDS:
             raise ModelError(f"no kind of cases {kind!r}{did_you_mean(kind, KINDS)}")
     of_kind = {
-        kind: _in_turns([_grouped(KINDS[kind](get_bench(name), which)) for name in dict.fromkeys(machines)])
+        kind: _in_turns([_grouped(_made(kind, name, which)) for name in dict.fromkeys(machines)])
         for kind in chosen
     }
     numbers = {kind: len(cases) for kind, cases in of_kind.items()}
     if count is not None:
         numbers = _quotas(numbers, count)
     return [case for kind, cases in of_kind.items() for case in cases[: numbers[kind]]]
+
+
+def examined() -> tuple[str, ...]:
+    """Names of the machines that have a bench or a real log."""
+    return tuple(dict.fromkeys([*bench_names(), *(s.machine for s in STATEMENTS.values())]))
+
+
+def _made(kind: str, machine: str, which: Set) -> Iterator[Case]:
+    """Cases of a kind on a machine; one without a bench has real logs alone."""
+    if machine in bench_names() or machine not in examined():
+        return KINDS[kind](get_bench(machine), which)
+    return _logs(machine, which) if kind == "log" else iter(())
 
 
 def _in_turns(lists: Sequence[Sequence[list[Case]]]) -> list[Case]:
@@ -194,11 +206,11 @@ def _growing(bench: Bench, which: Set) -> Iterator[Case]:
             yield Case(which, bench.name, "growing", (str(name),), FIRST[which] + 5_000 + number, conditions)
 
 
-def _logs(bench: Bench, which: Set) -> Iterator[Case]:
+def _logs(machine: str, which: Set) -> Iterator[Case]:
     """Statements on real logs; the same in both sets, as there is nothing to draw."""
     for number, (name, statement) in enumerate(STATEMENTS.items()):
-        if statement.machine == bench.name:
-            yield Case(which, bench.name, "log", (name,), FIRST[which] + 6_000 + number, Conditions())
+        if statement.machine == machine:
+            yield Case(which, machine, "log", (name,), FIRST[which] + 6_000 + number, Conditions())
 
 
 KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
@@ -208,5 +220,5 @@ KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
     "triple": _triples,
     "unlisted": _unlisted,
     "growing": _growing,
-    "log": _logs,
+    "log": lambda bench, which: _logs(bench.name, which),
 }

@@ -90,6 +90,18 @@ def _emps_piece(number: int) -> Callable[[Path, Model], Pair]:
     return load
 
 
+def _joint(name: str) -> Callable[[Path, Model], Pair]:
+    """A joint of the Go2: the first half of the log to fit, the second one to measure gains on."""
+
+    def load(folder: Path, model: Model) -> Pair:
+        columns = {"t": "t", "set_point": f"{name}_setpoint:rad", "position": f"{name}_position:rad"}
+        whole = load_recording(folder / "traj_0.csv", model, columns)
+        half = len(whole) // 2
+        return [cut(whole, 0, half)], [cut(whole, half, len(whole) - half)]
+
+    return load
+
+
 def cut(recording: Recording, first: int, count: int) -> Recording:
     """Some samples of a recording."""
     rows = slice(first, first + count)
@@ -131,6 +143,12 @@ def _of_emps(answer: Answer) -> Findings:
     yield any("constant_force" in one for one in sets), "the offset is not named"
     yield not [one for one in sets if not one & (DRY | {CURVE})], "something else is named"
     yield after <= 0.15, f"0.5 s ahead it errs by {after:.3f} mm, not 0.15 mm"
+
+
+def _of_joint(answer: Answer) -> Findings:
+    before, after = answer.errors["position"]
+    yield any(one & DRY for one in _sets(answer)), "dry friction is not named"
+    yield after <= 0.5 * before, f"{100 * after / before:.0f} % of the error are left, not 50 %"
 
 
 def _of_emps_pieces(answer: Answer) -> Findings:
@@ -203,5 +221,12 @@ STATEMENTS: Mapping[str, Statement] = {
         "pose_reaching", "Yaw slips by 0.38, wheels lag by 1.2 s, a fifth of the heading's error is left.",
         "drive_ugv", _public("drive_ugv", ["warthog_even_steps"], "warthog_odd_steps"), _of_warthog,
     ),
+    **{
+        f"go2_{joint}": Statement(
+            "servo", "Dry friction is named, and half of the error goes.",
+            "go2_joints", _joint(f"FL_{joint}"), _of_joint,
+        )
+        for joint in ("hip", "thigh")
+    },
 }  # fmt: skip
 """What should be said of each log."""

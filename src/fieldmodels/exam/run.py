@@ -28,6 +28,7 @@ from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
 from fieldmodels.exam.sizes import errors, find_size, records
 from fieldmodels.files import write_text
 from fieldmodels.model import Model
+from fieldmodels.registry import get_model
 
 Row = dict[str, Any]
 Progress = Callable[[str, float], None]
@@ -117,9 +118,9 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
     """
     row: Row = case.to_json() | {"key": case.key}
     try:
-        bench = get_bench(case.machine)
         if case.kind == "log":
-            return row | _of_log(bench.model, case)
+            return row | _of_log(get_model(case.machine), case)
+        bench = get_bench(case.machine)
         row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
         return row | _examined(bench, case, row)
     except Exception as error:  # of a plant: the others go on
