@@ -7,7 +7,7 @@ wheeled and legged robots", Cornell University 2015, chapter 4 ("the dissertatio
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -40,6 +40,8 @@ from fieldmodels.machines.uav_route.parameters import (
     PRINTED,
     RADARS,
     RIGHT,
+    SECOND_UAV,
+    TEAM,
     Aircraft,
     Detection,
     Layout,
@@ -49,11 +51,13 @@ from fieldmodels.machines.uav_route.parameters import (
 )
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.machines.uav_route.state import FLYING, NUMBERS
-from fieldmodels.model import Model
+from fieldmodels.machines.uav_route.team import Team, team_names
+from fieldmodels.model import Model, ModelError
 from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
+    from fieldgym.rendering.uav_route import Picture
 
 Place = tuple[Annotated[float, Field(allow_inf_nan=False)], Annotated[float, Field(allow_inf_nan=False)]]
 
@@ -61,6 +65,34 @@ OBSERVED = 100.0
 """Bound of an observation: 10,000 km from the goal."""
 TRACED = 4.0
 """Longest time between the points of a drawn path [s]."""
+
+
+COMBINED: Mapping[str, Callable[..., Any]] = {
+    "success": np.min,
+    "damaged": np.max,
+    "time": np.max,
+    "path_length": np.sum,
+    "remaining": np.sum,
+    "time_over": np.sum,
+    "longest_detection": np.max,
+    "largest_probability": np.max,
+    "lock_losses": np.sum,
+    "legs": np.sum,
+}
+"""What ``NUMBERS`` of several aircraft say of all of them."""
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class UavEnds:
+    """Where a further aircraft flies.
+
+    Attributes:
+        start: North and east [km].
+        goal: North and east [km].
+    """
+
+    start: Place
+    goal: Place
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -71,11 +103,13 @@ class UavLayout:
         start: North and east [km].
         goal: North and east [km].
         radars: North and east of each radar [km], 1 to 4.
+        others: Start and goal of each further aircraft.
     """
 
     start: Place
     goal: Place
     radars: Annotated[tuple[Place, ...], Field(min_length=1, max_length=RADARS)]
+    others: Annotated[tuple[UavEnds, ...], Field(max_length=TEAM - 1)] = ()
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -87,7 +121,7 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
         Setting(
             "`random` draws start, goal and radars for each episode, so that an undetected route of two legs "
             "exists; `example` is the source's; or a mapping of `start`, `goal` and `radars`, each north and "
-            "east [km].",
+            "east [km], and of `others`, a list of `start` and `goal` of each further aircraft.",
             fixed="its radars shape the observation",
         ),
     ] = "random"
@@ -113,20 +147,25 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
         )
 
     @property
-    def fixed_layout(self) -> Layout | None:
-        """The layout of every episode, or None if each has its own."""
-        if isinstance(self.layout, UavLayout):
-            return Layout(self.layout.start, self.layout.goal, self.layout.radars)
-        return EXAMPLE if self.layout == "example" else None
-
-    @property
-    def rules(self) -> Rules:
-        """The rules as the ground floor takes them.
+    def rules(self) -> tuple[Rules, ...]:
+        """The rules of each aircraft as the ground floor takes them.
 
         Raises:
             ModelError: If the legs' limits or the layout are not possible.
         """
-        return part_of(self, Rules, world=self.world, layout=self.fixed_layout)
+        layouts: tuple[Layout | None, ...] = (None,) * self.aircraft
+        if isinstance(self.layout, UavLayout):
+            own = self.layout
+            ends = [(own.start, own.goal), *((other.start, other.goal) for other in own.others)]
+            layouts = tuple(Layout(start, goal, own.radars) for start, goal in ends)
+        elif self.layout == "example":
+            layouts = (EXAMPLE, SECOND_UAV)[: self.aircraft]
+        if len(layouts) != self.aircraft:
+            raise ModelError(
+                f"the layout says where {len(layouts)} aircraft fly, and aircraft={self.aircraft}: give "
+                "`others` a start and a goal for each further one, or draw layouts at random"
+            )
+        return tuple(part_of(self, Rules, world=self.world, layout=layout) for layout in layouts)
 
 
 def actions_towards(
@@ -135,20 +174,21 @@ def actions_towards(
     """Actions that fly straight to waypoints, or as far towards them as a leg may lead.
 
     Args:
-        waypoints: North and east [km], shape (batch, 2).
+        waypoints: North and east [km], shape (batch, 2); of several aircraft, (batch, aircraft, 2).
         info: The ``info`` of a batch, of which ``place`` and ``radial`` are used.
         settings: The environment's settings.
 
     Returns:
-        Actions, shape (batch, 2), float32.
+        Actions, shape (batch, 2 aircraft), float32.
     """
     ahead = np.asarray(waypoints, dtype=np.float64) - info["place"]
-    turn = np.arctan2(ahead[:, 1], ahead[:, 0]) - info["radial"]
+    turn = np.arctan2(ahead[..., 1], ahead[..., 0]) - info["radial"]
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
-    length = np.clip(np.hypot(ahead[:, 0], ahead[:, 1]), settings.least_leg, settings.longest_leg)
+    length = np.clip(np.hypot(ahead[..., 0], ahead[..., 1]), settings.least_leg, settings.longest_leg)
     spread = math.log(settings.longest_leg / settings.least_leg)
-    share = np.log(length / settings.least_leg) / spread if spread > 0.0 else np.zeros(len(length))
-    return np.column_stack([turn / np.pi, 2.0 * share - 1.0]).astype(np.float32)
+    share = np.log(length / settings.least_leg) / spread if spread > 0.0 else np.zeros_like(length)
+    actions = np.stack([turn / np.pi, 2.0 * share - 1.0], axis=-1).astype(np.float32)
+    return actions.reshape(len(actions), -1)
 
 
 def model_of(settings: UavRouteSettings) -> UavRoute:
@@ -177,16 +217,33 @@ class _UavRouteTask(BatchTask):
             ends = self.reality.extremes(around(extreme))
             check_plants(model.plant(ends[:, : len(model.names)]))
             extreme.rules  # noqa: B018 - raises if they are not possible
-        self.flights = Flights(batch, rules, model.plant(truth.typical), truth.stock)
+        plants, self._aircraft = model.plant(truth.typical), self.settings.aircraft
+        if self._aircraft == 1:
+            self.flights = Flights(batch, rules[0], plants, truth.stock)
+        elif truth.stock is None:
+            self.flights = Team(batch, rules, plants)
+        else:
+            raise ModelError(
+                "stock effects of signals act on a single aircraft: choose aircraft=1, or effects of the "
+                "model uav_route (fieldgym list) in the reality"
+            )
         self._drawing = drawing
-        self._trails: list[list[Floats]] = [[] for _ in range(batch)]
+        self._trails: list[list[Floats]] = [[] for _ in range(len(self.flights))]
         self._plan: Floats | None = None
         self._seen: Leg | None = None
 
     def spaces(self) -> tuple[Box, Box]:
         """Heading and length of a leg; where goal and radars are, and what they do."""
-        columns = len(observed_names(self.flights.rules.count))
-        return Box(-1.0, 1.0, (2,), np.float32), Box(-OBSERVED, OBSERVED, (columns,), np.float32)
+        names = observed_names if self._aircraft == 1 else team_names
+        columns = self._aircraft * len(names(self.flights.rules.count))
+        return (
+            Box(-1.0, 1.0, (2 * self._aircraft,), np.float32),
+            Box(-OBSERVED, OBSERVED, (columns,), np.float32),
+        )
+
+    def _by_episode(self, each: NDArray[Any]) -> NDArray[Any]:
+        """What is known of each flight, shape (flights, ...), by episode: of several aircraft, each's."""
+        return each if self._aircraft == 1 else each.reshape(-1, self._aircraft, *each.shape[1:])
 
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.set_reality``."""
@@ -194,7 +251,10 @@ class _UavRouteTask(BatchTask):
 
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
-        self.flights.set_rules(row, settings.rules)
+        if isinstance(self.flights, Team):
+            self.flights.set_team_rules(row, settings.rules)
+        else:
+            self.flights.set_rules(row, settings.rules[0])
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a flight."""
@@ -202,10 +262,14 @@ class _UavRouteTask(BatchTask):
 
     def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some flights."""
-        for i in rows:
+        for i in self._flights_of(rows):
             self._trails[i] = []
         self.flights.restart(rows)
         self._seen = self.flights.observe()
+
+    def _flights_of(self, rows: list[int]) -> list[int]:
+        """The flights of some episodes."""
+        return [row * self._aircraft + a for row in rows for a in range(self._aircraft)]
 
     @property
     def seen(self) -> Leg:
@@ -216,16 +280,18 @@ class _UavRouteTask(BatchTask):
 
     def observation(self) -> NDArray[Any]:
         """Goal, radars and timers."""
-        return np.clip(self.seen.observed, -OBSERVED, OBSERVED)
+        observed = self.seen.observed
+        return np.clip(observed.reshape(len(observed) // self._aircraft, -1), -OBSERVED, OBSERVED)
 
     def reset_info(self) -> Info:
         """The info that ``reset`` returns: the same as after each step."""
         return self._info(self.seen)
 
     def step(self, actions: NDArray[Any]) -> Outcome:
-        """Take every flight through one leg."""
+        """Take every flight through one leg, or several aircraft on until the first leg ends."""
         settings, flights = self.settings, self.flights.flights
-        before = flights["place"].copy(), flights["course"].copy()
+        actions = actions.reshape(-1, 2)
+        before = flights["place"].copy(), flights["course"].copy(), flights["legs"].copy()
         around = self.flights.records["progress"] == AROUND
         distance = self._around() if around.any() else None
         going = flights["over"] == FLYING
@@ -236,15 +302,21 @@ class _UavRouteTask(BatchTask):
         leg = self._seen = self.flights.advance(legs)
         if self._drawing:
             for i in np.flatnonzero(going).tolist():
-                self._trace(i, before[0][i], before[1][i])
+                self._trace(i, before[0][i], before[1][i], int(before[2][i]))
         reward = leg.reward
         if distance is not None:
             progress = self.flights.records["progress_reward"] * (distance - self._around())
             reward = reward + np.where(around, progress, 0.0)
+        terminated = leg.over != FLYING
+        if self._aircraft > 1:
+            reward, terminated = (
+                self._by_episode(reward).sum(axis=1),
+                self._by_episode(terminated).all(axis=1),
+            )
         return Outcome(
             observation=self.observation(),
             reward=reward,
-            terminated=leg.over != FLYING,
+            terminated=terminated,
             truncated=np.zeros(len(reward), dtype=np.bool_),
             info=self._info(leg),
         )
@@ -258,32 +330,49 @@ class _UavRouteTask(BatchTask):
 
     def _info(self, leg: Leg) -> Info:
         """The info."""
-        flights, count = self.flights.flights, self.flights.rules.count
+        flights, count, each = self.flights.flights, self.flights.rules.count, self._by_episode
         radars = flights["radars"][:, :count].copy()
-        others = {
-            "place": leg.places,
-            "course": np.arctan2(flights["course"][:, 1], flights["course"][:, 0]),
-            "radial": nearest_bearing(leg.places, radars),
-            "timers": flights["timers"][:, :count].copy(),
-            "detected": flights["detected"][:, :count].astype(np.float64),
-            "layout": {"start": flights["start"].copy(), "goal": flights["goal"].copy(), "radars": radars},
-            "privileged": {"place": flights["place"].copy(), **self.drawn.info},
+        others: dict[str, Any] = {
+            "place": each(leg.places),
+            "course": each(np.arctan2(flights["course"][:, 1], flights["course"][:, 0])),
+            "radial": each(nearest_bearing(leg.places, radars)),
+            "timers": each(flights["timers"][:, :count].copy()),
+            "detected": each(flights["detected"][:, :count].astype(np.float64)),
+            "layout": {
+                "start": each(flights["start"].copy()),
+                "goal": each(flights["goal"].copy()),
+                "radars": radars[:: self._aircraft],
+            },
+            "privileged": {"place": each(flights["place"].copy()), **self.drawn.info},
         }
-        return Info(NUMBERS, leg.numbers, others)
+        numbers = leg.numbers
+        if isinstance(self.flights, Team):
+            split = numbers.reshape(len(NUMBERS), -1, self._aircraft)
+            others["each"] = dict(zip(NUMBERS, split.copy(), strict=True))
+            others["leg_left"] = self.flights.legs["way"].copy()
+            others["tracked"] = self.flights.tracked[:, :count].copy()
+            numbers = np.array([COMBINED[n](of, axis=1) for n, of in zip(NUMBERS, split, strict=True)])
+        return Info(NUMBERS, numbers, others)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
-        flights = self.flights.state()
-        return {
-            "flights": flights.view(np.uint8).reshape(len(flights), -1).copy(),
-        }
+        rows = len(self.flights) // self._aircraft
+        state: dict[str, Any] = {"flights": self.flights.state().view(np.uint8).reshape(rows, -1).copy()}
+        if isinstance(self.flights, Team):
+            state["legs"] = self.flights.legs.copy().view(np.uint8).reshape(rows, -1)
+            state["tracked"] = self.flights.tracked.copy()
+        return state
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to a snapshot; what has been flown before it is not drawn any more."""
-        kind, flights = self.flights.flights.dtype, np.ascontiguousarray(state["flights"])
-        if flights.dtype != np.uint8 or flights.shape != (len(self.flights), kind.itemsize):
+        kind, given = self.flights.flights.dtype, {k: np.ascontiguousarray(state[k]) for k in self.state()}
+        own = self.state()
+        if any(v.dtype != own[k].dtype or v.shape != own[k].shape for k, v in given.items()):
             raise ValueError("not a snapshot of this environment; get_state makes one")
-        self.flights.set_state(flights.view(kind).reshape(-1))
+        self.flights.set_state(given["flights"].view(kind).reshape(-1))
+        if isinstance(self.flights, Team):
+            self.flights.legs[...] = given["legs"].view(self.flights.legs.dtype)
+            self.flights.tracked[...] = given["tracked"]
         self._trails = [[] for _ in self._trails]
         self._seen = None
 
@@ -292,48 +381,54 @@ class _UavRouteTask(BatchTask):
         points = None if plan is None else np.asarray(plan, dtype=np.float64)
         if points is not None:
             if points.ndim not in (2, 3) or points.shape[-1] != 2:
-                raise ValueError(f"a plan has shape (points, 2) or (num_envs, points, 2), not {points.shape}")
+                raise ValueError(f"a plan has shape (points, 2) or (flights, points, 2), not {points.shape}")
             points = np.broadcast_to(points, (len(self.flights), *points.shape[-2:]))
         self._plan = points
 
-    def _trace(self, i: int, start: Floats, course: Floats) -> None:
+    def _trace(self, i: int, start: Floats, course: Floats, legs: int) -> None:
         """Keep a flown leg for the picture: north, east, largest probability of detection."""
         one = self.flights.flights[i]
         if (one["place"] == start).all():
             return
-        heading = None if one["legs"] == 1 else math.atan2(course[1], course[0])
+        heading = None if legs == 0 else math.atan2(course[1], course[0])
         flown = simulate_plan(
             [start, one["place"]],
             one["radars"][: self.flights.rules.count],
-            self.drawn.settings[i].world,
+            self.drawn.settings[i // self._aircraft].world,
             heading=heading,
             step=TRACED,
         )
         self._trails[i].append(np.column_stack([flown.position, flown.probability.max(axis=1)]))
 
     def frame(self, i: int) -> Frame:
-        """Draw one flight."""
-        from fieldgym.rendering.uav_route import Picture, draw
+        """Draw one episode."""
+        from fieldgym.rendering.uav_route import draw
 
-        flights, rules = self.flights, self.drawn.settings[i].rules
+        numbers = self._info(self.seen).numbers[:, i].tolist()
+        return draw(
+            [self._picture(row) for row in self._flights_of([i])], dict(zip(NUMBERS, numbers, strict=True))
+        )
+
+    def _picture(self, i: int) -> Picture:
+        """What is drawn of one flight."""
+        from fieldgym.rendering.uav_route import Picture
+
+        flights, rules = self.flights, self.drawn.settings[i // self._aircraft].rules[0]
         one = flights.flights[i]
         trail = self._trails[i]
-        return draw(
-            Picture(
-                layout=flights.layout(i),
-                world=rules.world,
-                capture=rules.capture,
-                max_legs=rules.max_legs,
-                place=one["place"].copy(),
-                course=one["course"].copy(),
-                trail=np.concatenate(trail) if trail else np.zeros((0, 3)),
-                probability=one["probability"][: rules.count].copy(),
-                detected=one["detected"][: rules.count] == 1,
-                timers=one["timers"][: rules.count].copy(),
-                numbers=dict(zip(NUMBERS, self.seen.numbers[:, i].tolist(), strict=True)),
-                over=int(one["over"]),
-                plan=None if self._plan is None else self._plan[i],
-            )
+        return Picture(
+            layout=flights.layout(i),
+            world=rules.world,
+            capture=rules.capture,
+            max_legs=rules.max_legs,
+            place=one["place"].copy(),
+            course=one["course"].copy(),
+            trail=np.concatenate(trail) if trail else np.zeros((0, 3)),
+            probability=one["probability"][: rules.count].copy(),
+            detected=one["detected"][: rules.count] == 1,
+            timers=one["timers"][: rules.count].copy(),
+            over=int(one["over"]),
+            plan=None if self._plan is None else self._plan[i],
         )
 
 
@@ -351,6 +446,22 @@ class UavRouteEnv(TaskEnv):
     One step is one leg: straight, at 0.25 km/s, banked at its beginning for the time that the turn takes.
     The radars scan every 5 s at most.
 
+    ### Several aircraft
+
+    With `aircraft` above 1 all of them fly at once under the same radars, each from its own start to its own
+    goal. A step ends when the first leg does: at its waypoint, at the goal, or by a hit. The others are then
+    still on their legs and fly on in the next step, whatever their action says: every leg is flown whole.
+    Actions and observations are those of each aircraft in turn, one after the other.
+
+    - `tracking="each"`: every radar follows each aircraft by itself, with timers of its own. Nothing couples
+      them, as in the source's joint program: each flies as it would alone.
+    - `tracking="one"`: a radar has one state, as in figure 4.2. A free one locks on the aircraft that it
+      detects with the largest probability and overlooks all others until that lock is lost, or that flight
+      is over. What it overlooks it neither detects nor engages.
+
+    Aircraft do not collide. Stock effects of signals act on a single aircraft only; effects of the model on
+    all alike.
+
     ## Action Space
 
     `Box(-1, 1, (2,), float32)`. Values outside are clipped; others than finite numbers are refused
@@ -362,7 +473,8 @@ class UavRouteEnv(TaskEnv):
     | 1 | length of the leg | 2.5 km (`least_leg`) | 35 km | 500 km (`longest_leg`) |
 
     Headings are in units of pi, positive to the right of the radar; lengths are a geometric scale.
-    `fieldgym.uav_route.actions_towards` gives the actions that fly to waypoints on the map.
+    `fieldgym.uav_route.actions_towards` gives the actions that fly to waypoints on the map. Several aircraft:
+    `Box(-1, 1, (2 aircraft,), float32)`.
 
     ## Observation Space
 
@@ -386,12 +498,17 @@ class UavRouteEnv(TaskEnv):
     | 13-15 | lock-loss, engage and launch timer | their thresholds, at most 1 |
     | 16 | 1 if it detected the aircraft when it scanned last | 1 |
 
+    Of several aircraft, `Box(-100, 100, (aircraft * (10 + 10 radars),), float32)`: for each of them the
+    columns above, and then what is left of its leg (100 km; 0 if its action counts), 1 while it flies, and
+    for each radar, the nearest first, 1 if it follows another aircraft.
+
     ## Rewards
 
     `-length_cost` a kilometre flown, `progress_reward` a kilometre by which the goal has come nearer,
     `arrival_reward` at the goal, `-damage_cost` for a hit, `-late_cost` where no leg is left; by default 0:
     `-detection_cost` a second of being detected, `-sighting_cost` a leg on which it happens. Progress is a
-    potential's difference: its sum over an episode depends on the first and last place only.
+    potential's difference: its sum over an episode depends on the first and last place only. Of several
+    aircraft it is the sum over all; `-sighting_cost` then counts steps, and one that is over earns nothing.
 
     `info` holds after each step, and after `reset`
 
@@ -415,18 +532,32 @@ class UavRouteEnv(TaskEnv):
     | `layout` | `start`, `goal`, shape (2,), and `radars`, shape (radars, 2): north and east [km] |
     | `privileged` | `place`: where it is, which differs where a `reality` has a faulty sensor [km] |
 
+    Of several aircraft, `success` is 1 if all have arrived, `damaged` if one is hit, `time`,
+    `longest_detection` and `largest_probability` are the largest, the other numbers sums; `place`, `course`,
+    `radial`, `timers`, `detected`, `start` and `goal` have an axis of aircraft before their own, and besides
+
+    | Key | Meaning |
+    |-----|---------|
+    | `each` | the numbers from `success` to `legs` of each aircraft, shape (aircraft,) |
+    | `leg_left` | what is left of each one's leg, shape (aircraft,) [km] |
+    | `tracked` | which aircraft each radar follows, -1 for none (`each`: always), shape (radars,) |
+
     ## Starting State
 
     With `layout="random"` one radar stands in the middle of the map; the start lies 1 to 30 % outside the
     circle within which it detects an aircraft from the side, the goal mostly inside (0.69 to 0.995 of it),
     up to 60 degrees aside. Further radars leave a route of two legs undetected: no layout is hopeless.
     `layout="example"` is section 4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Layouts and
-    the luck of drawn scans depend on the seed alone, never on the actions.
+    the luck of drawn scans depend on the seed alone, never on the actions. The first of several aircraft has
+    the start, goal and luck of a single one; further ones have each a start and goal drawn likewise, with an
+    undetected route of two legs past the same radars. The example's second one starts at (-350, 125), and
+    its goal mirrors the first one's.
 
     ## Episode End
 
     Terminated on arrival (within `capture`, 5 km, of the goal, anywhere along a leg), when a missile hits,
     or when no leg is left of `max_legs`, 60: they are observed and their end is charged. Never truncated.
+    With several aircraft, each has its own `max_legs`, and the episode ends when the last flight is over.
 
     ## Arguments
 
@@ -459,6 +590,8 @@ class UavRouteEnv(TaskEnv):
     - **Deviates** where the source is wrong: a turn's side, the clamp of (4.2), axes, drawn scans, timers in
       seconds; `reading="printed"` is the source's. Its heading (4.1), that of the next leg, cannot be
       flown leg by leg. Legs have any length; its planner has steps of 50 s.
+    - **Several aircraft**: the source says of two only how large their joint program is (section 4.5.1), in
+      which each is detected by itself; that a radar follows one is a reading of figure 4.2.
     - **Assumed**, since the source is silent: speed, height, linear interpolation in Table 4.2 (in
       logarithms, which physics prefers, the example's own start would be detected side-on), the lock-loss
       thresholds (they mirror its four steps), scan interval, capture radius, layouts, number of legs, reward.
@@ -476,7 +609,7 @@ class UavRouteEnv(TaskEnv):
         """Draw an agent's plan beside the task, until the next call; no argument: nothing.
 
         Args:
-            plan: Waypoints, north and east [km], shape (points, 2).
+            plan: Waypoints, north and east [km], shape (points, 2), or (aircraft, points, 2).
 
         Raises:
             ValueError: If the shape is wrong.
@@ -498,6 +631,6 @@ class UavRouteVectorEnv(TaskVectorEnv):
     batch_task = _UavRouteTask
 
     def show(self, plan: ArrayLike | None = None) -> None:
-        """As ``UavRouteEnv.show``; ``plan`` of shape (points, 2) or (num_envs, points, 2)."""
+        """As ``UavRouteEnv.show``; ``plan`` of shape (points, 2) or (num_envs * aircraft, points, 2)."""
         assert isinstance(self._task, _UavRouteTask)
         self._task.show(plan)

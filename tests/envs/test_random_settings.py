@@ -84,6 +84,7 @@ DRAWN = {
         "wall_cost": ((0.0, 3.0), {"max_speed": 10.0, "tick": 0.5}),
     },
     "uav_route": {
+        "tracking": (("each", "one"), {"aircraft": 4, "threshold": 0.05, "engage": 1e6}),
         "capture": ((5.0, 120.0), {"layout": "example"}),
         "max_legs": ((2, 5), {}),
         "length_cost": ((0.01, 0.5), {}),

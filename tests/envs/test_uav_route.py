@@ -258,7 +258,7 @@ def test_settings_make_the_world():
     assert world.reading.heading == "own_leg"
     assert world.lock_loss.engaged == "unbroken"
     assert world.detection.threshold == 0.7
-    assert UavRouteSettings(layout="example").rules.layout == EXAMPLE
+    assert UavRouteSettings(layout="example").rules[0].layout == EXAMPLE
 
 
 def test_reality_changes_the_flight_and_a_faulty_sensor_only_what_is_told():

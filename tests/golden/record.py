@@ -38,7 +38,7 @@ RECORDED = {"propeller_arm": "pendulum", "servo": "rig", "differential_drive": "
 """Whose exam records the data of a model that has no exam of its own."""
 STEPS = 25
 SLOW = {
-    "uav_route": {"printed", "printed_lock_loss"},
+    "uav_route": {"printed", "printed_joint", "printed_lock_loss"},
     "heel_strike": {"ekf_filterpy", "imm_filterpy"},
 }
 """Agents that take minutes."""

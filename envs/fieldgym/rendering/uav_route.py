@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +48,7 @@ ENDS = {
 
 @dataclass(frozen=True)
 class Picture:
-    """What is drawn.
+    """What is drawn of one aircraft.
 
     Attributes:
         layout: Start, goal and radars.
@@ -62,7 +62,6 @@ class Picture:
         probability: Each radar's probability of detection when it looked last, shape (radars,).
         detected: Whether it detected, shape (radars,).
         timers: Lock-loss, engage and launch timer [s], shape (radars, 3).
-        numbers: The numbers of ``info``.
         over: 0 while the flight goes on, else how it ended.
         plan: An agent's waypoints, north and east [km], shape (points, 2), if it shows any.
     """
@@ -77,7 +76,6 @@ class Picture:
     probability: NDArray[np.float64]
     detected: NDArray[np.bool_]
     timers: NDArray[np.float64]
-    numbers: Mapping[str, float]
     over: int
     plan: NDArray[np.float64] | None = None
 
@@ -85,8 +83,10 @@ class Picture:
 class Map:
     """From north and east [km] to pixels: north is up."""
 
-    def __init__(self, picture: Picture) -> None:
-        points = np.vstack([picture.layout.start, picture.layout.goal, picture.place, picture.trail[:, :2]])
+    def __init__(self, pictures: Sequence[Picture]) -> None:
+        points = np.vstack(
+            [row for p in pictures for row in (p.layout.start, p.layout.goal, p.place, p.trail[:, :2])]
+        )
         low, high = points.min(axis=0), points.max(axis=0)
         self.width = max(float((high - low).max()) * 1.3, LEAST_WIDTH)
         self.scale = SIZE / self.width
@@ -100,27 +100,37 @@ class Map:
         )
 
 
-def draw(picture: Picture) -> Frame:
-    """Draw the task, shape (540, 960, 3), uint8."""
-    canvas, at = Canvas(BACKGROUND), Map(picture)
+def draw(pictures: Sequence[Picture], numbers: Mapping[str, float]) -> Frame:
+    """Draw the task, shape (540, 960, 3), uint8.
+
+    Args:
+        pictures: Of each aircraft, all under the same radars.
+        numbers: Those of ``info``.
+    """
+    canvas, at, picture = Canvas(BACKGROUND), Map(pictures), pictures[0]
     canvas.rectangle(LEFT, TOP, SIZE, SIZE, FIELD)
     _circles(canvas, picture, at)
-    _cones(canvas, picture, at)
-    _route(canvas, picture, at)
-    _ends(canvas, picture, at)
-    _aircraft(canvas, picture, at)
+    for part in (_cones, _route, _ends, _aircraft):
+        for own in pictures:
+            part(canvas, own, at)
     _scale_bar(canvas, at)
     for x, y, w, h in ((0, 0, 960, TOP), (0, TOP + SIZE, 960, 540 - TOP - SIZE)):
         canvas.rectangle(x, y, w, h, BACKGROUND)
     canvas.rectangle(0, TOP, LEFT, SIZE, BACKGROUND)
     canvas.rectangle(LEFT + SIZE, TOP, 960 - LEFT - SIZE, SIZE, BACKGROUND)
     canvas.text("UAV route", (LEFT, 26), INK, 18, bold=True)
-    legs = f"leg {picture.numbers['legs']:.0f} of {picture.max_legs}"
+    legs = f"leg {numbers['legs']:.0f} of {len(pictures) * picture.max_legs}"
     canvas.text(legs, (LEFT + SIZE, 27), MUTED, 12, align="right")
     _legend(canvas, picture)
-    _numbers(canvas, picture)
-    _radars(canvas, picture)
+    _numbers(canvas, numbers, _end(pictures))
+    _radars(canvas, pictures)
     return canvas.frame()
+
+
+def _end(pictures: Sequence[Picture]) -> int:
+    """How an episode has ended: while one flies, it goes on; all arrived, or as the first that did not."""
+    ends = [picture.over for picture in pictures]
+    return FLYING if FLYING in ends else next((end for end in ends if end != ARRIVED), ARRIVED)
 
 
 def ground_range(picture: Picture, signature: float) -> float:
@@ -223,9 +233,9 @@ def _legend(canvas: Canvas, picture: Picture) -> None:
         x += width
 
 
-def _numbers(canvas: Canvas, picture: Picture) -> None:
+def _numbers(canvas: Canvas, n: Mapping[str, float], end: int) -> None:
     """How the flight goes."""
-    left, n = 516.0, picture.numbers
+    left = 516.0
     canvas.rectangle(left, TOP, 420, 118, PANEL, 8)
     rows = (
         ("path", f"{n['path_length']:.1f} km"),
@@ -239,8 +249,8 @@ def _numbers(canvas: Canvas, picture: Picture) -> None:
         x, y = left + 16 + 112 * (k % 3), TOP + 20 + 52 * (k // 3)
         canvas.text(name, (x, y), MUTED, 11)
         canvas.text(value, (x, y + 18), INK, 14, bold=True)
-    if picture.over != FLYING:
-        word, color = ENDS[picture.over]
+    if end != FLYING:
+        word, color = ENDS[end]
         canvas.rectangle(left + 336, TOP + 12, 76, 94, color, 6)
         for k, part in enumerate(word.split(" ")):
             canvas.text(
@@ -253,11 +263,13 @@ def _numbers(canvas: Canvas, picture: Picture) -> None:
             )
 
 
-def _radars(canvas: Canvas, picture: Picture) -> None:
-    """Of each radar the probability of detection and the timers, beside their thresholds."""
+def _radars(canvas: Canvas, pictures: Sequence[Picture]) -> None:
+    """Of each radar the probability of detection and the timers, of the aircraft that it threatens most."""
     left, top, height = 516.0, TOP + 130, 84.0
-    threshold, lock = picture.world.detection.threshold, picture.world.lock_loss
-    for r in range(len(picture.layout.radars)):
+    world = pictures[0].world
+    threshold, lock = world.detection.threshold, world.lock_loss
+    for r in range(len(pictures[0].layout.radars)):
+        picture = max(pictures, key=lambda p: (p.over == FLYING, p.timers[r, 1], p.probability[r]))
         y = top + (height + 4) * r
         canvas.rectangle(left, y, 420, height, PANEL, 8)
         seen = bool(picture.detected[r])

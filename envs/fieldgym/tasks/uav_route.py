@@ -6,5 +6,5 @@ TASK = Task(
     name="uav_route",
     title="UAV route",
     description="Fly to a goal past radars that see an aircraft's sides, leg by leg.",
-    model_reads=("place", "course", "radial", "path_length", "layout"),
+    model_reads=("place", "course", "radial", "path_length", "layout", "leg_left"),
 )

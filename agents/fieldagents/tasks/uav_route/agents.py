@@ -9,7 +9,7 @@ sight and plans again on the way.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -23,7 +23,7 @@ from fieldagents.tasks.uav_route.lattice import lattice_plan
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of, lower_bound, moved_goal
 from fieldagents.tasks.uav_route.plan import Plan, Search, make_plan
-from fieldagents.tasks.uav_route.printed import Form, printed_plan
+from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
 from fieldagents.tasks.uav_route.straight import straight_plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
@@ -106,6 +106,7 @@ class Planner(Agent):
 
     def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
         """See ``Agent.begin_episodes``."""
+        begun = np.repeat(begun, self._settings.aircraft)
         if len(self._routes) != len(begun):
             self._routes = [np.zeros((0, 2)) for _ in begun]
             self._known, self._planned = [set() for _ in begun], [-math.inf for _ in begun]
@@ -118,8 +119,13 @@ class Planner(Agent):
         """See ``Agent.act``."""
         if not self._routes:
             self.begin_episodes(np.ones(len(observation), dtype=np.bool_))
-        targets = np.zeros((len(observation), 2))
-        for i, layout in enumerate(layouts_of(info)):
+        info = of_each_aircraft(info)
+        layouts = layouts_of(info)
+        self._foresee(layouts)
+        targets = np.zeros((len(layouts), 2))
+        for i, layout in enumerate(layouts):
+            if info["leg_left"][i] > 0.0:
+                continue  # on its way, whatever is commanded
             place, flown = np.array(info["place"][i]), float(info["path_length"][i])
             self._pass(i, place)
             new = self._in_sight(place, layout) - self._known[i]
@@ -131,16 +137,22 @@ class Planner(Agent):
             targets[i] = self._routes[i][0] if len(self._routes[i]) else layout.goal
         actions = actions_towards(targets, info, self._settings)
         actions[self._left] = (1.0, -1.0)  # away from the nearest radar, as short a leg as there is
-        return actions
+        return actions.reshape(len(observation), -1)
+
+    def _foresee(self, layouts: list[Layout]) -> None:
+        """Make plans that are wanted before any aircraft makes its own: none here."""
 
     def account(self) -> Mapping[str, FloatArray]:
         """How the planning of each flight ended; see ``Agent.account`` and the task's metrics."""
-        searches = [plan.search if plan else None for plan in self._latest]
+        n = self._settings.aircraft
+        plans = [self._latest[i : i + n] for i in range(0, len(self._latest), n)]
+        # a search that several aircraft share counts once
+        searches = [list({id(p.search): p.search for p in own if p}.values()) for own in plans]
         return {
-            "no_plan": self._left.astype(np.float64),
-            "infeasible": np.array([bool(s and s.status == "infeasible") for s in searches], dtype=float),
-            "gap": np.array([s.gap if s else math.nan for s in searches]),
-            "bound": np.array([s.bound if s else math.nan for s in searches]),
+            "no_plan": self._left.reshape(-1, n).any(axis=1).astype(np.float64),
+            "infeasible": np.array([any(s.status == "infeasible" for s in own) for own in searches], float),
+            "gap": np.array([max((s.gap for s in own), default=math.nan) for own in searches]),
+            "bound": np.array([sum(s.bound for s in own) if own else math.nan for own in searches]),
         }
 
     def sketch(self) -> Mapping[str, Any] | None:
@@ -201,13 +213,31 @@ class Planner(Agent):
             self._routes[i] = self._routes[i][1:]
 
 
+class JointPlanner(Planner):
+    """Plans all aircraft of an episode in the source's one program, before they fly."""
+
+    def _foresee(self, layouts: list[Layout]) -> None:
+        """Plan the aircraft of each episode that begins."""
+        for first in range(0, len(layouts), self._settings.aircraft):
+            if self._planned[first] == -math.inf:
+                team = [self._to_arrival(own) for own in layouts[first : first + self._settings.aircraft]]
+                form = form_for(team, self.world)
+                plans = joint_printed_plans(team, self.world, form, work=WORK)
+                self._plans |= {(own, None): plan for own, plan in zip(team, plans, strict=True)}
+
+
+def form_for(layouts: Sequence[Layout], world: World) -> Form:
+    """The source's twelve steps, as long as the longest of some ways needs them to be."""
+    form = Form(lookup="sets")
+    need = 1.1 * max(lower_bound(own, world) for own in layouts) / (form.steps * world.aircraft.speed)
+    return replace(form, step_time=max(form.step_time, need))
+
+
 def printed(*, lock_loss: bool) -> Planning:
     """The source's program with its twelve steps, as long as the way needs them to be."""
 
     def plan(layout: Layout, world: World, heading: float | None) -> Plan:  # noqa: ARG001
-        form = Form(lookup="sets")
-        need = 1.1 * lower_bound(layout, world) / (form.steps * world.aircraft.speed)
-        form = replace(form, step_time=max(form.step_time, need))
+        form = form_for((layout,), world)
         if lock_loss:
             lose, engage = world.lock_loss.lose, world.lock_loss.engage
             count = round((lose + engage) / form.step_time) if math.isfinite(lose) else 1
@@ -215,6 +245,21 @@ def printed(*, lock_loss: bool) -> Planning:
         return printed_plan(layout, world, form, work=WORK)
 
     return plan
+
+
+def of_each_aircraft(info: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What planners read of an ``info``, by aircraft in turn; ``leg_left`` is none where there is one."""
+    if np.ndim(info["place"]) == 2:
+        return {**info, "leg_left": np.zeros(len(info["place"]))}
+    count = np.shape(info["place"])[1]
+    flown = np.repeat(info["path_length"] / count, count)  # all fly at once: about as far
+    flat = {key: np.reshape(info[key], -1) for key in ("course", "radial", "leg_left")}
+    return {
+        **flat,
+        "place": np.reshape(info["place"], (-1, 2)),
+        "path_length": flown,
+        "layout": info["layout"],
+    }
 
 
 def legs(layout: Layout, world: World, heading: float | None) -> Plan:
@@ -287,10 +332,11 @@ def _reference(
     direct: bool = False,
     sight: float = math.inf,
     advance: float = math.inf,
+    planner: type[Planner] = Planner,
 ) -> ReferenceAgent:
     def build(given: Mapping[str, Any]) -> Agent:
         settings = read_settings(dict(given), UavRouteSettings)
-        return Planner(name, title, settings, make(settings), direct, sight, advance)
+        return planner(name, title, settings, make(settings), direct, sight, advance)
 
     return ReferenceAgent(name, "model", title, build)
 
@@ -307,6 +353,12 @@ AGENTS = (
     ),
     _reference(
         "printed_lock_loss", "The same with lock loss, (4.33)", lambda _: printed(lock_loss=True), direct=True
+    ),
+    _reference(
+        "printed_joint",
+        "The source's program of all aircraft at once (section 4.5.1)",
+        lambda _: printed(lock_loss=False),
+        planner=JointPlanner,
     ),
     _reference("legs", "Two verified legs by a small program, then polished into four", lambda _: legs),
     _reference("certified", "The shortest of legs and polished lattice paths, with a proven gap", certified),

@@ -74,27 +74,29 @@ def moved_goal(layout: Layout, distance: float, bearing: float) -> Layout:
 
 
 def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> FloatArray:
-    """The bound of each episode of a batch [km], shape (batch,).
+    """The bound of each episode of a batch [km], of several aircraft their sum, shape (batch,).
 
     Args:
         settings: Those of the environment that are not the defaults.
         info: The first ``info`` of the episodes.
     """
     read: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)
-    layouts = layouts_of(info)
-    return np.array([bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts])
+    bounds = [bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts_of(info)]
+    return np.array(bounds).reshape(-1, read.aircraft).sum(axis=1)
 
 
 def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
-    """The layout of each episode of a batch, from its ``info``."""
+    """The layout of each episode of a batch, or of each aircraft in turn, from its ``info``."""
     known = info["layout"]
+    starts, goals = (np.reshape(known[name], (-1, 2)) for name in ("start", "goal"))
+    count = len(starts) // len(known["radars"])
     return [
         Layout(
             (float(start[0]), float(start[1])),
             (float(goal[0]), float(goal[1])),
             tuple((float(x), float(y)) for x, y in radars),
         )
-        for start, goal, radars in zip(known["start"], known["goal"], known["radars"], strict=True)
+        for start, goal, radars in zip(starts, goals, np.repeat(known["radars"], count, axis=0), strict=True)
     ]
 
 

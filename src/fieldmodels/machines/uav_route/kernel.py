@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.machines.uav_route.aircraft import Attitude, Phase, heading_of, leg_of, turn_into
+from fieldmodels.machines.uav_route.aircraft import Attitude, Leg, Phase, heading_of, leg_of, turn_into
 from fieldmodels.machines.uav_route.layouts import draw_layout
 from fieldmodels.machines.uav_route.lock_loss import timers_after
 from fieldmodels.machines.uav_route.observation import distance_to_goal, radial, write
@@ -32,6 +32,12 @@ def begin(flight: Any, p: Any) -> None:
         flight.goal[0], flight.goal[1] = p.goal_north, p.goal_east
         for r in range(p.radars):
             flight.radars[r, 0], flight.radars[r, 1] = p.sites[r, 0], p.sites[r, 1]
+    put_at_start(flight)
+
+
+@inlined
+def put_at_start(flight: Any) -> None:
+    """Put a flight at its start, with nothing flown and no radar that knows of it."""
     flight.over, flight.legs, flight.scans, flight.losses = FLYING, 0, 0, 0
     flight.place[0], flight.place[1] = flight.start[0], flight.start[1]
     north, east = flight.goal[0] - flight.start[0], flight.goal[1] - flight.start[1]
@@ -133,9 +139,21 @@ def length_to_capture(flight: Any, north: float, east: float, length: float, cap
     return enter
 
 
+class Begun(NamedTuple):
+    """A leg as it begins."""
+
+    north: float  # cosine of its course
+    east: float  # sine of its course
+    turn: float  # into it [rad]
+    leg: Leg
+    way: float  # to its end, or to where the goal's capture circle is entered [km]
+    banked: float  # time of its turning phase [s]
+    arrives: bool  # whether it ends at the goal
+
+
 @inlined
-def fly(flight: Any, course: float, length: float, plant: Any, p: Any) -> None:
-    """Fly one leg of a course [rad] and a length [km]; the first one begins without a turn."""
+def begin_leg(flight: Any, course: float, length: float, plant: Any, p: Any) -> Begun:
+    """Begin a leg of a course [rad] and a length [km]; the first one begins without a turn."""
     north, east = math.cos(course), math.sin(course)
     to_north, to_east = flight.place[0] + length * north, flight.place[1] + length * east
     turn = 0.0
@@ -148,20 +166,32 @@ def fly(flight: Any, course: float, length: float, plant: Any, p: Any) -> None:
     leg = leg_of(north, east, turn, plant, p)
     entered = length_to_capture(flight, north, east, length, p.capture)
     way = min(length, entered)
-    hit = False
-    banked = min(leg.banked, way / leg.turning.speed)
-    if banked > 0.0:
-        hit = fly_phase(flight, banked, leg.turning, plant, p)
-        way = max(way - leg.turning.speed * banked, 0.0)
-    if not hit and way > 1e-9:
-        hit = fly_phase(flight, way / leg.level.speed, leg.level, plant, p)
+    return Begun(north, east, turn, leg, way, min(leg.banked, way / leg.turning.speed), entered <= length)
+
+
+@inlined
+def end_leg(flight: Any, hit: bool, arrives: bool, p: Any) -> None:
+    """End a leg, and the flight if it is over."""
     flight.legs += 1
     if hit:
         flight.over = DAMAGED
-    elif entered <= length:
+    elif arrives:
         flight.over = ARRIVED
     elif flight.legs >= p.max_legs:
         flight.over = LATE
+
+
+@inlined
+def fly(flight: Any, course: float, length: float, plant: Any, p: Any) -> None:
+    """Fly one leg of a course [rad] and a length [km]."""
+    begun = begin_leg(flight, course, length, plant, p)
+    leg, way, hit = begun.leg, begun.way, False
+    if begun.banked > 0.0:
+        hit = fly_phase(flight, begun.banked, leg.turning, plant, p)
+        way = max(way - leg.turning.speed * begun.banked, 0.0)
+    if not hit and way > 1e-9:
+        hit = fly_phase(flight, way / leg.level.speed, leg.level, plant, p)
+    end_leg(flight, hit, begun.arrives, p)
 
 
 @inlined

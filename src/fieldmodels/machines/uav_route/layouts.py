@@ -65,18 +65,36 @@ def distance_from_leg(x: float, y: float, from_x: float, from_y: float, to_x: fl
 
 
 @inlined
+def draw_ends(key: np.uint64, draw: int, side_on: float, start: FloatArray, goal: FloatArray) -> float:
+    """Draw start and goal, shape (2,), by four numbers from ``draw`` on; returns the corner's radius [km]."""
+    start_radius = side_on * (START_NEAR + (START_FAR - START_NEAR) * uniform(key, draw))
+    goal_radius = side_on * (GOAL_NEAR + (GOAL_FAR - GOAL_NEAR) * uniform(key, draw + 1))
+    bearing, separation = math.pi * symmetric(key, draw + 2), SEPARATION * symmetric(key, draw + 3)
+    start[0], start[1] = start_radius * math.cos(bearing), start_radius * math.sin(bearing)
+    north, east = math.cos(bearing + separation), math.sin(bearing + separation)
+    goal[0], goal[1] = goal_radius * north, goal_radius * east
+    return corner_radius(start_radius, abs(separation), side_on)
+
+
+@inlined
+def is_clear(
+    x: float, y: float, start: FloatArray, goal: FloatArray, corner: float, side_on: float, banked: float
+) -> bool:
+    """Whether a radar at a place [km] leaves the safe route past a corner at a radius [km] undetected."""
+    share = corner / math.hypot(goal[0], goal[1])
+    north, east = share * goal[0], share * goal[1]
+    first = distance_from_leg(x, y, start[0], start[1], north, east)
+    second = distance_from_leg(x, y, north, east, goal[0], goal[1])
+    return first > MARGIN * side_on and second > MARGIN * banked
+
+
+@inlined
 def draw_layout(
     key: np.uint64, count: int, side_on: float, banked: float, start: FloatArray, goal: FloatArray,
     radars: FloatArray,
 ) -> None:  # fmt: skip
     """Draw a layout into its arrays: start and goal, shape (2,), radars, shape (RADARS, 2)."""
-    start_radius = side_on * (START_NEAR + (START_FAR - START_NEAR) * uniform(key, 0))
-    goal_radius = side_on * (GOAL_NEAR + (GOAL_FAR - GOAL_NEAR) * uniform(key, 1))
-    bearing, separation = math.pi * symmetric(key, 2), SEPARATION * symmetric(key, 3)
-    corner = corner_radius(start_radius, abs(separation), side_on)
-    start[0], start[1] = start_radius * math.cos(bearing), start_radius * math.sin(bearing)
-    north, east = math.cos(bearing + separation), math.sin(bearing + separation)
-    goal[0], goal[1] = goal_radius * north, goal_radius * east
+    corner = draw_ends(key, 0, side_on, start, goal)
     radars[:, :] = 0.0
     placed, draw = 1, 4
     while placed < count:
@@ -85,15 +103,27 @@ def draw_layout(
         draw += 2
         x = 0.5 * (start[0] + goal[0]) + far * math.cos(angle)
         y = 0.5 * (start[1] + goal[1]) + far * math.sin(angle)
-        first = distance_from_leg(x, y, start[0], start[1], corner * north, corner * east)
-        second = distance_from_leg(x, y, corner * north, corner * east, goal[0], goal[1])
-        free = first > MARGIN * side_on and second > MARGIN * banked
+        free = is_clear(x, y, start, goal, corner, side_on, banked)
         for other in range(placed):
             apart = math.hypot(x - radars[other, 0], y - radars[other, 1])
             free = free and apart > APART * side_on
         if free:
             radars[placed, 0], radars[placed, 1] = x, y
             placed += 1
+
+
+@inlined
+def draw_further(
+    key: np.uint64, count: int, side_on: float, banked: float, start: FloatArray, goal: FloatArray,
+    radars: FloatArray,
+) -> None:  # fmt: skip
+    """Draw start and goal of a further aircraft, until the radars of a layout leave it a safe route too."""
+    draw, free = 0, False
+    while not free:
+        corner = draw_ends(key, draw, side_on, start, goal)
+        draw, free = draw + 4, True
+        for r in range(1, count):
+            free = free and is_clear(radars[r, 0], radars[r, 1], start, goal, corner, side_on, banked)
 
 
 @compiled

@@ -22,6 +22,9 @@ GRAVITY = STANDARD_GRAVITY / 1000.0
 RADARS = 4
 """Largest number of radars that a batch of flights has room for."""
 
+TEAM = 8
+"""Largest number of aircraft in one episode."""
+
 Interpolation = Literal["linear", "log"]
 
 
@@ -229,6 +232,17 @@ class LegRules:
     radars: Annotated[
         int, Setting("Number of radars of random layouts.", least=1, most=RADARS, fixed=SHAPE)
     ] = 1
+    aircraft: Annotated[
+        int, Setting("Number of aircraft that fly at once.", least=1, most=TEAM, fixed=SHAPE)
+    ] = 1
+    tracking: Annotated[
+        Literal["each", "one"],
+        Setting(
+            "What a radar follows of several aircraft: `each`, as the source's joint program has it, where "
+            "nothing couples them; or `one`, since figure 4.2 gives a radar one state: the one that it has "
+            "locked on, and no other until that lock is lost or that flight is over."
+        ),
+    ] = "each"
     capture: Annotated[float, Setting("Distance from the goal at which it is reached.", "km", above=0)] = 5.0
     max_legs: Annotated[int, Setting("Legs in an episode.", least=1, most=10_000)] = 60
     least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
@@ -277,6 +291,7 @@ LEFT_HANDED = code(Reading, "axes", "left_handed")
 ABOVE = code(Reading, "draw", "above")
 IN_SAMPLES = code(Reading, "timers", "samples")
 AROUND = code(LegRules, "progress", "around")
+ONE = code(LegRules, "tracking", "one")
 
 
 @lru_cache(maxsize=64)

@@ -10,12 +10,12 @@ from fieldagents.agent import visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.task import get_task
-from fieldagents.tasks.uav_route import agents, programs
+from fieldagents.tasks.uav_route import agents, printed, programs
 from fieldagents.tasks.uav_route.agents import Planner
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of
 from fieldgym.uav_route import UavRouteSettings
-from fieldmodels.machines.uav_route.parameters import EXAMPLE, World
+from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, World
 
 NO_LOCK_LOSS = {"lock_loss": False}
 SAFE = ("two_legs", "legs", "lattice")
@@ -154,3 +154,24 @@ def test_long_legs_are_divided_and_short_ones_left_out() -> None:
     route = agent._flyable(np.array([[0.0, 0.0], [0.0, 120.0], [0.0, 121.0], [30.0, 121.0]]))
     legs = np.hypot(*np.diff(np.concatenate([[[0.0, 0.0]], route]), axis=0).T)
     np.testing.assert_allclose(legs, [40.0, 40.0, 40.0, np.hypot(30.0, 1.0)])
+
+
+def test_several_aircraft_are_planned_each_and_all_arrive() -> None:
+    table = played("legs", NO_LOCK_LOSS | {"aircraft": 2, "radars": 2}, 3)
+    assert (table["success"] == 1).all()
+    assert (table["time_over"] == 0).all()
+    assert (table["length_ratio"] >= 1 - 1e-6).all()
+    assert (table["length_ratio"] < 1.25).all()
+
+
+def test_joint_plans_are_flown_and_cost_what_each_alone_does(monkeypatch) -> None:
+    """One program of both aircraft: its proven cost is the sum, and each flies its own part of the plan."""
+    form = printed.Form(steps=5, step_time=120.0, sides=8, slack=None, lookup="sets")
+    monkeypatch.setattr(agents, "form_for", lambda *_: form)
+    settings = {"aircraft": 2, "layout": "example", "engage": 1e9}
+    table = played("printed_joint", settings, 1)
+    alone = [agents.joint_printed_plans((own,), World(), form)[0] for own in (EXAMPLE, SECOND_UAV)]
+    assert table["plan_bound"][0] == sum(plan.search.bound for plan in alone)
+    assert table["plan_gap"][0] == 0
+    assert table["success"][0] == 1
+    assert table["no_plan"][0] == 0
