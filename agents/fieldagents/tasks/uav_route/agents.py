@@ -149,7 +149,7 @@ class Planner(Agent):
         # a search that several aircraft share counts once
         searches = [list({id(p.search): p.search for p in own if p}.values()) for own in plans]
         return {
-            "no_plan": self._left.reshape(-1, n).any(axis=1).astype(np.float64),
+            "no_plan": np.array(self._left.reshape(-1, n).any(axis=1), float),
             "infeasible": np.array([any(s.status == "infeasible" for s in own) for own in searches], float),
             "gap": np.array([max((s.gap for s in own), default=math.nan) for own in searches]),
             "bound": np.array([sum(s.bound for s in own) if own else math.nan for own in searches]),

@@ -81,8 +81,9 @@ def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> Fl
         info: The first ``info`` of the episodes.
     """
     read: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)
-    bounds = [bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts_of(info)]
-    return np.array(bounds).reshape(-1, read.aircraft).sum(axis=1)
+    each = np.array([bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts_of(info)])
+    bounds: FloatArray = each.reshape(-1, read.aircraft).sum(axis=1)
+    return bounds
 
 
 def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
