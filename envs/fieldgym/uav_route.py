@@ -280,8 +280,8 @@ class _UavRouteTask(BatchTask):
 
     def observation(self) -> NDArray[Any]:
         """Goal, radars and timers."""
-        observed = self.seen.observed
-        return np.clip(observed.reshape(len(observed) // self._aircraft, -1), -OBSERVED, OBSERVED)
+        observed = np.clip(self.seen.observed, -OBSERVED, OBSERVED)
+        return observed if self._aircraft == 1 else observed.reshape(-1, self._aircraft * observed.shape[1])
 
     def reset_info(self) -> Info:
         """The info that ``reset`` returns: the same as after each step."""
@@ -290,19 +290,18 @@ class _UavRouteTask(BatchTask):
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every flight through one leg, or several aircraft on until the first leg ends."""
         settings, flights = self.settings, self.flights.flights
-        actions = actions.reshape(-1, 2)
-        before = flights["place"].copy(), flights["course"].copy(), flights["legs"].copy()
+        actions = actions if self._aircraft == 1 else actions.reshape(-1, 2)
+        before = flights.copy() if self._drawing else None
         around = self.flights.records["progress"] == AROUND
         distance = self._around() if around.any() else None
-        going = flights["over"] == FLYING
         legs = np.empty_like(actions)
         legs[:, 0] = math.pi * actions[:, 0]
         spread = settings.longest_leg / settings.least_leg
         legs[:, 1] = settings.least_leg * spread ** (0.5 * (1.0 + actions[:, 1]))
         leg = self._seen = self.flights.advance(legs)
-        if self._drawing:
-            for i in np.flatnonzero(going).tolist():
-                self._trace(i, before[0][i], before[1][i], int(before[2][i]))
+        if before is not None:
+            for i in np.flatnonzero(before["over"] == FLYING).tolist():
+                self._trace(i, before[i])
         reward = leg.reward
         if distance is not None:
             progress = self.flights.records["progress_reward"] * (distance - self._around())
@@ -385,14 +384,14 @@ class _UavRouteTask(BatchTask):
             points = np.broadcast_to(points, (len(self.flights), *points.shape[-2:]))
         self._plan = points
 
-    def _trace(self, i: int, start: Floats, course: Floats, legs: int) -> None:
-        """Keep a flown leg for the picture: north, east, largest probability of detection."""
+    def _trace(self, i: int, before: Any) -> None:
+        """Keep what a flight has flown for the picture: north, east, largest probability of detection."""
         one = self.flights.flights[i]
-        if (one["place"] == start).all():
+        if (one["place"] == before["place"]).all():
             return
-        heading = None if legs == 0 else math.atan2(course[1], course[0])
+        heading = None if before["legs"] == 0 else math.atan2(before["course"][1], before["course"][0])
         flown = simulate_plan(
-            [start, one["place"]],
+            [before["place"], one["place"]],
             one["radars"][: self.flights.rules.count],
             self.drawn.settings[i // self._aircraft].world,
             heading=heading,
