@@ -53,6 +53,7 @@ class ReferenceAgent:
         title: One line that says what it does.
         make: Builds it for an environment's settings.
         estimator: Whether it is an estimator outside the action space, scored on the same strides.
+        extra: The package's extra that it needs; empty for those that work everywhere.
     """
 
     name: str
@@ -60,6 +61,7 @@ class ReferenceAgent:
     title: str
     make: Callable[[Mapping[str, Any]], Agent]
     estimator: bool = False
+    extra: str = ""
 
     @property
     def kind(self) -> str:

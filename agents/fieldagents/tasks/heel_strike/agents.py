@@ -217,7 +217,8 @@ def _estimator(name: str, title: str, key: str, sees: Sees = "observation", **ex
     def make(_: Mapping[str, Any]) -> Agent:
         return Estimator(name, title, key, sees, extra)
 
-    return ReferenceAgent(name, sees, title, make, estimator=True)
+    needed = "filters" if extra.get("filterpy") else ""
+    return ReferenceAgent(name, sees, title, make, estimator=True, extra=needed)
 
 
 RANGER = "Ranger's own estimator, (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike"
