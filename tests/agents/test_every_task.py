@@ -129,6 +129,10 @@ def test_names_are_listed_without_the_tasks_own_code():
     assert told.strip() == "[]"
 
 
+FURTHER = {"uav_route": [{"aircraft": 2}]}
+"""Settings with entries of ``info`` of their own."""
+
+
 class Spy(Constant):
     """Acts like `Constant` and remembers every entry of an ``info`` that it was handed."""
 
@@ -143,12 +147,15 @@ class Spy(Constant):
 
 @every_task
 def test_an_agent_is_handed_the_entries_of_its_right_and_no_others(task):
-    space = gymnasium.make(fieldgym.TASKS[task].env_id).action_space
-    spies = {sees: Spy((space.low + space.high) / 2, sees) for sees in ("observation", "model", "privileged")}
-    for spy in spies.values():
-        run_episodes(spy, task, EnvironmentConfig(), TEST_SEEDS[:2])
-    assert spies["observation"].read == set()
-    assert spies["model"].read == set(fieldgym.TASKS[task].model_reads)  # none of them is misspelt
-    assert "privileged" in spies["privileged"].read
-    assert spies["model"].read < spies["privileged"].read
-    assert not any("error" in key or key == "privileged" for key in spies["model"].read)
+    read = {"observation": set(), "model": set(), "privileged": set()}
+    for settings in ({}, *FURTHER.get(task, ())):
+        space = gymnasium.make(fieldgym.TASKS[task].env_id, settings=settings).action_space
+        for sees, found in read.items():
+            spy = Spy((space.low + space.high) / 2, sees)
+            run_episodes(spy, task, EnvironmentConfig(settings=settings), TEST_SEEDS[:2])
+            found |= spy.read
+    assert read["observation"] == set()
+    assert read["model"] == set(fieldgym.TASKS[task].model_reads)  # none of them is misspelt
+    assert "privileged" in read["privileged"]
+    assert read["model"] < read["privileged"]
+    assert not any("error" in key or key == "privileged" for key in read["model"])
