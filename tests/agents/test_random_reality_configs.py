@@ -39,7 +39,7 @@ def test_a_policy_trains_in_a_random_reality(tmp_path):
     text = (
         "name: random\ntask: pose_reaching\nseed: 1\nsteps: 512\nnum_envs: 4\n"
         "network: {hidden: [8]}\nvalidation: {every: 4, episodes: 4}\n"
-        "ppo: {n_steps: 32, batch_size: 64, n_epochs: 2}\nenvironment:" + ENVIRONMENT
+        "learner: {n_steps: 32, batch_size: 64, n_epochs: 2}\nenvironment:" + ENVIRONMENT
     )
     config = load_config(write(tmp_path / "random.yaml", text), TrainConfig)
     runs = [train(config, progress=False, out=tmp_path / name) for name in ("a", "b")]

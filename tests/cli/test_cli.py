@@ -243,7 +243,7 @@ def test_evaluate_prints_json_alone(tmp_path):
     result = shell(*EVALUATE, *FEW, "--set", "episodes=20", "--out", tmp_path, "--json")
     assert result.returncode == 0, result.stderr
     summary = json.loads(result.stdout)
-    assert summary["schema"] == 1
+    assert summary["schema"] == 2
     assert [row["agent"] for row in summary["scenarios"]["short"]] == ["fixed_tuned", "ranger"]
     assert "short: ranger" in result.stderr  # progress, as plain lines
 

@@ -76,10 +76,10 @@ def known_agent(name: str, task: str) -> str:
         if not get_task(task).drives:
             return f"{name}: task {task!r} has no agent that learns from recorded drives"
         return "" if Path(name).is_file() else f"no such file: {name}"
-    if name.endswith(".zip"):
+    if name.endswith((".zip", ".onnx")):
         return "" if Path(name).is_file() else f"no such file: {name}"
-    if name.endswith(".onnx") or Path(name).is_dir():
-        return "" if _policies(name) else f"no such file, or no policy.onnx in this folder: {name}"
+    if Path(name).is_dir():
+        return "" if _policies(name) else f"no policy.onnx in this folder: {name}"
     return f"there is no agent {name!r}{did_you_mean(name, agent_names(task))}"
 
 
