@@ -17,9 +17,9 @@ from fieldmodels.exam.plants.commands import COMMANDS
 from fieldmodels.exam.plants.noise import NOISES
 from fieldmodels.exam.plants.ruler import Ruler, Windows
 
-AXES = ("rig", "pendulum", "propeller_arm")
+AXES = ("rig", "pendulum", "propeller_arm", "servo")
 STEP, SAMPLES = 0.01, 90
-NEAR = {"coulomb_friction": 0.02, "stribeck_friction": 0.05, "hysteresis": 0.02, "actuator_rate_limit": 0.02}
+NEAR = {"coulomb_friction": 0.02, "stribeck_friction": 0.08, "hysteresis": 0.02, "actuator_rate_limit": 0.02}
 """Share of what an effect contributes by which a plant may err; else half a percent."""
 
 
@@ -30,10 +30,16 @@ def held(largest: float, rng: np.random.Generator) -> np.ndarray:
     return largest * np.repeat(levels / np.abs(levels).max(), 10)
 
 
+def at_rest(name: str) -> dict[str, float]:
+    """A machine that stays where it is until its first command."""
+    base = get_bench(name).base(3)
+    return {**base, "offset": 0.0} if "offset" in base else base
+
+
 def shown(name: str, effects: dict[str, Any], commands: np.ndarray) -> np.ndarray:
     """What a plant shows without noise."""
     bench: Any = get_bench(name)
-    plant = bench.plant(bench.base(3))
+    plant = bench.plant(at_rest(name))
     axis_listed.install(plant, effects, float(np.abs(commands).max()), bench.linear)
     rows = simulate(plant, lambda i, _x, _v: float(commands[i]), np.zeros((len(commands), 2)), STEP)
     np.testing.assert_array_equal(rows[:, 0], commands)
@@ -49,7 +55,7 @@ def test_a_listed_effect_acts_as_its_oracle_says(name: str, effect: str):
         values["time"] = 0.4
     oracle = find_oracle(name)
     on, off = (
-        oracle.simulate(bench.base(3), hidden, commands[:, None], STEP) for hidden in ({effect: values}, {})
+        oracle.simulate(at_rest(name), hidden, commands[:, None], STEP) for hidden in ({effect: values}, {})
     )
     contribution = np.abs(on - off).max(axis=0)
     assert contribution.max() > 0.0

@@ -169,6 +169,20 @@ def test_the_model_from_rest_and_from_what_the_sensors_show(machine, effect, val
         agree_on_a_bench(machine, {effect: values})
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_limited_torque_brakes_against_its_error(sign, agree):
+    """A joint that runs fast towards its set-point is braked at the limit: a parabola, in closed form."""
+    limit, count, (place, speed) = 0.05, 20, (0.0, 4.0 * sign)
+    commands, time = np.full((count, 1), 2.0 * HEAVY["offset"] + 0.3 * sign), np.arange(count) * STEP
+    push = (HEAVY["offset"] - sign * limit) / HEAVY["inertia"]
+    rates = speed + push * time
+    places = place + speed * time + 0.5 * push * time**2
+    assert (np.abs(commands[:, 0] - places - HEAVY["damping"] * rates) > 1.1 * limit).all()
+    assert (sign * (commands[:, 0] - places) > 0.0)[:6].all()  # the error says: on; the torque: back
+    effects, shown = {"torque_limit": {"limit": limit}}, np.column_stack([places, rates])
+    agree(predicted("servo", effects, commands, shown), shown, 0.0 * shown, 1e-6)
+
+
 @pytest.mark.parametrize("machine", CASES)
 @pytest.mark.parametrize("delay", [0.01, 0.0371])
 def test_a_late_position_beside_a_velocity_that_is_not(machine, delay, agree_on_a_bench):

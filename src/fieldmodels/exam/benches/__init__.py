@@ -12,6 +12,7 @@ PLACES = {
     "rig": "axis",
     "pendulum": "axis",
     "propeller_arm": "axis",
+    "servo": "axis",
     "pose_reaching": "drive",
     "differential_drive": "drive",
     "line_following": "walk",

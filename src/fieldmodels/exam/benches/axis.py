@@ -1,4 +1,4 @@
-"""The benches of one axis: rig, pendulum and propeller arm."""
+"""The benches of one axis: rig, pendulum, propeller arm, and a joint under position control."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import axis_listed, axis_unlisted
-from fieldmodels.exam.plants.axis import Axis, Control, simulate
+from fieldmodels.exam.plants.axis import Axis, Control, Joint, simulate
 from fieldmodels.exam.plants.axis_unlisted import Scale
 from fieldmodels.exam.plants.commands import COMMANDS, POOR, path
 from fieldmodels.exam.plants.noise import NOISES, noise
@@ -36,6 +36,7 @@ class AxisBench(Bench):
         noise: Standard deviations of the position's and the velocity's noise.
         horizon: Length of the windows by which a fault is measured [s].
         gains: Of a controller: by position and by velocity.
+        ahead: Share of the wanted position that the controller commands anyway.
         linear: Whether it moves along a line, so that it has a unit of length.
         dimensions: Of a base parameter in powers of inertia, length and time.
     """
@@ -63,6 +64,7 @@ class AxisBench(Bench):
     noise: ClassVar[tuple[float, float]]
     horizon: ClassVar[float]
     gains: ClassVar[tuple[float, float]]
+    ahead: ClassVar[float] = 0.0
     linear: ClassVar[bool] = False
     force: ClassVar[str] = "torque"
 
@@ -124,7 +126,7 @@ class AxisBench(Bench):
 
             def follow(i: int, shown: float, speed: float) -> float:
                 force = by_position * (wanted[i] - shown) + by_velocity * (rates[i] - speed)
-                return min(max(force, -limit), limit)
+                return min(max(force + self.ahead * wanted[i], -limit), limit)
 
             return follow, limit
         commands = self.commands(conditions.commands, base, time, rng)
@@ -297,6 +299,9 @@ TYPICAL: Mapping[str, Typical] = {
         "factor": math.exp(0.05 * k * s),
     },
     "thrust_curve": lambda _b, k, s, _a: {"exponent": math.exp(0.05 * k * s)},
+    "gravity": lambda b, k, _s, a: _waves(b, k, a),
+    "dead_band": lambda b, k, _s, _a: {"width": 0.05 * k * b.sizes.f},
+    "torque_limit": lambda b, k, _s, _a: {"limit": 3.0 * b.sizes.f / (1.0 + 0.1 * k)},
 }
 """Values of every effect's parameters: (bench, size, sign, angle)."""
 FORCE = (1, 1, -2)
@@ -330,7 +335,8 @@ POWERS: Mapping[str, tuple[int, int, int]] = {
     "gravity_moment": (1, 0, -2),
 }
 """Powers of inertia, length and time in parameters; none where they are numbers."""
-STOCK = tuple(name for name in TYPICAL if name not in ("viscous_friction", "thrust_curve"))
+OF_ONE = ("viscous_friction", "thrust_curve", "gravity", "dead_band", "torque_limit")
+STOCK = tuple(name for name in TYPICAL if name not in OF_ONE)
 
 
 class Rig(AxisBench):
@@ -413,4 +419,54 @@ class PropellerArm(AxisBench):
         return np.asarray((u - p[1] * v - p[2] * np.sin(x)) / p[0])
 
 
-BENCHES: Mapping[str, AxisBench] = {bench.name: bench for bench in (Rig(), Pendulum(), PropellerArm())}
+class Servo(AxisBench):
+    """A joint under position control; torques are in units of the controller's proportional gain."""
+
+    name = "servo"
+    effects = (
+        "coulomb_friction", "stribeck_friction", "hysteresis", "cogging", "quadratic_drag", "periodic_force",
+        "gravity", "dead_band", "torque_limit", "actuator_gain", "actuator_lag", "actuator_rate_limit",
+        "actuator_delay", "actuator_saturation", "sensor_drift", "sensor_delay", "sensor_quantisation",
+    )  # fmt: skip
+    steady = ("coulomb_friction", "hysteresis", "dead_band", "torque_limit", "actuator_lag", "actuator_gain")
+    needs_base = frozenset()
+    needs = MappingProxyType({})
+    alike = frozenset(
+        {frozenset({"actuator_lag", "actuator_delay"}), frozenset({"actuator_gain", "gravity"})}
+    )
+    nominal = MappingProxyType({"inertia": 2e-3, "damping": 0.06, "offset": 0.01})
+    sizes = Scale(x=0.5, v=3.0, f=0.1, u=0.8, duration=DURATION, step=STEP)
+    noise = (5e-4, 2e-2)
+    horizon = 0.3
+    gains = (0.3, 0.0)
+    ahead = 0.7
+
+    def plant(self, base: Mapping[str, float]) -> Axis:
+        """See ``AxisBench.plant``."""
+        return Joint(base["inertia"], derivative_gain=base["damping"], offset=base["offset"])
+
+    def acceleration(self, p: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+        """See ``AxisBench.acceleration``."""
+        return np.asarray((u - x - p[1] * v + p[2]) / p[0])
+
+    def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
+        """See ``Bench.recording``."""
+        return super().recording(log, _as_angles(conditions), seed)
+
+    def scaled(self, values: Mapping[str, float], effect: str, conditions: Conditions) -> dict[str, float]:
+        """See ``Bench.scaled``."""
+        return super().scaled(values, effect, _as_angles(conditions))
+
+    def nothing(self) -> Iterator[Conditions]:
+        """See ``Bench.nothing``: no unit of inertia, which only the pace has."""
+        return (one for one in super().nothing() if one.inertia == 1.0)
+
+
+def _as_angles(conditions: Conditions) -> Conditions:
+    """The unit of inertia in which a moment is an angle at every pace."""
+    return replace(conditions, inertia=conditions.pace**-2)
+
+
+BENCHES: Mapping[str, AxisBench] = {
+    bench.name: bench for bench in (Rig(), Pendulum(), PropellerArm(), Servo())
+}

@@ -82,6 +82,7 @@ class Axis:
         quantum: To what the shown position is rounded, noise included.
         clip: Where the shown position is cut off, noise included.
         holds: Samples at which a new position is shown (others repeat the last one); None for all.
+        finer: By what the steps are shorter than of other axes.
     """
 
     inertia: float
@@ -105,6 +106,34 @@ class Axis:
     quantum: float = 0.0
     clip: tuple[float, float] = (-math.inf, math.inf)
     holds: Callable[[int], bool] | None = None
+    finer: int = 1
+
+
+@dataclass
+class Joint(Axis):
+    """An axis whose motor is under position control: the actuator's chain gives a set-point.
+
+    Attributes:
+        derivative_gain: Of the controller, in units of its proportional gain.
+        offset: A constant torque.
+        dead_band: Error of position that the controller lets be.
+        limit: Largest torque of the motor.
+    """
+
+    derivative_gain: float = 0.0
+    offset: float = 0.0
+    dead_band: float = 0.0
+    limit: float = math.inf
+    finer: int = 4
+
+    def __post_init__(self) -> None:
+        """Put the motor's torque in the place of the set-point, which an axis takes for its force."""
+        self.forces.append(lambda _t, x, v, drive: self.torque(drive - x, v) + self.offset - drive)
+
+    def torque(self, error: float, speed: float) -> float:
+        """Of the motor, for an error of position."""
+        noticed = math.copysign(max(abs(error) - self.dead_band, 0.0), error)
+        return max(-self.limit, min(self.limit, noticed - self.derivative_gain * speed))
 
 
 def simulate(axis: Axis, control: Control, noise: FloatArray, step: float) -> FloatArray:
@@ -128,7 +157,7 @@ class _Run:
     def __init__(self, axis: Axis, control: Control, noise: FloatArray, step: float) -> None:
         self.axis, self.control, self.noise, self.step = axis, control, noise, step
         self.slow = bool(axis.lag or axis.fall is not None or axis.rate < math.inf or axis.ring)
-        self.parts = DRY if axis.dry or axis.bristles else SMOOTH
+        self.parts = axis.finer * (DRY if axis.dry or axis.bristles else SMOOTH)
         self.h = step / self.parts
         self.x = self.v = self.given = self.rising = 0.0
         self.aims: list[float] = []

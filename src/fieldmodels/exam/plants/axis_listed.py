@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from fieldmodels.exam.plants.axis import Axis, Bristle, Map, Sensor
+from fieldmodels.exam.plants.axis import Axis, Bristle, Joint, Map, Sensor
 
 Values = Mapping[str, float]
 GRAVITY = 9.80665
@@ -39,6 +39,8 @@ def install(axis: Axis, effects: Mapping[str, Values], largest: float, linear: b
             axis.gravity += 0.0 if linear else values["mass"] * GRAVITY * values["length"]
         elif name == "sensor_bias":
             _bias(axis.velocity if linear else axis.position, values["bias"])
+        elif name in OF_JOINTS and isinstance(axis, Joint):
+            OF_JOINTS[name](axis, values)
         elif name == "backlash":
             _backlash(axis, 0.5 * values["gap"], CROSSING * largest)
         else:
@@ -174,6 +176,24 @@ def _quantum(axis: Axis, values: Values) -> None:
     axis.quantum = values["step"]
 
 
+def _dead_band(joint: Joint, values: Values) -> None:
+    joint.dead_band = values["width"]
+
+
+def _torque_limit(joint: Joint, values: Values) -> None:
+    joint.limit = values["limit"]
+
+
+def _gravity(joint: Joint, values: Values) -> None:
+    sine, cosine = values["sine"], values["cosine"]
+    joint.forces.append(lambda _t, x, _v, _f: sine * math.sin(x) + cosine * math.cos(x))
+
+
+OF_JOINTS: Mapping[str, Callable[[Joint, Values], None]] = {
+    "dead_band": _dead_band,
+    "torque_limit": _torque_limit,
+    "gravity": _gravity,
+}
 SIMPLE: Mapping[str, Callable[[Axis, Values], None]] = {
     "actuator_lag": _lag,
     "actuator_rate_limit": _rate,

@@ -161,7 +161,7 @@ def _sagging_supply(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
 
 
 def _ringing_actuator(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
-    axis.ring = min(1.0 / (0.4 * k * s.step), 3.0 / s.step)
+    axis.ring = min(1.0 / (0.4 * k * s.step), 3.0 * axis.finer / s.step)
 
 
 def _reversal_dead_time(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
