@@ -17,6 +17,8 @@ from fieldmodels.files import write_text
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fieldmodels.engine import Engine
+
 OURS = ("fieldmodels", "fieldgym", "fieldagents")
 
 
@@ -28,6 +30,8 @@ class _Commands(TyperGroup):
             warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)
+            except KeyboardInterrupt:
+                raise typer.Exit(130) from None
             except Exception as error:
                 message = _message(error)
                 if message is None:
@@ -71,7 +75,7 @@ gets wrong.
 Start with **fieldgym list**, or with **fieldgym demo** for everything in a few minutes.
 Every command takes **--json**: the result alone on standard output, progress on standard error.
 """,
-    epilog="Exit codes: 0 done, 1 a fault of the program, 2 a mistake in what it was given.",
+    epilog="Exit codes: 0 done, 1 a fault of the program, 2 a mistake in what it was given, 130 stopped.",
 )
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, alone on standard output.")]
@@ -85,6 +89,21 @@ ConfigPath = Annotated[
         metavar="CONFIG",
         help="YAML file, or the name of a shipped one: `heel_strike/ppo`.",
         show_default=False,
+    ),
+]
+
+EngineName = Annotated[
+    Literal["local", "ray"],
+    typer.Option("--engine", help="Who does the jobs: this machine, or a Ray cluster; results are equal."),
+]
+Workers = Annotated[
+    int,
+    typer.Option(help="Of `local`: processes of one thread each; 0: one job after another.", min=0),
+]
+Address = Annotated[
+    str,
+    typer.Option(
+        help="Of `ray`: the cluster, as `auto` or `ray://head:10001` (default: RAY_ADDRESS, else a new one)."
     ),
 ]
 
@@ -166,6 +185,9 @@ def evaluate(
     config: ConfigPath,
     overrides: Settings = None,
     out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    engine: EngineName = "local",
+    workers: Workers = 0,
+    address: Address = "",
     trust_pickle: Annotated[
         bool,
         typer.Option(
@@ -188,12 +210,13 @@ def evaluate(
     from fieldagents.evaluation import evaluate as run
     from fieldagents.evaluation import show
     from fieldagents.evaluation.config import EvaluateConfig
+    from fieldmodels.engine import Engine
 
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
     folder = out or Path("results") / checked.name
     with progress() as report:
-        summary = run(checked, folder, report)
+        summary = run(checked, folder, report, Engine(engine, workers, address))
     if as_json:
         _print_json(summary.to_json())
     else:
@@ -382,7 +405,9 @@ def exam(
     cases: Annotated[
         int | None, typer.Option(help="How many at most, a sample of all (default: all).", min=1)
     ] = None,
-    workers: Annotated[int, typer.Option(help="Processes of one thread each.", min=1)] = 2,
+    engine: EngineName = "local",
+    workers: Workers = 2,
+    address: Address = "",
     out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/exam-<set>`).")] = None,
     publish: Annotated[
         Path | None, typer.Option(metavar="PAGE", help="Page of Markdown to put the rates into.")
@@ -404,6 +429,7 @@ def exam(
 
         fieldgym exam --cases 600 --publish docs/exam.md
     """
+    from fieldmodels.engine import Engine
     from fieldmodels.exam import table
     from fieldmodels.exam.cases import cases_of, examined
     from fieldmodels.exam.run import run_cases
@@ -411,7 +437,7 @@ def exam(
     chosen = cases_of(which, machine or examined(), kind or (), cases)
     folder = out or Path("results") / f"exam-{which}"
     with progress() as report:
-        rows = run_cases(chosen, folder, workers=workers, progress=report)
+        rows = run_cases(chosen, folder, engine=Engine(engine, workers, address), progress=report)
     written = table.write(rows, folder)
     if publish is not None:
         table.publish(table.summary(rows), publish)
@@ -442,6 +468,9 @@ def reproduce(
         Path | None,
         typer.Option(help="Result folder (default: `results/reproduce/<what>`, `results/ledger`)."),
     ] = None,
+    engine: EngineName = "local",
+    workers: Workers = 0,
+    address: Address = "",
     as_json: Json = False,
 ) -> None:
     """Redo a table or figure of the sources beside ours, or decide all that the sources claim.
@@ -465,11 +494,13 @@ def reproduce(
     """
     from fieldagents import reproduce as room
     from fieldagents.reproduce import report as pages
+    from fieldmodels.engine import Engine
 
     if everything:
         if overrides:
             raise room.ReproductionError("--set goes with a single table or figure, not with --all")
-        _decide_all(what, quick, out or Path("results") / ("ledger-quick" if quick else "ledger"), as_json)
+        folder = out or Path("results") / ("ledger-quick" if quick else "ledger")
+        _decide_all(what, quick, folder, Engine(engine, workers, address), as_json)
     elif quick:
         raise room.ReproductionError("--quick goes with --all; a single table or figure takes --set")
     elif what is None:
@@ -490,14 +521,14 @@ def reproduce(
             _done(pages.written(result, folder))
 
 
-def _decide_all(task: str | None, quick: bool, out: Path, as_json: bool) -> None:
+def _decide_all(task: str | None, quick: bool, out: Path, engine: Engine, as_json: bool) -> None:
     """Decide the claims of all sources, or of one task's."""
     from fieldagents.reproduce import ledger as books
     from fieldagents.reproduce.pages import show_ledger, write_page
 
     print(books.outlook(out, task, quick), file=sys.stderr)
     with progress() as report:
-        ledger = books.decide(out, task, quick=quick, progress=report)
+        ledger = books.decide(out, task, quick=quick, engine=engine, progress=report)
     data = books.as_data(ledger) | {"files": {"ledger.html": str(write_page(ledger, out))}}
     write_text(out / "ledger.json", json.dumps(data, indent=1, allow_nan=False))
     if as_json:

@@ -21,6 +21,7 @@ from fieldagents.agent import Agent, Sees
 from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.config import Config
 from fieldagents.operator import Operator
+from fieldmodels.code import reached_code
 from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -299,3 +300,16 @@ def recorder_of(model: str) -> Recorder | None:
     """Who records a model's data; None for one that is driven by a command."""
     recorders = (task.recorder for task in all_tasks() if task.recorder)
     return next((recorder for recorder in recorders if model in recorder.models), None)
+
+
+def code_of(task: str, *also: str) -> str:
+    """Hash over the code that a task's results rest on: its own on all floors, and what this imports.
+
+    A claim's text and bounds do not count: verdicts are computed anew each time.
+
+    Args:
+        task: Name of the task.
+        also: Further modules.
+    """
+    own = (f"{FOLDERS}.{task}", f"fieldmodels.machines.{task}", f"fieldgym.{task}", f"fieldgym.tasks.{task}")
+    return reached_code((*own, *also), (f"{FOLDERS}.{task}.claims",))

@@ -12,12 +12,14 @@ import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation import EvaluationError, evaluate, report_section
+from fieldagents.evaluation import play as plays
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.evaluate import check_pairs
 from fieldagents.evaluation.summary import Labels, summarise_scenario
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
+from fieldmodels.engine import Engine
 
 TASK = "heel_strike"
 SHORT = EnvironmentConfig(settings={"strides": 12})
@@ -48,7 +50,8 @@ def result(tmp_path_factory):
 
 def test_an_evaluation_writes_its_three_files(result):
     summary, out = result
-    assert sorted(path.name for path in out.iterdir()) == ["episodes.parquet", "report.html", "summary.json"]
+    names = ["episodes.parquet", "jobs", "report.html", "summary.json"]
+    assert sorted(path.name for path in out.iterdir()) == names
     stored = json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
     assert stored == json.loads(json.dumps(summary.to_json()))
     episodes = pd.read_parquet(out / "episodes.parquet")
@@ -61,6 +64,27 @@ def test_equal_evaluations_give_equal_episodes_to_the_bit(result, tmp_path):
     _, out = result
     evaluate(config(), tmp_path)
     assert (tmp_path / "episodes.parquet").read_bytes() == (out / "episodes.parquet").read_bytes()
+
+
+def test_a_second_evaluation_plays_only_what_is_missing_and_processes_give_the_same(tmp_path, monkeypatch):
+    played = []
+    play = plays.play_episodes
+    monkeypatch.setattr(
+        plays, "play_episodes", lambda agent, *rest: played.append(agent.name) or play(agent, *rest)
+    )
+    first = evaluate(config(agents=["fixed_tuned", "ppo"]), tmp_path / "a")
+    assert sorted(set(played)) == ["fixed_tuned", "ppo"]
+    played.clear()
+    again = evaluate(config(agents=["fixed_tuned", "ranger", "ppo"]), tmp_path / "a")
+    assert set(played) == {"ranger"}
+    played.clear()
+    evaluate(config(episodes=21, agents=["fixed_tuned", "ppo"]), tmp_path / "a")
+    assert set(played) == {"fixed_tuned", "ppo"}
+    assert again.decision_ms["ar1"]["ppo"] == first.decision_ms["ar1"]["ppo"]  # as it was measured then
+    there = evaluate(
+        config(agents=["fixed_tuned", "ranger", "ppo"]), tmp_path / "b", engine=Engine(workers=2)
+    )
+    assert there.scenarios == again.scenarios
 
 
 def test_the_order_of_the_agents_does_not_matter(result, tmp_path):

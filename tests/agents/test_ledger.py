@@ -14,15 +14,16 @@ from pydantic import TypeAdapter
 from rich.console import Console
 from typer.testing import CliRunner
 
+from fieldagents import task as tasks
 from fieldagents.claim import Claim, Decided, Ours, Statistic, at_least, at_most, judge, near, times
 from fieldagents.cli import app
 from fieldagents.reproduce import ledger as books
 from fieldagents.reproduce import run as running
 from fieldagents.reproduce import runs
-from fieldagents.reproduce.fingerprint import fingerprint
 from fieldagents.reproduce.pages import show_ledger
 from fieldagents.reproduce.statistics import exact, mean_of, median_of, share_of
 from fieldagents.task import Reproducible, Reproduction, all_tasks
+from fieldmodels.code import files_reached
 
 CLAIMS = [(task, claim) for task in all_tasks() for claim in task.claims.values()]
 
@@ -170,7 +171,7 @@ def small(monkeypatch):
         monkeypatch.setattr(module, "all_tasks", lambda: [task])
         monkeypatch.setattr(module, "get_task", lambda _name: task)
     monkeypatch.setattr(books, "task_names", lambda: ["small"])
-    monkeypatch.setattr(runs, "fingerprint", lambda _task: task.code)
+    monkeypatch.setattr(runs, "code_of", lambda _task: task.code)
     task.code, task.done = "first", done
     return task
 
@@ -216,8 +217,11 @@ def test_a_finished_run_is_done_again_only_if_code_or_options_change(small, tmp_
     assert small.done == [("good", 4), ("good", 5), ("good", 4)]
 
 
-def test_the_code_that_counts_reaches_kernels_templates_and_tuned_values(tmp_path):
-    files = {path.name for path in fingerprint.__wrapped__.__globals__["_files"]("heel_strike")}
+def test_the_code_that_counts_reaches_kernels_templates_and_tuned_values(monkeypatch):
+    asked = []
+    monkeypatch.setattr(tasks, "reached_code", lambda *given: asked.extend(given))
+    tasks.code_of("heel_strike")
+    files = {path.name for path in files_reached(*asked)}
     assert {"kernel.py", "equations.py.j2", "tuned.json", "figures.py", "search.py"} <= files
     assert not {"claims.py", "cli.py", "pages.py"} & files
 

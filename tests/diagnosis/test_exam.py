@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fieldmodels.engine import Done
 from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, read
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
@@ -344,21 +342,19 @@ def test_a_result_is_published_between_two_lines_of_a_page(tmp_path):
 
 
 class Here:
-    """Works in this process and keeps what it was asked."""
+    """Does jobs in place of the engine and keeps what it was asked."""
 
     def __init__(self, *deadly: Any) -> None:
         self.asked: list[tuple[str, Any]] = []
         self.deadly = deadly
 
-    def submit(self, _function: Any, case: Any, made: Any) -> Any:
-        self.asked.append((case.key, made))
-        future: Future[Any] = Future()
-        sized = made or {"sizes": [], "percents": [], "attainable": None}
-        if case in self.deadly:
-            future.set_exception(BrokenProcessPool())
-        else:
-            future.set_result(case.to_json() | {"key": case.key, "outcome": "consistent"} | dict(sized))
-        return future
+    def __call__(self, jobs: Any, _engine: Any, _report: Any) -> Any:
+        for job in jobs:
+            case, made = job.arguments
+            self.asked.append((case.key, made))
+            sized = made or {"sizes": [], "percents": [], "attainable": None}
+            row = case.to_json() | {"key": case.key, "outcome": "consistent"} | dict(sized)
+            yield Done(job, error="its process died") if case in self.deadly else Done(job, row)
 
 
 def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
@@ -370,12 +366,7 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     sized = {"key": cases[1].key, "sizes": [], "percents": [], "attainable": 7, "code": run.data_code()}
     (tmp_path / "sizes.jsonl").write_text(json.dumps(sized) + "\n")
     here = Here()
-
-    @contextmanager
-    def pool(_workers: int) -> Any:
-        yield here
-
-    monkeypatch.setattr(run, "_pool", pool)
+    monkeypatch.setattr(run, "run_jobs", here)
     found = run_cases(cases, tmp_path)
     assert [key for key, _ in here.asked] == [case.key for case in cases[1:]]
     assert [made is not None for _, made in here.asked] == [True, False]
@@ -389,12 +380,8 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
 def test_a_case_that_kills_its_process_has_failed_and_the_others_go_on(tmp_path, monkeypatch):
     cases = cases_of("develop", ["rig"], ["nothing"])[:4]
 
-    @contextmanager
-    def pool(_workers: int) -> Any:
-        yield Here(cases[1])
-
-    monkeypatch.setattr(run, "_pool", pool)
-    found = run_cases(cases, tmp_path, workers=2)
+    monkeypatch.setattr(run, "run_jobs", Here(cases[1]))
+    found = run_cases(cases, tmp_path)
     assert [row["outcome"] for row in found] == ["consistent", "failed", "consistent", "consistent"]
     assert "its process died" in found[1]["summary"]
     goals = {goal["name"]: goal["count"] for goal in table.goals(found[1:2])}

@@ -66,7 +66,7 @@ def known_agent(name: str, task: str) -> str:
     """
     if name in agent_names(task):
         return ""
-    if _is_import_path(name):
+    if is_import_path(name):
         try:
             resolve_name(name)
         except (ImportError, AttributeError, ValueError) as error:
@@ -79,7 +79,7 @@ def known_agent(name: str, task: str) -> str:
     if name.endswith((".zip", ".onnx")):
         return "" if Path(name).is_file() else f"no such file: {name}"
     if Path(name).is_dir():
-        return "" if _policies(name) else f"no policy.onnx in this folder: {name}"
+        return "" if policies(name) else f"no policy.onnx in this folder: {name}"
     return f"there is no agent {name!r}{did_you_mean(name, agent_names(task))}"
 
 
@@ -104,7 +104,7 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
         raise AgentError(problem)
     if name in (known := get_task(task).agents):
         return AgentRuns(name, (known[name].make(settings),))
-    if _is_import_path(name):
+    if is_import_path(name):
         made = resolve_name(name)(settings)
         if not isinstance(made, Agent):
             raise AgentError(f"{name}: gives {type(made).__name__}, which is not a fieldagents.agent.Agent")
@@ -120,8 +120,8 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
         from fieldagents.policies.sb3 import Sb3Agent
 
         return AgentRuns(name, (Sb3Agent(Path(name)),), learned=True)
-    if policies := _policies(name):
-        return AgentRuns(name, tuple(OnnxAgent(path, name=name) for path in policies), learned=True)
+    if paths := policies(name):
+        return AgentRuns(name, tuple(OnnxAgent(path, name=name) for path in paths), learned=True)
     return AgentRuns(name, zoo.get_entry(task, name).agents(settings), learned=True)
 
 
@@ -138,13 +138,13 @@ def keep_drives(task: str, path: Path, settings: Mapping[str, Any]) -> Drives:
     return made
 
 
-def _is_import_path(name: str) -> bool:
+def is_import_path(name: str) -> bool:
     """Whether a name is ``module:Class``."""
     module, colon, attribute = name.partition(":")
     return bool(colon) and attribute.isidentifier() and all(part.isidentifier() for part in module.split("."))
 
 
-def _policies(name: str) -> list[Path]:
+def policies(name: str) -> list[Path]:
     """The policy files that a path stands for, in order."""
     path = Path(name)
     if path.is_file():

@@ -46,7 +46,7 @@ class OnnxAgent(Agent):
     def __init__(
         self, policy: Path | str | bytes, name: str | None = None, title: str = "learned policy"
     ) -> None:
-        path = Path("policy") if isinstance(policy, bytes) else Path(policy)
+        path = Path(name or "policy") if isinstance(policy, bytes) else Path(policy)
         if not isinstance(policy, bytes):
             if not path.is_file():
                 raise PolicyError(f"{path}: no such policy file")

@@ -11,8 +11,9 @@ from typing import Any
 from fieldagents.claim import VERDICTS, Claim, Decided, Ours, Statistic, Verdict
 from fieldagents.progress import Report
 from fieldagents.reproduce.run import ReproductionError, reproducible
-from fieldagents.reproduce.runs import Outcome, Run, execute, recorded_seconds, stored
+from fieldagents.reproduce.runs import Outcome, Run, job_of, outcome_of, recorded_seconds
 from fieldagents.task import all_tasks, get_task, task_names
+from fieldmodels.engine import HERE, Engine, done_before, run_jobs
 from fieldmodels.names import did_you_mean
 
 
@@ -78,7 +79,7 @@ def outlook(out: Path, task: str | None, quick: bool) -> str:
         ReproductionError: If there is no such task.
     """
     runs = needed(claims_of(task), quick)
-    todo = [run for run in runs if stored(run, out) is None]
+    todo = [run for run in runs if done_before(job_of(run, out, quick)) is None]
     seconds = [recorded_seconds(run, quick) for run in todo]
     unknown = f" and {count} that nobody has timed" if (count := seconds.count(None)) else ""
     return (
@@ -92,6 +93,7 @@ def decide(
     task: str | None = None,
     *,
     quick: bool = False,
+    engine: Engine = HERE,
     progress: Report = lambda _stage, _part: None,
 ) -> Ledger:
     """Run what decides the claims, and decide them.
@@ -103,23 +105,16 @@ def decide(
         out: Result folder; each run has its own below it.
         task: Only this task's claims.
         quick: Take each run's quick options.
+        engine: Who does the runs.
         progress: Called with what is being done and the part of the whole that is done.
 
     Raises:
         ReproductionError: If there is no such task.
     """
     claims = claims_of(task)
-    runs = {run: stored(run, out) for run in needed(claims, quick)}
-    shares = {run: recorded_seconds(run, quick) or 1.0 for run, outcome in runs.items() if outcome is None}
-    whole, before = sum(shares.values()), 0.0
-    for run, share in shares.items():
-
-        def report(stage: str, part: float, start: float = before, share: float = share) -> None:
-            progress(stage, (start + part * share) / whole)
-
-        runs[run] = execute(run, out, report)
-        before += share
-    outcomes = {run: outcome for run, outcome in runs.items() if outcome is not None}
+    jobs = {job_of(run, out, quick): run for run in needed(claims, quick)}
+    finished = {done.job: done for done in run_jobs(list(jobs), engine, progress)}
+    outcomes = {run: outcome_of(run, finished[job]) for job, run in jobs.items()}
     return Ledger(tuple(_decided(name, claim, outcomes, quick) for name, claim in claims), outcomes, quick)
 
 

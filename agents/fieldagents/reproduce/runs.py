@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
-from fieldagents.reproduce.fingerprint import fingerprint
 from fieldagents.reproduce.report import to_json
 from fieldagents.reproduce.run import carry_out, reproducible
-from fieldagents.task import Reproducible
-from fieldmodels.files import write_text
+from fieldagents.task import Reproducible, code_of
+from fieldmodels.engine import Done, Job
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class Run:
     @property
     def key(self) -> str:
         """Stands for code and options: equal keys give equal results."""
-        text = f"{self.what} {self.options!r} {fingerprint(self.task)}"
+        text = f"{self.what} {self.options!r} {code_of(self.task)}"
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
@@ -84,39 +81,29 @@ class Outcome:
     error: str = ""
 
 
-def execute(run: Run, out: Path, progress: Report) -> Outcome:
-    """Do a run and keep its result below ``out``; a fault in it becomes its outcome."""
-    folder, before = out / run.folder, _processor_s()
-    progress(run.what, 0.0)
-    try:
-        result = carry_out(
-            run.what, folder, dict(run.options), lambda stage, x: progress(f"{run.what}: {stage}", x)
-        )
-    except Exception as error:  # a fault in one run must not stop the others
-        return _failed(run, f"{type(error).__name__}: {error}")
-    record = to_json(result, folder) | {"key": run.key, "processor_s": round(_processor_s() - before, 2)}
-    write_text(folder / "result.json", json.dumps(record, indent=1, allow_nan=False))
-    outcome = stored(run, out)
-    assert outcome is not None
-    return replace(outcome, resumed=False)
+def job_of(run: Run, out: Path, quick: bool) -> Job:
+    """The job that does a run, its result below ``out``."""
+    share = recorded_seconds(run, quick) or 1.0
+    return Job(run.key, run.what, _redo, (run,), out / run.folder, share)
 
 
-def stored(run: Run, out: Path) -> Outcome | None:
-    """A run's result below ``out``; None if there is none, or it is that of other code or options."""
-    path = out / run.folder / "result.json"
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    if record.get("key") != run.key:
-        return None
+def _redo(run: Run, folder: Path, report: Report) -> dict[str, Any]:
+    return to_json(carry_out(run.what, folder, dict(run.options), report), folder)
+
+
+def outcome_of(run: Run, done: Done) -> Outcome:
+    """What a run's job gave."""
+    if done.error:
+        return Outcome(run, {}, (), (), 0.0, resumed=False, error=done.error)
+    record, folder = done.result, done.job.folder
+    assert folder is not None
     return Outcome(
         run,
         {name: Statistic(**number) for name, number in record["statistics"].items()},
         tuple(record["remarks"]),
-        tuple(path.parent / name for name in record["files"] if name.endswith(".png")),
-        record["processor_s"],
-        True,
+        tuple(folder / name for name in record["files"] if name.endswith(".png")),
+        done.processor_s,
+        done.resumed,
     )
 
 
@@ -124,13 +111,3 @@ def recorded_seconds(run: Run, quick: bool) -> float | None:
     """Processor seconds that it took when they were recorded; None if nobody has."""
     seconds = run.entry.processor_s if run.entry else None
     return seconds[quick] if seconds else None
-
-
-def _failed(run: Run, error: str) -> Outcome:
-    return Outcome(run, {}, (), (), 0.0, resumed=False, error=error)
-
-
-def _processor_s() -> float:
-    """Processor time of this process and of those that it has waited for [s]."""
-    t = os.times()
-    return t.user + t.system + t.children_user + t.children_system

@@ -14,7 +14,8 @@ import pandas as pd
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import play_episodes
-from fieldagents.evaluation.evaluate import check_pairs, written_out
+from fieldagents.evaluation.evaluate import check_pairs
+from fieldagents.evaluation.play import written_out
 from fieldagents.evaluation.summary import Labels, Summary, summarise
 from fieldagents.retune.config import RetuneConfig
 from fieldagents.retune.recovery import Recovery, recovery

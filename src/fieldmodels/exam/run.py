@@ -5,21 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import numpy as np
 
+from fieldmodels.engine import HERE, Engine, Job, run_jobs
 from fieldmodels.exam import scoring
 from fieldmodels.exam.answers import Answer, ask
 from fieldmodels.exam.benches import Bench, Hidden, get_bench
@@ -32,7 +29,6 @@ from fieldmodels.registry import get_model
 
 Row = dict[str, Any]
 Progress = Callable[[str, float], None]
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 LIMIT = 180.0
 """Processor time after which a diagnosis counts as failed [s]."""
 DATA = ("cases.py", "sizes.py", "plants", "benches")
@@ -44,7 +40,7 @@ class TooLongError(Exception):
 
 
 def run_cases(
-    cases: Sequence[Case], out: Path, *, workers: int = 1, progress: Progress | None = None
+    cases: Sequence[Case], out: Path, *, engine: Engine = HERE, progress: Progress | None = None
 ) -> list[Row]:
     """Run the cases, or what is left of them.
 
@@ -54,51 +50,31 @@ def run_cases(
     Args:
         cases: The cases.
         out: Folder of the results; earlier ones in it are used.
-        workers: Processes, each of one thread.
+        engine: Who does them.
         progress: Called with what is being done and the share done.
 
     Returns:
         One row a case, in the order of ``cases``.
     """
-    report = progress or (lambda _what, _share: None)
     out.mkdir(parents=True, exist_ok=True)
     log, kept = out / "cases.jsonl", out / "sizes.jsonl"
     done = {row["key"]: row for row in _current(log, answer_code())}
     made = {row["key"]: row for row in _current(kept, data_code())}
     left = [case for case in cases if case.key not in done]
     with log.open("a", encoding="utf-8") as lines, kept.open("a", encoding="utf-8") as to:
-        for number, (case, row) in enumerate(_finished(left, made, workers)):
+        jobs = {
+            Job(case.key, f"{case.machine}: {case.kind}", run_case, (case, made.get(case.key))): case
+            for case in left
+        }
+        for one in run_jobs(list(jobs), engine, progress or (lambda _what, _share: None)):
+            case = jobs[one.job]
+            row = case.to_json() | _failed(case, one.error, 0.0) if one.error else one.result
             if case.key not in made and all(name in row for name in MADE):
                 fresh = {name: row[name] for name in ("key", *MADE)}
                 _write(to, fresh | {"code": data_code()})
             done[case.key] = row | {"code": answer_code()}
             _write(lines, done[case.key])
-            report(f"{case.machine}: {case.kind}", (number + 1) / len(left))
     return [done[case.key] for case in cases]
-
-
-def _finished(cases: Sequence[Case], made: Mapping[str, Row], workers: int) -> Iterator[tuple[Case, Row]]:
-    """Cases as they are finished; one that kills its process has failed, and the others go on."""
-    left = {case.key: case for case in cases}
-    suspects: list[Case] = []
-    while left:
-        alone = bool(suspects)
-        batch = [suspects.pop(0)] if alone else list(left.values())
-        broken = False
-        with _pool(1 if alone else workers) as pool:
-            futures = {pool.submit(run_case, case, made.get(case.key)): case for case in batch}
-            for future in as_completed(futures):
-                try:
-                    row = future.result()
-                except BrokenProcessPool:
-                    broken = True
-                    continue
-                del left[futures[future].key]
-                yield futures[future], row
-        if broken and alone:
-            yield batch[0], batch[0].to_json() | _failed(left.pop(batch[0].key), "its process died", 0.0)
-        elif broken:  # the first that are left had begun
-            suspects = list(left.values())[:workers]
 
 
 MADE = ("sizes", "percents", "attainable")
@@ -307,23 +283,6 @@ def _limited(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[Executor]:
-    """Fresh processes of one thread each; on an interruption what has not begun is dropped."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 @cache
