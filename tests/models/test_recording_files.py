@@ -174,11 +174,11 @@ def test_a_missing_column_is_guessed(write):
     refused(path, "column 'position' [m] is missing", "did you mean 'postion'?", "t, force, x, postion")
 
 
-def test_a_unit_in_the_header_leads_to_its_declaration(write):
-    refused(
-        write(table(**bench()).replace("position", "Position [mm]")), "declare 'position=Position [mm]:mm'"
-    )
-    refused(write(table(**bench()).replace("t,", "time (ms),", 1)), "declare 't=time (ms):ms'")
+def test_a_unit_in_the_header_is_read(write):
+    text = table(**bench(step=10)).replace("position", "Position [mm]").replace("t,", "time (ms),", 1)
+    loaded = load_recording(write(text), RIG)
+    assert loaded.step == pytest.approx(0.01)
+    assert loaded["position"][3] == pytest.approx(3e-6)
 
 
 def test_a_doubled_name_and_a_missing_column_are_both_reported(write):
@@ -202,10 +202,7 @@ def test_a_wrong_mapping_is_reported(write):
         ("t,force,position", ["no data rows"]),
         ("t,force,position\n", ["no data rows"]),
         ("t,force,position\n0,1,2\n", ["one data row"]),
-        ("0,1,2\n0.1,1,2\n", ["row 1", "the first line must name the columns"]),
-        ("# log\nt,force,position\n0,1,2\n", ["row 1", "comment"]),
-        ("t;force;position\n0;1;2\n", ["separated by semicolons", "sep=';'"]),
-        ("t\tforce\tposition\n0\t1\t2\n", ["separated by tabs"]),
+        ("0,1,2\n0.1,1,2\n", ["the header has column 1, column 2, column 3"]),
     ],
 )
 def test_files_without_header_or_rows(write, text, parts):
@@ -221,7 +218,7 @@ def test_files_without_header_or_rows(write, text, parts):
         ("high", "'high' is not a number"),
         ('"0,5"', "'0,5' has a decimal comma; write 0.5"),
         ("", "the cell is empty"),
-        ("NaN", "NaN is not a finite number"),
+        ("NaN", "the cell is empty or NaN"),
         ("inf", "inf is not a finite number"),
         ("0x1p3", "'0x1p3' is not a number"),
         ("0,5", "row 5: 4 cells, but the header has 3; a decimal comma?"),
@@ -384,12 +381,10 @@ def test_a_position_in_millimetres_is_suspected(write):
     [
         (b"\x00\x01\x02\x03" * 100, "binary file"),
         (b"t,x\n0,1\n\x00\x00", "binary file"),
-        (b"PAR1\x15\x04", "a Parquet file: rename it"),
-        (b"PK\x03\x04\x14", "Excel"),
-        (b"\x1f\x8b\x08", "gzip"),
-        ("t,x\n0,1\n".encode("utf-16"), "UTF-16"),
-        ("t,Kraft ü\n0,1\n".encode("latin-1"), "row 1: byte 9 is not UTF-8"),
-        (b"\x93NUMPY\x01", "not UTF-8"),
+        (b"PAR1\x15\x04", "not a readable Parquet file"),
+        (b"PK\x03\x04\x14", "not a readable workbook"),
+        (b"\x1f\x8b\x08", "damaged archive"),
+        (b"\x93NUMPY\x01", "not a readable NumPy file"),
     ],
 )
 def test_other_content_named_csv(write, content, part):
@@ -411,7 +406,7 @@ def test_damaged_parquet_pages(write, tmp_path):
     pq.write_table(pa.table(bench(5000)), path)
     data = bytearray(path.read_bytes())
     data[4:400] = b"\xff" * 396
-    refused(write(bytes(data), "log.parquet"), "damaged Parquet data")
+    refused(write(bytes(data), "log.parquet"), "damaged data")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -450,11 +445,11 @@ def test_parquet_cells_and_types(tmp_path):
     columns = bench()
     columns["force"] = [*columns["force"][:9], None, *columns["force"][10:]]
     pq.write_table(pa.table(columns), path)
-    refused(path, "column 'force', row 10: a missing value")
+    refused(path, "column 'force', row 10: the cell is empty or NaN")
     pq.write_table(pa.table(bench(force=["1"] * 100)), path)
     refused(path, "column 'force'", "holds string, not numbers")
-    pq.write_table(pa.table(bench(t=pa.array(range(100), pa.timestamp("ms")))), path)
-    refused(path, "column 't'", "write seconds as a number")
+    pq.write_table(pa.table(bench(300) | {"t": pa.array(range(300), pa.timestamp("ms"))}), path)
+    assert load_recording(path, RIG).step == pytest.approx(0.001)
 
 
 def test_paths_that_are_no_readable_file(tmp_path, write):
@@ -462,7 +457,7 @@ def test_paths_that_are_no_readable_file(tmp_path, write):
     refused(tmp_path / "bench1.csv", "no such file", "did you mean", "bench_1.csv")
     refused(tmp_path / "nowhere" / "a.csv", "there is no directory")
     refused(tmp_path, "is a directory", "bench_1.csv")
-    refused(write("t,x\n", "log.xlsx"), "files named .xlsx are not read")
+    refused(write("t,x\n", "log.xlsx"), "not a readable workbook")
 
 
 # Size

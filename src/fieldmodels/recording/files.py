@@ -1,4 +1,4 @@
-"""Reading and writing of recordings as CSV and Parquet files, with checks before any work starts."""
+"""Recordings out of logs of any format, with checks before any work starts; and their writing."""
 
 from __future__ import annotations
 
@@ -9,31 +9,52 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
+from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
 from fieldmodels.recording.checks import check_episodes, check_length, check_time, is_even, suspicions
+from fieldmodels.recording.merging import held_or_between
+from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
-from fieldmodels.recording.tables import Problem, Table, open_table, write_table
-from fieldmodels.recording.units import UnitError, canonical, factor, known_units, si_unit
+from fieldmodels.recording.tables import EMPTY, Problem, Table, write_table
+from fieldmodels.recording.units import UnitError, factor, si_unit
 
-TIME, EPISODE = "t", "episode"
 LEAST_SCALED = 50
 """Number of rows above which the sampling rate of a recording indicates a slow bench."""
-_USUAL = {TIME: ("time", "time_s", "timestamp", "seconds", "zeit", "tempo"), EPISODE: ("run", "trial")}
+SPARSE = 0.2
+"""Share of empty cells from which a column is taken to have a rate of its own."""
+_USUAL = {TIME: ("time", "timestamp", "seconds"), EPISODE: ("run", "trial")}
+EPOCH = 1e8
+"""Times above this [s] count from 1970, and are told from the first row on."""
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A column to read: the signal's name, its name in the file, the factor to its SI unit, that unit.
+    """A column to read: the signal, the channel, the factor to its SI unit, that unit.
 
     For the time column, the declared unit, empty if there is none.
     """
 
     signal: str
-    name: str
+    channel: Channel
     factor: float
     unit: str
+
+    @property
+    def name(self) -> str:
+        return self.channel.column
+
+    def si(self, values: FloatArray) -> FloatArray:
+        """Values in the SI unit, in place."""
+        if self.channel.gain != 1:
+            values *= self.channel.gain
+        if self.channel.offset:
+            values += self.channel.offset
+        if self.factor != 1:
+            values *= self.factor
+        return values
 
 
 def load_recording(
@@ -41,18 +62,20 @@ def load_recording(
     model: Model | None = None,
     columns: Mapping[str, str] | None = None,
     horizon: float | None = None,
+    rate: float | None = None,
 ) -> Recording:
-    """Load and check a recording from CSV or Parquet, keeping only the required columns in memory.
+    """Load and check a recording from a log of any format, keeping only the required columns in memory.
 
-    The file has a header, a column ``t`` [s], optionally ``episode`` (an integer), and a column for each
-    signal in the model's unit. Values are float64. A unit in a Parquet column's metadata is converted.
+    The file has a column ``t`` [s], optionally ``episode`` (an integer), and a column for each signal in the
+    model's unit, or in that which the file states. Values are float64.
 
     Args:
-        path: A file named .csv or .parquet.
-        model: Only its inputs and outputs are read; None reads every column.
-        columns: Signal name (also ``t`` and ``episode``) to the file's column name, with the column's unit
-            behind a colon if it is not the model's: ``{"t": "time", "angle": "position:deg"}``.
+        path: The log; see ``fieldmodels.recording.reading.read_table``.
+        model: Only its inputs and outputs are read; None reads every column of numbers.
+        columns: Signal name (also ``t`` and ``episode``) to the file's column name, with a gain, an offset
+            and a unit if need be, as ``Channel.parse`` reads them: ``{"torque": "-2.5*tau:N cm"}``.
         horizon: Prediction horizon [s] that must fit; None takes the model's shortest.
+        rate: Rows a second, for a file without times.
 
     Raises:
         RecordingError: If the file cannot be used; gives file, column and row, and what to do. Several
@@ -62,38 +85,61 @@ def load_recording(
         RecordingWarning: If a column seems to be in another unit than declared; or if the rows are
             uneven, and were resampled to an even grid (see ``fieldmodels.recording.resampling``).
     """
-    table = open_table(Path(path))
-    wanted = _columns(table, model, columns or {})
-    values = table.read([c.name for c in wanted])
-    rows = len(values[wanted[0].name])
+    table = read_table(path)
+    bench = Bench.of(columns or {}, table.header, rate)
+    return recording_of(table, bench, model, horizon)
+
+
+def recording_of(
+    table: Table, bench: Bench, model: Model | None = None, horizon: float | None = None
+) -> Recording:
+    """Take a bench's signals out of a log, in SI units and on one clock, and check them.
+
+    Where columns have several rates, all are put on the times of the model's first output: commands held,
+    measured signals along lines.
+
+    Args:
+        table: The log.
+        bench: Which column holds which signal; a signal that it leaves out is looked up by its name.
+        model: As in ``load_recording``, which also says what is raised and warned of.
+        horizon: As in ``load_recording``.
+    """
+    wanted = _columns(table, model, bench)
+    values = table.read(list(dict.fromkeys(c.name for c in wanted if c.name)))
+    rows = len(values[wanted[0].name or wanted[-1].name])
     if rows < 2:
         raise table.fail(
             [Problem(f"{'one data row' if rows else 'no data rows'}; record at least a few hundred")]
         )
+    clocks = {c.name: table.clocks.get(c.name, "") for c in wanted if c.name}
+    sparse = {n for n, v in values.items() if len(v) and SPARSE < np.isnan(v).mean() < 1}
     problems = [
-        Problem("a missing value; leave the row out and start a new episode", name, int(bad[0]))
+        Problem(EMPTY, name, int(bad[0]))
         for name, column in values.items()
-        if len(bad := np.flatnonzero(~np.isfinite(column)))
+        if name not in sparse and len(bad := np.flatnonzero(~np.isfinite(column)))
     ]
     if problems:
         raise table.fail(problems)
-    signals = {}
-    for column in wanted:
-        signals[column.signal] = values[column.name]
-        if column.factor != 1:
-            signals[column.signal] *= column.factor
-    time = signals.pop(TIME)
+    single = {len(v) for v in values.values()} == {rows} and not sparse and len(set(clocks.values())) == 1
+    clock = next(c for c in wanted if c.signal == TIME)
+    used = {c.signal: values[c.name] if single else values[c.name].copy() for c in wanted if c.name}
+    if bench.rate is not None and not clock.name:
+        used[TIME] = np.arange(rows) / bench.rate
+    elif not single:
+        used = _on_one_clock(table, wanted, used, model)
+    signals = {c.signal: c.si(used[c.signal]) for c in wanted if c.signal != TIME or c.name}
+    time = signals.pop(TIME, used[TIME])
     episodes = signals.pop(EPISODE, None)
     if episodes is not None and (problems := check_episodes(episodes)):
         raise table.fail(problems)
     recording = Recording(
-        time=time,
+        time=time - time[0] if time[0] > EPOCH else time,
         signals=signals,
         units={c.signal: c.unit for c in wanted if c.signal in signals and c.unit},
-        episode=np.zeros(rows, dtype=np.int64) if episodes is None else episodes.astype(np.int64),
-        source=str(path),
+        episode=np.zeros(len(time), dtype=np.int64) if episodes is None else episodes.astype(np.int64),
+        source=str(table.path),
     )
-    return _checked(table, recording, model, horizon, next(c for c in wanted if c.signal == TIME))
+    return _checked(table, recording, model, horizon, clock)
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -121,85 +167,117 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     write_table(Path(path), columns, {TIME: "s", **recording.units})
 
 
-def _columns(table: Table, model: Model | None, mapping: Mapping[str, str]) -> list[_Column]:
+def _on_one_clock(
+    table: Table, wanted: Sequence[_Column], used: Mapping[str, FloatArray], model: Model | None
+) -> dict[str, FloatArray]:
+    """All signals at the times of the first output, in the unit of its clock."""
+    clock = next(c for c in wanted if c.signal == TIME)
+    common = used[TIME]
+    times: dict[str, FloatArray] = {}
+    for c in wanted:
+        own = table.clocks.get(c.name, clock.name)
+        time = common if own == clock.name else table[own]
+        there = np.isfinite(used[c.signal]) & np.isfinite(time)
+        times[c.signal] = time[there]
+        if not there.all():
+            used = {**used, c.signal: used[c.signal][there]}
+    outputs = [s.name for s in model.outputs if s.name in used] if model else [n for n in used if n != TIME]
+    master = times[max(outputs, key=lambda n: len(times[n]))]
+    ranges = [t for t in times.values() if len(t)]
+    master = master[(master >= max(t[0] for t in ranges)) & (master <= min(t[-1] for t in ranges))]
+    if len(master) < 2:
+        raise table.fail([Problem("its columns have no times in common", clock.name)])
+    held = {s.name for s in model.inputs} | {EPISODE} if model else {EPISODE}
+    return {
+        c.signal: master.copy()
+        if c.signal == TIME
+        else held_or_between(master, times[c.signal], used[c.signal], c.signal in held)
+        for c in wanted
+    }
+
+
+def _columns(table: Table, model: Model | None, bench: Bench) -> list[_Column]:
     """Decide which columns to read, with every problem of the header reported at once."""
-    header = table.header
-    problems = [
-        Problem("appears more than once in the header; rename one of them", name)
-        for name in dict.fromkeys(header)
-        if header.count(name) > 1
-    ]
-    required, optional = [TIME], [EPISODE]
+    header, mapping, problems = table.header, bench.columns, []
+    required, optional = ([] if bench.rate else [TIME]), [EPISODE]
     if model is not None:
         required += [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
         optional += [s.name for s in (*model.outputs, *model.measured_inputs) if s.optional]
+        optional += [TIME] if bench.rate else []
         for signal in mapping:
             if signal not in required + optional:
                 hint = did_you_mean(signal, required + optional)
                 problems.append(Problem(f"model {model.name!r} has no signal {signal!r}{hint}"))
     else:
-        taken = {_split(spec, header)[0] for spec in mapping.values()}
-        required += [name for name in mapping if name not in (TIME, EPISODE)]
-        required += [
-            h
-            for h in dict.fromkeys(header)
-            if h not in (TIME, EPISODE) and h not in taken and h not in mapping
-        ]
+        taken = {c.column for c in mapping.values()} | set(table.clocks.values())
+        required += [n for n in mapping if n not in (TIME, EPISODE)]
+        required += [n for n in dict.fromkeys(table.numbers()) if n not in {TIME, EPISODE, *taken, *mapping}]
+    problems += [
+        Problem("appears more than once in the header; rename one of them", name)
+        for name in dict.fromkeys(header)
+        if header.count(name) > 1 and (model is None or name in required)
+    ]
     found: list[_Column] = []
     for signal in required + optional:
-        name, unit = _split(mapping.get(signal, signal), header)
-        if name not in header:
-            if signal in required or signal in mapping:
-                problems.append(_missing(signal, name, header, model))
+        if signal == TIME and bench.rate and TIME not in mapping:
             continue
-        if name in [c.name for c in found]:
-            problems.append(Problem("is declared for two signals", name))
+        channel = mapping.get(signal) or Channel(named(signal, table))
+        if channel.column not in header:
+            if signal in required or signal in mapping:
+                problems.append(_missing(signal, channel.column, table, model))
+            continue
+        if channel.column in [c.name for c in found]:
+            problems.append(Problem("is declared for two signals", channel.column))
             continue
         try:
-            found.append(_convert(table, model, signal, name, unit))
+            found.append(_convert(table, model, signal, channel))
         except UnitError as error:
-            problems.append(Problem(str(error), name))
+            problems.append(Problem(str(error), channel.column))
     if problems:
         raise table.fail(problems)
-    return found
+    return found if not bench.rate or TIME in mapping else [_Column(TIME, Channel(""), 1.0, "s"), *found]
 
 
-def _convert(table: Table, model: Model | None, signal: str, name: str, unit: str) -> _Column:
+def named(signal: str, table: Table) -> str:
+    """The column that has a signal's name, but for case, a unit behind it, and a clock's usual names."""
+    if signal in table.header:
+        return signal
+    for wanted in (signal, *_USUAL.get(signal, ())):
+        alike = [n for n in table.header if _bare(n) == wanted]
+        if len(alike) == 1:
+            return alike[0]
+    return signal
+
+
+def _bare(name: str) -> str:
+    return name.split("[")[0].split("(")[0].strip().lower()
+
+
+def _convert(table: Table, model: Model | None, signal: str, channel: Channel) -> _Column:
     """Find the factor from the unit that the user or the file states to the one that the model wants."""
-    stated = unit or (table.unit(name) or "")
+    stated = channel.unit or table.units.get(channel.column, "")
     if signal == EPISODE:
-        return _Column(signal, name, 1.0, "")
+        return _Column(signal, channel, 1.0, "")
     if signal == TIME:
-        return _Column(signal, name, factor(stated, "s") if stated else 1.0, stated)
+        return _Column(signal, channel, factor(stated, "s") if stated else 1.0, stated)
     if model is not None:
         wanted = next(s.unit for s in model.signals if s.name == signal)
-    elif unit:
-        wanted = si_unit(unit)[0]
+    elif channel.unit:
+        wanted = si_unit(channel.unit)[0]
     else:
         wanted = stated
-    return _Column(signal, name, factor(stated, wanted) if stated else 1.0, wanted)
+    return _Column(signal, channel, factor(stated, wanted) if stated else 1.0, wanted)
 
 
-def _split(spec: str, header: Sequence[str]) -> tuple[str, str]:
-    """Split ``name:unit``; a column that is really named so is left whole."""
-    name, colon, unit = spec.rpartition(":")
-    return (name, unit) if colon and spec not in header else (spec, "")
-
-
-def _missing(signal: str, name: str, header: Sequence[str], model: Model | None) -> Problem:
-    bare = {h.split("[")[0].split("(")[0].strip().lower(): h for h in header}
-    guess = next((bare[n] for n in (name.lower(), *_USUAL.get(signal, ())) if n in bare), "")
-    unit = guess.partition("[" if "[" in guess else "(")[2].strip(" ])")
-    suffix = f":{unit}" if unit and canonical(unit) in known_units() else ""
-    if guess:
-        return Problem(f"column {name!r} is missing; if it is {guess!r}, declare '{signal}={guess}{suffix}'")
+def _missing(signal: str, name: str, table: Table, model: Model | None) -> Problem:
     role = "seconds" if signal == TIME else ""
     if model is not None and signal != TIME:
         role = next((s.unit for s in model.signals if s.name == signal), "")
     need = f" [{role}]" if role else ""
-    close = did_you_mean(name, header).partition(" (known:")[0]
-    return Problem(f"column {name!r}{need} is missing{close}; the header has {', '.join(header)}; "
-                   f"add it, or declare another one as '{signal}=NAME:UNIT'")  # fmt: skip
+    close = did_you_mean(name, table.header).partition(" (known:")[0]
+    rate = ", or give the rows a second by --rate" if signal == TIME else ""
+    return Problem(f"column {name!r}{need} is missing{close}; the header has {', '.join(table.header)}; "
+                   f"add it, or declare another one as '{signal}=NAME:UNIT'{rate}")  # fmt: skip
 
 
 def _checked(

@@ -1,68 +1,63 @@
-"""Units of columns, and their factors to the SI units of the models."""
+"""Units of columns, and their factors to the SI units of the models: pint's, behind a table of spellings.
+
+Pint alone reads several spellings silently wrong (``Hz`` and ``1/min`` as radians, ``Nm`` as a number of
+metres, ``g`` as a gram of acceleration): what is written in logs goes through the table first.
+"""
 
 from __future__ import annotations
 
-from math import pi
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from fieldmodels.names import did_you_mean
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s^2], exact (CGPM 1901)."""
 
-_DEGREE = pi / 180
-_RPM = 2 * pi / 60
-
-# SI unit -> other unit of the same quantity -> factor. Keyed by quantity, so that "g" is a gram
-# for a mass and the acceleration of gravity for an acceleration.
-_FACTORS: dict[str, dict[str, float]] = {
-    "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "rad": {"mrad": 1e-3, "deg": _DEGREE, "rev": 2 * pi},
-    "rad/s": {"mrad/s": 1e-3, "deg/s": _DEGREE, "rpm": _RPM, "rev/s": 2 * pi},
-    "rad/s^2": {"deg/s^2": _DEGREE},
-    "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
-    "m/s": {"mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6, "mph": 0.44704},
-    "m/s^2": {"mm/s^2": 1e-3, "g": STANDARD_GRAVITY},
-    "kg": {"g": 1e-3, "t": 1e3},
-    "N": {"mN": 1e-3, "kN": 1e3, "kgf": STANDARD_GRAVITY, "lbf": 0.45359237 * STANDARD_GRAVITY},
-    "N m": {"mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "kN m": 1e3},
-    "Pa": {"hPa": 1e2, "kPa": 1e3, "bar": 1e5},
-    "V": {"mV": 1e-3},
-    "A": {"mA": 1e-3},
-    "W": {"mW": 1e-3, "kW": 1e3},
-    "1": {"%": 1e-2},
-}
+# SI unit -> other unit of the same quantity -> what pint calls it. Keyed by quantity, so that "g" is a gram
+# for a mass and the acceleration of gravity for an acceleration, and "Hz" turns a second for a rate.
+_UNITS: dict[str, dict[str, str]] = {
+    "s": {"ms": "ms", "us": "us", "ns": "ns", "min": "minute", "h": "hour"},
+    "rad": {"mrad": "mrad", "deg": "degree", "rev": "turn"},
+    "rad/s": {"mrad/s": "mrad/s", "deg/s": "degree/s", "rpm": "turn/minute", "rev/s": "turn/s",
+              "Hz": "turn/s"},
+    "rad/s^2": {"deg/s^2": "degree/s^2"},
+    "m": {"um": "um", "mm": "mm", "cm": "cm", "km": "km", "in": "inch", "ft": "foot"},
+    "m/s": {"mm/s": "mm/s", "cm/s": "cm/s", "km/h": "km/hour", "mph": "mile/hour"},
+    "m/s^2": {"mm/s^2": "mm/s^2", "g": "standard_gravity"},
+    "kg": {"g": "gram", "t": "metric_ton"},
+    "N": {"mN": "mN", "kN": "kN", "kgf": "kgf", "lbf": "lbf"},
+    "N m": {"mN m": "mN*m", "N cm": "N*cm", "N mm": "N*mm", "kN m": "kN*m"},
+    "Pa": {"hPa": "hPa", "kPa": "kPa", "bar": "bar"},
+    "V": {"mV": "mV"},
+    "A": {"mA": "mA"},
+    "W": {"mW": "mW", "kW": "kW"},
+    "1": {"%": "0.01"},
+}  # fmt: skip
 
 # Other spellings, after dots, stars and spaces have been unified.
 _SPELLINGS = {
-    "sec": "s",
-    "seconds": "s",
-    "µs": "us",
-    "μs": "us",
-    "°": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "°/s": "deg/s",
-    "dps": "deg/s",
-    "radians": "rad",
-    "rad/sec": "rad/s",
-    "1/min": "rpm",
-    "RPM": "rpm",
-    "U/min": "rpm",
-    "kmh": "km/h",
-    "kph": "km/h",
-    "µm": "um",
-    "μm": "um",
-    "Nm": "N m",
-    "mNm": "mN m",
-    "Ncm": "N cm",
-    "Nmm": "N mm",
-    "kNm": "kN m",
-    "m/s2": "m/s^2",
-    "m/s²": "m/s^2",
-    "rad/s2": "rad/s^2",
-    "rad/s²": "rad/s^2",
-    "": "1",
-}
+    "": "1", "-": "1", "prozent": "%", "percent": "%", "pct": "%",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s", "secondes": "s",
+    "segundos": "s", "secondi": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms", "µs": "us",
+    "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns",
+    "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "gradi": "deg", "grados": "deg",
+    "degrés": "deg", "radians": "rad", "radian": "rad", "turn": "rev", "turns": "rev", "revs": "rev",
+    "umdr": "rev", "tr": "rev", "°/s": "deg/s", "dps": "deg/s", "deg/sec": "deg/s", "grad/s": "deg/s",
+    "rad/sec": "rad/s", "rps": "rev/s", "1/min": "rpm", "RPM": "rpm", "U/min": "rpm", "rev/min": "rpm",
+    "tr/min": "rpm", "giri/min": "rpm", "min^-1": "rpm", "r/min": "rpm", "tr/s": "rev/s", "U/s": "rev/s",
+    "kmh": "km/h", "kph": "km/h", "µm": "um", "μm": "um", "m/sec": "m/s", "m s^-1": "m/s",
+    "Nm": "N m", "mNm": "mN m", "Ncm": "N cm", "Nmm": "N mm", "kNm": "kN m", "Volt": "V", "volts": "V",
+    "Ampere": "A", "amps": "A", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "rad/s2": "rad/s^2",
+    "rad/s²": "rad/s^2", "deg/s2": "deg/s^2", "°/s²": "deg/s^2",
+}  # fmt: skip
+_UNSCALED = ("counts", "count", "ticks", "tick", "lsb", "inc", "inkremente", "digits", "raw", "steps")
+_ANGLES = ("radian", "degree", "turn", "arcminute", "arcsecond", "grade")
+_WRITTEN = re.compile(r"[\w µμ°%/*^().²³-]{1,40}")
 
 
 class UnitError(ValueError):
@@ -71,18 +66,25 @@ class UnitError(ValueError):
 
 def canonical(unit: str) -> str:
     """Return the project's spelling of a unit ("Nm" and "N*m" are "N m")."""
-    spelled = " ".join(unit.replace("*", " ").replace("·", " ").split())
-    return _SPELLINGS.get(spelled, spelled)
+    spelled = " ".join(unit.replace("*", " ").replace("·", " ").strip(" []()").split())
+    return _SPELLINGS.get(spelled, _SPELLINGS.get(spelled.lower(), spelled))
 
 
+@cache
 def known_units() -> tuple[str, ...]:
-    """All units that a column may be declared in."""
-    return tuple(dict.fromkeys(u for si, others in _FACTORS.items() for u in (si, *others)))
+    """The usual units that a column may be declared in; any that pint knows may be, too."""
+    return tuple(dict.fromkeys(u for si, others in _UNITS.items() for u in (si, *others)))
+
+
+def is_unit(text: str) -> bool:
+    """Whether a header's word is one of the usual units."""
+    return bool(text.strip()) and canonical(text) in known_units()
 
 
 def other_units(wanted: str) -> dict[str, float]:
     """Units of the same quantity as an SI unit, with their factors to it; none for an unknown unit."""
-    return dict(_FACTORS.get(canonical(wanted), {}))
+    want = canonical(wanted)
+    return {unit: _ratio(name, want) for unit, name in _UNITS.get(want, {}).items()}
 
 
 def factor(unit: str, wanted: str) -> float:
@@ -94,10 +96,17 @@ def factor(unit: str, wanted: str) -> float:
     have, want = canonical(unit), canonical(wanted)
     if have == want:
         return 1.0
-    others = _FACTORS.get(want, {})
+    others = _UNITS.get(want, {})
     if have in others:
-        return others[have]
+        return _ratio(others[have], want)
     allowed = ", ".join([want, *others])
+    if have.lower() in _UNSCALED:
+        raise UnitError(f"unit {unit!r} has no size; state what one is worth, as in '0.0015*COLUMN:{want}'")
+    if have not in known_units() and want in _UNITS:
+        try:
+            return _ratio(have.replace(" ", "*"), want)
+        except UnitError:
+            pass
     if have in known_units():
         raise UnitError(f"unit {unit!r} does not measure a quantity in {wanted!r} (possible: {allowed})")
     raise UnitError(f"unknown unit {unit!r}{did_you_mean(have, [want, *others])}; possible: {allowed}")
@@ -110,9 +119,36 @@ def si_unit(unit: str) -> tuple[str, float]:
         UnitError: If the unit is unknown; for "g" too, which could be a mass or an acceleration.
     """
     have = canonical(unit)
-    homes = [si for si, others in _FACTORS.items() if have == si or have in others]
+    homes = [si for si, others in _UNITS.items() if have == si or have in others]
     if len(homes) == 1:
         return homes[0], factor(have, homes[0])
     if homes:
         raise UnitError(f"unit {unit!r} could mean {' or '.join(homes)}; convert the column first")
+    for si in _UNITS:
+        try:
+            return si, _ratio(have.replace(" ", "*"), si)
+        except UnitError:
+            continue
     raise UnitError(f"unknown unit {unit!r}{did_you_mean(have, known_units())}")
+
+
+@cache
+def _registry() -> UnitRegistry[Any]:
+    from pint import UnitRegistry  # a third of a second, which most logs do not need
+
+    return UnitRegistry(cache_folder=None)
+
+
+@cache
+def _ratio(name: str, si: str) -> float:
+    """The factor from what pint calls a unit to an SI unit; an angle is no number, though pint allows it."""
+    if not _WRITTEN.fullmatch(name) or re.search(r"\^\s*\(?-?\d\d|\*\*", name):
+        raise UnitError(f"unknown unit {name!r}")
+    registry = _registry()
+    try:
+        have = registry.Quantity(1.0) * registry.parse_expression(name)
+        if any(str(unit).endswith(_ANGLES) for unit, _ in have.unit_items()) is not ("rad" in si):
+            raise UnitError(name)
+        return float(have.to("" if si == "1" else si.replace(" ", "*")).magnitude)
+    except Exception as error:  # pint's own, and those of Python's tokenizer and attribute look-up
+        raise UnitError(f"unknown unit {name!r}") from error

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fieldmodels.recording import Recording
-from fieldmodels.recording.tables import Problem, open_table
+from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.tables import Problem
 from fieldmodels.recording.units import si_unit
 
 NUMBER = "#"
@@ -53,7 +54,7 @@ def load_windows(path: Path, layout: Layout) -> Recording:
     Raises:
         RecordingError: If columns are missing or a value is; names the file and the place.
     """
-    table = open_table(path)
+    table = read_table(path)
     signals: dict[str, tuple[list[str], float, str]] = {}
     problems = []
     for signal, spec in layout.columns.items():

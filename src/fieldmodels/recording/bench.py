@@ -1,0 +1,150 @@
+"""What the columns of a bench's logs are, written once to a small ``bench.yaml`` for all its logs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+
+from fieldmodels.recording.data import RecordingError
+from fieldmodels.recording.tables import Table
+from fieldmodels.yaml import YamlError, load_yaml, save_yaml
+
+TIME, EPISODE = "t", "episode"
+NAME = "bench.yaml"
+"""A bench's file beside its logs."""
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_SPEC = re.compile(
+    rf"(?:(?P<gain>{_NUMBER})\*|(?P<minus>-))?(?P<name>.+?)(?P<offset>[-+]{_NUMBER[5:]})?", re.S
+)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column, and what its numbers mean: ``gain * cell + offset``, in ``unit``.
+
+    Attributes:
+        column: Its name in the file.
+        unit: Unit of the result; empty for what the file states, else the model's.
+        gain: A scale or a sign.
+        offset: What is added then, in ``unit``.
+    """
+
+    column: str
+    unit: str = ""
+    gain: float = 1.0
+    offset: float = 0.0
+
+    @classmethod
+    def parse(cls, spec: str, header: Sequence[str] = ()) -> Channel:
+        """Read ``[GAIN*]COLUMN[+OFFSET][:UNIT]``, as in ``-2.5*tau:N cm``, ``-tau`` or ``0.1*adc-12:deg``.
+
+        Args:
+            spec: The text; a column of the header that is really named so is taken whole.
+            header: The file's columns.
+        """
+        if spec in header:
+            return cls(spec)
+        body, colon, unit = spec.rpartition(":")
+        body, unit = (body, unit) if colon else (spec, "")
+        match = None if body in header else _SPEC.fullmatch(body)
+        if match is None:
+            return cls(body, unit)
+        gain = float(match["gain"]) if match["gain"] else -1.0 if match["minus"] else 1.0
+        name, offset = match["name"].strip(), match["offset"]
+        if offset and (name not in header and name + offset in header):
+            name, offset = name + offset, None
+        if not header and not match["gain"] and not match["minus"]:
+            name, offset = body, None
+        return cls(name, unit, gain, float(offset or 0.0))
+
+    def __str__(self) -> str:
+        """The text that ``parse`` reads."""
+        gain = "" if self.gain == 1 else "-" if self.gain == -1 else f"{self.gain:.12g}*"
+        offset = f"{self.offset:+.12g}" if self.offset else ""
+        return f"{gain}{self.column}{offset}" + (f":{self.unit}" if self.unit else "")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Which column of a log holds which signal of a model.
+
+    Attributes:
+        columns: Signal (also ``t`` and ``episode``) to its column; the others are looked up by their names.
+        rate: Rows a second, for logs without a column of times; None where there is one.
+        model: Name of the model that the signals belong to, empty for any.
+    """
+
+    columns: Mapping[str, Channel] = field(default_factory=dict)
+    rate: float | None = None
+    model: str = ""
+
+    @classmethod
+    def of(cls, specs: Mapping[str, str], header: Sequence[str] = (), rate: float | None = None) -> Bench:
+        """A bench out of texts as ``Channel.parse`` reads them."""
+        return cls({signal: Channel.parse(spec, header) for signal, spec in specs.items()}, rate)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Bench:
+        """Read a ``bench.yaml``.
+
+        Raises:
+            RecordingError: If it is missing or not of this form; names the place.
+        """
+        try:
+            data = load_yaml(Path(path))
+        except YamlError as error:
+            raise RecordingError(str(error)) from None
+        if not isinstance(data, dict) or not set(data) <= {"model", "rate", "columns"}:
+            raise RecordingError(f"{path}: holds 'columns', and perhaps 'model' and 'rate', nothing else")
+        columns, rate = data.get("columns") or {}, data.get("rate")
+        if not isinstance(columns, dict):
+            raise RecordingError(f"{path}: 'columns' maps signals to columns, as in 'torque: -tau:N cm'")
+        if rate is not None and not (_is_number(rate) and rate > 0):
+            raise RecordingError(f"{path}: 'rate' is a positive number of rows a second, not {rate!r}")
+        channels = {str(signal): _channel(path, signal, value) for signal, value in columns.items()}
+        return cls(channels, None if rate is None else float(rate), str(data.get("model") or ""))
+
+    def save(self, path: str | Path) -> None:
+        """Write a ``bench.yaml`` that ``load`` reads back to an equal one; whole or not at all."""
+        data: dict[str, object] = {"model": self.model} if self.model else {}
+        if self.rate is not None:
+            data["rate"] = self.rate
+        data["columns"] = {
+            signal: {"column": c.column}
+            | ({"unit": c.unit} if c.unit else {})
+            | ({"gain": c.gain} if c.gain != 1 else {})
+            | ({"offset": c.offset} if c.offset else {})
+            for signal, c in self.columns.items()
+        }
+        save_yaml(data, Path(path))
+
+    def fits(self, table: Table) -> bool:
+        """Whether a log has all of its columns."""
+        return all(channel.column in table.header for channel in self.columns.values())
+
+
+def beside(path: Path, model: str) -> Path | None:
+    """The bench file of a log: ``<log>.bench.yaml``, else ``bench.yaml`` in its folder, if for this model."""
+    for candidate in (path.with_name(f"{path.stem}.{NAME}"), path.with_name(NAME)):
+        if candidate.is_file() and Bench.load(candidate).model in ("", model):
+            return candidate
+    return None
+
+
+def _channel(path: str | Path, signal: object, value: object) -> Channel:
+    if isinstance(value, str):
+        return Channel.parse(value)
+    if isinstance(value, dict) and "column" in value and set(value) <= {"column", "unit", "gain", "offset"}:
+        gain, offset = value.get("gain", 1.0), value.get("offset", 0.0)
+        if _is_number(gain) and _is_number(offset) and gain != 0:
+            return Channel(str(value["column"]), str(value.get("unit") or ""), float(gain), float(offset))
+    raise RecordingError(
+        f"{path}: {signal!r} needs 'column', and perhaps 'unit', 'gain' and 'offset' (numbers), not {value!r}"
+    )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)

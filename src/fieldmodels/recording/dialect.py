@@ -1,0 +1,225 @@
+"""The dialect of a text log, found from its first lines: encoding, separator, decimals, header, units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from fieldmodels.recording.units import is_unit
+
+Kind = Literal["number", "time", "text"]
+
+COMMENTS = ("#", "%", "//", "!")
+MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
+"""Cells that say that there is no value."""
+
+_TIME = re.compile(
+    r"(\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d{1,2}/\d{1,2})([T ]+\d{1,2}:\d{2}.*)?"
+    r"|\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?"
+)
+_SIGN = r"[-+\u2212]?"
+_EXPONENT = r"(?:[eE][-+]?\d+)?"
+# (decimal, thousands) in the order in which they are preferred, and the cells that they read.
+_NUMBERS = {
+    (decimal, thousands): re.compile(
+        _SIGN
+        + (
+            rf"(?:\d+|\d{{1,3}}(?:{re.escape(thousands)}\d{{3}})+)(?:{re.escape(decimal)}\d*)?"
+            if thousands
+            else rf"(?:\d+(?:{re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)"
+        )
+        + _EXPONENT
+    )
+    for decimal, thousands in ((".", ""), (",", ""), (",", "."), (".", ","), (".", "'"), (",", " "))
+}
+_NAME_WITH_UNIT = re.compile(r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?')
+_EXAMINED = 400  # lines
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text file holds a table.
+
+    Attributes:
+        encoding: Of the text, as Python calls it.
+        delimiter: Between cells; a space stands for any run of blanks.
+        decimal: Decimal point or comma.
+        thousands: Between groups of three digits, empty for nothing.
+        skip: Lines above the first row of data.
+        names: The columns' names, as in the header; ``column 1`` and so on without one.
+        units: The columns' units, empty where none is stated.
+        kinds: What the columns hold.
+        header: False if the file names no columns.
+        comment: Whether lines of comment stand among the rows.
+    """
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    thousands: str
+    skip: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+    header: bool
+    comment: bool
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of one line."""
+        return split(line, self.delimiter)
+
+    def is_number(self, cell: str) -> bool:
+        """Whether a cell holds a number."""
+        return _NUMBERS[self.decimal, self.thousands].fullmatch(cell.strip()) is not None
+
+
+def split(line: str, delimiter: str) -> list[str]:
+    """Split a line into its cells; quotes hide the delimiter.
+
+    Raises:
+        csv.Error: If a cell is longer than 131,072 characters.
+    """
+    if delimiter == " ":
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), [])]
+
+
+def encoding_of(start: bytes) -> str:
+    """Encoding of a text by its first bytes: UTF-8 and UTF-16 by their marks and forms, else Windows-1252."""
+    for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
+        if start.startswith(mark):
+            return name
+    try:
+        start.decode("utf-8")
+    except UnicodeDecodeError as error:
+        if error.start < len(start) - 4:  # else a character was cut at the end
+            return "cp1252"
+    return "utf-8"
+
+
+def sniff(text: str, encoding: str) -> Dialect:
+    """Find the dialect of a table from its first lines.
+
+    Args:
+        text: The beginning of the file, whole lines.
+        encoding: Of the file.
+    """
+    lines = [(i, line) for i, line in enumerate(text.splitlines()) if line.strip()][:_EXAMINED]
+    rows = [(i, line) for i, line in lines if not line.lstrip().startswith(COMMENTS)] or lines
+    body = [line for _, line in rows[len(rows) // 2 :]]
+    delimiter, (decimal, thousands) = _separators(body)
+    number = _NUMBERS[decimal, thousands]
+    width = _usual([len(split(line, delimiter)) for line in body])
+    cells = [c for line in body if len(c := split(line, delimiter)) == width]
+    kinds = tuple(_kind([row[j] for row in cells], number) for j in range(width))
+    above: list[tuple[int, str]] = []
+    first = len(rows)
+    for k, (_, line) in enumerate(rows):
+        row = split(line, delimiter)
+        if len(row) == width and not _is_text(row, kinds, number, bool(above)):
+            first = k
+            break
+        above.append((k, line))
+    skip = rows[first][0] if first < len(rows) else rows[-1][0] + 1
+    texts = [header_cells(line, delimiter, width) for _, line in above[-3:]]
+    if not any(texts):
+        said = [line for i, line in lines if i < skip and line.lstrip().startswith(COMMENTS)]
+        texts = [header_cells(re.sub(r"^\s*(#|%|//|!)+", "", line), delimiter, width) for line in said[-3:]]
+    names, units = _names_and_units([t for t in texts if t], width)
+    return Dialect(
+        encoding=encoding,
+        delimiter=delimiter,
+        decimal=decimal,
+        thousands=thousands,
+        skip=skip,
+        names=tuple(name or f"column {j + 1}" for j, name in enumerate(names)),
+        units=tuple(units),
+        kinds=kinds,
+        header=any(names),
+        comment=any(line.lstrip().startswith(COMMENTS) for i, line in lines if i > skip),
+    )
+
+
+def header_cells(line: str, delimiter: str, width: int) -> list[str]:
+    """Cells of a line above the data, empty unless there are as many as columns."""
+    cells = _NAME_WITH_UNIT.findall(line) if delimiter == " " else split(line, delimiter)
+    cells = [cell.strip().strip('"').strip() for cell in cells]
+    if len(cells) == width - 1 and delimiter != " ":  # rows end with a separator, the header does not
+        cells.append("")
+    return cells if len(cells) == width and any(cells) else []
+
+
+def unit_of(name: str) -> str:
+    """The unit that a column's name states, empty for none: ``angle [deg]``, ``speed (rpm)``, ``pos_deg``."""
+    bracketed = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
+    if bracketed:
+        return bracketed[1].strip() if "[" in bracketed[0] or is_unit(bracketed[1]) else ""
+    for separator in (" in ", " / ", "/", "_", " "):
+        bare, found, last = name.rpartition(separator)
+        if found and bare and len(last) > 1 and is_unit(last) and not last.isdigit():
+            return last
+    return ""
+
+
+def _separators(body: Sequence[str]) -> tuple[str, tuple[str, str]]:
+    """The delimiter and the form of numbers under which most cells of consistent rows are numbers."""
+    best, chosen = (0.0, 0), (",", (".", ""))
+    for delimiter in (",", ";", "\t", "|", " "):
+        rows = [split(line, delimiter) for line in body]
+        width = _usual([len(row) for row in rows])
+        if width < 2 and delimiter != ",":
+            continue
+        same = [row for row in rows if len(row) == width]
+        cells = [c for row in same for c in row if c.lower() not in MISSING]
+        for form, number in _NUMBERS.items():
+            if form[1] == delimiter or (delimiter == " " and form[1]):
+                continue
+            good = sum(bool(number.fullmatch(c) or _TIME.fullmatch(c)) for c in cells)
+            score = round(len(same) / len(rows) * good / max(len(cells), 1), 3), min(width, 2)
+            if score > best:
+                best, chosen = score, (delimiter, form)
+    if best[0] == 0.0 and body:  # no number at all: a header alone
+        chosen = max((",", ";", "\t", "|"), key=body[0].count), (".", "")
+    return chosen
+
+
+def _kind(cells: Sequence[str], number: re.Pattern[str]) -> Kind:
+    """What a column holds by most of its cells."""
+    said = [c for c in cells if c.lower() not in MISSING]
+    if sum(number.fullmatch(c) is not None for c in said) >= 0.5 * len(said):
+        return "number"
+    return "time" if sum(_TIME.fullmatch(c) is not None for c in said) >= 0.5 * len(said) else "text"
+
+
+def _is_text(row: Sequence[str], kinds: Sequence[Kind], number: re.Pattern[str], after_text: bool) -> bool:
+    """Whether a line is a header or states units: words where the rows below have numbers."""
+    judged = [
+        number.fullmatch(c) is None and _TIME.fullmatch(c) is None
+        for c, kind in zip(row, kinds, strict=True)
+        if kind != "text" and c.lower() not in MISSING[:6]
+    ]
+    if not judged:
+        return not after_text or not any(c for c in row)
+    return sum(judged) > 0.5 * len(judged) if after_text else any(judged)
+
+
+def _names_and_units(texts: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
+    """Which line above the data names the columns, and which states their units."""
+    units = [""] * width
+    rest = list(texts)
+    for line in reversed(texts):
+        said = [c.strip("[]() ") for c in line if c.strip("[]() ")]
+        if len(rest) > 1 and said and sum(is_unit(c) for c in said) > 0.5 * len(said):
+            units = [c.strip("[]() ") for c in line]
+            rest.remove(line)
+            break
+    names = list(rest[0 if len(rest) > 1 else -1]) if rest else [""] * width
+    return names, [unit or unit_of(name) for name, unit in zip(names, units, strict=True)]
+
+
+def _usual(widths: Sequence[int]) -> int:
+    return Counter(widths).most_common(1)[0][0] if widths else 1

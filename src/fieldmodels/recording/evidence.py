@@ -1,0 +1,189 @@
+"""What measured data say about their columns: clocks, units, signs and delays, from the numbers alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Model
+from fieldmodels.recording.data import Recording, RecordingError
+from fieldmodels.recording.units import other_units
+from fieldmodels.recording.windows import Windows
+
+DEGREES = 20.0
+"""An angle that swings over more radians than this (three turns) is taken to be in degrees."""
+_WINDOWS = 400  # windows that suffice to tell a sign
+_LATEST = 10  # steps by which a response is looked for late
+
+
+@dataclass(frozen=True)
+class Response:
+    """How the measured response goes with the simulated one of a command.
+
+    Attributes:
+        correlation: Of the part that the command makes, -1 to 1; negative for a reversed sign.
+        agreeing: Share of the windows in which it is positive.
+        windows: How many windows.
+        late: Steps by which the command is best moved on.
+    """
+
+    correlation: float
+    agreeing: float
+    windows: int
+    late: int = 0
+
+    @property
+    def reversed(self) -> bool:
+        """Whether the command acts against what the model expects, beyond chance."""
+        return self.correlation < -0.15 and (1 - 2 * self.agreeing) * np.sqrt(self.windows) > 3
+
+
+def is_clock(values: FloatArray) -> bool:
+    """Whether a column rises from row to row in steps that are nearly even, as times do."""
+    steps = np.diff(values[np.isfinite(values)])
+    if len(steps) < 3 or np.median(steps) <= 0:
+        return False
+    return bool(
+        np.mean(steps > 0) > 0.98 and np.mean(np.abs(steps - np.median(steps)) < np.median(steps)) > 0.9
+    )
+
+
+def clock_unit(values: FloatArray, horizon: float) -> tuple[str, str]:
+    """The unit of a clock, and why.
+
+    Args:
+        values: The column.
+        horizon: Shortest time [s] over which the model predicts.
+    """
+    start, step = float(values[0]), float(np.median(np.diff(values)))
+    for unit, power in (("s", 0), ("ms", 3), ("us", 6), ("ns", 9)):
+        if 5e8 < start / 10**power < 5e9:
+            return unit, f"counts {unit} since 1970"
+    whole = bool(np.all(values[:1000] == np.round(values[:1000])))
+    if step >= 0.5 and 3 * step > horizon:
+        for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+            if 3 * step * scale <= horizon:
+                kind = "whole numbers that advance" if whole else "advances"
+                return unit, f"{kind} by {step:.4g} a row, so {unit}: {1 / (step * scale):.4g} rows a second"
+    return "s", f"advances by {step:.4g} a row, so s: {1 / step:.4g} rows a second"
+
+
+def spins(values: FloatArray) -> bool:
+    """Whether an axis goes round and round: it travels one way much further than back."""
+    travel = float(np.abs(np.diff(values)).sum())
+    return bool(travel > 0 and abs(float(values[-1] - values[0])) > 0.5 * travel)
+
+
+def angle_unit(
+    values: FloatArray, rate: FloatArray | None, step: float, rate_unit: str = "rad/s"
+) -> tuple[str, str]:
+    """The unit of an angle that states none, and why; empty if nothing tells.
+
+    Args:
+        values: The column, in order.
+        rate: A measured rate of it, None for none.
+        step: Sampling interval [s].
+        rate_unit: The rate's unit as stated, empty for none.
+    """
+    if rate is not None and rate_unit:
+        ratio = slope(values, rate, step)
+        for unit, scale in other_units("rad").items():
+            if ratio and abs(abs(ratio) * scale - 1) < 0.1:
+                return unit, f"it changes {abs(ratio):.3g} times as fast as its rate in {rate_unit} says"
+        if ratio and abs(abs(ratio) - 1) < 0.1:
+            return "rad", "it changes as its rate says"
+    span = float(np.ptp(values))
+    if span > DEGREES and not spins(values):
+        return "deg", f"swings over {span:.4g}: as radians {span / (2 * np.pi):.1f} turns and back"
+    return "", f"spans {span:.3g}"
+
+
+def slope(values: FloatArray, rate: FloatArray, step: float) -> float:
+    """Change of a signal over the integral of its measured rate; 0 if they do not go together."""
+    count = len(values)
+    span = max(1, min(50, count // 100))  # so that noise does not mask the change
+    change = values[span:] - values[:-span]
+    whole = np.concatenate([[0.0], np.cumsum(step * 0.5 * (rate[1:] + rate[:-1]))])
+    expected = whole[span:] - whole[:-span]
+    power = float(expected @ expected)
+    product = float(change @ expected)
+    if power == 0 or abs(product) <= 0.8 * np.sqrt(power * float(change @ change)):
+        return 0.0
+    return product / power
+
+
+def response(model: Model, recording: Recording, command: str, delays: bool = False) -> Response | None:
+    """Compare what a command makes in the nominal simulation with what it made in reality.
+
+    The simulation runs with the command and with its reverse: half their difference is what the command
+    makes, and what the data have beyond the half sum is held against it.
+
+    Args:
+        model: The model; its numbers need not be right.
+        recording: Its signals in SI units.
+        command: Name of the input.
+        delays: Whether to look for a response that comes late, too.
+
+    Returns:
+        None if there are too few windows or the command does nothing.
+    """
+    try:
+        model = model.scaled_to([recording])
+        windows = model.windows(recording, model.horizons[min(1, len(model.horizons) - 1)])
+    except (RecordingError, IndexError, np.linalg.LinAlgError):
+        return None
+    if len(windows) < 5:
+        return None
+    windows = windows.select(np.unique(np.linspace(0, len(windows) - 1, _WINDOWS).astype(np.int64)))
+    found = [_response(model, recording, windows, command, late) for late in range(_LATEST if delays else 1)]
+    known = [r for r in found if r is not None]
+    if not known:
+        return None
+    best = max(known, key=lambda r: abs(r.correlation))
+    return best if abs(best.correlation) > abs(known[0].correlation) + 0.02 else known[0]
+
+
+def _response(
+    model: Model, recording: Recording, windows: Windows, command: str, late: int
+) -> Response | None:
+    values = np.concatenate([np.full(late, recording[command][0]), recording[command]])[: len(recording)]
+    both = [
+        model.simulate(
+            model.nominal[None],
+            replace(windows, recording=model.with_commands(recording, {command: sign * values})),
+        )[0]
+        for sign in (1.0, -1.0)
+    ]
+    measured = windows.measured(tuple(s.name for s in model.outputs))
+    made = 0.5 * (both[0] - both[1])
+    left = measured - 0.5 * (both[0] + both[1])
+    seen = np.isfinite(made) & np.isfinite(left)
+    scale = np.sqrt((np.where(seen, left, 0.0) ** 2).sum(axis=(0, 1)) / np.maximum(seen.sum(axis=(0, 1)), 1))
+    scale = np.where(scale > 0, scale, 1.0)
+    made, left = np.where(seen, made, 0.0) / scale, np.where(seen, left, 0.0) / scale
+    products = (made * left).sum(axis=(1, 2))
+    power = float(np.sqrt((made**2).sum() * (left**2).sum()))
+    moved = (made**2).sum(axis=(1, 2)) > 1e-3 * np.median((made**2).sum(axis=(1, 2)))
+    if power == 0 or moved.sum() < 5:
+        return None
+    return Response(
+        float(products.sum()) / power, float(np.mean(products[moved] > 0)), int(moved.sum()), late
+    )
+
+
+def rate_of(values: Mapping[str, FloatArray], name: str, step: float) -> tuple[str, float]:
+    """The column that is another one's rate by its course, and its factor; empty if there is none."""
+    best = ("", 0.0, 0.9)
+    change = np.gradient(values[name], step)
+    width = max(1, len(change) // 500)
+    smooth = np.convolve(change, np.ones(width) / width, "same")
+    for other, theirs in values.items():
+        if other == name or np.ptp(theirs) == 0 or np.ptp(smooth) == 0:
+            continue
+        alike = abs(float(np.corrcoef(np.convolve(theirs, np.ones(width) / width, "same"), smooth)[0, 1]))
+        if alike > best[2]:
+            best = (other, slope(values[name], theirs, step), alike)
+    return best[0], best[1]

@@ -1,0 +1,359 @@
+"""Which column is what: proposed by names and by the data themselves, each with its evidence."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.model import Model, Signal
+from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
+from fieldmodels.recording.data import Recording, RecordingError
+from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope
+from fieldmodels.recording.merging import held_or_between
+from fieldmodels.recording.tables import Table
+from fieldmodels.recording.units import UnitError, factor
+from fieldmodels.recording.words import is_time, meanings, suits
+
+SURE = 0.9
+"""Confidence from which a proposal is used without asking."""
+ROWS = 20_000
+"""Rows of a log that are looked at."""
+_NAMED, _NAMED_OPTIONAL = 0.3, 0.6  # least that a name must suit a signal
+_MOST_TRIED = 5  # columns without a telling name that are tried in each other's places
+
+
+@dataclass(frozen=True)
+class ColumnProposal:
+    """What one column is, and why.
+
+    Attributes:
+        role: The model's signal, ``t`` or ``episode``.
+        column: Name in the file.
+        unit: Of ``gain * cell + offset``.
+        gain: A scale or a sign; negative where the sign seems reversed.
+        offset: Added then, in ``unit``.
+        confidence: 0 to 1; from ``SURE`` on it needs no confirmation.
+        evidence: Why, in plain words.
+    """
+
+    role: str
+    column: str
+    unit: str
+    gain: float = 1.0
+    offset: float = 0.0
+    confidence: float = 1.0
+    evidence: tuple[str, ...] = ()
+
+    @property
+    def channel(self) -> Channel:
+        """The same for a bench file."""
+        return Channel(self.column, self.unit, self.gain, self.offset)
+
+    def doubted(self, most: float, why: str, gain: float | None = None) -> ColumnProposal:
+        """The same with less confidence, for one more reason."""
+        gain = self.gain if gain is None else gain
+        return replace(self, gain=gain, confidence=min(self.confidence, most), evidence=(*self.evidence, why))
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Which column of a log holds which signal of a model.
+
+    Attributes:
+        model: The model's name.
+        columns: One for each signal that was found, in the model's order, the clock first.
+        missing: Signals that the model needs and no column seems to hold; ``t`` if there is no clock, so
+            that a rate must be given.
+        unused: Columns of numbers that are left over.
+        rate: Rows a second, as it was given.
+    """
+
+    model: str
+    columns: tuple[ColumnProposal, ...]
+    missing: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+    rate: float | None = None
+
+    @property
+    def sure(self) -> bool:
+        """Whether nothing is missing and nothing needs confirmation."""
+        return not self.missing and all(c.confidence >= SURE for c in self.columns)
+
+    def bench(self, corrections: Mapping[str, Channel] | None = None) -> Bench:
+        """What is proposed as a bench, with the user's corrections (signal to channel) in its place."""
+        columns = {c.role: c.channel for c in self.columns} | dict(corrections or {})
+        return Bench(columns, self.rate, self.model)
+
+
+def propose(table: Table, model: Model, rate: float | None = None) -> Proposal:
+    """Propose which column holds which signal of a model, in which unit and with which sign.
+
+    Names are read in several languages, units as the file states them. What the file does not say is taken
+    from its first ``ROWS`` rows: the clock by its even steps, command and response by what the nominal model
+    makes of them, units by magnitude and by rates, signs by command against response and signal against rate.
+
+    Args:
+        table: The log.
+        model: The model.
+        rate: Rows a second, if no column holds times.
+
+    Returns:
+        The proposal; to be confirmed or corrected unless it is ``sure``.
+    """
+    values = {n: v for n, v in table.read(table.numbers(), ROWS).items() if np.isfinite(v).any()}
+    clock = None if rate else _clock(table, model, values)
+    rest = {n: v for n, v in values.items() if n not in {clock and clock.column, *table.clocks.values()}}
+    found = _by_names(table, model, rest)
+    if clock is None and table.clocks and found:
+        master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
+        name = table.clocks[master]
+        clock = ColumnProposal(TIME, name, table.units.get(name, "s"), evidence=(f"the clock of {master!r}",))
+    view = _View(table, model, values, clock, rate)
+    found = _by_data(view, found, rest)
+    found = {role: _with_unit(view, one, found) for role, one in found.items()}
+    found = _with_signs(view, found)
+    roles = [s.name for s in model.signals]
+    columns = sorted(found.values(), key=lambda c: roles.index(c.role) if c.role in roles else -1)
+    needed = [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
+    return Proposal(
+        model=model.name,
+        columns=(*([clock] if clock else []), *columns),
+        missing=(*([TIME] if clock is None and not rate else []), *[n for n in needed if n not in found]),
+        unused=tuple(n for n in rest if n not in {c.column for c in columns}),
+        rate=rate,
+    )
+
+
+@dataclass(frozen=True)
+class _View:
+    """A log's first rows, and how they become a recording."""
+
+    table: Table
+    model: Model
+    values: Mapping[str, FloatArray]
+    clock: ColumnProposal | None
+    rate: float | None
+    signals: dict[str, Signal] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.signals.update({s.name: s for s in self.model.signals})
+
+    @property
+    def step(self) -> float:
+        if self.rate or self.clock is None:
+            return 1 / (self.rate or 1.0)
+        return float(np.median(np.diff(self.values[self.clock.column]))) * factor(self.clock.unit or "s", "s")
+
+    def column(self, name: str) -> FloatArray:
+        """A column on the common clock, without gaps."""
+        values = self.values[name]
+        rows = np.arange(len(values))
+        good = np.isfinite(values)
+        own = self.table.clocks.get(name, "")
+        if self.clock is not None and own and own != self.clock.column:
+            time, source = self.values[self.clock.column], self.values[own]
+            held = meanings(name) & {"command"} != set()
+            return held_or_between(time, source[good], values[good], held)
+        return np.asarray(values if good.all() else np.interp(rows, rows[good], values[good]))
+
+    def recording(self, found: Mapping[str, ColumnProposal]) -> Recording:
+        """The proposal as a recording on an even clock."""
+        signals = {}
+        for role, one in found.items():
+            if role != EPISODE:
+                values = one.gain * self.column(one.column) + one.offset
+                signals[role] = values * factor(one.unit, self.signals[role].unit)
+        count = min(map(len, signals.values()))
+        signals = {role: values[:count] for role, values in signals.items()}
+        return Recording(np.asarray(np.arange(count) * self.step, dtype=np.float64), signals)
+
+
+def _clock(table: Table, model: Model, values: Mapping[str, FloatArray]) -> ColumnProposal | None:
+    """The column with the times, if the file has one clock."""
+    if table.clocks:
+        return None
+    scored = []
+    for name, column in values.items():
+        named = is_time(name, table.units.get(name, ""))
+        if is_clock(column):
+            counts = bool(np.array_equal(column, column[0] + np.arange(len(column))))
+            scored.append((named + 0.5 * (not counts) + (name == TIME), name, named))
+    if not scored:
+        return None
+    score, name, named = max(scored, key=lambda s: s[0])
+    if score < 0.5:
+        return None
+    unit, why = table.units.get(name, ""), "its name, and the file states its unit"
+    sure = 1.0
+    if not unit:
+        unit, why = clock_unit(values[name], min(model.horizons, default=0.2))
+        sure = 0.95 if named else 0.9
+    return ColumnProposal(TIME, name, unit, confidence=sure, evidence=(why,))
+
+
+def _by_names(table: Table, model: Model, values: Mapping[str, FloatArray]) -> dict[str, ColumnProposal]:
+    """Signals to columns by the sum of how well names and units suit."""
+    names = list(values)
+    found: dict[str, ColumnProposal] = {}
+    for name in names:
+        whole = np.array_equal(values[name], np.round(values[name]))
+        if "episode" in meanings(name) and whole and len(np.unique(values[name])) < 0.2 * len(values[name]):
+            found[EPISODE] = ColumnProposal(EPISODE, name, "", confidence=0.95, evidence=("its name",))
+            names.remove(name)
+            break
+    if not names:
+        return found
+    scores = np.array([[suits(n, table.units.get(n, ""), s, model) for n in names] for s in model.signals])
+    weight = np.array([[1.0 if not s.optional else 0.6] for s in model.signals])
+    for i, j in zip(*linear_sum_assignment(-(weight * scores)), strict=True):
+        signal, score = model.signals[i], float(scores[i, j])
+        if score < (_NAMED_OPTIONAL if signal.optional else _NAMED):
+            continue
+        why = f"its name{' and unit' if names[j] in table.units else ''}"
+        one = ColumnProposal(signal.name, names[j], "", confidence=max(score, 0.0), evidence=(why,))
+        others = [n for k, n in enumerate(names) if k != j and scores[i, k] >= score - 0.02]
+        free = [n for n in others if n not in {c.column for c in found.values()}]
+        if free and score < 1.0:
+            one = one.doubted(0.6, f"{' and '.join(map(repr, free[:2]))} would suit as well")
+        found[signal.name] = one
+    return found
+
+
+def _by_data(
+    view: _View, found: dict[str, ColumnProposal], rest: Mapping[str, FloatArray]
+) -> dict[str, ColumnProposal]:
+    """Needed signals that no name suits: the columns in whose places the nominal model answers best."""
+    model = view.model
+    lacking = [s for s in (*model.inputs, *model.outputs) if not s.optional and s.name not in found]
+    free = [
+        n
+        for n in rest
+        if n not in {c.column for c in found.values()} and np.ptp(rest[n][np.isfinite(rest[n])]) > 0
+    ]
+    if not lacking or len(lacking) > len(free) or (view.clock is None and not view.rate):
+        return found
+    best, chosen = 0.0, dict(found)
+    for places in itertools.permutations(free[:_MOST_TRIED], len(lacking)):
+        tried = dict(found)
+        for signal, name in zip(lacking, places, strict=True):
+            why = "no name tells; the model's response goes best with the measured one so"
+            tried[signal.name] = ColumnProposal(signal.name, name, "", confidence=0.5, evidence=(why,))
+        united = {role: _with_unit(view, one, tried) for role, one in tried.items()}
+        score = _answers(view, united)
+        if score > best:
+            best, chosen = score, tried
+    for signal in model.outputs:  # rates of what was found
+        if signal.optional and signal.name not in chosen and signal.unit.endswith("/s"):
+            base = next((s for s in model.outputs if f"{s.unit}/s" == signal.unit and s.name in chosen), None)
+            left = {n: view.column(n) for n in free if n not in {c.column for c in chosen.values()}}
+            if base is not None and left:
+                own = chosen[base.name].column
+                name, _ = rate_of({own: view.column(own), **left}, own, view.step)
+                if name:
+                    why = f"goes as the rate of {own!r}"
+                    chosen[signal.name] = ColumnProposal(
+                        signal.name, name, "", confidence=0.7, evidence=(why,)
+                    )
+    return chosen
+
+
+def _answers(view: _View, found: Mapping[str, ColumnProposal]) -> float:
+    """How well the nominal model's response goes with the measured one, whatever its sign."""
+    try:
+        recording = view.recording(found)
+        inputs = [response(view.model, recording, s.name) for s in view.model.inputs]
+    except (UnitError, RecordingError, ValueError):
+        return 0.0
+    if any(r is None for r in inputs):
+        return 0.0
+    rough = [_roughness(recording[s.name]) for s in view.model.inputs]
+    smooth = [_roughness(recording[s.name]) for s in view.model.outputs if s.name in recording]
+    fits = float(np.mean([abs(r.correlation) for r in inputs if r is not None]))
+    return fits * (1.0 if min(rough) > max(smooth) else 0.5)  # what moves is smoother than what moves it
+
+
+def _roughness(values: FloatArray) -> float:
+    spread = float(values.std())
+    return float(np.diff(values, 2).std()) / spread if spread > 0 else 0.0
+
+
+def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnProposal]) -> ColumnProposal:
+    """The unit that the file states, else the one that the numbers suggest."""
+    if one.role == EPISODE:
+        return one
+    signal, stated = view.signals[one.role], view.table.units.get(one.column, "")
+    if stated:
+        try:
+            factor(stated, signal.unit)
+            return replace(one, unit=stated, evidence=(*one.evidence, f"the file states {stated}"))
+        except UnitError:
+            why = f"is in {stated}: taken as 1 {signal.unit} each, which is not known (a refit takes it up)"
+            return replace(one, unit=signal.unit).doubted(0.6, why)
+    unit, exact = signal.unit, one.confidence == 1.0
+    if signal.unit == "rad":
+        rate_signal = next((s for s in view.model.outputs if s.unit == "rad/s" and s.name in found), None)
+        rate, rate_unit = None, ""
+        if rate_signal is not None and rate_signal.name != one.role:
+            rate_column = found[rate_signal.name].column
+            rate_unit = view.table.units.get(rate_column, "")
+            rate = view.column(rate_column) * (factor(rate_unit, "rad/s") if rate_unit else 1.0)
+        unit, why = angle_unit(view.column(one.column), rate, view.step, rate_unit)
+        if unit == "deg":
+            return replace(one, unit=unit).doubted(0.85, why)
+        unit = unit or "rad"
+    sure = SURE if exact or signal.unit == "1" else 0.8
+    return replace(one, unit=unit).doubted(sure, f"no unit is stated; {unit} is assumed")
+
+
+def _with_signs(view: _View, found: dict[str, ColumnProposal]) -> dict[str, ColumnProposal]:
+    """Reverse what goes against the model: a rate against its signal, a command against the response."""
+    model = view.model
+    needed = {s.name for s in (*model.inputs, *model.outputs) if not s.optional}
+    if not needed <= set(found) or (view.clock is None and not view.rate) or model.random_force:
+        return found
+    try:
+        for signal, rate in itertools.product(model.outputs, model.outputs):
+            if rate.unit == f"{signal.unit}/s" and {signal.name, rate.name} <= set(found):
+                found = _consistent(view, found, signal.name, rate.name)
+        for command in model.inputs:
+            answer = response(model, view.recording(found), command.name, delays=True)
+            if answer is None:
+                continue
+            one = found[command.name]
+            share = 100 * max(answer.agreeing, 1 - answer.agreeing)
+            if answer.reversed:
+                why = f"the response goes against it in {share:.0f} % of {answer.windows} windows"
+                why += ": its sign, or that of the response, seems reversed"
+                found[command.name] = one.doubted(0.7, why, -one.gain)
+            elif answer.correlation > 0.15:
+                late = f", about {1e3 * answer.late * view.step:.3g} ms late" if answer.late else ""
+                why = f"the response goes with it in {share:.0f} % of {answer.windows} windows{late}"
+                found[command.name] = replace(one, evidence=(*one.evidence, why))
+    except (RecordingError, ValueError, UnitError):
+        return found
+    return found
+
+
+def _consistent(
+    view: _View, found: dict[str, ColumnProposal], name: str, rate: str
+) -> dict[str, ColumnProposal]:
+    """Reverse the signal or its rate, whichever goes against the command, if they go against each other."""
+    recording = view.recording(found)
+    ratio = slope(recording[name], recording[rate], view.step)
+    if ratio >= 0:
+        return found
+    scores = {}
+    for wrong in (name, rate):
+        one = found[wrong]
+        why = (
+            f"{name!r} falls where {rate!r} says that it rises: one sign is reversed, this one by the command"
+        )
+        tried = {**found, wrong: one.doubted(0.7, why, -one.gain)}
+        answers = [response(view.model, view.recording(tried), s.name) for s in view.model.inputs]
+        scores[wrong] = sum(a.correlation for a in answers if a is not None), tried
+    return max(scores.values(), key=lambda s: s[0])[1]

@@ -1,0 +1,56 @@
+"""HDF5, and MATLAB's version 7.3 in it, by h5py (extra ``hdf5``): all arrays of numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmodels.recording.data import RecordingError
+from fieldmodels.recording.dialect import unit_of
+from fieldmodels.recording.readers.nested import flattened
+from fieldmodels.recording.tables import Series, SeriesTable, check_size
+
+_UNITS = ("unit", "units", "Unit", "Units", "UNIT")
+
+
+def read(path: Path) -> SeriesTable:
+    """Read all datasets; what lies in other files (links, external and virtual data) is left alone."""
+    import h5py
+
+    arrays: dict[str, Any] = {}
+    units: dict[str, str] = {}
+
+    def visit(name: str, node: Any) -> None:
+        if not isinstance(node, h5py.Dataset) or name.startswith("#") or node.is_virtual or node.external:
+            return
+        if node.dtype.kind not in "biufV" or not 1 <= node.ndim <= 2 or node.attrs.get("MATLAB_empty", 0):
+            return
+        key = name.replace("/", ".")
+        sizes.append(node.size * max(1, len(node.dtype.names or ())))
+        check_size(path, sum(sizes), 1)
+        arrays[key] = node[()]
+        stated = next((node.attrs[u] for u in _UNITS if u in node.attrs), "")
+        units[key] = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
+
+    sizes: list[int] = []
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{path}: not a readable HDF5 file ({str(error).splitlines()[0]})") from None
+    found = flattened(_nested(arrays))
+    return SeriesTable(path, {
+        name: Series(s.load, s.rows, units.get(name.partition("[")[0]) or s.unit or unit_of(name), s.clock)
+        for name, s in found.items()
+    })  # fmt: skip
+
+
+def _nested(arrays: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Arrays by their path; a single one at the top gives its columns their own names."""
+    if len(arrays) == 1 and (only := next(iter(arrays.values()))).dtype.names:
+        return {name: only[name] for name in only.dtype.names}
+    return arrays

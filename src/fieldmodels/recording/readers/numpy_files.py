@@ -1,0 +1,32 @@
+"""NumPy's .npy and .npz files; pickled objects in them are refused."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmodels.recording.data import RecordingError
+from fieldmodels.recording.readers.nested import flattened
+from fieldmodels.recording.tables import SeriesTable, check_size
+
+
+def read(path: Path) -> SeriesTable:
+    """Read a structured or plain array, or an archive of arrays."""
+    try:
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                check_size(path, sum(part.file_size for part in archive.infolist()) // 8, 1)
+            with np.load(path, allow_pickle=False) as arrays:
+                found: Any = {name: arrays[name] for name in arrays.files}
+        else:
+            found = np.load(path, allow_pickle=False, mmap_mode="r")
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, KeyError, SyntaxError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(
+            f"{path}: not a readable NumPy file without pickled objects ({str(error).splitlines()[0]})"
+        ) from None
+    return SeriesTable(path, flattened(found))
