@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from pathlib import Path
+from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -12,6 +15,7 @@ from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldgym import TASKS
+from fieldmodels.guard import guard, located
 
 Sees = Literal["observation", "model", "privileged"]
 """What an agent may see, least first.
@@ -111,6 +115,65 @@ class Agent(ABC):
         evaluation never asks for it.
         """
         return None
+
+
+class AgentError(ValueError):
+    """An agent that cannot take part, or actions that no environment can take."""
+
+
+CALLED = ("fits", "reset", "begin_episodes", "act", "overruled", "account", "sketch")
+
+
+def own_agent(name: str, settings: Mapping[str, Any]) -> Agent:
+    """An agent of the user's own, every call into it under guard.
+
+    Args:
+        name: ``module:Class``.
+        settings: What it is called with.
+
+    Raises:
+        AgentError: If it is no `Agent`; a ModelError if its own code fails, with its line.
+    """
+    module, _, _ = name.partition(":")
+    with located(_file_of(module), name):
+        kind = resolve_name(name)
+        made = kind(settings)
+    if not isinstance(made, Agent):
+        raise AgentError(f"{name}: gives {type(made).__name__}, which is not a fieldagents.agent.Agent")
+    guard(type(made), _file_of(type(made).__module__), dict.fromkeys(CALLED))
+    return made
+
+
+def _file_of(module: str) -> Path:
+    try:
+        found = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        found = None
+    return Path(found.origin if found and found.origin else module)
+
+
+def checked_actions(actions: Any, name: str, count: int, space: Space[Any]) -> NDArray[Any]:
+    """Actions as an array.
+
+    Raises:
+        AgentError: If they are not numbers of the right shape, or not finite.
+    """
+    try:
+        values = np.asarray(actions)
+    except ValueError:
+        values = np.asarray(None)
+    wanted = (count, *(space.shape or ()))
+    if values.dtype.kind not in "fiub":
+        raise AgentError(f"agent {name!r} gives actions of type {values.dtype}, not numbers")
+    if values.shape != wanted:
+        raise AgentError(f"agent {name!r} gives actions of shape {values.shape}, not {wanted}")
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        at = np.argwhere(wrong)[0]
+        raise AgentError(
+            f"agent {name!r} gives the action {values[tuple(at)]} in row {at[0]}; it must be finite"
+        )
+    return values
 
 
 def visible(info: Mapping[str, Any], sees: Sees, task: str) -> Mapping[str, Any]:

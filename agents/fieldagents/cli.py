@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import warnings
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from fieldagents.progress import progress
-from fieldmodels.files import write_text
+from fieldmodels.files import claimed, write_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,12 +24,17 @@ if TYPE_CHECKING:
 OURS = ("fieldmodels", "fieldgym", "fieldagents")
 
 
+_HELD: ContextVar[ExitStack] = ContextVar("held")
+"""What the running command holds until it ends."""
+
+
 class _Commands(TyperGroup):
     """Turns a mistake of the user into one clear message and exit code 2; a bug keeps its traceback."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), ExitStack() as held:
             warnings.showwarning = _show_warning
+            _HELD.set(held)
             try:
                 return super().invoke(ctx)
             except KeyboardInterrupt:
@@ -214,7 +221,7 @@ def evaluate(
 
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
-    folder = out or Path("results") / checked.name
+    folder = _into(out or Path("results") / checked.name)
     with progress() as report:
         summary = run(checked, folder, report, Engine(engine, workers, address))
     if as_json:
@@ -247,7 +254,7 @@ def record(
     from fieldagents.record.config import RecordConfig
 
     checked = load_config(config, RecordConfig, overrides or [])
-    written = run(checked, out or Path("results") / checked.name)
+    written = run(checked, _into(out or Path("results") / checked.name))
     _done({name: str(path) for name, path in written.items()}, as_json)
 
 
@@ -290,7 +297,7 @@ def diagnose(
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the resampling.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the resampling.", min=0)] = 0,
     window: Annotated[
         Literal["record"] | None,
         typer.Option(
@@ -303,6 +310,14 @@ def diagnose(
         typer.Option(
             metavar="SECONDS",
             help="Give the best verdict after this time, and what was not tried (default: none).",
+        ),
+    ] = None,
+    call_limit: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Stop a model of your own if one call into it takes longer (processor time; default: none).",
+            min=0.01,
         ),
     ] = None,
     then_retune: Annotated[
@@ -335,11 +350,11 @@ def diagnose(
     """
     from fieldagents import findings
     from fieldmodels.machine import held_inputs
-    from fieldmodels.model_files import is_model_file
+    from fieldmodels.model_files import is_model_file, load_model_file
     from fieldmodels.recording.datasets import open_recording
     from fieldmodels.registry import get_model
 
-    chosen = get_model(model)
+    chosen = get_model(model) if call_limit is None else load_model_file(model, call_limit)
     if hold is not None:
         chosen = held_inputs(chosen, hold)
     held = findings.fixed_parameters(chosen, fixed or [])
@@ -352,19 +367,19 @@ def diagnose(
     recordings = [open_recording(source, chosen, columns) for source in data]
     tests = [open_recording(source, chosen, columns) for source in test or []]
 
-    if is_model_file(model):
-        from fieldmodels.contract import check_simulation
-
-        check_simulation(chosen.scaled_to(recordings), recordings[0], model)
-
     from fieldmodels.diagnosis import diagnose as run
     from fieldmodels.diagnosis.report import write_results
 
-    with progress() as report:
+    folder = _into(out or Path("results") / f"diagnosis-{chosen.name}")
+    checked: AbstractContextManager[None] = nullcontext()
+    if is_model_file(model):
+        from fieldmodels.contract import kept
+
+        checked = kept(chosen.scaled_to(recordings), recordings[0], model)
+    with checked, progress() as report:
         diagnosis = run(
             chosen, recordings, tests, fixed=held, progress=report, seed=seed, budget=budget, window=window
         )
-    folder = out or Path("results") / f"diagnosis-{chosen.name}"
     written = write_results(diagnosis, folder)
     result = diagnosis.to_json()
     retuned = None
@@ -435,7 +450,7 @@ def exam(
     from fieldmodels.exam.run import run_cases
 
     chosen = cases_of(which, machine or examined(), kind or (), cases)
-    folder = out or Path("results") / f"exam-{which}"
+    folder = _into(out or Path("results") / f"exam-{which}")
     with progress() as report:
         rows = run_cases(chosen, folder, engine=Engine(engine, workers, address), progress=report)
     written = table.write(rows, folder)
@@ -499,7 +514,7 @@ def reproduce(
     if everything:
         if overrides:
             raise room.ReproductionError("--set goes with a single table or figure, not with --all")
-        folder = out or Path("results") / ("ledger-quick" if quick else "ledger")
+        folder = _into(out or Path("results") / ("ledger-quick" if quick else "ledger"))
         _decide_all(what, quick, folder, Engine(engine, workers, address), as_json)
     elif quick:
         raise room.ReproductionError("--quick goes with --all; a single table or figure takes --set")
@@ -511,7 +526,7 @@ def reproduce(
         else:
             pages.show_reproducible(known, _console())
     else:
-        folder = out or Path("results") / "reproduce" / what
+        folder = _into(out or Path("results") / "reproduce" / what)
         with progress() as report:
             result = room.reproduce(what, folder, overrides or [], report)
         if as_json:
@@ -617,8 +632,13 @@ def demo(
     from fieldagents.demo import run_demo
 
     with progress() as report:
-        page = run_demo(out, report)
+        page = run_demo(_into(out), report)
     _done({"report": str(page)}, as_json)
+
+
+def _into(folder: Path) -> Path:
+    """A result folder that can be written, and that nobody else writes until the command ends."""
+    return _HELD.get().enter_context(claimed(folder))
 
 
 def _console() -> Console:

@@ -16,12 +16,11 @@ from pydantic import (
     ValidationError,
 )
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, SequenceNode
 
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
-from fieldmodels.yaml import YamlError, load_yaml
+from fieldmodels.yaml import YamlError, parse_yaml, read_text
 
 Location = tuple[str | int, ...]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="used as a folder name")]
@@ -187,12 +186,13 @@ def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
     """
     path = find_config(path)
     try:
-        data = load_yaml(path)
+        text = read_text(path)
+        data = parse_yaml(text, str(path))
     except YamlError as error:
         raise ConfigError([str(error) + _neighbours(path)]) from None
     if not isinstance(data, dict):
         raise ConfigError([f"{path}: must be a mapping of keys to values, as in 'name: benchmark'"])
-    return _checked(data, dict(_places(path)), kind, overrides)
+    return _checked(data, dict(_places(path, text)), kind, overrides)
 
 
 def environment_of(task: str, overrides: Sequence[str] = ()) -> EnvironmentConfig:
@@ -237,9 +237,9 @@ def _checked(data: dict[str, Any], places: dict[Location, str], kind: type[C], o
     return config
 
 
-def _places(path: Path) -> Iterator[tuple[Location, str]]:
+def _places(path: Path, text: str) -> Iterator[tuple[Location, str]]:
     """Every key's location in the data and its ``file:line``."""
-    node = YAML(typ="safe", pure=True).compose(path.read_text(encoding="utf-8"))
+    node = YAML(typ="safe", pure=True).compose(text)
 
     def walk(node: Any, at: Location) -> Iterator[tuple[Location, str]]:
         if isinstance(node, MappingNode):
@@ -270,8 +270,8 @@ def _override(data: dict[str, Any], places: dict[Location, str], text: str) -> s
     if not equals or "" in parts:
         return f"--set {text}: write --set key=value or --set outer.inner=value"
     try:
-        parsed = YAML(typ="safe", pure=True).load(value)
-    except YAMLError:
+        parsed = parse_yaml(value, "")
+    except YamlError:
         return f"--set {text}: {value!r} is not a YAML value"
     inner: Any = data
     for i, part in enumerate(parts[:-1]):

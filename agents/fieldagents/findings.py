@@ -119,8 +119,8 @@ def _value(entry: Mapping[str, Any]) -> str:
 
 
 def _gain(gain: Mapping[str, Any] | None) -> str:
-    if not gain:
+    if not gain or gain["percent"] is None:
         return "-"
     interval = gain.get("ci95")
-    spread = f" ({interval[0]:.1f} to {interval[1]:.1f})" if interval else ""
+    spread = f" ({interval[0]:.1f} to {interval[1]:.1f})" if interval and None not in interval else ""
     return f"{gain['percent']:.1f} %{spread}"

@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldagents.agent import Agent, visible
+from fieldagents.agent import Agent, checked_actions, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.agents import agent_names, keep_drives, known_agent, make_agent
 from fieldagents.operator import Operator
@@ -157,7 +157,8 @@ class Episode:
         agent.begin_episodes(np.ones(1, dtype=np.bool_))
         while not self.over:
             seen = visible(_batch(info), agent.sees, self._task)
-            action = agent.act(np.asarray(observation)[None], seen)[0]
+            given = agent.act(np.asarray(observation)[None], seen)
+            action = checked_actions(given, agent.name, 1, env.action_space)[0]
             shown = dict(agent.sketch() or {})
             if (operator := self._operator) is not None:
                 operator.read_keys()

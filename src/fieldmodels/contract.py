@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import math
 import time
-import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -17,8 +16,9 @@ from typing import TypeVar, get_args
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.model import Effect, Model, ModelError, Parameter, Signal, Where
-from fieldmodels.recording import Recording, RecordingError, Windows
+from fieldmodels.guard import ContractError, checked_outputs, checked_states, located
+from fieldmodels.model import Effect, Model, Parameter, Signal, Where
+from fieldmodels.recording import Recording, Windows
 
 T = TypeVar("T")
 
@@ -32,10 +32,6 @@ INTEGRATION = 1e-5
 """Share of the outputs' size below which a jump is one of integration: steps that end elsewhere."""
 SLOW = 0.5
 """Seconds a simulation of all windows from which on a diagnosis takes long."""
-
-
-class ContractError(ModelError):
-    """A model that breaks the contract; the message says which part, and the remedy."""
 
 
 class ModelWarning(UserWarning):
@@ -81,17 +77,7 @@ def check_simulation(model: Model, recording: Recording, place: str = "") -> Non
     """
     place = place or f"model {type(model).__name__}"
     cut = _called(model, place, "windows", lambda: model.windows(recording, min(model.horizons)))
-    shape = len(cut), len(model.states)
-    if cut.states.shape != shape:
-        raise ContractError(
-            f"{place}: initial_states returned shape {cut.states.shape}, not (starts, states) = {shape}"
-        )
-    if not np.isfinite(cut.states).all():
-        window, state = np.argwhere(~np.isfinite(cut.states))[0]
-        raise ContractError(
-            f"{place}: initial_states: state {model.states[state].name!r} is {cut.states[window, state]} "
-            f"at sample {cut.starts[window]}"
-        )
+    _called(model, place, "initial_states", lambda: checked_states(model, cut.states, recording, cut.starts))
     began = time.perf_counter()
     _outputs(model, place, model.nominal[None], cut)
     seconds = time.perf_counter() - began
@@ -111,33 +97,33 @@ def check_simulation(model: Model, recording: Recording, place: str = "") -> Non
         )
 
 
+@contextmanager
+def kept(model: Model, recording: Recording, place: str) -> Iterator[None]:
+    """Check a simulation before it is used and after: it may fail late.
+
+    Args:
+        model: The model.
+        recording: What it is used on.
+        place: What messages start with.
+
+    Raises:
+        ContractError: As `check_simulation`.
+    """
+    check_simulation(model, recording, place)
+    try:
+        yield
+    except np.linalg.LinAlgError:  # of numbers that are not finite
+        check_simulation(model, recording, place)
+        raise
+    check_simulation(model, recording, place)
+
+
 def at_rest(model: Model, step: float, amplitude: float, rng: np.random.Generator) -> Recording:
     """A recording to try a model on before there are data: random commands, outputs that stay at zero."""
     count = max(round(12 * max(model.horizons) / step), 50)
     commands = {s.name: amplitude * rng.uniform(-1.0, 1.0, count) for s in model.inputs}
     time = np.arange(count, dtype=np.float64) * step
     return Recording(time, commands | {s.name: np.zeros(count) for s in model.outputs})
-
-
-@contextmanager
-def located(path: Path, doing: str = "") -> Iterator[None]:
-    """Turn what a user's code raises into one message with the line in the user's file.
-
-    Raises:
-        ModelError: Instead of any other exception.
-    """
-    try:
-        yield
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from error
-    except SyntaxError as error:
-        place = f"{error.filename or path}:{error.lineno}"
-        raise ModelError(f"{place}: {type(error).__name__}: {error.msg}") from error
-    except (Exception, SystemExit) as error:
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path.resolve()]
-        place = f"{path}:{frames[-1].lineno}" if frames else str(path)
-        what = f"{type(error).__name__}: {error}" + (f" (in {doing})" if doing else "")
-        raise ModelError(f"{place}: {what}") from error
 
 
 def _raise(problems: list[str], place: str) -> None:
@@ -207,26 +193,20 @@ def _called(model: Model, place: str, what: str, call: Callable[[], T]) -> T:
         file = Path(inspect.getfile(type(model)))
     except (TypeError, OSError):  # a class that was typed in
         file = Path(place)
-    try:
+    with located(file, what):
         return call()
-    except RecordingError:
-        raise
-    except Exception as error:
-        with located(file, what):
-            raise error
 
 
 def _outputs(model: Model, place: str, parameters: FloatArray, windows: Windows) -> FloatArray:
     """Simulate; check shape and that parameters, states and recording are left as they were."""
     held = parameters.copy(), windows.states.copy()
     signals = {name: values.copy() for name, values in windows.recording.signals.items()}
-    result = _called(model, place, "simulate", lambda: model.simulate(parameters, windows))
-    wanted = len(parameters), len(windows), windows.samples, len(model.outputs)
-    if np.shape(result) != wanted:
-        raise ContractError(
-            f"{place}: simulate returned shape {np.shape(result)}, not (vectors, windows, samples, outputs)"
-            f" = {wanted}"
-        )
+    result = _called(
+        model,
+        place,
+        "simulate",
+        lambda: checked_outputs(model, model.simulate(parameters, windows), parameters, windows),
+    )
     changed = [
         *(["the parameters"] if not np.array_equal(held[0], parameters) else []),
         *(["windows.states"] if not np.array_equal(held[1], windows.states) else []),
@@ -238,7 +218,7 @@ def _outputs(model: Model, place: str, parameters: FloatArray, windows: Windows)
     ]
     if changed:
         raise ContractError(f"{place}: simulate changes {' and '.join(changed)}; work on a copy")
-    return np.asarray(result, dtype=np.float64)
+    return result
 
 
 def _dependences(model: Model, place: str, windows: Windows) -> Iterable[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -94,6 +95,17 @@ class Signal:
     angle: bool = False
     averaged: bool = False
     event: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that the noise makes sense.
+
+        Raises:
+            ModelError: If it is negative or no number.
+        """
+        if not (isinstance(self.noise, int | float) and 0.0 <= self.noise < math.inf):
+            raise ModelError(
+                f"signal {self.name!r}: noise is a standard deviation in {self.unit}, not {self.noise!r}"
+            )
 
 
 @dataclass(frozen=True)

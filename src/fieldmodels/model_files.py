@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from fieldmodels.contract import check_declarations, located
+from fieldmodels.contract import check_declarations
+from fieldmodels.guard import guard_model, located
 from fieldmodels.model import Model, ModelError
 from fieldmodels.names import did_you_mean
 
@@ -28,11 +29,12 @@ def split_class(name: str) -> tuple[str, str]:
     return (path, chosen) if colon and path.endswith(".py") else (name, "")
 
 
-def load_model_file(name: str) -> Model:
-    """Run a Python file and return its model, its declarations checked.
+def load_model_file(name: str, call_limit: float | None = None) -> Model:
+    """Run a Python file and return its model: declarations checked, and every later call under guard.
 
     Args:
         name: Path of the file; if it defines several models, with the class behind a colon.
+        call_limit: Processor time that one call into it may take [s]; None for no limit.
 
     Raises:
         ModelError: If there is no such file, it fails, it has no model or several, or the model misses
@@ -63,6 +65,7 @@ def load_model_file(name: str) -> Model:
     if missing:
         line = inspect.getsourcelines(kind)[1]
         raise ModelError(f"{path}:{line}: {kind.__name__} does not implement {' and '.join(missing)}")
+    guard_model(kind, path, call_limit)
     with located(path, f"{kind.__name__}()"):
         model = kind()
     check_declarations(model, str(path))

@@ -17,6 +17,9 @@ from fieldmodels.model import Model, ModelError
 from fieldmodels.sampling import Sampler, is_sampler, read_sampler
 from fieldmodels.yaml import load_yaml
 
+SCHEMA = 1
+"""Of the files that hold a reality; ``diagnosis.outcome`` and ``fieldgym record`` write it."""
+
 
 @dataclass(frozen=True)
 class Reality:
@@ -162,7 +165,7 @@ def parse_reality(source: Reality | Mapping[str, Any] | str | Path | None, model
     if isinstance(source, Mapping):
         base = source.get("parameters", {})
         return Reality(
-            base=_with_samplers(dict(base), None),
+            base=_with_samplers(dict(_mapping(base, "'parameters'")), None),
             effects={k: _with_samplers(v, k) for k, v in source.items() if k != "parameters"},
         )
     return _from_file(Path(source), model)
@@ -182,6 +185,11 @@ def _from_file(path: Path, model: Model) -> Reality:
     data = load_yaml(path)
     if not isinstance(data, Mapping) or "effects" not in data:
         raise ModelError(f"{path}: not an extended model (it needs the keys 'model' and 'effects')")
+    if data.get("schema", SCHEMA) != SCHEMA:
+        raise ModelError(
+            f"{path}: schema {data['schema']!r}, but this version reads schema {SCHEMA}; use the version of "
+            "fieldgym that wrote it, or repeat the diagnosis"
+        )
     if data.get("model") != model.name:
         raise ModelError(f"{path}: made for model {data.get('model')!r}, not for {model.name!r}")
     base = _values(data.get("parameters"), f"{path}: 'parameters'")

@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from fieldmodels.model import ModelError
 
 T = TypeVar("T")
+LARGEST = 1e12
+"""No finite number of a setting is larger: sums and squares of such numbers stay finite."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +66,13 @@ class Setting:
         if self.below is not None:
             yield annotated_types.Lt(self.below)
         elif self.most is None and self.finite and not (self.least is None and self.above is None):
-            yield annotated_types.Lt(math.inf)
+            yield annotated_types.Le(LARGEST)
 
     def allows(self, value: float) -> bool:
         """Whether a number is within the bounds."""
         return (
             not math.isnan(value)
-            and (math.isfinite(value) or not self.finite)
+            and (abs(value) <= LARGEST or not self.finite)
             and (self.least is None or value >= self.least)
             and (self.above is None or value > self.above)
             and (self.most is None or value <= self.most)

@@ -8,7 +8,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-from fieldagents.agent import Agent
+from fieldagents.agent import Agent, AgentError, own_agent
 from fieldagents.policies import zoo
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.task import Drives, get_task
@@ -53,10 +53,6 @@ def describe_agents(task: str) -> list[dict[str, str]]:
     return described
 
 
-class AgentError(ValueError):
-    """An agent that cannot take part."""
-
-
 def known_agent(name: str, task: str) -> str:
     """What is wrong with the name of a participant; empty if it can be made.
 
@@ -69,8 +65,8 @@ def known_agent(name: str, task: str) -> str:
     if is_import_path(name):
         try:
             resolve_name(name)
-        except (ImportError, AttributeError, ValueError) as error:
-            return f"{name!r} cannot be imported: {error}"
+        except (Exception, SystemExit) as error:  # of a user's module, which may do anything
+            return f"{name!r} cannot be imported: {type(error).__name__}: {error}"
         return ""
     if name.endswith(DRIVES):
         if not get_task(task).drives:
@@ -105,10 +101,7 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
     if name in (known := get_task(task).agents):
         return AgentRuns(name, (known[name].make(settings),))
     if is_import_path(name):
-        made = resolve_name(name)(settings)
-        if not isinstance(made, Agent):
-            raise AgentError(f"{name}: gives {type(made).__name__}, which is not a fieldagents.agent.Agent")
-        return AgentRuns(name, (made,))
+        return AgentRuns(name, (own_agent(name, settings),))
     if name.endswith(DRIVES):
         return AgentRuns(name, (keep_drives(task, Path(name), settings).agent(),))
     if name.endswith(".zip"):

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fieldagents.agent import Agent, visible
+from fieldagents.agent import Agent, checked_actions, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.task import Metric, get_task
 from fieldgym import TASKS
@@ -80,6 +80,7 @@ def play_episodes(
             began = time.perf_counter()
             action = agent.act(observation, seen)
             took.append(time.perf_counter() - began)
+            action = checked_actions(action, agent.name, n, envs.single_action_space)
             observation, reward, terminated, truncated, info = envs.step(action)
             steps += running
             returns += np.where(running, reward, 0.0)

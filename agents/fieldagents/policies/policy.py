@@ -11,7 +11,7 @@ import onnxruntime
 from gymnasium import Space
 from numpy.typing import NDArray
 
-from fieldagents.agent import Agent
+from fieldagents.agent import Agent, AgentError, checked_actions
 
 FORMS = (
     (["observation"], ["action"]),
@@ -88,11 +88,10 @@ class OnnxAgent(Agent):
             )
         action = self.act(np.zeros((2, *self.shape)), {})
         self.reset(0)
-        if action.shape != (2, *(actions.shape or ())):
-            raise PolicyError(
-                f"{self._source}: gives actions of shape {action.shape[1:]},"
-                f" the environment takes {actions.shape}"
-            )
+        try:
+            checked_actions(action, self.name, 2, actions)
+        except AgentError as error:
+            raise PolicyError(f"{self._source}: {error}") from None
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
         """The deterministic actions for a batch of observations."""
@@ -103,11 +102,19 @@ class OnnxAgent(Agent):
                 f" the environment gives {observation.shape[1:]}"
             )
         if self._memories is None:
-            (actions,) = self._session.run(["action"], {"observation": observation})
-            return np.asarray(actions)
+            return self._run({"observation": observation})[0]
         if len(self._memory) != len(observation):
             self._memory = np.zeros((len(observation), *self._memories), dtype=np.float32)
-        given = {"observation": observation, "memory": self._memory}
-        actions, memory = self._session.run(["action", "next_memory"], given)
-        self._memory = np.array(memory)
-        return np.asarray(actions)
+        actions, memory = self._run({"observation": observation, "memory": self._memory})
+        if memory.shape != self._memory.shape:
+            raise PolicyError(
+                f"{self._source}: next_memory has shape {memory.shape}, not {self._memory.shape}"
+            )
+        self._memory = memory.astype(np.float32)
+        return actions
+
+    def _run(self, given: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
+        try:
+            return [np.asarray(one) for one in self._session.run(None, given)]
+        except Exception as error:  # of onnxruntime, whose errors have no common base
+            raise PolicyError(f"{self._source}: cannot be run: {error}") from None

@@ -11,7 +11,7 @@ from fieldagents.task import recorder_of
 from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.named import flown
 from fieldmodels.model import Model
-from fieldmodels.reality import Reality
+from fieldmodels.reality import SCHEMA, Reality
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.recording.files import load_recording, save_recording
 from fieldmodels.registry import get_model
@@ -35,7 +35,7 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     hidden = out / f"{config.name}.reality.yaml"
     save_yaml(
         {
-            "schema": 1,
+            "schema": SCHEMA,
             "model": config.model,
             "parameters": dict(truth.base),
             "effects": {name: dict(values) for name, values in truth.effects.items()},

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from fieldagents.claim import Decided
 from fieldagents.progress import Report
 from fieldagents.reproduce.report import write
 from fieldagents.task import Reproducible, Reproduction, all_tasks, get_task
 from fieldmodels.names import did_you_mean
+from fieldmodels.yaml import YamlError, parse_yaml
 
 
 class ReproductionError(ValueError):
@@ -106,10 +105,8 @@ def _options(what: str, entry: Reproducible, overrides: Sequence[str]) -> dict[s
             problems.append(f"--set {text}: {what} has no option {name!r}{did_you_mean(name, known)}")
         else:
             try:
-                options[name] = TypeAdapter(types[name]).validate_python(
-                    YAML(typ="safe", pure=True).load(value)
-                )
-            except YAMLError:
+                options[name] = TypeAdapter(types[name]).validate_python(parse_yaml(value, ""))
+            except YamlError:
                 problems.append(f"--set {text}: {value!r} is not a YAML value")
             except ValidationError as error:
                 problems += [f"--set {text}: {item['msg']}" for item in error.errors()]

@@ -368,8 +368,10 @@ def is_quantisation(effect: Effect) -> bool:
 
 
 def _smallest_singular(jacobian: FloatArray) -> float:
-    """Smallest singular value of the columns scaled to unit length; 0 if a column vanishes."""
+    """Smallest singular value of the columns scaled to unit length; 0 if one vanishes or is not finite."""
     flat = stacked(jacobian)
+    if not np.isfinite(flat).all():
+        return 0.0
     size = np.linalg.norm(flat, axis=0)
     if flat.shape[1] == 0 or size.min() <= 1e-9 * size.max():
         return 0.0

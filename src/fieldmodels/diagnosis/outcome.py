@@ -24,6 +24,7 @@ from fieldmodels.diagnosis.use import Simulation, picture, table
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.named import with_named
 from fieldmodels.model import Model
+from fieldmodels.reality import SCHEMA
 from fieldmodels.recording import Recording
 
 if TYPE_CHECKING:
@@ -255,7 +256,7 @@ class Diagnosis:
     def extended(self) -> dict[str, Any]:
         """The extended simulation as data: what ``extended.yaml`` holds."""
         return {
-            "schema": 1,
+            "schema": SCHEMA,
             "model": self.model,
             **({"hold": self.machine.hold} if isinstance(self.machine, Declaration) else {}),
             "parameters": {name: e.to_json() for name, e in self.parameters.items()},

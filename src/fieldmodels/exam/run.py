@@ -5,13 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -24,6 +21,7 @@ from fieldmodels.exam.cases import Case
 from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
 from fieldmodels.exam.sizes import errors, find_size, records
 from fieldmodels.files import write_text
+from fieldmodels.limits import TooLongError, processor_limit
 from fieldmodels.model import Model
 from fieldmodels.registry import get_model
 
@@ -33,10 +31,6 @@ LIMIT = 180.0
 """Processor time after which a diagnosis counts as failed [s]."""
 DATA = ("cases.py", "sizes.py", "plants", "benches")
 """Of what the data of a case depend on."""
-
-
-class TooLongError(Exception):
-    """A diagnosis takes too long."""
 
 
 def run_cases(
@@ -121,7 +115,7 @@ def _examined(bench: Bench, case: Case, row: Row) -> Row:
 def _answered(case: Case, model: Model, pair: Pair, fixed: Mapping[str, float]) -> Answer | Row:
     """An answer; or why there is none: a fault of the diagnosis is a case that it did not get right."""
     try:
-        with _limited(LIMIT):
+        with processor_limit(LIMIT):
             return ask(model, *pair, fixed)
     except Exception as error:
         seconds = LIMIT if isinstance(error, TooLongError) else 0.0
@@ -267,22 +261,6 @@ def read_rows(log: Path) -> list[Row]:
         except json.JSONDecodeError:
             continue
     return rows
-
-
-@contextmanager
-def _limited(seconds: float) -> Iterator[None]:
-    """Stop what takes longer, in processor time."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise TooLongError(f"longer than {seconds:g} s")
-
-    before = signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, before)
 
 
 @cache

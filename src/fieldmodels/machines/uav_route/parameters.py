@@ -34,7 +34,7 @@ class Aircraft:
 
     speed: Annotated[
         float,
-        Setting("Speed of the aircraft (assumed; 12.5 km in a step of 50 s).", "km/s", above=0, most=1),
+        Setting("Speed of the aircraft (assumed; 12.5 km in a step of 50 s).", "km/s", least=1e-3, most=1),
     ] = 0.25
     altitude: Annotated[float, Setting("Its height above the radars (assumed).", "km", least=0, most=50)] = (
         10.0
@@ -78,7 +78,7 @@ class Detection:
         Setting("`deterministic` detects above the threshold; `stochastic` draws each scan."),
     ] = "deterministic"
     scan_interval: Annotated[
-        float, Setting("Time between a radar's scans if they are drawn (assumed).", "s", above=0)
+        float, Setting("Time between a radar's scans if they are drawn (assumed).", "s", least=0.01)
     ] = 5.0
     reach: Annotated[
         float,
@@ -246,7 +246,7 @@ class LegRules:
     capture: Annotated[float, Setting("Distance from the goal at which it is reached.", "km", above=0)] = 5.0
     max_legs: Annotated[int, Setting("Legs in an episode.", least=1, most=10_000)] = 60
     least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
-    longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, fixed=SCALE)] = 500.0
+    longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, most=20_000, fixed=SCALE)] = 500.0
     length_cost: Annotated[float, Setting("Cost of a kilometre flown.", least=0)] = 0.01
     progress_reward: Annotated[
         float, Setting("Reward of a kilometre by which the goal has come nearer.", least=0)
