@@ -262,7 +262,10 @@ def record(
 def diagnose(
     data: Annotated[
         list[str],
-        typer.Argument(metavar="DATA...", help="CSV or Parquet files, or names of public recordings."),
+        typer.Argument(
+            metavar="DATA...",
+            help="Logs of any format, or names of public recordings; files of one run as `a.csv+b.csv`.",
+        ),
     ],
     model: Annotated[
         str,
@@ -283,10 +286,23 @@ def diagnose(
     column: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="SIGNAL=COLUMN[:UNIT]",
-            help="Which column of the file holds a signal, as in `angle=position:deg`; repeatable.",
+            metavar="[FILE:]SIGNAL=[GAIN*]COLUMN[+OFFSET][:UNIT]",
+            help="Which column holds a signal, as in `angle=position:deg` or `torque=-2.5*tau:N cm`, in all "
+            "files or in one; repeatable.",
         ),
     ] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="Bench file that says what the columns are (default: `bench.yaml` beside a log)."),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Rows a second, for logs without a column of times.", min=1e-6),
+    ] = None,
+    accept: Annotated[
+        bool,
+        typer.Option("--accept", help="Take the columns as proposed, and keep them in a `bench.yaml`."),
+    ] = False,
     hold: Annotated[
         Literal["held", "interpolated"] | None,
         typer.Option(
@@ -331,7 +347,8 @@ def diagnose(
 ) -> None:
     """Find from measured data what the simulation gets wrong, and by how much naming it helps.
 
-    DATA: a header line; `t` in seconds; optional `episode`; one column for each signal of the model.
+    DATA: any log. What its columns are is read from their names and units; what these leave open is proposed
+    from the data, to be confirmed or corrected once.
     Writes `diagnosis.json`, `report.html` and `extended.yaml`, which `gym.make(..., reality=...)`,
     `fieldgym train` and `fieldgym evaluate` accept. With `--then-retune` also `retune.json`, `retune.html`
     and `retune.parquet`.
@@ -342,6 +359,8 @@ def diagnose(
 
         fieldgym diagnose log.csv --model pendulum --column t=time --column angle=position:deg
 
+        fieldgym diagnose messung.xlsx --model pendulum --accept
+
         fieldgym diagnose dfki_simple_pendulum/ddp --model pendulum
 
         fieldgym diagnose walk.csv --model heel_strike --then-retune configs/heel_strike/retune.yaml
@@ -349,9 +368,9 @@ def diagnose(
         fieldgym diagnose log.csv --model my_bench.py
     """
     from fieldagents import findings
+    from fieldagents.logs import Logs, asked, declared
     from fieldmodels.machine import held_inputs
     from fieldmodels.model_files import is_model_file, load_model_file
-    from fieldmodels.recording.datasets import open_recording
     from fieldmodels.registry import get_model
 
     chosen = get_model(model) if call_limit is None else load_model_file(model, call_limit)
@@ -363,9 +382,10 @@ def diagnose(
         from fieldagents.retune import load_loop
 
         loop = load_loop(then_retune, chosen)
-    columns = findings.columns(chosen, column or [])
-    recordings = [open_recording(source, chosen, columns) for source in data]
-    tests = [open_recording(source, chosen, columns) for source in test or []]
+    ask = asked if sys.stdin.isatty() and not as_json else None
+    logs = Logs(chosen, declared(chosen, column or []), bench, rate, accept, ask)
+    recordings = [logs.read(source) for source in data]
+    tests = [logs.read(source) for source in test or []]
 
     from fieldmodels.diagnosis import diagnose as run
     from fieldmodels.diagnosis.report import write_results

@@ -38,30 +38,6 @@ def fixed_parameters(model: Model, texts: Sequence[str]) -> dict[str, float]:
     return fixed
 
 
-def columns(model: Model, texts: Sequence[str]) -> dict[str, str]:
-    """Read ``signal=column:unit`` texts.
-
-    Raises:
-        ConfigError: With every text that names no signal of the model.
-    """
-    signals = ["t", "episode", *(signal.name for signal in model.signals)]
-    result: dict[str, str] = {}
-    problems: list[str] = []
-    for text in texts:
-        name, _, column = text.partition("=")
-        if not column:
-            problems.append(f"--column {text}: write --column signal=column or --column signal=column:unit")
-        elif name not in signals:
-            problems.append(
-                f"--column {text}: {model.name} has no signal {name!r}{did_you_mean(name, signals)}"
-            )
-        else:
-            result[name] = column
-    if problems:
-        raise ConfigError(problems)
-    return result
-
-
 SENTENCES = {
     "consistent": "Nothing significant is missing in the simulation.",
     "named": "The simulation lacks what is listed below.",

@@ -317,7 +317,8 @@ def test_a_good_record_raises_no_suspicion(write):
 
 def test_an_angle_in_degrees_is_suspected_and_why(write):
     degrees = 180 / np.pi
-    text = table(**{**bench(), "angle": np.linspace(-40, 40, 100), "torque": [0] * 100})
+    swings = 40 * np.sin(np.pi * (np.arange(100) - 50) / 50)
+    text = table(**{**bench(), "angle": swings, "torque": [0] * 100})
     with pytest.warns(
         RecordingWarning, match=r"'angle' spans 80, as radians 12\.7 turns; .*'angle=angle:deg'"
     ):
@@ -331,6 +332,17 @@ def test_an_angle_in_degrees_is_suspected_and_why(write):
         RecordingWarning, match="'velocity' looks as if it were in deg/s: it is 57.*'velocity=velocity:deg/s'"
     ):
         load_recording(write(swing(rate=degrees)), PENDULUM)
+
+
+def test_an_axis_that_spins_or_has_a_stated_unit_is_not_suspected(write):
+    """Twelve turns one way are no degrees; nor is an angle doubted whose unit was declared."""
+    spins = table(**{**bench(), "angle": np.linspace(-40, 40, 100), "torque": [0] * 100})
+    swings = table(**{**bench(), "angle": 40 * np.sin(np.arange(100) / 9), "torque": [0] * 100})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_recording(write(spins), PENDULUM)
+        load_recording(write(swings), PENDULUM, {"angle": "angle:deg"})
+        load_recording(write(swings.replace("angle", "angle [deg]")), PENDULUM)
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording
+from fieldmodels.recording.evidence import DEGREES, slope, spins
 from fieldmodels.recording.tables import SHOWN, Problem
 from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
 
@@ -14,8 +17,6 @@ MAX_JITTER = 0.01
 """Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
 GAP = 1.5
 """A time step of more than this many medians is a gap."""
-MAX_ANGLE_SPAN = 20.0
-"""An angle that spans more radians than this (three turns) is suspected to be in degrees."""
 REST = 0.1
 """Largest distance from 1 of the median of an accelerometer that is suspected to be in g."""
 LEAST_COUNTED = 0.5
@@ -101,8 +102,14 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     return []
 
 
-def suspicions(recording: Recording, model: Model | None) -> list[str]:
-    """Return reasons to think that a column is in another unit than stated, or is dead."""
+def suspicions(recording: Recording, model: Model | None, stated: Set[str] = frozenset()) -> list[str]:
+    """Return reasons to think that a column is in another unit than stated, or is dead.
+
+    Args:
+        recording: As it was read.
+        model: Whose signals are doubted; None for the clock alone.
+        stated: Signals whose unit the user or the file has stated: their magnitude alone raises no doubt.
+    """
     found = []
     if model is None:
         step = recording.step
@@ -115,7 +122,7 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
     for signal in signals:
         values = recording[signal.name]
         span = float(np.ptp(values))
-        if signal.angle and span > MAX_ANGLE_SPAN:
+        if signal.angle and span > DEGREES and signal.name not in stated and not spins(values):
             found.append(
                 f"column {signal.name!r} spans {span:.4g}, as radians {span / (2 * np.pi):.1f} turns; "
                 f"if it is in degrees, declare it as '{signal.name}={signal.name}:deg'"
@@ -128,7 +135,12 @@ def suspicions(recording: Recording, model: Model | None) -> list[str]:
                 "sensor saturates there, leave these rows out and start new episodes"
             )
         usual = float(np.median(np.abs(values)))
-        if signal.unit == "m/s^2" and abs(usual - 1.0) < REST and np.abs(values).max() < STANDARD_GRAVITY:
+        if (
+            signal.name not in stated
+            and signal.unit == "m/s^2"
+            and abs(usual - 1.0) < REST
+            and np.abs(values).max() < STANDARD_GRAVITY
+        ):
             found.append(
                 f"column {signal.name!r} is usually {usual:.2f}, a tenth of gravity; if it is in g, "
                 f"declare it as '{signal.name}={signal.name}:g'"
@@ -167,21 +179,11 @@ def _backward(time: FloatArray, row: int) -> Problem:
 
 def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[str]:
     """Compare a signal's changes with its measured rate: their ratio reveals a wrong unit."""
-    count = min(len(recording), _BLOCK)
-    span = max(1, min(50, count // 100))  # so that noise does not mask the change
-    inside = recording.episode[span:count] == recording.episode[: count - span]
-    change = (recording[position.name][span:count] - recording[position.name][: count - span])[inside]
-    steps = (
-        np.diff(recording.time[:count])
-        * 0.5
-        * (recording[rate.name][1:count] + recording[rate.name][: count - 1])
-    )
-    whole = np.concatenate([[0.0], np.cumsum(np.where(np.diff(recording.episode[:count]) == 0, steps, 0.0))])
-    expected = (whole[span:] - whole[:-span])[inside]
-    product, power = float(change @ expected), float(expected @ expected)
-    if not product > 0 or not product > 0.8 * np.sqrt(power * float(change @ change)):
+    rows = slice(0, _BLOCK)
+    steps = np.diff(recording.time[rows])
+    ratio = slope(recording[position.name][rows], recording[rate.name][rows], steps, recording.episode[rows])
+    if not ratio > 0:
         return []
-    ratio = product / power
     for wrong, value, other in ((position, ratio, rate), (rate, 1 / ratio, position)):
         for unit, scale in other_units(wrong.unit).items():
             if abs(value * scale - 1) < 0.1:

@@ -254,6 +254,13 @@ def recognise(path: Path) -> Dataset | None:
     return next((d for d in same_size if d.sha256 == digest), None)
 
 
+def is_public(source: str | Path) -> bool:
+    """Whether a source is a public recording's name, or a file of its content, whatever its own name."""
+    path = Path(source)
+    named = not path.exists() and (str(source) in _BY_NAME or _looks_like_name(str(source)))
+    return named or recognise(path) is not None
+
+
 def open_recording(
     source: str | Path,
     model: Model | None = None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray
+from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.model import Model
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.units import other_units
@@ -101,15 +101,25 @@ def angle_unit(
     return "", f"spans {span:.3g}"
 
 
-def slope(values: FloatArray, rate: FloatArray, step: float) -> float:
-    """Change of a signal over the integral of its measured rate; 0 if they do not go together."""
-    count = len(values)
-    span = max(1, min(50, count // 100))  # so that noise does not mask the change
-    change = values[span:] - values[:-span]
-    whole = np.concatenate([[0.0], np.cumsum(step * 0.5 * (rate[1:] + rate[:-1]))])
-    expected = whole[span:] - whole[:-span]
-    power = float(expected @ expected)
-    product = float(change @ expected)
+def slope(
+    values: FloatArray, rate: FloatArray, steps: float | FloatArray, episode: IntArray | None = None
+) -> float:
+    """Change of a signal over the integral of its measured rate; 0 if they do not go together.
+
+    Args:
+        values: The signal, shape (n,).
+        rate: Its rate, shape (n,).
+        steps: Time from row to row [s], one for all or of shape (n - 1,).
+        episode: Number of each row's episode, None for one.
+    """
+    episode = np.zeros(len(values), dtype=np.int64) if episode is None else episode
+    span = max(1, min(50, len(values) // 100))  # so that noise does not mask the change
+    inside = episode[span:] == episode[:-span]
+    change = (values[span:] - values[:-span])[inside]
+    passed = np.where(np.diff(episode) == 0, steps * 0.5 * (rate[1:] + rate[:-1]), 0.0)
+    whole = np.concatenate([[0.0], np.cumsum(passed)])
+    expected = (whole[span:] - whole[:-span])[inside]
+    power, product = float(expected @ expected), float(change @ expected)
     if power == 0 or abs(product) <= 0.8 * np.sqrt(power * float(change @ change)):
         return 0.0
     return product / power

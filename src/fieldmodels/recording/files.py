@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -139,7 +139,8 @@ def recording_of(
         episode=np.zeros(len(time), dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(table.path),
     )
-    return _checked(table, recording, model, horizon, clock)
+    stated = {c.signal for c in wanted if c.channel.unit or c.name in table.units}
+    return _checked(table, recording, model, horizon, clock, stated)
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -281,7 +282,12 @@ def _missing(signal: str, name: str, table: Table, model: Model | None) -> Probl
 
 
 def _checked(
-    table: Table, recording: Recording, model: Model | None, horizon: float | None, clock: _Column
+    table: Table,
+    recording: Recording,
+    model: Model | None,
+    horizon: float | None,
+    clock: _Column,
+    stated: Set[str],
 ) -> Recording:
     """The recording on an even grid, with its suspicious columns warned of.
 
@@ -302,7 +308,7 @@ def _checked(
             problems = [Problem(p.message, clock.name) for p in check_length(recording, horizon)]
     if problems:
         raise table.fail(problems)
-    notes += suspicions(recording, model)
+    notes += suspicions(recording, model, stated)
     for note in notes:
         warnings.warn(f"{recording.source}: {note}", RecordingWarning, stacklevel=3)
     return replace(recording, notes=tuple(notes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
+from fieldmodels.names import did_you_mean
 from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope
@@ -19,6 +20,7 @@ from fieldmodels.recording.tables import Table
 from fieldmodels.recording.units import UnitError, factor
 from fieldmodels.recording.words import is_time, meanings, suits
 
+DECLARED = "as declared"
 SURE = 0.9
 """Confidence from which a proposal is used without asking."""
 ROWS = 20_000
@@ -90,7 +92,9 @@ class Proposal:
         return Bench(columns, self.rate, self.model)
 
 
-def propose(table: Table, model: Model, rate: float | None = None) -> Proposal:
+def propose(
+    table: Table, model: Model, rate: float | None = None, known: Mapping[str, Channel] | None = None
+) -> Proposal:
     """Propose which column holds which signal of a model, in which unit and with which sign.
 
     Names are read in several languages, units as the file states them. What the file does not say is taken
@@ -101,14 +105,19 @@ def propose(table: Table, model: Model, rate: float | None = None) -> Proposal:
         table: The log.
         model: The model.
         rate: Rows a second, if no column holds times.
+        known: Signal to column where the user has declared it: taken as it is.
 
     Returns:
         The proposal; to be confirmed or corrected unless it is ``sure``.
     """
     values = {n: v for n, v in table.read(table.numbers(), ROWS).items() if np.isfinite(v).any()}
-    clock = None if rate else _clock(table, model, values)
-    rest = {n: v for n, v in values.items() if n not in {clock and clock.column, *table.clocks.values()}}
-    found = _by_names(table, model, rest)
+    stated = {role: _declared(table, model, role, channel) for role, channel in (known or {}).items()}
+    clock = stated.pop(TIME, None) or (
+        None if rate else _clock(table, min(model.horizons, default=0.2), values)
+    )
+    taken = {clock and clock.column, *table.clocks.values(), *(c.column for c in stated.values())}
+    rest = {n: v for n, v in values.items() if n not in taken}
+    found = _by_names(table, model, rest, set(stated)) | stated
     if clock is None and table.clocks and found:
         master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
         name = table.clocks[master]
@@ -173,7 +182,7 @@ class _View:
         return Recording(np.asarray(np.arange(count) * self.step, dtype=np.float64), signals)
 
 
-def _clock(table: Table, model: Model, values: Mapping[str, FloatArray]) -> ColumnProposal | None:
+def _clock(table: Table, horizon: float, values: Mapping[str, FloatArray]) -> ColumnProposal | None:
     """The column with the times, if the file has one clock."""
     if table.clocks:
         return None
@@ -191,27 +200,59 @@ def _clock(table: Table, model: Model, values: Mapping[str, FloatArray]) -> Colu
     unit, why = table.units.get(name, ""), "its name, and the file states its unit"
     sure = 1.0
     if not unit:
-        unit, why = clock_unit(values[name], min(model.horizons, default=0.2))
+        unit, why = clock_unit(values[name], horizon)
         sure = 0.95 if named else 0.9
     return ColumnProposal(TIME, name, unit, confidence=sure, evidence=(why,))
 
 
-def _by_names(table: Table, model: Model, values: Mapping[str, FloatArray]) -> dict[str, ColumnProposal]:
-    """Signals to columns by the sum of how well names and units suit."""
+def _declared(table: Table, model: Model, role: str, channel: Channel) -> ColumnProposal:
+    """What the user has said of a column, which is sure."""
+    if channel.column not in table.header:
+        raise RecordingError(
+            f"{table.path}: has no column {channel.column!r}{did_you_mean(channel.column, table.header)}"
+        )
+    unit = channel.unit or table.units.get(channel.column, "")
+    unit = unit or next((s.unit for s in model.signals if s.name == role), "s" if role == TIME else "")
+    return ColumnProposal(role, channel.column, unit, channel.gain, channel.offset, evidence=(DECLARED,))
+
+
+def clock_of(table: Table) -> str:
+    """The column that holds a file's times.
+
+    Raises:
+        RecordingError: If there is none.
+    """
+    values = table.read(table.numbers(), ROWS)
+    found = _clock(table, 0.2, {n: v for n, v in values.items() if np.isfinite(v).any()})
+    if found is None:
+        raise RecordingError(f"{table.path}: no column holds times")
+    return found.column
+
+
+def _by_names(
+    table: Table, model: Model, values: Mapping[str, FloatArray], stated: Set[str]
+) -> dict[str, ColumnProposal]:
+    """Signals that are not stated yet to columns, by the sum of how well names and units suit."""
     names = list(values)
     found: dict[str, ColumnProposal] = {}
     for name in names:
         whole = np.array_equal(values[name], np.round(values[name]))
-        if "episode" in meanings(name) and whole and len(np.unique(values[name])) < 0.2 * len(values[name]):
+        if (
+            EPISODE not in stated
+            and "episode" in meanings(name)
+            and whole
+            and len(np.unique(values[name])) < 0.2 * len(values[name])
+        ):
             found[EPISODE] = ColumnProposal(EPISODE, name, "", confidence=0.95, evidence=("its name",))
             names.remove(name)
             break
-    if not names:
+    signals = [s for s in model.signals if s.name not in stated]
+    if not names or not signals:
         return found
-    scores = np.array([[suits(n, table.units.get(n, ""), s, model) for n in names] for s in model.signals])
-    weight = np.array([[1.0 if not s.optional else 0.6] for s in model.signals])
+    scores = np.array([[suits(n, table.units.get(n, ""), s, model) for n in names] for s in signals])
+    weight = np.array([[1.0 if not s.optional else 0.6] for s in signals])
     for i, j in zip(*linear_sum_assignment(-(weight * scores)), strict=True):
-        signal, score = model.signals[i], float(scores[i, j])
+        signal, score = signals[i], float(scores[i, j])
         if score < (_NAMED_OPTIONAL if signal.optional else _NAMED):
             continue
         why = f"its name{' and unit' if names[j] in table.units else ''}"
@@ -284,7 +325,7 @@ def _roughness(values: FloatArray) -> float:
 
 def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnProposal]) -> ColumnProposal:
     """The unit that the file states, else the one that the numbers suggest."""
-    if one.role == EPISODE:
+    if one.role == EPISODE or one.unit:
         return one
     signal, stated = view.signals[one.role], view.table.units.get(one.column, "")
     if stated:
@@ -329,7 +370,7 @@ def _with_signs(view: _View, found: dict[str, ColumnProposal]) -> dict[str, Colu
             if answer.reversed:
                 why = f"the response goes against it in {share:.0f} % of {answer.windows} windows"
                 why += ": its sign, or that of the response, seems reversed"
-                found[command.name] = one.doubted(0.7, why, -one.gain)
+                found[command.name] = _reversed(one, why)
             elif answer.correlation > 0.15:
                 late = f", about {1e3 * answer.late * view.step:.3g} ms late" if answer.late else ""
                 why = f"the response goes with it in {share:.0f} % of {answer.windows} windows{late}"
@@ -337,6 +378,13 @@ def _with_signs(view: _View, found: dict[str, ColumnProposal]) -> dict[str, Colu
     except (RecordingError, ValueError, UnitError):
         return found
     return found
+
+
+def _reversed(one: ColumnProposal, why: str) -> ColumnProposal:
+    """The other sign; what the user has declared is kept, but said."""
+    if DECLARED in one.evidence:
+        return replace(one, evidence=(*one.evidence, why))
+    return one.doubted(0.7, why, -one.gain)
 
 
 def _consistent(
@@ -353,7 +401,7 @@ def _consistent(
         why = (
             f"{name!r} falls where {rate!r} says that it rises: one sign is reversed, this one by the command"
         )
-        tried = {**found, wrong: one.doubted(0.7, why, -one.gain)}
+        tried = {**found, wrong: _reversed(one, why)}
         answers = [response(view.model, view.recording(tried), s.name) for s in view.model.inputs]
         scores[wrong] = sum(a.correlation for a in answers if a is not None), tried
     return max(scores.values(), key=lambda s: s[0])[1]

@@ -1,0 +1,169 @@
+"""The logs that a user names, as recordings: columns declared, kept in a bench file, or proposed."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from fieldagents.config import ConfigError
+from fieldmodels.model import Model
+from fieldmodels.names import did_you_mean
+from fieldmodels.recording import Recording, RecordingError, RecordingWarning
+from fieldmodels.recording.bench import EPISODE, NAME, TIME, Bench, Channel, beside
+from fieldmodels.recording.datasets import is_public, open_recording
+from fieldmodels.recording.files import named, recording_of
+from fieldmodels.recording.merging import JoinedTable
+from fieldmodels.recording.proposals import Proposal, clock_of, propose
+from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.tables import Table
+
+Ask = Callable[[str], bool]
+
+
+@dataclass
+class Logs:
+    """How to read the logs of one command.
+
+    Attributes:
+        model: The model that they are read for.
+        columns: File (empty for all) to signal to column, as ``declared`` reads them.
+        bench: A bench file for all logs, None to look beside each.
+        rate: Rows a second, for logs without a column of times.
+        accept: Whether to take what is proposed without asking.
+        ask: Puts a question to the user; None where nobody can answer.
+        agreed: Benches that earlier logs have settled.
+    """
+
+    model: Model
+    columns: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    bench: Path | None = None
+    rate: float | None = None
+    accept: bool = False
+    ask: Ask | None = None
+    agreed: list[Bench] = field(default_factory=list)
+
+    def read(self, source: str) -> Recording:
+        """Read one log, or several files of one run (``a.csv+b.csv``) on one clock.
+
+        Raises:
+            RecordingError: If it cannot be used, or what its columns are needs to be confirmed.
+        """
+        specs = {**self.columns.get("", {}), **self._own(source)}
+        if is_public(source):
+            return open_recording(source, self.model, specs)
+        table = _opened(source)
+        declared = Bench.of(specs, table.header, self.rate)
+        known = self._known(table, declared)
+        if known is None:
+            known = self._proposed(table, declared)
+        recording = recording_of(table, known, self.model)
+        for note in table.notes:
+            warnings.warn(f"{source}: {note}", RecordingWarning, stacklevel=2)
+        return replace(recording, source=source, notes=(*table.notes, *recording.notes))
+
+    def _own(self, source: str) -> Mapping[str, str]:
+        names = (source, Path(source).name)
+        return {k: v for file, columns in self.columns.items() if file in names for k, v in columns.items()}
+
+    def _known(self, table: Table, declared: Bench) -> Bench | None:
+        """The bench that a file, an earlier log, or names and declarations alone tell; None if none does."""
+        if self.bench is not None:
+            bench = Bench.load(self.bench)
+            if bench.model not in ("", self.model.name):
+                raise RecordingError(f"{self.bench}: is for model {bench.model!r}, not {self.model.name!r}")
+            return _over(bench, declared)
+        found = beside(table.path, self.model.name)
+        for bench in [*self.agreed, *([Bench.load(found)] if found else [])]:
+            timed = TIME in bench.columns or bench.rate or self.rate
+            if bench.fits(table) and timed:
+                return _over(bench, declared)
+        needed = [s.name for s in (*self.model.inputs, *self.model.outputs) if not s.optional]
+        needed += [] if self.rate else [TIME]
+        plain = all(n in declared.columns or named(n, table) in table.header for n in needed)
+        return declared if plain else None
+
+    def _proposed(self, table: Table, declared: Bench) -> Bench:
+        """What is proposed, with what was declared in its place, once it is sure or confirmed."""
+        proposal = propose(table, self.model, self.rate, declared.columns)
+        if proposal.missing:
+            raise RecordingError(
+                f"{table.path}: {_needs(proposal)}; its columns are {', '.join(table.header)}: declare it by "
+                f"--column {proposal.missing[0]}=NAME:UNIT" + (" or --rate HZ" * (TIME in proposal.missing))
+            )
+        bench, said = proposal.bench(), f"{table.path}: its columns are read as\n{listed(proposal)}"
+        if proposal.sure:
+            warnings.warn(said, RecordingWarning, stacklevel=3)
+        elif self.accept or (self.ask is not None and self.ask(f"{said}\nIs this right?")):
+            place = table.path.with_name(NAME)
+            place = place if not place.exists() else table.path.with_name(f"{table.path.stem}.{NAME}")
+            bench.save(place)
+            warnings.warn(f"{said}\n  kept in {place}", RecordingWarning, stacklevel=3)
+        else:
+            raise RecordingError(
+                f"{said}\nwhich is not sure: take it by --accept, or correct it by "
+                "--column SIGNAL=[GAIN*]COLUMN[:UNIT]"
+            )
+        self.agreed.append(bench)
+        return bench
+
+
+def declared(model: Model, texts: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Read ``[file:]signal=[gain*]column[+offset][:unit]`` texts, by file (empty for all).
+
+    Raises:
+        ConfigError: With every text that names no signal of the model.
+    """
+    signals = [TIME, EPISODE, *(signal.name for signal in model.signals)]
+    result: dict[str, dict[str, str]] = {}
+    problems: list[str] = []
+    for text in texts:
+        left, _, column = text.partition("=")
+        file, _, name = left.rpartition(":")
+        if not column:
+            problems.append(f"--column {text}: write --column signal=column or --column signal=column:unit")
+        elif name not in signals:
+            problems.append(
+                f"--column {text}: {model.name} has no signal {name!r}{did_you_mean(name, signals)}"
+            )
+        else:
+            result.setdefault(file, {})[name] = column
+    if problems:
+        raise ConfigError(problems)
+    return result
+
+
+def listed(proposal: Proposal) -> str:
+    """A proposal for a reader: a line a column, with how sure it is and why."""
+    lines = [f"  {c.role} = {c.channel}" for c in proposal.columns]
+    wide = max(map(len, lines))
+    return "\n".join(
+        f"{line:<{wide}}  {100 * c.confidence:3.0f} %  {'; '.join(c.evidence)}"
+        for line, c in zip(lines, proposal.columns, strict=True)
+    )
+
+
+def asked(question: str) -> bool:
+    """Put a question to the user at the terminal."""
+    print(question, end=" [y/N] ", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja", "o", "oui", "s", "si", "sì")
+
+
+def _opened(source: str) -> Table:
+    parts = [Path(p) for p in source.split("+")]
+    if len(parts) == 1 or Path(source).exists():
+        return read_table(source)
+    tables = [read_table(part) for part in parts]
+    return JoinedTable(tables, [clock_of(table) for table in tables])
+
+
+def _over(bench: Bench, declared: Bench) -> Bench:
+    columns: dict[str, Channel] = {**bench.columns, **declared.columns}
+    return replace(bench, columns=columns, rate=declared.rate or bench.rate)
+
+
+def _needs(proposal: Proposal) -> str:
+    names = ["a clock (t)" if name == TIME else name for name in proposal.missing]
+    return f"no column seems to hold {' or '.join(names)}"
