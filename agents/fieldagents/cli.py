@@ -420,6 +420,33 @@ def diagnose(
 
 
 @app.command()
+def export(
+    extended: Annotated[Path, typer.Argument(metavar="EXTENDED", help="`extended.yaml` of a diagnosis.")],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="Python file to write.")],
+    model: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Your own model's file (default: the model that was diagnosed)."),
+    ] = "",
+    as_json: Json = False,
+) -> None:
+    """Write the extended simulation of a machine as one Python file that needs NumPy alone.
+
+    The file's `simulate` gives what the simulation gives here, and it can be run on a table of commands.
+
+    For example:
+
+        fieldgym export results/diagnosis-rig/extended.yaml rig.py
+
+        python rig.py log.csv simulated.csv
+    """
+    from fieldmodels.drivers.named import extended_model
+    from fieldmodels.export import write_model
+
+    write_model(*extended_model(extended, model), out)
+    _done({"model": str(out)}, as_json)
+
+
+@app.command()
 def exam(
     which: Annotated[
         Literal["develop", "report"],
@@ -640,8 +667,8 @@ def demo(
 ) -> None:
     """Evaluate the agents and diagnose a recording, ending in one self-contained report.html.
 
-    Takes a few minutes. Real data are used when `FIELDGYM_DATA` or the network has them; else a recording
-    from a hidden reality, and the report says which.
+    Takes a few minutes and prints what came out. Real data are used when `FIELDGYM_DATA` or the network has
+    them; else a recording from a hidden reality, and the report says which.
 
     For example:
 
@@ -652,8 +679,11 @@ def demo(
     from fieldagents.demo import run_demo
 
     with progress() as report:
-        page = run_demo(_into(out), report)
-    _done({"report": str(page)}, as_json)
+        done = run_demo(_into(out), report)
+    if not as_json:
+        for finding in done.findings:
+            _console().print(finding, markup=False)
+    _done({"report": str(done.page)}, as_json)
 
 
 def _into(folder: Path) -> Path:

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation import evaluate, report_section
+from fieldagents.evaluation import evaluate, lead, report_section
 from fieldagents.evaluation.agents import agent_names
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.progress import Report
 from fieldagents.task import get_task
 from fieldmodels import html
-from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis import answer, diagnose
 from fieldmodels.diagnosis.report import report_section as diagnosis_section
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.files import write_text
@@ -29,6 +29,13 @@ TRAIN = "dfki_simple_pendulum/ddp"
 TEST = "dfki_simple_pendulum/direct_collocation"
 HIDDEN = {"coulomb_friction": {"torque": 0.18}, "viscous_friction": {"coefficient": 0.05}}
 """What the stand-in pendulum has and the simulation lacks: about what was identified on the real one."""
+
+
+DATA = {
+    True: "A real pendulum, measured:",
+    False: "A pendulum in simulated data from a hidden reality, since there are no real ones at hand:",
+}
+SCENARIOS = {"collisions_with_memory": "ar1", "collisions_that_drift": "low_pass"}
 
 
 @dataclass(frozen=True)
@@ -48,16 +55,26 @@ class Bench:
     real: bool
 
 
-def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
+@dataclass(frozen=True)
+class Demo:
+    """What a demo has written and found.
+
+    Attributes:
+        page: The self-contained ``report.html``.
+        findings: What came out, in plain sentences.
+    """
+
+    page: Path
+    findings: tuple[str, ...]
+
+
+def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
     """Evaluate the agents on every task, diagnose a pendulum, and write one report.
 
     Args:
         out: Result folder; the evaluation and the diagnosis get folders of their own below it.
         progress: Called with what is being done and the part of the whole that is done.
         episodes: Episodes of every agent in every scenario.
-
-    Returns:
-        The path of the self-contained ``report.html``.
     """
     pendulum = get_model("pendulum")
     progress("Looking for real data", 0.0)
@@ -69,7 +86,7 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
         name="demo",
         task="heel_strike",
         environments={
-            kind: EnvironmentConfig(settings={"collision_kind": kind}) for kind in ("ar1", "low_pass")
+            name: EnvironmentConfig(settings={"collision_kind": kind}) for name, kind in SCENARIOS.items()
         },
         agents=[name for name in agent_names("heel_strike") if name not in of_extras],
         baseline="ranger",
@@ -79,18 +96,22 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
     diagnosis = diagnose(pendulum, [bench.train], [bench.test], progress=_share(progress, 0.6, 0.95))
     progress("Writing the report", 0.95)
     write_results(diagnosis, out / "pendulum")
+    found = f"{answer.headline(diagnosis)} {answer.by_how_much(diagnosis)}".strip()
+    compared = lead(summary)
     body = "\n".join(
         [
-            f'<p class="lead">{_data_line(bench)}</p>',
-            "<h2>1. Agents: a walking robot's heel-strike estimator</h2>",
+            f'<div class="lead"><p><b>{DATA[bench.real]}</b> {html.text(found)} '
+            '<a href="#diagnosis">More</a></p>'
+            f'<p><b>Heel-strike estimators</b><br>{compared} <a href="#agents">More</a></p></div>',
+            '<h2 id="diagnosis">1. Diagnosis: what does the simulation of this pendulum get wrong?</h2>',
+            f"<p>{html.text(bench.about)}</p>",
+            _below(diagnosis_section(diagnosis, "pendulum/figures")),
+            '<h2 id="agents">2. Agents: a walking robot\'s heel-strike estimator</h2>',
             "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
             "estimator's gains under noise whose level it does not know. The score is the error in the "
             "foot's height at heel strike. All agents meet the same noise on the same episodes.</p>",
             html.figure(_picture(), "The task as it is rendered: the leg, its traces and the strike errors."),
             _below(report_section(summary)),
-            "<h2>2. Diagnosis: what does the simulation of this pendulum get wrong?</h2>",
-            f"<p>{html.text(bench.about)}</p>",
-            _below(diagnosis_section(diagnosis)),
             "<h2>Where things are</h2>",
             "<p>Beside this page: <code>heel_strike/</code> holds every episode (Parquet), the summary and "
             "the evaluation's own report; <code>pendulum/</code> holds <code>diagnosis.json</code>, its own "
@@ -98,9 +119,9 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Path:
         ]
     )
     report = out / "report.html"
-    write_text(report, html.page("fieldgym demo", body, plotly="Plotly.newPlot" in body))
+    write_text(report, html.page("fieldgym demo", body))
     progress("Done", 1.0)
-    return report
+    return Demo(report, (f"{DATA[bench.real]} {found}", *html.plain(compared)))
 
 
 def find_bench(pendulum: Model) -> Bench:
@@ -124,14 +145,6 @@ def find_bench(pendulum: Model) -> Bench:
         f"{sources[0].about} ({sources[0].source}); tested on: {sources[1].about} ({sources[1].source})."
     )
     return Bench(train, test, about, real=True)
-
-
-def _data_line(bench: Bench) -> str:
-    if bench.real:
-        return "The diagnosis below was made on <b>real measured data</b>."
-    return (
-        "The diagnosis below was made on <b>simulated data from a hidden reality</b>: no real data at hand."
-    )
 
 
 def _picture() -> object:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fieldagents import demo
@@ -22,6 +23,7 @@ from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.reality import Reality
 from fieldmodels.recording.datasets import DatasetError
 from fieldmodels.registry import get_model
+from fieldmodels.rounding import percent
 from fieldmodels.synthesis import synthesise
 
 REALITIES = {
@@ -33,8 +35,9 @@ REALITIES = {
 def check_page(browser, *, figures: int) -> str:
     """The page has a title, its figures have a size, nothing sticks out; return its text."""
     assert browser.title
+    browser.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
     shown = browser.execute_script(
-        "return [...document.querySelectorAll('figure svg, figure img, .plotly svg.main-svg')]"
+        "return [...document.querySelectorAll('figure svg, figure img')]"
         ".filter(e => e.getBoundingClientRect().height > 60).length"
     )
     assert shown >= figures
@@ -123,7 +126,12 @@ def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
     written = write_results(diagnosis, tmp_path)
     words = check_page(open_page(written["report.html"]), figures=2)
     for effect in REALITIES[verdict]:
-        assert effect in words or effect.replace("_", " ") in words
+        assert effect.replace("_", " ") in words.lower()
+    assert (tmp_path / "figures/answer.png").stat().st_size > 10_000
+    run = pd.read_csv(tmp_path / "figures/answer.csv")
+    lost = run.angle.std() * len(run) ** 0.5
+    fit = 100 * (1 - np.linalg.norm(run.angle - run.angle_after) / lost)
+    assert percent(fit) in words
 
 
 def test_heel_strike_diagnosis_report(open_page, tmp_path: Path):
@@ -141,7 +149,8 @@ def test_demo_report_says_that_its_data_are_simulated(open_page, tmp_path: Path,
 
     monkeypatch.setattr(demo, "open_recording", unreachable)
     report = demo.run_demo(tmp_path, lambda _stage, _part: None, episodes=10)
-    words = check_page(open_page(report), figures=4)
+    words = check_page(open_page(report.page), figures=4)
+    assert any("Coulomb" in finding for finding in report.findings)
     assert "simulated data from a hidden reality" in words
     assert "there is no network here" in words
     assert "coulomb" in words.lower()

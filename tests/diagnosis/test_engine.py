@@ -127,7 +127,7 @@ def test_results_are_valid_and_load_back(leaking, tmp_path):
     reality = read_reality(paths["extended.yaml"], Tank())
     assert reality.effects["leak"]["rate"] == pytest.approx(0.05, abs=0.02)
     page = paths["report.html"].read_text()
-    assert "Missing: leak" in page
+    assert "The simulation lacks leak." in page
     assert "https://" not in page
 
 

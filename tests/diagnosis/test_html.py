@@ -1,7 +1,6 @@
 import re
 
 import matplotlib as mpl
-import plotly.graph_objects as go
 
 from fieldmodels import html
 
@@ -35,10 +34,3 @@ def test_ids_of_two_svgs_differ():
     for fragment, own in zip((first, second), ids, strict=True):
         assert set(re.findall(r'href="#([^"]+)"', fragment)) <= own
         assert set(re.findall(r"url\(#([^)]+)\)", fragment)) <= own
-
-
-def test_plotly_is_embedded_once():
-    body = html.figure(go.Figure(go.Scatter(y=[1, 2]))) * 2
-    with_script = html.page("t", body, plotly=True)
-    assert len(with_script) > 1_000_000
-    assert len(html.page("t", body)) < 100_000

@@ -165,7 +165,12 @@ def test_a_diagnosis_is_short_in_words_and_whole_as_a_table():
     assert "<table" in result._repr_html_()
     prediction = result.predict(rig(888))
     assert {"window", "t", "position", "position_predicted"} <= set(prediction)
-    assert len(result.plot().subfigs) == 3  # two signals and the curve
+    labels = [axis.get_ylabel() for axis in result.plot().axes]
+    assert [label for label in labels if label != "error [m]"] == [
+        "position [m]",
+        "velocity [m/s]",
+        "force [N]",
+    ]
 
 
 @pytest.mark.parametrize("signal", ["force", "position", "velocity"])

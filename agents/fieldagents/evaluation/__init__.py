@@ -2,7 +2,16 @@
 
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.evaluate import EvaluationError, evaluate
-from fieldagents.evaluation.report import report_section, show
+from fieldagents.evaluation.report import lead, report_section, show
 from fieldagents.evaluation.summary import Row, Summary
 
-__all__ = ["EvaluateConfig", "EvaluationError", "Row", "Summary", "evaluate", "report_section", "show"]
+__all__ = [
+    "EvaluateConfig",
+    "EvaluationError",
+    "Row",
+    "Summary",
+    "evaluate",
+    "lead",
+    "report_section",
+    "show",
+]

@@ -40,7 +40,7 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         episodes: The episodes' table; with it, each figure also shows the single episodes.
     """
     first, *others = _of_agents(summary)
-    parts = [f'<p class="lead">{_lead(summary, first)}</p>']
+    parts = [f'<p class="lead">{lead(summary)}</p>']
     for scenario, rows in summary.scenarios.items():
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
         parts += [
@@ -170,9 +170,9 @@ def _mean(metric: Metric, mean: float | None, interval: Interval | None, sign: s
     return f"{mean:{sign}.{digits}f} ± {half:.{digits}f}"
 
 
-def _lead(summary: Summary, metric: Metric) -> str:
-    """The result in a sentence or two for every scenario: who is best among those that play by the rules."""
-    sentences = []
+def lead(summary: Summary) -> str:
+    """The result in a sentence or two for every scenario, as HTML: who is best by the rules."""
+    metric, sentences = _of_agents(summary)[0], []
     for scenario, rows in summary.scenarios.items():
         scored = [row for row in rows if row.first.mean is not None]
         only = [row for row in scored if row.kind == "observation"]

@@ -9,6 +9,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.correlation import correlations
 from fieldmodels.diagnosis.events import calibration
+from fieldmodels.diagnosis.free_run import first_stretch
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Evidence
@@ -45,6 +46,8 @@ def collect(
         correlations=correlations(testing, after, *predictions, rng),
         calibration=_calibration(testing, *predictions),
         ranking=ranking,
+        base=before[: len(training.model.names)],
+        stretch=first_stretch(testing.parts[0].windows.recording, testing.horizon),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,13 @@ class Prediction:
         simulated: Outputs of each recording's windows, shape (windows, samples, outputs) each.
         squares: Sum of squared errors by window and output, shape (windows, outputs).
         counts: Observed samples by window and output, shape (windows, outputs).
+        states: The start of each window that fits it best, shape (windows, states).
     """
 
     simulated: list[FloatArray]
     squares: FloatArray
     counts: FloatArray
+    states: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def rmse(self) -> FloatArray:
         """Root mean square error by output; NaN for an output that was not measured."""
@@ -59,7 +61,9 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
         seen = np.isfinite(error) & used
         squares.append((np.where(seen, error, 0.0) ** 2).sum(axis=1))
         counts.append(seen.sum(axis=1))
-    return Prediction(simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64))
+    return Prediction(
+        simulated, np.concatenate(squares), np.concatenate(counts).astype(np.float64), fitted.states
+    )
 
 
 def share(

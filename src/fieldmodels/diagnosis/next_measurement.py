@@ -193,9 +193,8 @@ class _Plan:
         return NextMeasurement(
             why=(
                 f"A {kind} (shortest {shortest:g} s, {up_to}: nothing beyond what was recorded) separates "
-                f"{_names(self.chosen)} from {_names(self.other)} best. {seconds:.0f} s of it should yield "
-                f"{expected:.1f} nats: the better one then leads with a probability of "
-                f"{min(100 * chance, 99.9):.1f} %."
+                f"{_names(self.chosen)} from {_names(self.other)} best. After {seconds:.0f} s of it the "
+                f"better one should lead with a probability of {min(100 * chance, 99.9):.1f} %."
                 f"{self.room(values)}"
             ),
             input={
@@ -261,8 +260,8 @@ def _informative_windows(
     seconds = sum(float(part.windows.lengths.sum() * part.windows.recording.step) for part in problem.parts)
     more = max(ENOUGH / total * seconds, problem.horizon)
     why = (
-        f"This machine's inputs cannot be chosen freely. The {seconds:.0f} s of data separate "
-        f"{_names(chosen)} from {_names(other)} by {total:.1f} nats; about {more:.0f} s would decide"
+        f"This machine's inputs cannot be chosen freely. The {seconds:.0f} s of data do "
+        f"not separate {_names(chosen)} from {_names(other)}; about {more:.0f} s would decide"
     )
     where: dict[str, object] = {}
     if best is not None and best[0] > 1.2:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from fieldmodels import html
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.free_run import FreeRun, free_run
 from fieldmodels.diagnosis.result import (
     Cause,
     Estimate,
@@ -20,12 +23,13 @@ from fieldmodels.diagnosis.result import (
     Visible,
     number,
 )
-from fieldmodels.diagnosis.use import Simulation, picture, table
+from fieldmodels.diagnosis.use import Simulation, table
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.named import with_named
 from fieldmodels.model import Model
 from fieldmodels.reality import SCHEMA
 from fieldmodels.recording import Recording
+from fieldmodels.rounding import listed, words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,7 +116,7 @@ class Diagnosis:
         Returns:
             The recording with simulated outputs in the place of the measured ones.
         """
-        return self._simulation().free_run(recording)
+        return self.simulation.free_run(recording)
 
     def predict(self, recording: Recording, horizon: float = 0.0) -> pd.DataFrame:
         """Predictions of the extended simulation over windows, each from the state that fits it best.
@@ -127,14 +131,52 @@ class Diagnosis:
         Raises:
             RecordingError: If there are too few windows.
         """
-        usual = next((g.horizon for g in self.gain.values()), self.machine.horizons[0])
-        return self._simulation().windows(recording, horizon or usual)
+        return self.simulation.windows(recording, horizon or self.horizon)
 
-    def plot(self) -> Figure:
-        """Measured and simulated test windows, before and after, and the unlisted curves."""
-        return picture(self.evidence.traces, {name: g.unit for name, g in self.gain.items()}, self.curves)
+    @cached_property
+    def free_run(self) -> FreeRun | None:
+        """A stretch of test data beside free runs before and after; None where the model has none.
 
-    def _simulation(self) -> Simulation:
+        Without test recordings it is the first recording, most of which has been fitted.
+        """
+        stretch = self.evidence.stretch
+        if stretch is None or any(o.event for o in self.machine.outputs):
+            return None
+        base = Simulation(self.machine, self.evidence.base)
+        return free_run(stretch, base, self.simulation, self.horizon)
+
+    def plot(self, width: float = html.WIDE) -> Figure:
+        """What the report shows first: measured, and simulated before and after; the commands below.
+
+        Args:
+            width: Width of the figure [inches].
+        """
+        from fieldmodels.diagnosis import figures
+
+        run = self.free_run
+        if run is None:
+            return figures.windows(self.evidence.traces, self.gain, self.runs, width)
+        added = listed([words(c.effect) for c in self.causes]) or "the curve"
+        names = {
+            "before": "simulated",
+            "after": f"with {added}" if len(added) < 5 * width - 8 else "extended",
+        }
+        units = {s.name: s.unit for s in self.machine.signals}
+        return figures.free(run, self.gain, units, names, self.runs, width)
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Which simulations differ: before, and after if anything was added."""
+        return ("before", "after") if self.causes or self.curve_effects else ("before",)
+
+    @property
+    def horizon(self) -> float:
+        """Length of the predicted windows [s]."""
+        return next((g.horizon for g in self.gain.values()), self.machine.horizons[0])
+
+    @cached_property
+    def simulation(self) -> Simulation:
+        """The extended simulation: the model with its whole parameter vector."""
         effects = {
             name: {key: e.value for key, e in values.items()} for name, values in self._effects().items()
         }
@@ -223,9 +265,7 @@ class Diagnosis:
                 return "No listed effect helps significantly."
             text = "Nothing significant is missing: the refitted simulation explains these data."
             if self.seen:
-                text += (
-                    f" They would have shown (root mean square) {_listed([v.words() for v in self.seen])}."
-                )
+                text += f" They would have shown (root mean square) {listed([v.words() for v in self.seen])}."
             return text
         if self.mistaken:
             return f"First check the columns: {self.mistaken}. Nothing is named before that."
@@ -267,8 +307,3 @@ class Diagnosis:
             **({"not_runnable": list(self.not_runnable)} if self.not_runnable else {}),
             "equations": {c.effect: {"words": c.cause, "symbols": c.equation} for c in self.causes},
         }
-
-
-def _listed(words: Sequence[str]) -> str:
-    """Words as a list: "a, b and c"."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

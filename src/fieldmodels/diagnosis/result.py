@@ -321,6 +321,8 @@ class Evidence:
         calibration: Event signal to its calibration curves on test data before and after, as of
             ``events.calibration``.
         ranking: Rows (effects, gain in nats, p-value, parameters as text).
+        base: Whole parameter vector of the refitted base, no effect on, shape (parameters,).
+        stretch: Data for a free run, of the first test recording; None for none.
     """
 
     traces: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
@@ -328,6 +330,8 @@ class Evidence:
     correlations: tuple[Correlation, ...] = ()
     calibration: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     ranking: tuple[tuple[str, float, float, str], ...] = ()
+    base: FloatArray = field(default_factory=lambda: np.zeros(0))
+    stretch: Recording | None = None
 
 
 def number(value: float) -> float | None:

@@ -66,6 +66,8 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
             calibration={name: own for part in parts for name, own in part.evidence.calibration.items()},
             correlations=tuple(c for part in parts for c in part.evidence.correlations),
             ranking=tuple(row for part in parts for row in part.evidence.ranking),
+            base=_vector(model, [part.evidence.base for part in parts]),
+            stretch=first.evidence.stretch,
         ),
     )
 

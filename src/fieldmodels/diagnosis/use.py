@@ -1,10 +1,9 @@
-"""What one does with a diagnosis: run its extended simulation, predict other data with it, draw it."""
+"""What one does with a diagnosis: run its extended simulation, predict other data with it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -12,14 +11,9 @@ import pandas as pd
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.result import Estimate, MissingCurve
+from fieldmodels.diagnosis.result import Estimate
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, Windows
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-INK, BEFORE, AFTER = "#1c2430", "#c8553d", "#0b6e99"
 
 
 @dataclass(frozen=True)
@@ -34,11 +28,12 @@ class Simulation:
     model: Model
     vector: FloatArray
 
-    def free_run(self, recording: Recording) -> Recording:
+    def free_run(self, recording: Recording, states: FloatArray | None = None) -> Recording:
         """Outputs from each episode's first state and the recorded commands alone.
 
         Args:
             recording: Commands, and what the first state is measured from.
+            states: First states, shape (episodes, states); by default as they are measured.
 
         Returns:
             The recording with simulated outputs in the place of the measured ones.
@@ -52,7 +47,7 @@ class Simulation:
             recording=recording,
             starts=starts,
             lengths=lengths,
-            states=self.model.initial_states(recording, starts),
+            states=self.model.initial_states(recording, starts) if states is None else states,
             observed=np.repeat(inside[:, :, None], len(names), axis=2),
         )
         run = self.model.simulate(self.vector[None], windows)[0]
@@ -101,36 +96,3 @@ def table(groups: Mapping[str, tuple[str, Mapping[str, Estimate]]]) -> pd.DataFr
         for effect, (kind, values) in groups.items()
         for name, e in values.items()
     ])  # fmt: skip
-
-
-def picture(
-    traces: Mapping[str, Mapping[str, FloatArray]], units: Mapping[str, str], curves: Sequence[MissingCurve]
-) -> Figure:
-    """Measured and simulated test windows of every signal, before and after, and the unlisted curves.
-
-    Args:
-        traces: As of ``Evidence``.
-        units: Of the signals.
-        curves: The curves.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 2.6 * (len(traces) + bool(curves))), layout="constrained")
-    rows = figure.subfigures(len(traces) + bool(curves), 1, squeeze=False)[:, 0]
-    for row, (name, trace) in zip(rows, traces.items(), strict=False):
-        axis = row.subplots()
-        gap = np.full((len(trace["time"]), 1), np.nan)
-        time = np.hstack([trace["time"], gap]).ravel()
-        for key, colour, label in (
-            ("measured", INK, "measured"), ("before", BEFORE, "before"), ("after", AFTER, "after"),
-        ):  # fmt: skip
-            axis.plot(time, np.hstack([trace[key], gap]).ravel(), color=colour, lw=1, label=label)
-        axis.set(xlabel="time [s]", ylabel=f"{name} [{units[name]}]")
-        axis.legend(frameon=False, ncols=3)
-    if curves:
-        for axis, curve in zip(np.atleast_1d(rows[-1].subplots(1, len(curves))), curves, strict=True):
-            at, value, error = curve.curve.T
-            axis.fill_between(at, value - 2 * error, value + 2 * error, color=BEFORE, alpha=0.2, lw=0)
-            axis.plot(at, value, color=BEFORE)
-            axis.set(xlabel=f"{curve.direction} [{curve.over_unit}]", ylabel=f"missing [{curve.unit}]")
-    return figure

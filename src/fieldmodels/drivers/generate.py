@@ -24,6 +24,7 @@ import numpy as np
 from numba.core import types
 
 from fieldmodels.compiled import fingerprint, inlined
+from fieldmodels.compiled.text import run_text
 from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
 from fieldmodels.drivers.duals import DUAL
@@ -104,7 +105,7 @@ def _module(text: str, name: str, functions: dict[str, Any]) -> ModuleType:
     module = ModuleType(title)
     vars(module).update(functions)
     sys.modules[title] = module  # kernels that are loaded from the disk look it up
-    exec(compile(text, f"<driver of {name}>", "exec"), vars(module))
+    run_text(text, f"<driver of {name}, {digest}>", vars(module))
     return module
 
 

@@ -23,6 +23,8 @@ from fieldmodels.model import Model, ModelError
 from fieldmodels.names import did_you_mean
 from fieldmodels.reality import Reality, parse_reality, read_reality
 from fieldmodels.recording import Windows
+from fieldmodels.registry import get_model
+from fieldmodels.yaml import load_yaml
 
 
 class Flown(Surrounded):
@@ -191,6 +193,24 @@ def flown(
     if where is not None and isinstance(around, Surrounded):
         where.check(model.name, around.stock)
     return around, read_reality(reality, around)
+
+
+def extended_model(path: Path, model: str = "") -> tuple[Model, FloatArray]:
+    """What an ``extended.yaml`` holds: a model with its effects, and its parameter vector.
+
+    Args:
+        path: The file.
+        model: Name or file of the model; by default the file names it.
+
+    Raises:
+        ModelError: As ``flown``; also if the file names no model.
+    """
+    data = load_yaml(path)
+    name = model or (data.get("model") if isinstance(data, Mapping) else "")
+    if not isinstance(name, str) or not name:
+        raise ModelError(f"{path}: names no model; is it the extended.yaml of a diagnosis?")
+    around, reality = flown(get_model(name), path)
+    return around, reality.vector(around)
 
 
 def stepped(around: Model, reality: Reality, where: Channels, batch: int, step: float) -> Stepped | None:

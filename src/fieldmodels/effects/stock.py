@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import allocation_free_inlined as inlined
+from fieldmodels.compiled.text import run_text
 from fieldmodels.model import Effect, ModelError, Parameter, Where
 from fieldmodels.names import did_you_mean
 
@@ -94,7 +95,11 @@ class Layout:
         self.neutral: FloatArray = np.array([kind._field_defaults[name] for name in self.names])
         entries = ", ".join(f"r[{k}]" for k in range(len(self.names)))
         scope: dict[str, Any] = {"kind": kind, "__name__": kind.__module__}
-        exec(f"def unpack(r):\n    return kind({entries})", scope)
+        run_text(
+            f"def unpack(r):\n    return kind({entries})\n",
+            f"<unpack of {kind.__module__}.{kind.__name__}>",
+            scope,
+        )
         self.unpack: Callable[[FloatArray], Any] = inlined(scope["unpack"])
 
     def __len__(self) -> int:

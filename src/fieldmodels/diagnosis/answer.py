@@ -1,0 +1,149 @@
+"""The answer of a diagnosis for a reader in a hurry: what is wrong, by how much, how sure, what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from fieldmodels import html
+from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.result import Cause, SignalGain
+from fieldmodels.html import text
+from fieldmodels.rounding import listed, percent, with_error, words
+
+TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad"}
+SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
+"""How a p-value reads, by its upper end."""
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """What is wrong, in a sentence of plain text."""
+    if diagnosis.mistaken:
+        return f"Check the columns first: {diagnosis.mistaken}."
+    if diagnosis.verdict == "consistent":
+        if diagnosis.above_noise:
+            return "Something is missing, but no listed effect helps."
+        return "The simulation explains these data; nothing significant is missing."
+    if diagnosis.verdict == "unknown":
+        curve = diagnosis.unknown
+        where = f": it depends on {words(curve.direction)}" if curve and curve.certain else ""
+        return f"The simulation lacks something that no listed effect explains{where}."
+    sets = [listed([words(c.effect), *map(words, c.alternatives)], "or") for c in diagnosis.causes]
+    more = ", and something else" if diagnosis.curves else ""
+    return f"The simulation lacks {listed(sets)}{more}."
+
+
+def by_how_much(diagnosis: Diagnosis) -> str:
+    """The fall of the prediction error in a sentence; empty if nothing was added."""
+    found = most_improved(diagnosis)
+    if found is None or not diagnosis.gain[found].rmse_before > 0:
+        return ""
+    gain, curved = diagnosis.gain[found], bool(diagnosis.curve_effects)
+    share = gain.gain_with_curves if curved else gain.gain
+    after = gain.rmse_with_curves if curved else gain.rmse_after
+    if not share.percent > 0:
+        return ""
+    added = "it" if diagnosis.causes else "the curve that helps most"
+    fell = f"{with_error(gain.rmse_before)} to {with_error(after, unit=gain.unit)}"
+    lower = percent(share.percent)
+    return f"With {added}, the error of the predicted {words(found)} falls from {fell}: {lower} less."
+
+
+def what_is_left(diagnosis: Diagnosis) -> str:
+    """The error that remains, by the sensors' noise; empty where that is all."""
+    left = [f"{words(name)} {times:.1f} times" for name, times in diagnosis.above_noise.items()]
+    return f"What is left is above the sensors' noise ({listed(left)} it)." if left else ""
+
+
+def most_improved(diagnosis: Diagnosis) -> str | None:
+    """The signal whose error falls most; None if nothing was added."""
+    if len(diagnosis.runs) < 2:
+        return None
+
+    def share(one: SignalGain) -> float:
+        found = (one.gain_with_curves if diagnosis.curve_effects else one.gain).percent
+        return found if math.isfinite(found) else -math.inf
+
+    return max(diagnosis.gain, key=lambda name: share(diagnosis.gain[name]), default=None)
+
+
+def how_sure(diagnosis: Diagnosis) -> str:
+    """How certain the answer is, in a sentence or two."""
+    if diagnosis.verdict == "consistent":
+        shown = listed([v.words() for v in diagnosis.seen])
+        return f"Larger than this would have been seen: {shown}." if shown else ""
+    parts = []
+    for cause in diagnosis.causes:
+        sure = next((word for level, word in SURE if cause.p_value < level), "")
+        several = listed([words(name) for name in (cause.effect, *cause.alternatives)])
+        if sure and cause.alternatives:
+            parts.append(f"{sure} that one of {several} is missing")
+        elif sure:
+            parts.append(f"{sure} that {several} is missing")
+    parts = [f"It is {listed(parts)}."] if parts else []
+    if diagnosis.undetermined:
+        names = listed([words(name) for name in diagnosis.undetermined])
+        parts.append(f"Caution: these data hardly determine {names}; excite the machine more.")
+    if diagnosis.possible:
+        names = listed([words(c.effect) for c in diagnosis.possible])
+        parts.append(f"Possible, but not to be told from none: {names}.")
+    return " ".join(parts)
+
+
+def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
+    """The next steps, each a sentence of HTML."""
+    steps = []
+    if diagnosis.mistaken:
+        return [
+            "Correct the column (<code>--column</code>), then diagnose again; nothing is named before that."
+        ]
+    if diagnosis.next_measurement:
+        steps.append(text(diagnosis.next_measurement.why))
+    if len(diagnosis.runs) > 1:
+        what = "it" if diagnosis.causes else "that curve"
+        steps.append(
+            f"Simulate with {what}: <code>extended.yaml</code> holds the extended simulation, for "
+            '<code>gym.make(..., reality="extended.yaml")</code> and <code>fieldgym export</code>.'
+        )
+    if diagnosis.verdict == "unknown" or diagnosis.above_noise:
+        steps.append("Look at the shape of what is left below; it shows where to look in the machine.")
+    return steps or ["Nothing: go on with this simulation."]
+
+
+def cause_html(cause: Cause) -> str:
+    """A cause with its numbers and its equation, as HTML."""
+    values = "; ".join(
+        f"{text(words(name))} <b>{text(with_error(e.value, e.std, e.unit))}</b>"
+        for name, e in cause.parameters.items()
+    )
+    term = f" <code>{text(cause.equation)}</code>" if cause.equation else ""
+    return f"<p><b>{text(words(cause.effect))}</b>: {values}.<br>{text(cause.cause)}{term}</p>"
+
+
+def section(diagnosis: Diagnosis, picture: str) -> str:
+    """What a report shows first, as HTML: the answer, one picture, and what one asks next.
+
+    Args:
+        diagnosis: The diagnosis.
+        picture: The figure as HTML.
+    """
+    said = (by_how_much(diagnosis), what_is_left(diagnosis), diagnosis.stopped)
+    lead = f"<strong>{text(headline(diagnosis))}</strong> {text(' '.join(filter(None, said)))}"
+    gains = [
+        f"{text(words(name))}: {text(percent(g.gain.percent, g.gain.ci95))}"
+        for name, g in diagnosis.gain.items()
+        if diagnosis.causes and math.isfinite(g.gain.percent)
+    ]
+    instead = [
+        f"{words(c.effect)}: {listed([*map(words, c.alternatives)], 'or')}"
+        for c in diagnosis.causes
+        if c.alternatives
+    ]
+    rows = [
+        ("Cause", "".join(map(cause_html, diagnosis.causes))),
+        ("How sure", text(how_sure(diagnosis))),
+        ("Or instead", text("; ".join(instead))),
+        ("What it gains", "<br>".join(gains)),
+        ("What to do", "<br>".join(what_to_do(diagnosis))),
+    ]
+    return f'<p class="lead {TONE[diagnosis.verdict]}">{lead}</p>\n{picture}\n{html.facts(rows)}'

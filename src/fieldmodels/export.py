@@ -1,0 +1,201 @@
+"""A machine with its effects as one Python file that needs NumPy alone.
+
+The file holds the very functions that simulate here, gathered from the kernel of the machine's windows
+through all that it calls, without the compiler: what runs there is what ran here, only slower.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import math
+import pprint
+import textwrap
+import types
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba.core import extending
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.generate import driver_module
+from fieldmodels.drivers.windows import FAST, TEMPLATE, Rows
+from fieldmodels.files import write_text
+from fieldmodels.model import Model, ModelError
+
+SHELL = Path(__file__).parent / "export_shell.py.txt"
+LIBRARIES = {"math": math, "np": np}
+INTRINSIC: Any = vars(extending)["_Intrinsic"]
+PLAIN = (bool, int, float, str, type(None))
+
+
+def write_model(model: Model, vector: FloatArray, path: Path) -> None:
+    """Write a machine as a Python file that simulates it with NumPy alone.
+
+    Args:
+        model: The machine, its curves among its effects; see ``Diagnosis.simulation``.
+        vector: Its whole parameter vector.
+        path: The file.
+
+    Raises:
+        ModelError: If the model is no machine, or reads its inputs from measured columns.
+    """
+    if not isinstance(model, Declaration):
+        raise ModelError(
+            f"model {model.name!r} has kernels of its own; only machines (rig, pendulum, own ones) can be "
+            "exported"
+        )
+    if getattr(model, "driven_by_measured", False):
+        raise ModelError(f"model {model.name!r} is driven by measured signals, which no command gives")
+    write_text(path, source_of_model(model, vector))
+
+
+def source_of_model(machine: Declaration, vector: FloatArray) -> str:
+    """The text of the file that ``write_model`` writes."""
+    module = driver_module(machine, TEMPLATE, 1)
+    gathered = _Gathered()
+    gathered.add("simulate_windows", module.simulate)
+    gathered.add("room", module.room)
+    rows = Rows(machine)
+    facts = {
+        "NAME": machine.name,
+        "STATES": [s.name for s in machine.states],
+        "INPUTS": [s.name for s in machine.inputs],
+        "OUTPUTS": [s.name for s in machine.outputs],
+        "INTERPOLATED": machine.hold == "interpolated",
+        "PARAMETERS": {name: float(value) for name, value in zip(machine.names, vector, strict=True)},
+        "FASTEST": [FAST * speed for speed in machine.speeds()],
+        "SUBSTEPS": machine.substeps,
+        "FORCES": len(machine.forces),
+        "BASE": rows.base.tolist(),
+        "CURVES": rows.curves.tolist(),
+        "NEUTRAL": {place: (n, np.asarray(own.neutral).tolist()) for place, (n, own) in rows.layouts.items()},
+        "MOVES": {place: moves.tolist() for place, moves in rows.moves.items()},
+    }
+    numbers = "\n".join(
+        f"{name} = {pprint.pformat(v, width=100, sort_dicts=False)}" for name, v in facts.items()
+    )
+    active = ", ".join(e.name for e in machine.effects if _acts(machine, e.name, vector))
+    head, _, body = SHELL.read_text(encoding="utf-8").partition("# FACTS\n")
+    for field, words in {
+        "{name}": machine.name,
+        "{effects}": active or "no effect",
+        "{inputs}": ", ".join(f'"{s.name}": {s.name}' for s in machine.inputs),
+        "{start}": ", ".join(f'"{s.name}": 0.0' for s in machine.states),
+    }.items():
+        head = head.replace(field, words)
+    main = 'if __name__ == "__main__":\n    main(*sys.argv[1:])\n'
+    return f"{head}{numbers}\n\n{body}\n\n{gathered.text()}\n\n{main}"
+
+
+def _acts(machine: Declaration, effect: str, vector: FloatArray) -> bool:
+    part = machine.slice_of(effect)
+    return bool(np.any(vector[part] != machine.nominal[part]))
+
+
+class _Gathered:
+    """Functions with all that they reach, each under a name of its own."""
+
+    def __init__(self) -> None:
+        """Begin."""
+        self.names: dict[int, str] = {}
+        self.taken: set[str] = set(dir(builtins)) | set(LIBRARIES) | {"namedtuple", "simulate", "main", "sys"}
+        self.constants: list[str] = []
+        self.functions: list[str] = []
+        self.kept: list[Any] = []  # so that no identity is used twice
+
+    def text(self) -> str:
+        """All of it as Python."""
+        return "\n".join(self.constants) + "\n\n\n" + "\n\n\n".join(self.functions) + "\n"
+
+    def add(self, name: str, value: Any) -> str:
+        """Take a value in, if it is not there; its name in the file.
+
+        Raises:
+            ModelError: For a value of a kind that no file can hold.
+        """
+        value = getattr(value, "py_func", value)
+        if isinstance(value, types.ModuleType) or getattr(builtins, name, None) is value:
+            return name
+        key = id(value) if not isinstance(value, PLAIN) else hash((name, repr(value)))
+        if key in self.names:
+            return self.names[key]
+        own = name if name not in self.taken else f"{name}_{len(self.taken)}"
+        self.taken.add(own)
+        self.names[key] = own
+        self.kept.append(value)
+        if isinstance(value, types.FunctionType):
+            self.functions.append(self._function(value, own))
+        elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
+            self.constants.append(f"{own} = namedtuple({value.__name__!r}, {list(value._fields)!r})")
+        elif isinstance(value, np.ndarray):
+            self.constants.append(f"{own} = np.array({value.tolist()!r}, dtype={str(value.dtype)!r})")
+        elif isinstance(value, PLAIN) or (
+            isinstance(value, tuple) and all(isinstance(v, PLAIN) for v in value)
+        ):
+            self.constants.append(f"{own} = {value!r}".replace("inf", "np.inf").replace("nan", "np.nan"))
+        elif isinstance(
+            value, INTRINSIC
+        ):  # tells the compiler how to keep numbers, which Python need not know
+            self.functions.append(f"def {own}(values):\n    return values")
+        elif getattr(value, "__module__", None) in ("math", "numpy"):
+            self.constants.append(f"from {value.__module__} import {value.__name__} as {own}")
+        else:
+            raise ModelError(
+                f"{name!r} of {type(value)} cannot be written into a file; use numbers and functions"
+            )
+        return own
+
+    def _function(self, function: types.FunctionType, name: str) -> str:
+        """A function's text without its decorators and hints, what it reaches taken in and renamed."""
+        node = ast.parse(_source(function)).body[0]
+        assert isinstance(node, ast.FunctionDef)
+        inside = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        inside |= {a.arg for a in ast.walk(node) if isinstance(a, ast.arg)}
+        closure = inspect.getclosurevars(function).nonlocals
+        scope: Mapping[str, Any] = {**function.__globals__, **closure}
+        node.name, node.decorator_list, node.returns = name, [], None
+        for part in ast.walk(node):
+            if isinstance(part, ast.arg):
+                part.annotation = None
+        return ast.unparse(_Renamed(self, scope, inside).visit(node))
+
+
+@cache
+def _source(function: types.FunctionType) -> str:
+    try:
+        return textwrap.dedent(inspect.getsource(function))
+    except OSError as error:
+        raise ModelError(f"{function.__qualname__}: its source cannot be read ({error})") from None
+
+
+class _Renamed(ast.NodeTransformer):
+    """Puts a file's names in the place of those that a function reads."""
+
+    def __init__(self, gathered: _Gathered, scope: Mapping[str, Any], inside: set[str]) -> None:
+        self.gathered, self.scope, self.inside = gathered, scope, inside
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        """A global by its name in the file."""
+        if node.id not in self.inside and node.id in self.scope:
+            node.id = self.gathered.add(node.id, self.scope[node.id])
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        """What is read of a module that is no library."""
+        base = node.value
+        if isinstance(base, ast.Name) and base.id not in self.inside:
+            module = self.scope.get(base.id)
+            if isinstance(module, types.ModuleType):
+                library = next((name for name, one in LIBRARIES.items() if one is module), None)
+                if library is None:
+                    name = self.gathered.add(node.attr, getattr(module, node.attr))
+                    return ast.Name(name, node.ctx)
+                base.id = library
+                return node
+        return self.generic_visit(node)
