@@ -419,6 +419,34 @@ def diagnose(
         _done({name: str(path) for name, path in written.items()})
 
 
+@app.command("open")
+def open_(
+    logs: Annotated[list[Path] | None, typer.Argument(metavar="[LOG]...", help="Logs to begin with.")] = None,
+    out: Annotated[Path, typer.Option(help="Result folder.")] = Path("results/open"),
+    port: Annotated[int, typer.Option(help="Port of the page; 0 for a free one.", min=0, max=65535)] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print its address.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Open a page in the browser: see logs, diagnose them, try values; needs `pip install 'fieldgym[app]'`.
+
+    The page is served to this machine alone, and only to who has the address with its token.
+
+    For example:
+
+        fieldgym open bench.csv
+    """
+    from fieldagents.config import ConfigError
+
+    try:
+        from fieldagents.app.server import serve
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn", "anyio"):
+            raise
+        raise ConfigError([f"the page needs {error.name}: pip install 'fieldgym[app]'"]) from None
+    say = (lambda address: _print_json({"address": address})) if as_json else print
+    serve(logs or [], _into(out), port, browser=not no_browser, say=say)
+
+
 @app.command()
 def export(
     extended: Annotated[Path, typer.Argument(metavar="EXTENDED", help="`extended.yaml` of a diagnosis.")],

@@ -15,7 +15,7 @@ from fieldmodels.diagnosis.use import Simulation
 from fieldmodels.diagnosis.whole import WholeRecords
 from fieldmodels.recording import Recording, RecordingError
 
-LONGEST = 40  # horizons that are run through
+LONGEST = 20  # horizons that are run through
 RUNS = ("before", "after")
 
 
@@ -27,11 +27,13 @@ class FreeRun:
         measured: The stretch of data.
         simulated: "before" and "after" to output to values, shape (n,); NaN where a simulation has diverged.
         inputs: Names of the commands in ``measured``.
+        starts: "before" and "after" to the first state, shape (1, states); None for the measured one.
     """
 
     measured: Recording
     simulated: Mapping[str, Mapping[str, FloatArray]]
     inputs: tuple[str, ...]
+    starts: Mapping[str, FloatArray | None]
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -81,16 +83,16 @@ def free_run(recording: Recording, before: Simulation, after: Simulation, horizo
         after: The extended one.
         horizon: The diagnosis' windows [s], by which errors are weighed.
     """
-    simulated = {
-        run: simulation.free_run(recording, best_start(recording, simulation, horizon)).signals
-        for run, simulation in zip(RUNS, (before, after), strict=True)
-    }
+    both = dict(zip(RUNS, (before, after), strict=True))
+    starts = {run: best_start(recording, simulation, horizon) for run, simulation in both.items()}
+    simulated = {run: s.free_run(recording, starts[run]).signals for run, s in both.items()}
     model = after.model
     outputs = [o.name for o in model.outputs]
     return FreeRun(
         recording,
         {run: {name: signals[name] for name in outputs} for run, signals in simulated.items()},
         tuple(s.name for s in model.inputs if s.name in recording),
+        starts,
     )
 
 

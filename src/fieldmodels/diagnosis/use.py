@@ -12,7 +12,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Estimate
-from fieldmodels.model import Model
+from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, Windows
 
 
@@ -27,6 +27,24 @@ class Simulation:
 
     model: Model
     vector: FloatArray
+
+    def with_values(self, values: Mapping[str, float]) -> Simulation:
+        """The same with other values.
+
+        Args:
+            values: By full name: ``mass``, ``coulomb_friction.force``.
+
+        Raises:
+            ModelError: For an unknown name, or a value out of bounds.
+        """
+        vector = self.vector.copy()
+        for name, value in values.items():
+            i = self.model.index(name)
+            p = self.model.all_parameters[i]
+            if not p.lower <= value <= p.upper:
+                raise ModelError(f"{name} = {value:g} is outside of {p.lower:g} to {p.upper:g} {p.unit}")
+            vector[i] = value
+        return replace(self, vector=vector)
 
     def free_run(self, recording: Recording, states: FloatArray | None = None) -> Recording:
         """Outputs from each episode's first state and the recorded commands alone.

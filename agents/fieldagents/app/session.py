@@ -1,0 +1,278 @@
+"""What a page works on: logs, their columns, a diagnosis; each action is a call that a script can make."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.free_run import FreeRun
+from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.report import write_results
+from fieldmodels.export import write_model
+from fieldmodels.model import Model, ModelError
+from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.recording.bench import TIME, Bench
+from fieldmodels.recording.files import recording_of
+from fieldmodels.recording.proposals import Proposal, propose
+from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.tables import Table
+from fieldmodels.registry import get_model
+
+IMPORTS = """from pathlib import Path
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.report import write_results
+from fieldmodels.recording.bench import Bench
+from fieldmodels.recording.files import recording_of
+from fieldmodels.recording.reading import read_table
+from fieldmodels.registry import get_model
+"""
+
+
+class CancelledError(Exception):
+    """The user has stopped a diagnosis."""
+
+
+@dataclass
+class Log:
+    """A log that was opened.
+
+    Attributes:
+        name: What the user calls it.
+        path: Where it lies.
+        table: Its columns.
+        values: All of its columns of numbers, once one was looked at.
+    """
+
+    name: str
+    path: Path
+    table: Table
+    values: dict[str, FloatArray] = field(default_factory=dict)
+
+    def column(self, name: str) -> FloatArray:
+        """Values of a column, read once, shape (n,).
+
+        Raises:
+            RecordingError: If there is none of this name.
+        """
+        if name not in self.table.numbers():
+            raise RecordingError(f"{self.name}: no column of numbers {name!r}")
+        if not self.values:  # of a text all columns cost little more than one
+            self.values = self.table.read(self.table.numbers())
+        return self.values[name]
+
+
+@dataclass
+class Job:
+    """A diagnosis at work."""
+
+    stage: str = ""
+    share: float = 0.0
+    error: str = ""
+    running: bool = False
+    stop: threading.Event = field(default_factory=threading.Event)
+
+    def report(self, stage: str, share: float) -> None:
+        """Say what is being done; the place where it can be stopped.
+
+        Raises:
+            CancelledError: If it is to stop.
+        """
+        if self.stop.is_set():
+            raise CancelledError
+        self.stage, self.share = stage, share
+
+
+class Session:
+    """Logs, a model, and what a diagnosis says of them.
+
+    Attributes:
+        folder: Where results are written.
+        logs: The logs, in the order in which they were opened; the first is learned from.
+        model_name: Name or file of the model, empty if none is chosen.
+        specs: Signal to column, as the user has confirmed them.
+        diagnosis: The last one, None if there is none.
+        job: The one at work, or the last one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Begin with nothing."""
+        self.folder = folder
+        self.logs: list[Log] = []
+        self.model_name = ""
+        self.model: Model | None = None
+        self.specs: dict[str, str] = {}
+        self.rate: float | None = None
+        self.diagnosis: Diagnosis | None = None
+        self.written: dict[str, Path] = {}
+        self.job = Job()
+        self._worker: threading.Thread | None = None
+
+    def open(self, path: Path, name: str = "") -> Log:
+        """Open a log.
+
+        Raises:
+            RecordingError: If it cannot be read.
+        """
+        log = Log(name or path.name, path, read_table(path))
+        self.logs.append(log)
+        return log
+
+    def log(self, number: int) -> Log:
+        """A log by its number.
+
+        Raises:
+            RecordingError: If there is none.
+        """
+        if not 0 <= number < len(self.logs):
+            raise RecordingError(f"there is no log {number}; open one first")
+        return self.logs[number]
+
+    def propose(self, model: str, rate: float | None = None) -> Proposal:
+        """What the first log's columns seem to be.
+
+        Raises:
+            ModelError: For an unknown model.
+            RecordingError: If there is no log.
+        """
+        self.model_name, self.model, self.rate = model, get_model(model), rate
+        return propose(self.log(0).table, self.model, rate)
+
+    def start(self, specs: Mapping[str, str]) -> None:
+        """Diagnose the logs in the background; the second and later ones measure the gain.
+
+        Args:
+            specs: Signal to column, as ``Channel.parse`` reads them.
+
+        Raises:
+            ModelError: If no model is chosen, or a diagnosis is at work.
+            RecordingError: If a log cannot be used so.
+        """
+        if self.job.running:
+            raise ModelError("a diagnosis is at work; stop it first")
+        if self.model is None:
+            raise ModelError("choose a model first")
+        self.specs = dict(specs)
+        model, (train, *test) = self.model, self.recordings()
+        self.job = Job(running=True)
+        self._worker = threading.Thread(target=self._run, args=(self.job, model, train, test), daemon=True)
+        self._worker.start()
+
+    def recordings(self) -> list[Recording]:
+        """The logs as recordings of the model."""
+        self.log(0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # they stand in the recordings' notes
+            return [
+                recording_of(log.table, Bench.of(self.specs, log.table.header, self.rate), self.model)
+                for log in self.logs
+            ]
+
+    def _run(self, job: Job, model: Model, train: Recording, test: Sequence[Recording]) -> None:
+        try:
+            found = diagnose(model, [train], test, progress=job.report)
+            job.report("writing the report", 1.0)
+            self.written = write_results(found, self.folder)
+            self.diagnosis = found
+        except CancelledError:
+            job.error = "stopped"
+        except ValueError as error:  # of the user's data or model: both kinds are
+            job.error = str(error)
+        except Exception as error:
+            job.error = f"{type(error).__name__}: {error}"
+            raise
+        finally:
+            job.running = False
+
+    def cancel(self) -> None:
+        """Stop the diagnosis at its next step."""
+        self.job.stop.set()
+
+    def run(self) -> FreeRun:
+        """Free runs before and after.
+
+        Raises:
+            ModelError: If there is no diagnosis, or its model has no free run.
+        """
+        found = self.diagnosis.free_run if self.diagnosis else None
+        if found is None:
+            raise ModelError("there is no diagnosis with a free run yet")
+        return found
+
+    def numbers(self) -> dict[str, tuple[float, float, float, str]]:
+        """What can be changed: name to value, lower and upper end of a slider, unit."""
+        diagnosis = self.diagnosis
+        if diagnosis is None:
+            return {}
+        simulation = diagnosis.simulation
+        model, vector, result = simulation.model, simulation.vector, {}
+        for i, (name, p) in enumerate(zip(model.names, model.all_parameters, strict=True)):
+            if vector[i] != p.nominal or name in diagnosis.parameters:
+                span = max(abs(float(vector[i])), p.scale or 0.0)
+                low, high = max(p.lower, vector[i] - span), min(p.upper, vector[i] + span)
+                result[name] = (float(vector[i]), float(low), float(high), p.unit)
+        return result
+
+    def changed(self, values: Mapping[str, float]) -> tuple[FreeRun, dict[str, float]]:
+        """The free run with other values, and its fit of each output in percent.
+
+        Raises:
+            ModelError: For an unknown name or a value out of bounds.
+        """
+        run, diagnosis = self.run(), self.diagnosis
+        assert diagnosis is not None
+        other = diagnosis.simulation.with_values(values)
+        signals = other.free_run(run.measured, run.starts["after"]).signals
+        outputs = {name: signals[name] for name in run.simulated["after"]}
+        result = FreeRun(run.measured, {**run.simulated, "after": outputs}, run.inputs, run.starts)
+        return result, {name: result.fit("after", name) for name in result.outputs}
+
+    def export(self) -> Path:
+        """The extended simulation as a Python file that needs NumPy alone.
+
+        Raises:
+            ModelError: If there is none, or its model is no machine.
+        """
+        if self.diagnosis is None:
+            raise ModelError("there is no diagnosis yet")
+        path = self.folder / "model.py"
+        write_model(self.diagnosis.simulation.model, self.diagnosis.simulation.vector, path)
+        return path
+
+    def script(self, values: Mapping[str, float] | None = None) -> str:
+        """All of it as a Python script."""
+        lines = [IMPORTS]
+        if self.model_name:
+            lines.append(f"model = get_model({self.model_name!r})")
+        lines.append(f"tables = [read_table(name) for name in {[str(log.path) for log in self.logs]!r}]")
+        if self.specs:
+            rate = f", rate={self.rate!r}" if self.rate else ""
+            lines += [
+                f"columns = {self.specs!r}",
+                f"recordings = [recording_of(t, Bench.of(columns, t.header{rate}), model) for t in tables]",
+                "diagnosis = diagnose(model, recordings[:1], recordings[1:])",
+                "print(diagnosis.summary())",
+                f'write_results(diagnosis, Path("{self.folder.as_posix()}"))',
+            ]
+        if values:
+            lines += [
+                f"other = diagnosis.simulation.with_values({dict(values)!r})",
+                "run = diagnosis.free_run",
+                'simulated = other.free_run(run.measured, run.starts["after"])',
+            ]
+        return "\n".join(lines) + "\n"
+
+    def times(self, log: Log) -> FloatArray:
+        """Times of a log's rows [s], their numbers where no column holds any, shape (n,)."""
+        clock = self.specs.get(TIME) or next((n for n in log.table.header if n.lower() in ("t", "time")), "")
+        name = Bench.of({TIME: clock}, log.table.header).columns[TIME].column if clock else ""
+        if name in log.table.numbers():
+            return log.column(name)
+        return np.arange(len(log.column(log.table.numbers()[0])), dtype=np.float64)

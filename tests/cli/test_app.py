@@ -1,0 +1,219 @@
+"""The page of `fieldgym open`: whom it refuses, what it does in a browser, what its script does."""
+
+import csv
+import json
+import re
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
+
+from fieldagents.app.buckets import buckets
+from fieldagents.app.server import application
+from fieldagents.app.session import CancelledError, Job, Session
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+uvicorn = pytest.importorskip("uvicorn")
+TOKEN = "a-token-of-the-tests"
+
+
+class Served:
+    """A page that is served for a test."""
+
+    def __init__(self, folder: Path) -> None:
+        self.session = Session(folder / "results")
+        (folder / "dropped").mkdir()
+        self.dropped = folder / "dropped"
+        bound = socket.create_server(("127.0.0.1", 0))
+        self.port = bound.getsockname()[1]
+        self.address = f"http://127.0.0.1:{self.port}"
+        app = application(self.session, self.dropped, TOKEN, self.port)
+        self.server = uvicorn.Server(uvicorn.Config(app, log_level="error", ws="none"))
+        self.thread = threading.Thread(target=self.server.run, kwargs={"sockets": [bound]}, daemon=True)
+        self.thread.start()
+
+    def ask(self, path: str, data: bytes | None = None, **headers: str) -> tuple[int, str]:
+        """Status and text; by default as the page itself asks."""
+        usual = {"Cookie": f"fieldgym-{self.port}={TOKEN}", "Origin": self.address, **headers}
+        given = {name.replace("_", "-"): value for name, value in usual.items() if value}
+        request = urllib.request.Request(self.address + path, data, given)
+        try:
+            with urllib.request.urlopen(request, timeout=30) as response:
+                return response.status, response.read().decode("utf-8", "replace")
+        except urllib.error.HTTPError as error:
+            return error.code, error.read().decode("utf-8", "replace")
+
+
+@pytest.fixture
+def served(tmp_path: Path):
+    page = Served(tmp_path)
+    yield page
+    page.session.cancel()
+    page.server.should_exit = True
+    page.thread.join(10)
+
+
+def write_log(path: Path, seed: int = 11, seconds: float = 25.0) -> Path:
+    """A pendulum with dry friction, as a German logger with a reversed torque writes it."""
+    rng, hidden = np.random.default_rng(seed), {"coulomb_friction": {"torque": 0.2}}
+    r = synthesise(
+        get_model("pendulum"), hidden, "mixed", duration=seconds, step=0.01, amplitude=1.5, rng=rng
+    )
+    rows = np.column_stack([1000 * r.time, -r["torque"], np.degrees(r["angle"]), r["velocity"]])
+    with path.open("w", encoding="latin-1", newline="") as file:
+        writer = csv.writer(file, delimiter=";")
+        writer.writerow(["Zeit [ms]", "Moment [N m]", "Winkel [deg]", "Geschwindigkeit [rad/s]"])
+        writer.writerows([[f"{x:.6f}".replace(".", ",") for x in row] for row in rows])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        ("/", {"Cookie": ""}),
+        ("/?token=another", {"Cookie": ""}),
+        ("/api/state", {"Cookie": ""}),
+        (f"/api/state?token={TOKEN}", {"Cookie": ""}),
+        ("/api/state", {"Host": "evil.example"}),
+        ("/api/state", {"Host": "127.0.0.1"}),
+        ("/api/state", {"Origin": "http://evil.example"}),
+        ("/api/state", {"Origin": "null"}),
+        ("/static/app.js", {"Cookie": ""}),
+        ("/api/state", {"Upgrade": "websocket", "Connection": "Upgrade", "Origin": "http://evil.example"}),
+    ],
+)
+def test_who_is_refused(served: Served, path: str, headers: dict[str, str]):
+    assert served.ask("/api/state")[0] == 200
+    status, text = served.ask(path, **headers)
+    assert status == 403
+    assert text.startswith("refused")
+
+
+def test_a_change_needs_an_origin(served: Served):
+    body = json.dumps({"path": str(served.dropped / "none.csv")}).encode()
+    assert served.ask("/api/open", body, Origin="")[0] == 403
+    status, text = served.ask("/api/open", body)
+    assert status == 400
+    assert "no such file" in json.loads(text)["error"]
+
+
+def test_no_path_is_built_from_the_name_of_a_dropped_log(served: Served, tmp_path: Path):
+    log = write_log(tmp_path / "log.csv", seconds=2.0).read_bytes()
+    for name in ("../../evil.csv", "/etc/passwd", "a\\b.csv", "..", "log.csv.%2e%2e%2f", "x" * 5000):
+        status, _ = served.ask(f"/api/drop?name={urllib.request.quote(name)}", log)
+        assert status in (200, 400)
+    inside = sorted(path.name for path in served.dropped.iterdir())
+    assert len(inside) == 6
+    assert all(re.fullmatch(r"log-\d(\.[a-z0-9]+){0,2}", name) for name in inside)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["dropped", "log.csv"]
+    for path in ("/file/../log.csv", "/file/%2e%2e/log.csv", "/static/../session.py", "/file//etc/passwd"):
+        assert served.ask(path)[0] == 404
+
+
+def test_few_points_draw_what_all_samples_draw():
+    rng = np.random.default_rng(2)
+    time = np.arange(100_000) * 0.01
+    values = np.sin(time) + 0.1 * rng.standard_normal(len(time))
+    values[54_321], values[70_000] = 9.0, np.nan
+    points = buckets(time, values, 100.0, 900.0, 500)
+    assert points.shape == (2, 1000)
+    inside = values[9_999:90_002]
+    assert np.nanmax(points[1]) == 9.0
+    assert np.nanmin(points[1]) == np.nanmin(inside)
+    assert np.all(np.diff(points[0]) >= 0)
+    few = buckets(time, values, 543.0, 544.0, 500)
+    np.testing.assert_array_equal(few[1], values[54_299:54_402])
+
+
+def test_a_stopped_diagnosis_ends_at_its_next_step():
+    job = Job()
+    job.report("fitting", 0.2)
+    job.stop.set()
+    with pytest.raises(CancelledError):
+        job.report("fitting", 0.3)
+
+
+def _until(browser, condition, seconds: float = 240.0):
+    return WebDriverWait(browser, seconds, 0.2).until(condition)
+
+
+def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser, tmp_path: Path):
+    """Nothing but keys; the answer, a slider, the export; and the script that is shown does the same."""
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": False},
+    )
+    try:
+        browser.get(f"{served.address}/?token={TOKEN}")
+        assert "token" not in browser.current_url
+        find = lambda name: browser.find_element(By.ID, name)  # noqa: E731
+        find("file").send_keys(str(write_log(tmp_path / "bench.csv")))
+        _until(browser, lambda b: b.find_element(By.TAG_NAME, "body").get_attribute("data-drawn"))
+        assert len(browser.find_elements(By.CSS_SELECTOR, "#signals canvas")) == 4
+        browser.find_element(By.CSS_SELECTOR, "[data-zoom=in]").send_keys(Keys.ENTER)
+        find("model").send_keys("pend")
+        find("rate").send_keys(Keys.ENTER)
+        _until(browser, lambda _b: find("columns").is_displayed())
+        assert find("column-angle").get_attribute("value") == "Winkel [deg]:deg"
+        assert find("column-t").get_attribute("value") == "Zeit [ms]:ms"
+        find("column-torque").send_keys(Keys.HOME, "-")  # the sign is the user's to correct
+        find("diagnose").send_keys(Keys.SPACE)
+        _until(browser, lambda _b: find("try").is_displayed() or find("trouble").text)
+        assert not find("trouble").text
+        assert "lacks Coulomb friction" in find("answer").text
+        slider = browser.find_element(By.NAME, "coulomb_friction.torque")
+        before = browser.find_element(By.CSS_SELECTOR, "#runs h3").text
+        for _ in range(3):
+            slider.send_keys(Keys.ARROW_LEFT)
+        _until(browser, lambda b: b.find_element(By.CSS_SELECTOR, "#runs h3").text != before)
+        assert "fit" in browser.find_element(By.CSS_SELECTOR, "#runs h3").text
+        width = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
+        assert width[0] <= width[1]
+        errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+        assert not errors
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    status, model = served.ask("/file/model.py")
+    assert status == 200
+    assert "def simulate(" in model
+    assert served.ask("/file/figures/answer.png")[0] == 200
+    script = json.loads(served.ask("/api/script")[1])["script"]
+    own = json.loads((tmp_path / "results" / "diagnosis.json").read_text())
+    scope: dict[str, object] = {}
+    exec(script.replace(str(tmp_path / "results"), str(tmp_path / "again")), scope)
+    again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
+    assert again["causes"] == own["causes"]
+    assert own["causes"][0]["parameters"]["torque"]["value"] == pytest.approx(0.2, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_large_log_is_seen_and_zoomed_without_waiting(served: Served, tmp_path: Path):
+    """200 MB of text: opened once, then every view is quick."""
+    path = tmp_path / "large.csv"
+    rng = np.random.default_rng(0)
+    block = "\n".join(",".join(f"{x:.6f}" for x in row) for row in rng.standard_normal((10_000, 20)))
+    with path.open("w") as file:
+        file.write(",".join(["t", *(f"x{k}" for k in range(20))]) + "\n")
+        for k in range(110):
+            rows = block.split("\n")
+            file.write(
+                "\n".join(f"{0.001 * (10_000 * k + i):.3f},{row}" for i, row in enumerate(rows)) + "\n"
+            )
+    assert path.stat().st_size > 190e6
+    began = time.perf_counter()
+    status, _ = served.ask("/api/open", json.dumps({"path": str(path)}).encode())
+    opened = time.perf_counter() - began
+    assert status == 200
+    began = time.perf_counter()
+    for k in range(20):
+        assert served.ask(f"/api/signal?log=0&name=x{k}&width=1200&begin=300&end=700")[0] == 200
+    assert time.perf_counter() - began < 0.2 * opened + 5.0
