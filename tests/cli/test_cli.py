@@ -19,7 +19,7 @@ from fieldmodels.recording.files import load_recording
 from fieldmodels.registry import get_model
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-COMMANDS = ("list", "train", "evaluate", "record", "diagnose", "reproduce", "watch", "demo")
+COMMANDS = ("list", "train", "evaluate", "record", "diagnose", "open", "export", "reproduce", "watch", "demo")
 RIG = """\
 name: rig
 model: rig
