@@ -15,7 +15,7 @@ from fieldmodels.diagnosis.cutting import main_horizon
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.resolution import SHARE, of_averages, rounding
+from fieldmodels.diagnosis.resolution import of_averages, rounding
 from fieldmodels.diagnosis.whitening import _from_covariance, diagonal_whitener, whitener_by_output
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
@@ -152,7 +152,7 @@ def test_no_whitener_weighs_finer_than_the_floor():
     record = recorded("rig", 5, 1, "")
     problem = build(get_model("rig"), [record], 0.5)
     averages = problem.floor
-    assert (averages >= SHARE * problem.output_scale).all()
+    assert (averages >= problem.model.resolution * problem.output_scale).all()
     tiny = 1e-3 * averages * np.random.default_rng(2).standard_normal((len(problem), len(averages)))
     for whitener in (
         diagonal_whitener(problem, tiny), whitener_by_output(problem, tiny),

@@ -56,7 +56,8 @@ class Curved(Model):
         self.inner, self.curves = inner, tuple(curves)
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "random_force", "inputs_are_free", "unbounded_outputs", "measured_inputs",
+            "random_force", "noisy_inputs", "resolution", "inputs_are_free",
+            "unbounded_outputs", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self.effects = (*inner.effects, *(self._effect(k, c) for k, c in enumerate(curves)))

@@ -27,6 +27,7 @@ from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import SEGMENTS, averaged, odds_responses, offsets, responses, segments
 from fieldmodels.diagnosis.result import MissingCurve, direction_of
 from fieldmodels.diagnosis.selection import block_p_value
+from fieldmodels.diagnosis.wander import beside
 
 Place = Literal["force", "sensor", "parameter", "odds"]
 Signals = Mapping[str, tuple[str, FloatArray]]
@@ -188,7 +189,12 @@ class Curves:
         """Whether a curve improves a candidate significantly, whichever of all curves it is."""
         least = max(self.needed, self.options.least_share * float(candidate.loss.sum()))
         rare = scored.total > self.options.rare_gain and scored.p_value < 4 * self.options.curve_level
-        return scored.total > least and (scored.p_value < self.options.curve_level or rare)
+        if scored.total <= least or not (scored.p_value < self.options.curve_level or rare):
+            return False
+        if scored.curve.place == "odds":
+            return True
+        gain, wanders = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
+        return gain > self.needed + (self.options.same_gain if wanders else 0.0)
 
     @property
     def needed(self) -> float:

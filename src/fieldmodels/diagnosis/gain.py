@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,13 +45,23 @@ class Prediction:
         return np.asarray(np.sqrt(_ratio(self.squares.sum(axis=0), self.counts.sum(axis=0))))
 
 
-def predict(problem: Problem, parameters: FloatArray) -> Prediction:
-    """Predict every window with its best initial state."""
+def predict(problem: Problem, parameters: FloatArray, wandering: Sequence[int] = ()) -> Prediction:
+    """Predict every window with its best initial state.
+
+    Args:
+        problem: The windows.
+        parameters: The whole vector.
+        wandering: Outputs whose zero is free in each window.
+    """
+    apart = np.eye(len(problem.outputs))
+    for j in wandering:
+        own = (problem.outputs == j).astype(np.float64)
+        apart -= np.outer(own, own) / own.sum()
     raw = problem.features - problem.simulate(parameters[None], problem.states)[0]
     states = problem.states
     for _ in range(3):
         # Signals are weighted by their residuals, which the measured states still inflate at first.
-        fitted = fit(problem, parameters, NONE, whitener_by_output(problem, raw), states, 5)
+        fitted = fit(problem, parameters, NONE, whitener_by_output(problem, raw @ apart) @ apart, states, 5)
         raw, states = fitted.raw, fitted.states
     simulated = problem.samples(parameters, fitted.states)
     outputs = tuple(o.name for o in problem.model.outputs)
@@ -59,6 +70,8 @@ def predict(problem: Problem, parameters: FloatArray) -> Prediction:
     for part, values in zip(problem.parts, simulated, strict=True):
         error = part.windows.measured(outputs) - values
         seen = np.isfinite(error) & used
+        for j in wandering:
+            error[:, :, j] -= np.nanmean(error[:, :, j], axis=1, keepdims=True)
         squares.append((np.where(seen, error, 0.0) ** 2).sum(axis=1))
         counts.append(seen.sum(axis=1))
     return Prediction(

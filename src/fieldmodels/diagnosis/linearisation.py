@@ -84,18 +84,22 @@ def stacked(columns: FloatArray) -> FloatArray:
     return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
 
 
-def project(fitted: Fit, columns: FloatArray) -> FloatArray:
+def project(fitted: Fit, columns: FloatArray, prior: FloatArray | None = None) -> FloatArray:
     """Whiten further feature columns and project the initial states out of them.
 
     Args:
         fitted: Supplies the states' sensitivities and the whitener.
         columns: Changes of the features, shape (windows, features, columns).
+        prior: Changes of the states' measured values over their prior, shape (states, columns); none by
+            default.
 
     Returns:
         Columns like those of ``Fit.jacobian``, shape (windows, features + states, columns).
     """
     columns = np.where(np.isfinite(columns), columns, 0.0)
     padded = _padded(fitted.whitener @ _weighted(columns, fitted.weight), fitted.states.shape[1])
+    if prior is not None:
+        padded[:, columns.shape[1] :] += prior
     return _remove(fitted.basis, padded, fitted.runs)
 
 

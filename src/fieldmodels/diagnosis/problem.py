@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.events import Observations
-from fieldmodels.diagnosis.resolution import SHARE, of_averages, rounding
+from fieldmodels.diagnosis.resolution import of_averages, rounding
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError, Windows
 
@@ -130,7 +130,9 @@ class Problem:
         """Error below which nothing is told of a feature (1 for an event), shape (features,)."""
         parts = [p.rounding / p.noise_ratio for p in self.parts if p.rounding is not None]
         rounded = np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)) if parts else 0.0
-        return np.asarray(np.where(self.events, 1.0, np.maximum(rounded, SHARE * self.output_scale)))
+        return np.asarray(
+            np.where(self.events, 1.0, np.maximum(rounded, self.model.resolution * self.output_scale))
+        )
 
     def resolved(self, output: int) -> float:
         """Error of an output below which nothing is told, in its unit; 0 for one that is not measured."""

@@ -58,6 +58,7 @@ from fieldmodels.diagnosis.verdict import (
     mostly_explained,
     verdict_of,
 )
+from fieldmodels.diagnosis.wander import wander
 from fieldmodels.diagnosis.whole import LONGER, WholeRecords
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
@@ -233,8 +234,10 @@ def _found(
     before = predict(testing, selection.base.fit.parameters)
     after = predict(testing, judged.kept.fit.parameters) if causes else before
     options = candidates.options
+    wandering = wander(candidates.problem, judged.kept.fit, options.price).outputs
+    steady = predict(testing, (judged.kept if causes else selection.base).fit.parameters, wandering)
     beyond_noise = not testing.model.random_force and far_from_noise(
-        testing, after, bool(causes), options.above
+        testing, steady, bool(causes), options.above
     )
     if causes and beyond_noise and not mostly_explained(testing, before, after):
         # What is missing is larger than what was found: a part of it may be imitated.
@@ -242,7 +245,7 @@ def _found(
         judged = judge(candidates, selection.base, selection.base)
     scored, certain = judged.curves, True
     if not scored and beyond_noise:
-        far = far_from_noise(testing, after, bool(causes), options.far)
+        far = far_from_noise(testing, steady, bool(causes), options.far)
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False
     unknown = bool(mistaken) or (not causes and bool(scored))
     causes = (*causes, *(() if unknown else quantisation_found(train, testing, after)))

@@ -6,8 +6,8 @@ weighed finer than the largest of
 
 - the rounding of the recorded numbers: of single precision, of printed decimals or digits, of a coarse
   sensor. In an average independent roundings diminish: a signal rounds anew with each step that it passes;
-- ``SHARE`` of its signal's spread. A Runge-Kutta step of 0.2 of the fastest mode's time, the longest that
-  the drivers take, is off by 0.2^4 / 120 = 1.3e-5 of the motion; and no fault of that size is looked for.
+- ``Model.resolution``, a share of its signal's spread. A Runge-Kutta step of 0.2 of the fastest mode's time,
+  the longest that the drivers take, is off by 0.2^4 / 120 = 1.3e-5 of the motion.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 
-SHARE = 1.3e-5
 DIGITS = range(2, 13)
 """Significant digits, or decimals, with which numbers may have been printed."""
 LOOKED_AT = 2000

@@ -13,6 +13,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
+from fieldmodels.diagnosis.wander import beside
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 IntArray = NDArray[np.int64]
@@ -209,11 +210,24 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
     blocks = candidates.problem.blocks
     while chosen.effects:
         smaller = [candidates.without(chosen, name) for name in chosen.effects]
-        spare = [c for c in smaller if not accepted(c, chosen, blocks, candidates.options)]
+        spare = [
+            c
+            for c in smaller
+            if not (accepted(c, chosen, blocks, candidates.options) and _stands(candidates, c, chosen))
+        ]
         if not spare:
             return chosen
         chosen = min(spare, key=lambda c: c.total)
     return chosen
+
+
+def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool:
+    """Whether what a child has more brings the least gain beside noise that wanders."""
+    if candidates.problem.observations is not None:
+        return True
+    options = candidates.options
+    gain, wanders = beside(candidates.problem, parent.fit, child.fit, options.price)
+    return not wanders or gain - options.price * (child.size - parent.size) > options.least_gain
 
 
 def _simplest(

@@ -87,8 +87,8 @@ class Surrounded(Model):
         self.forces: tuple[()] = ()
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "random_force", "inputs_are_free", "unbounded_outputs", "wrapped_outputs", "measured_states",
-            "measured_inputs",
+            "random_force", "noisy_inputs", "resolution", "inputs_are_free", "unbounded_outputs",
+            "wrapped_outputs", "measured_states", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self._signals = {

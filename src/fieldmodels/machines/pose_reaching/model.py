@@ -86,6 +86,7 @@ class PoseReaching(Model):
         self.effects = drive_effects(scales or Scales())
         self.wheels = wheels
         self.compared = compared
+        self.noisy_inputs = compared == POSE  # it is driven by the measured wheels
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
         """The same model with speeds and times that suit the data; see ``Model.scaled_to``."""

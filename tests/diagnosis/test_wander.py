@@ -1,0 +1,142 @@
+"""Noise that wanders is no fault: its likelihood against SciPy, and what is said of such records."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.wander import _Walks, wander
+from fieldmodels.exam.benches import get_bench
+from fieldmodels.exam.cases import cases_of
+from fieldmodels.exam.sizes import records
+from fieldmodels.machines.excitation import model as excitation
+from fieldmodels.model import Signal
+
+FEATURES = 4
+OUTPUTS = np.repeat([0, 1], FEATURES)
+
+
+def fitted(residual, jacobian=None):
+    """A fit of windows of two sensors without states: what is left, and columns that are free."""
+    windows = len(residual)
+    recording = Recorded(np.arange(float(windows)), np.zeros(windows, int))
+    part = SimpleNamespace(windows=SimpleNamespace(recording=recording, starts=np.arange(windows)))
+    model = SimpleNamespace(
+        outputs=(Signal("a", "m"), Signal("b", "m")), states=(), measured_states={}, noisy_inputs=False,
+        random_force=False,
+    )  # fmt: skip
+    problem = Sensors(model, (part,), windows)
+    columns = np.zeros((windows, 2 * FEATURES, 0)) if jacobian is None else jacobian
+    fit = SimpleNamespace(
+        residual=residual, jacobian=columns, active=np.ones(columns.shape[2], bool),
+        states=np.zeros((windows, 0)),
+        basis=np.zeros((windows, 2 * FEATURES, 0)), whitener=np.eye(2 * FEATURES), weight=None, runs=None,
+    )  # fmt: skip
+    return problem, fit
+
+
+class Sensors:
+    """A problem of two sensors, a window a second."""
+
+    outputs, events, horizon, state_scale = OUTPUTS, np.zeros(2 * FEATURES, bool), 1.0, np.zeros(0)
+
+    def __init__(self, model, parts, windows):
+        self.model, self.windows = model, windows
+        self.parts = parts
+
+    def __len__(self):
+        return self.windows
+
+    def average(self, columns):
+        return np.repeat(columns[0][:, None], 2 * FEATURES, axis=1)
+
+
+class Recorded:
+    def __init__(self, time, episode):
+        self.time, self.episode = time, episode
+
+    def __len__(self):
+        return len(self.time)
+
+
+def walked(windows, pace, rng):
+    """Offsets that had walked as long before."""
+    steps = rng.normal(size=windows) * np.sqrt(pace / windows)
+    steps[0] = rng.normal() * np.sqrt(pace)
+    return np.cumsum(steps)
+
+
+@pytest.mark.parametrize(("paces", "share"), [({0: 3.0}, 1.0), ({0: 3.0, 1: 0.2}, 0.3)])
+def test_the_likelihood_is_that_of_a_gaussian_with_walks(paces, share):
+    rng = np.random.default_rng(1)
+    windows = 12
+    residual = rng.normal(size=(windows, 2 * FEATURES))
+    problem, fit = fitted(residual)
+    covariance = np.zeros((windows, 2 * FEATURES, windows, 2 * FEATURES))
+    times = 1.0 + np.arange(windows) / windows  # in durations: it began one before
+    walk = np.minimum(times[:, None], times[None])
+    for w in range(windows):
+        block = np.eye(2 * FEATURES)
+        for j in paces:
+            one = (j == OUTPUTS) / np.sqrt(FEATURES)
+            block -= (1.0 - share) * np.outer(one, one)
+        covariance[w, :, w] += block
+    for j, pace in paces.items():
+        own = (j == OUTPUTS).astype(float)
+        covariance += pace * walk[:, None, :, None] * own[None, :, None, None] * own
+    size = residual.size
+    exact = -multivariate_normal(np.zeros(size), covariance.reshape(size, size)).logpdf(residual.ravel())
+    assert _Walks(problem, fit).cost(paces, share) + 0.5 * size * np.log(2 * np.pi) == pytest.approx(exact)
+
+
+def test_a_walk_is_found_and_white_noise_is_none():
+    rng = np.random.default_rng(2)
+    white = rng.normal(size=(60, 2 * FEATURES))
+    assert wander(*fitted(white), 1.0).gain < 2.0
+    walking = white + walked(60, 30.0, rng)[:, None] * (OUTPUTS == 1)
+    found = wander(*fitted(walking), 1.0)
+    assert found.outputs == (1,)
+    assert found.gain > 20.0
+
+
+def test_what_a_free_column_explains_is_no_walk():
+    rng = np.random.default_rng(3)
+    shape = np.sin(np.arange(60) / 10.0)[:, None, None] * (OUTPUTS == 1)[None, :, None]
+    residual = rng.normal(size=(60, 2 * FEATURES)) + 3.0 * shape[:, :, 0]
+    assert wander(*fitted(residual), 1.0).gain > 20.0
+    assert wander(*fitted(residual, shape), 1.0).gain < 2.0
+
+
+@pytest.mark.parametrize(
+    ("machine", "seed"),
+    [
+        ("rig", 1012),  # errors of 5 times the white noise
+        ("rig", 1042),  # in closed loop; a curve of the velocity's sensor over time
+        ("pose_reaching", 1050),  # the measured wheels wander, and drive
+        ("line_following", 1010),  # the start of a window is what a wandering sensor shows
+    ],
+)
+def test_a_sensor_that_wanders_is_nothing_missing(machine, seed):
+    case = next(c for c in cases_of("develop", [machine], ["nothing"]) if c.seed == seed)
+    assert case.conditions.noise == "random_walk"
+    bench = get_bench(machine)
+    logs = records(bench, (), case.conditions, seed)
+    train, test = (bench.recording(log, case.conditions, seed) for log in logs)
+    found = diagnose(bench.model, [train], [test])
+    assert (found.verdict, found.possible) == ("consistent", ())
+
+
+def test_a_shaken_vehicle_is_simulated_as_finely_as_its_model_says(monkeypatch):
+    """Else its error is named on data that are nearly free of noise (accelerometer gain, soil)."""
+    bench = get_bench("excitation")
+    model, case = bench.model, next(iter(cases_of("develop", ["excitation"], ["nothing"])))
+    record = bench.recording(records(bench, (), case.conditions, 7)[0], case.conditions, 7)
+    windows, vector = model.windows(record, 0.8), np.array([p.nominal for p in model.all_parameters])
+    shown = []
+    for step in (excitation.STEP, excitation.STEP / 4):
+        monkeypatch.setattr(excitation, "STEP", step)
+        shown.append(model.simulate(vector[None], windows)[0])
+    off = np.sqrt(np.nanmean((shown[1] - shown[0]) ** 2, axis=(0, 1))) / np.nanstd(shown[1], axis=(0, 1))
+    assert 0.3 * model.resolution < np.sqrt(np.mean(off**2)) < model.resolution
