@@ -167,7 +167,8 @@ class Model(ABC):
         random_force: True if random forces drive the real machine, so that errors far above the sensors'
             noise prove nothing by themselves.
         noisy_inputs: True if inputs are what sensors show, whose noise then drives the simulation.
-        resolution: Error of the simulation by its longest integration steps, over a signal's spread.
+        resolution: Error of the simulation by its longest integration steps, over a signal's spread; one
+            for all outputs, or one each.
         inputs_are_free: False if inputs cannot be chosen freely (a walker's own steering).
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
         wrapped_outputs: Outputs that are measured within a turn, [-pi, pi): its errors go by that.
@@ -187,7 +188,7 @@ class Model(ABC):
     disturbance_unit: str = ""
     random_force: bool = False
     noisy_inputs: bool = False
-    resolution: float = 1.3e-5
+    resolution: float | tuple[float, ...] = 1.3e-5
     inputs_are_free: bool = True
     unbounded_outputs: tuple[str, ...] = ()
     measured_inputs: tuple[Signal, ...] = ()

@@ -152,7 +152,7 @@ def test_no_whitener_weighs_finer_than_the_floor():
     record = recorded("rig", 5, 1, "")
     problem = build(get_model("rig"), [record], 0.5)
     averages = problem.floor
-    assert (averages >= problem.model.resolution * problem.output_scale).all()
+    assert (averages >= problem.resolution * problem.output_scale).all()
     tiny = 1e-3 * averages * np.random.default_rng(2).standard_normal((len(problem), len(averages)))
     for whitener in (
         diagonal_whitener(problem, tiny), whitener_by_output(problem, tiny),

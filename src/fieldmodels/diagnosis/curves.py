@@ -193,8 +193,8 @@ class Curves:
             return False
         if scored.curve.place == "odds":
             return True
-        gain, wanders = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
-        return gain > self.needed + (self.options.same_gain if wanders else 0.0)
+        gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
+        return gain > self.needed + (self.options.same_gain if left > 0.0 else 0.0)
 
     @property
     def needed(self) -> float:

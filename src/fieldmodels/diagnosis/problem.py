@@ -125,13 +125,18 @@ class Problem:
         scale = np.maximum(spread, 1e-6 * np.abs(self.features).max(axis=0) + 1e-12)
         return np.asarray(np.where(self.events, 1.0, scale))
 
+    @property
+    def resolution(self) -> FloatArray:
+        """Error of the simulation over each feature's spread, shape (features,)."""
+        return np.broadcast_to(self.model.resolution, len(self.model.outputs))[self.outputs]
+
     @cached_property
     def floor(self) -> FloatArray:
         """Error below which nothing is told of a feature (1 for an event), shape (features,)."""
         parts = [p.rounding / p.noise_ratio for p in self.parts if p.rounding is not None]
         rounded = np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)) if parts else 0.0
         return np.asarray(
-            np.where(self.events, 1.0, np.maximum(rounded, self.model.resolution * self.output_scale))
+            np.where(self.events, 1.0, np.maximum(rounded, self.resolution * self.output_scale))
         )
 
     def resolved(self, output: int) -> float:

@@ -226,8 +226,8 @@ def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool
     if candidates.problem.observations is not None:
         return True
     options = candidates.options
-    gain, wanders = beside(candidates.problem, parent.fit, child.fit, options.price)
-    return not wanders or gain - options.price * (child.size - parent.size) > options.least_gain
+    gain, left = beside(candidates.problem, parent.fit, child.fit, options.price)
+    return left < SAME_ANYHOW or gain - options.price * (child.size - parent.size) > options.least_gain
 
 
 def _simplest(

@@ -69,14 +69,14 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
     return Wander(cost, without - cost, tuple(sorted(paces.keys() - {FORCE})))
 
 
-def beside(problem: Problem, parent: Fit, child: Fit, price: float) -> tuple[float, bool]:
-    """Gain [nats] of a child's further columns beside what wanders, and whether anything does.
+def beside(problem: Problem, parent: Fit, child: Fit, price: float) -> tuple[float, float]:
+    """Gain [nats] of a child's further columns beside what wanders, and what walks still bring beside it.
 
     A nat a column, what it costs on held-out data (Akaike 1974), is taken off.
     """
     before, after = (wander(problem, one, price) for one in (parent, child))
     gain = before.cost - after.cost - (int(child.active.sum()) - int(parent.active.sum()))
-    return gain, max(before.gain, after.gain) > 0.0
+    return gain, after.gain
 
 
 class _Walks:

@@ -47,7 +47,7 @@ class ExcitationModel(Model):
     states = ()
     effects = EFFECTS
     horizons = (0.2, 0.4, 0.8)
-    resolution = 4e-4  # steps of 2.5 ms are off by 1e-4 to 6e-4, found with steps of 0.6 ms
+    resolution = (*(1e-3,) * 3, *(4e-4,) * 8)  # of steps of 2.5 ms, found with steps of 0.6 ms: 7e-4 and 2e-4
 
     def __init__(self, vehicle: str = "soft", arm: Arm | None = None, refit_body: bool = False) -> None:
         """Take a preset's vehicle as the nominal one; ``refit_body`` also refits what a scale would tell."""
