@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.declaration import params_of
 from fieldmodels.drivers.named import flown
-from fieldmodels.machines.one_axis.free import respond_to
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal
 from fieldmodels.names import did_you_mean
@@ -121,8 +120,6 @@ def synthesise(
     noise: Noise = True,
     coloured: float = 0.0,
     refine: int = 8,
-    applied: Callable[[FloatArray, float], FloatArray] | None = None,
-    outside: Callable[[float, float, float, float], float] | None = None,
 ) -> Recording:
     """Record what a hidden reality does under an excitation.
 
@@ -142,16 +139,13 @@ def synthesise(
         noise: True for every output's own noise; a factor on it; or standard deviations by output.
         coloured: Share of the noise's variance that wanders slowly (correlation time 0.5 s).
         refine: How many times finer the simulation's time grid is.
-        applied: What the actuator makes of the commands [as recorded, fine step in s], outside of
-            the library: the recording keeps the commands, the reality gets its result.
-        outside: An additional force f(t, position, velocity, command), outside of the library.
 
     Returns:
         One row a sample: the commands and the measured outputs.
 
     Raises:
-        ModelError: For an unknown excitation or reality, commands of a wrong shape, fewer than two
-            samples, or an ``outside`` force that the model has no entry for.
+        ModelError: For an unknown excitation or reality, commands of a wrong shape, or fewer than two
+            samples.
     """
     commands = _commands(model, inputs, duration, step, amplitude, episodes, rng)
     model, truth = flown(model, reality)
@@ -160,8 +154,6 @@ def synthesise(
     fine = step / refine
     length = count * refine
     held = np.concatenate([model.between(c, refine) for c in commands])
-    if applied is not None:
-        held = np.concatenate([applied(part, fine) for part in np.split(held, episodes)])
     recording = Recording(
         time=np.tile(np.arange(length) * fine, episodes),
         signals={signal.name: held[:, i] for i, signal in enumerate(model.inputs)}
@@ -176,13 +168,7 @@ def synthesise(
         states=np.zeros((episodes, len(model.states))),
         observed=np.ones((episodes, length, len(model.outputs)), dtype=np.bool_),
     )
-    parameters = clean.vector(model)[None, :]
-    if outside is None:
-        result = model.simulate(parameters, windows)[0]
-    elif isinstance(model, OneAxis):
-        result = respond_to(model, parameters, held, fine, outside, episodes)
-    else:
-        raise ModelError(f"model {model.name!r} takes no force from outside its library")
+    result = model.simulate(clean.vector(model)[None, :], windows)[0]
     signals = {signal.name: np.concatenate(commands)[:, i] for i, signal in enumerate(model.inputs)}
     for j, signal in enumerate(model.outputs):
         values = _sampled(result[:, :, j], refine, signal) + _noise(

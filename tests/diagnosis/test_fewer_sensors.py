@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.diagnosis.next_measurement import LONGEST
-from fieldmodels.exam.benchmarks import Outside, get_benchmark
-from fieldmodels.machines.pose_reaching.recording import record_commands
+from fieldmodels.exam.benches import Conditions, Hidden, get_bench
+from fieldmodels.exam.sizes import recordings
+from fieldmodels.machines.pose_reaching.recording import record_commands, record_drive
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
 
 SLOW = pytest.mark.slow
 WITHOUT = {
@@ -21,11 +26,19 @@ INDISTINGUISHABLE = {"turn_gain": "yaw_slip", "yaw_slip": "turn_gain"}
 """From the pose alone, whatever is commanded."""
 
 
-def diagnosed(model: str, effects: dict[str, dict[str, float]], seed: int, **how: object) -> Diagnosis:
+def diagnosed(machine: str, sizes: dict[str, float], seed: int, noise: str = "white") -> Diagnosis:
     """From one record, without the model's additional sensors."""
-    benchmark = get_benchmark(model)
-    train, _ = benchmark.pair(effects, seed, without=WITHOUT[model], **how)  # type: ignore[arg-type]
-    return diagnose(benchmark.model, [train])
+    hidden = [Hidden(name, abs(size), 1 if size > 0 else -1) for name, size in sizes.items()]
+    bench = get_bench(machine)
+    return diagnose(
+        bench.model, [fewer(recordings(bench, hidden, Conditions(noise=noise), seed)[0], machine)]
+    )
+
+
+def fewer(recording: Recording, machine: str) -> Recording:
+    """Without the additional sensors."""
+    kept = {name: v for name, v in recording.signals.items() if name not in WITHOUT[machine]}
+    return replace(recording, signals=kept)
 
 
 def named(found: Diagnosis) -> list[set[str]]:
@@ -34,17 +47,17 @@ def named(found: Diagnosis) -> list[set[str]]:
 
 
 @pytest.mark.parametrize(
-    ("effect", "values"),
+    ("effect", "size"),
     [
-        ("slope", {"x": 0.0085, "y": 0.0085}),
-        ("yaw_slip", {"share": 0.012}),
-        pytest.param("actuator_gain", {"gain": 0.988}, marks=SLOW),
-        pytest.param("unequal_wheels", {"difference": 0.0051}, marks=SLOW),
-        pytest.param("heading_bias", {"angle": 0.015}, marks=SLOW),
+        ("slope", 2.7),
+        ("yaw_slip", 1.0),
+        pytest.param("actuator_gain", 0.6, marks=SLOW),
+        pytest.param("unequal_wheels", 1.1, marks=SLOW),
+        pytest.param("heading_bias", -2.7, marks=SLOW),
     ],
 )
-def test_the_pose_alone_suffices_up_to_what_needs_the_wheels(effect: str, values: dict[str, float]):
-    found = diagnosed("pose_reaching", {effect: values}, 3)
+def test_the_pose_alone_suffices_up_to_what_needs_the_wheels(effect: str, size: float):
+    found = diagnosed("pose_reaching", {effect: size}, 90_003)
     other = INDISTINGUISHABLE.get(effect)
     assert named(found) == [{effect, other} if other else {effect}]
     if other:
@@ -54,12 +67,12 @@ def test_the_pose_alone_suffices_up_to_what_needs_the_wheels(effect: str, values
 
 @pytest.mark.parametrize("seed", [11, 12, *(pytest.param(k, marks=SLOW) for k in range(13, 21))])
 def test_nothing_is_named_from_the_pose_alone_where_nothing_is_hidden(seed: int):
-    found = diagnosed("pose_reaching", {}, seed, coloured=0.5 * (seed % 2))
+    found = diagnosed("pose_reaching", {}, 90_000 + seed, "autoregressive" if seed % 2 else "white")
     assert found.verdict == "consistent", found.summary()
 
 
 def test_what_no_listed_effect_explains_is_unknown_from_the_pose_alone():
-    found = diagnosed("pose_reaching", {}, 21, outside=Outside("understeer", 0.15))
+    found = diagnosed("pose_reaching", {"weak_left": 1.3}, 90_021)
     assert found.verdict == "unknown", found.summary()
     assert found.unknown is not None
     assert found.unknown.certain
@@ -67,7 +80,8 @@ def test_what_no_listed_effect_explains_is_unknown_from_the_pose_alone():
 
 
 def test_a_measurement_is_proposed_that_distinguishes_a_late_command_from_a_lag():
-    found = diagnosed("pose_reaching", {"actuator_delay": {"delay": 0.0051}}, 77)
+    drive = record_drive(120.0, np.random.default_rng(77), {"actuator_delay": {"delay": 0.0051}})
+    found = diagnose(get_model("pose_reaching"), [fewer(drive, "pose_reaching")])
     assert found.verdict == "ambiguous"
     assert found.next_measurement is not None
     planned = found.next_measurement.input
@@ -88,18 +102,15 @@ def test_a_measurement_is_proposed_that_distinguishes_a_late_command_from_a_lag(
 
 
 def test_the_camera_alone_suffices_for_a_steering_bias():
-    found = diagnosed("line_following", {"steering_bias": {"turn": 0.015}}, 8)
+    found = diagnosed("line_following", {"steering_bias": 6.0}, 90_008)
     assert found.causes[0].effect == "steering_bias"
 
 
-@pytest.mark.parametrize(
-    ("effect", "values"),
-    [("wind", {"north": 4.0, "east": -3.0}), ("sensor_bias", {"north": 150.0, "east": -80.0})],
-)
-def test_the_position_alone_suffices_but_for_the_bank(effect: str, values: dict[str, float]):
-    assert [cause.effect for cause in diagnosed("uav_route", {effect: values}, 8).causes] == [effect]
+@pytest.mark.parametrize(("effect", "size"), [("wind", -1.2), ("sensor_bias", -1.6)])
+def test_the_position_alone_suffices_but_for_the_bank(effect: str, size: float):
+    assert [cause.effect for cause in diagnosed("uav_route", {effect: size}, 90_008).causes] == [effect]
 
 
 def test_a_weaker_bank_does_not_show_in_the_position():
     """Legs are straight whatever the bank (4.1): without a logged bank nothing is seen, and none is named."""
-    assert diagnosed("uav_route", {"weaker_bank": {"factor": 0.85}}, 9).verdict == "consistent"
+    assert diagnosed("uav_route", {"weaker_bank": -0.6}, 90_009).verdict == "consistent"

@@ -9,17 +9,21 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.exam.benchmarks import get_benchmark
+from fieldmodels.exam.benches import Conditions, Log, get_bench
+from fieldmodels.exam.benches.axis import DURATION, STEP
+from fieldmodels.exam.plants.axis import simulate
+from fieldmodels.exam.sizes import recordings
+from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.recording import record_walk
 from fieldmodels.machines.line_following.tracks import oval, straight
 from fieldmodels.machines.line_following.walks import Scene
+from fieldmodels.machines.pose_reaching.recording import record_drive
 from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
-from fieldmodels.synthesis import synthesise
 
 QUIET = Noise(bias=0.0)
 SLOW = pytest.mark.slow
@@ -76,38 +80,42 @@ def test_the_slip_that_is_named_is_the_bodies_own_response_to_one_turn():
 @pytest.mark.parametrize("mass", [0.8, *(pytest.param(m, marks=SLOW) for m in (0.1, 0.3))])
 def test_a_payload_of_the_vehicle_is_named_alone_whatever_its_size(mass: float):
     """Base parameters fitted without a large one are far off, and the way back is not a straight one."""
-    benchmark = get_benchmark("excitation")
-    found = diagnose(benchmark.model, benchmark.pair({"payload": {"mass": mass}}, 301)[:1])
+    hidden = {"payload": {"mass": mass}}
+    found = diagnose(
+        get_model("excitation"), [record_experiment(np.random.default_rng(301), hidden, duration=4.0)]
+    )
     assert [cause.effect for cause in found.causes] == ["payload"]
     assert found.causes[0].parameters["mass"].value == pytest.approx(mass, rel=0.01)
     assert found.unknown is None
 
 
 @pytest.mark.parametrize(
-    ("model", "parameter", "true"), [("excitation", "stiffness_pitch", 60.0), ("heel_strike", "length", 1.0)]
+    ("model", "parameter"), [("excitation", "stiffness_pitch"), ("heel_strike", "length")]
 )
-def test_base_parameters_are_refitted(model: str, parameter: str, true: float):
-    benchmark = get_benchmark(model)
-    found = diagnose(benchmark.model, benchmark.pair({}, 201)[:1])
-    assert found.parameters[parameter].value == pytest.approx(true, rel=0.01)
+def test_base_parameters_are_refitted(model: str, parameter: str):
+    bench = get_bench(model)
+    found = diagnose(bench.model, recordings(bench, [], Conditions(), 90_201)[:1])
+    assert found.parameters[parameter].value == pytest.approx(bench.base(90_201)[parameter], rel=0.01)
 
 
 def test_another_speed_of_the_aircraft_is_refitted_not_named():
-    model = get_benchmark("uav_route").model
+    model = get_model("uav_route")
     assert diagnose(model, [flight({"parameters": {"speed": 243.0}}, 6)]).causes == ()
 
 
 def test_faults_of_both_stages_are_named_together():
-    benchmark = get_benchmark("pose_reaching")
-    hidden = {"yaw_slip": {"share": 0.1}, "actuator_lag": {"time_constant": 0.05}}
-    found = diagnose(benchmark.model, benchmark.pair(hidden, 4)[:1])
+    hidden, model = (
+        {"yaw_slip": {"share": 0.1}, "actuator_lag": {"time_constant": 0.05}},
+        get_model("pose_reaching"),
+    )
+    found = diagnose(model, [record_drive(120.0, np.random.default_rng(4), hidden)])
     assert [cause.effect for cause in found.causes] == ["yaw_slip", "actuator_lag"]
     assert found.verdict == "named"
     assert found.gain["heading"].gain.percent > 50
     assert found.gain["left_wheel"].gain.percent > 50
     assert set(found.extended()["effects"]) == {"yaw_slip", "actuator_lag"}
-    assert found.vector[benchmark.model.index("yaw_slip.share")] == pytest.approx(0.1, abs=0.005)
-    assert found.vector[benchmark.model.index("actuator_lag.time_constant")] == pytest.approx(0.05, abs=0.003)
+    assert found.vector[model.index("yaw_slip.share")] == pytest.approx(0.1, abs=0.005)
+    assert found.vector[model.index("actuator_lag.time_constant")] == pytest.approx(0.05, abs=0.003)
 
 
 def detent(x: float) -> float:
@@ -120,24 +128,31 @@ def one_sided_stop(x: float) -> float:
     return -20.0 * max(x - 0.03, 0.0)
 
 
+def forced(machine: str, force: Callable[[float], float], seed: int) -> list[Recording]:
+    """Two records of a machine's plant with a force of the place."""
+    bench, records = get_bench(machine), []
+    count = round(DURATION / STEP)
+    for k in range(2):
+        rng, base = np.random.default_rng([seed, k]), bench.base(seed)
+        control, _ = bench.control(Conditions(), base, count, STEP, rng)
+        plant = bench.plant(base)
+        plant.forces.append(lambda _t, x, _v, _u: force(x))
+        rows = simulate(plant, control, np.array(bench.noise) * rng.standard_normal((count, 2)), STEP)
+        records.append(bench.recording(Log(STEP, rows[:, :1], rows[:, 1:]), Conditions(), seed))
+    return records
+
+
 @pytest.mark.parametrize(
-    ("model", "excitation", "amplitude", "force"),
-    [("rig", "mixed", 8.0, one_sided_stop), ("pendulum", "swing", 1.2, detent)],
+    ("machine", "force"),
+    [("rig", one_sided_stop), ("pendulum", detent)],
     ids=["rig, one-sided stop", "pendulum, detent"],
 )
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
-    model: str, excitation: str, amplitude: float, force: Callable[[float], float], seed: int
+    machine: str, force: Callable[[float], float], seed: int
 ):
-    bench = get_model(model)
-    train, test = (
-        synthesise(
-            bench, {}, excitation, duration=duration, amplitude=amplitude,
-            rng=np.random.default_rng([seed, k]), outside=lambda _t, x, _v, _u: force(x),
-        )
-        for k, duration in enumerate((24.0, 12.0))
-    )  # fmt: skip
-    found = diagnose(bench, [train], [test])
+    train, test = forced(machine, force, seed)
+    found = diagnose(get_model(machine), [train], [test])
     assert found.verdict == "unknown", found.summary()
     assert found.unknown is not None
     assert found.unknown.direction.split()[0] in ("position", "angle")
@@ -153,7 +168,7 @@ def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
 
 def test_each_cause_says_in_which_signal_it_shows():
     both = {"turn_speed_loss": {"share": 0.08}, "radar_position": {"north": 20e3, "east": -15e3}}
-    found = diagnose(get_benchmark("uav_route").model, [flight(both, 7)])
+    found = diagnose(get_model("uav_route"), [flight(both, 7)])
     signals = {cause.effect: cause.signal for cause in found.causes}
     assert set(signals) == set(both)
     assert signals["radar_position"] == "detected"
@@ -163,7 +178,7 @@ def test_each_cause_says_in_which_signal_it_shows():
 def test_a_speed_that_depends_on_the_place_is_unknown_and_its_shape_is_given():
     """No listed effect: the aircraft is faster in the north than in the south."""
     faster = flight(None, 21, added=lambda place: 6.0 * math.tanh(place.real / 50e3))
-    found = diagnose(get_benchmark("uav_route").model, [faster])
+    found = diagnose(get_model("uav_route"), [faster])
     assert found.verdict == "unknown"
     assert found.unknown.direction == "north"
 
@@ -171,7 +186,7 @@ def test_a_speed_that_depends_on_the_place_is_unknown_and_its_shape_is_given():
 def test_a_radar_that_tires_is_unknown_and_given_against_time():
     """No listed effect: its ranges shrink by half in the middle of each flight."""
     tired = flight(None, 22, faded=lambda _, time: 1 - 0.3 * math.tanh((time - 1000) / 300))
-    found = diagnose(get_benchmark("uav_route").model, [tired])
+    found = diagnose(get_model("uav_route"), [tired])
     assert found.verdict == "unknown"
     assert not found.causes
     assert found.unknown.direction == "time, in the log-odds of detected"

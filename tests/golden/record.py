@@ -7,7 +7,7 @@ say so in the changelog with figures.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import gymnasium as gym
@@ -18,8 +18,18 @@ from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
-from fieldmodels.exam.benchmarks import get_benchmark
+from fieldmodels.machines.excitation.recording import record_experiment
+from fieldmodels.machines.heel_strike import parameters as heel_strike
+from fieldmodels.machines.heel_strike.recording import record_walk as record_leg
+from fieldmodels.machines.line_following.parameters import Noise
+from fieldmodels.machines.line_following.recording import record_walk
+from fieldmodels.machines.line_following.tracks import straight
+from fieldmodels.machines.line_following.walks import Scene
+from fieldmodels.machines.pose_reaching.recording import record_drive
+from fieldmodels.machines.uav_route.recording import record_flight
+from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
 
 FILE = Path(__file__).with_name("golden.npz")
 MODELS = (
@@ -35,7 +45,20 @@ MODELS = (
     "excitation",
 )
 RECORDED = {"propeller_arm": "pendulum", "servo": "rig", "differential_drive": "pose_reaching"}
-"""Whose exam records the data of a model that has no exam of its own."""
+"""Whose records are the data of a model that has no recorder of its own."""
+RECORDERS: dict[str, Callable[[np.random.Generator], Recording]] = {
+    "rig": lambda rng: synthesise(get_model("rig"), {}, "mixed", amplitude=8.0, rng=rng),
+    "pendulum": lambda rng: synthesise(get_model("pendulum"), {}, "swing", amplitude=1.2, rng=rng),
+    "pose_reaching": lambda rng: record_drive(120.0, rng),
+    "line_following": lambda rng: record_walk(
+        None, 1000, scene=Scene(straight(710.0), noise=Noise(bias=0.0)), rng=rng
+    ),
+    "uav_route": lambda rng: record_flight(None, 2000.0, episodes=4, rng=rng),
+    "heel_strike": lambda rng: record_leg(
+        120.0, rng, heel_strike.Noise(process=0.15, floor=0.001), leg=heel_strike.Leg(step=0.01)
+    ),
+    "excitation": lambda rng: record_experiment(rng, duration=4.0),
+}
 STEPS = 25
 SLOW = {
     "uav_route": {"printed", "printed_joint", "printed_lock_loss"},
@@ -47,7 +70,7 @@ SLOW = {
 def simulations(name: str) -> Iterator[tuple[str, np.ndarray]]:
     """Outputs of a model on recorded data: nominal, then with every effect on at its first start."""
     model = get_model(name)
-    recording = get_benchmark(RECORDED.get(name, name)).record({}, 7)
+    recording = RECORDERS[RECORDED.get(name, name)](np.random.default_rng(7))
     if name in RECORDED:  # the same data under this model's names of its inputs
         commands = [recording[s.name] for s in get_model(RECORDED[name]).inputs]
         own = dict(zip([s.name for s in model.inputs], commands, strict=True))

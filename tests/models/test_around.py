@@ -5,8 +5,9 @@ import pytest
 
 from fieldmodels.drivers.around import surrounded
 from fieldmodels.effects import actuator, change, curve, force, sensor
-from fieldmodels.exam.benchmarks import get_benchmark
 from fieldmodels.machine import Machine, number
+from fieldmodels.machines.heel_strike.parameters import Leg
+from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.model import Model, ModelError, Signal
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model
@@ -148,7 +149,7 @@ def test_around_the_machine_of_a_task():
     model = surrounded(
         inner, sensor("gyro", ("clipping",)), force("disturbance", ("constant_force",), prefix="outer_")
     )
-    recording = get_benchmark("heel_strike").record({}, 3)
+    recording = record_walk(20.0, np.random.default_rng(3), leg=Leg(step=0.01))
     windows = inner.windows(recording, inner.horizons[0]).select(np.arange(3))
     nominal = model.simulate(model.nominal[None], windows)
     np.testing.assert_array_equal(nominal, inner.simulate(inner.nominal[None], windows))

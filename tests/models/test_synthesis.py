@@ -63,24 +63,6 @@ def test_quantisation_acts_after_the_noise():
     np.testing.assert_allclose(position, np.round(position), atol=1e-9)
 
 
-def test_a_force_from_outside_acts_as_its_twin_inside_the_library():
-    command = excitation("steps", 4.0, 0.01, rng()) * 8.0
-    inside = synthesise(Rig(), {"quadratic_drag": {"coefficient": 20.0}}, command, rng=rng(), noise=False)
-    outside = synthesise(
-        Rig(), None, command, rng=rng(), noise=False, refine=50, outside=lambda t, x, v, u: -20.0 * v * abs(v)
-    )
-    scale = inside["position"].std()
-    np.testing.assert_allclose(outside["position"], inside["position"], atol=5e-3 * scale)
-
-
-def test_what_the_actuator_makes_of_a_command_is_hidden_from_the_recording():
-    command = excitation("steps", 4.0, 0.01, rng()) * 8.0
-    halved = synthesise(Rig(), None, command, rng=rng(), noise=False, applied=lambda u, _step: 0.5 * u)
-    whole = synthesise(Rig(), None, command, rng=rng(), noise=False)
-    np.testing.assert_array_equal(halved["force"], command)
-    np.testing.assert_allclose(halved["position"], 0.5 * whole["position"], atol=1e-12)
-
-
 def test_a_swing_leads_the_nominal_pendulum_along_its_path():
     data = synthesise(Pendulum(), None, "swing", duration=20.0, amplitude=1.2, rng=rng(), noise=False)
     assert 0.9 < np.abs(data["angle"]).max() < 1.8

@@ -19,7 +19,7 @@ from fieldmodels.exam.answers import Answer, ask
 from fieldmodels.exam.benches import Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
 from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
-from fieldmodels.exam.sizes import errors, find_size, records
+from fieldmodels.exam.sizes import errors, find_size, recordings
 from fieldmodels.files import write_text
 from fieldmodels.limits import TooLongError, processor_limit
 from fieldmodels.model import Model
@@ -104,10 +104,7 @@ def _examined(bench: Bench, case: Case, row: Row) -> Row:
     hidden = _hidden(case, row["sizes"])
     known = bool(bench.needs_base & set(case.hidden))
     fixed = bench.scaled(bench.base(case.seed), "", case.conditions) if known else {}
-    train, test = (
-        bench.recording(log, case.conditions, case.seed)
-        for log in records(bench, hidden, case.conditions, case.seed)
-    )
+    train, test = recordings(bench, hidden, case.conditions, case.seed)
     answer = _answered(case, bench.model, ([train], [test]), fixed)
     return answer if isinstance(answer, dict) else judged(bench, case, hidden, row["attainable"], answer)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches import Bench, Conditions, Hidden, Log
+from fieldmodels.recording import Recording
 
 LEAST, MOST = 10.0, 40.0
 """Percentages that a hidden fault adds."""
@@ -33,6 +34,14 @@ class Found:
 def records(bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: int) -> tuple[Log, Log]:
     """A record to fit and one to measure gains on."""
     return bench.log(hidden, conditions, seed, False), bench.log(hidden, conditions, seed, True)
+
+
+def recordings(
+    bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: int
+) -> tuple[Recording, Recording]:
+    """The same two as a diagnosis is given them."""
+    train, test = (bench.recording(log, conditions, seed) for log in records(bench, hidden, conditions, seed))
+    return train, test
 
 
 def errors(

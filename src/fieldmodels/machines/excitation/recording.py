@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -53,10 +53,8 @@ def record_experiment(
     step: float = 0.01,
     repeats: int = 1,
     noise: Noise = True,
-    coloured: float = 0.0,
     limits: Limits | None = None,
     model: ExcitationModel | None = None,
-    applied: Callable[[FloatArray, float], FloatArray] | None = None,
 ) -> Recording:
     """Record runs of all three modes, each with random sinusoids of its own.
 
@@ -67,10 +65,8 @@ def record_experiment(
         step: Sampling interval [s]; 0.4 s must be a multiple.
         repeats: Times that each mode is run.
         noise: As of ``synthesise``.
-        coloured: As of ``synthesise``.
         limits: What the arm may do (default: ``wide``).
         model: The nominal vehicle (default: ``soft``).
-        applied: As of ``synthesise``: what the arm makes of its commands, outside of the library.
 
     Returns:
         One episode a run, with the columns of ``ExcitationModel``.
@@ -81,9 +77,5 @@ def record_experiment(
     for k in range(repeats * MODES):
         angle = shaking(duration, step, rng, limits)
         commands = {"arm_angle": angle, "arm_axis": np.full(len(angle), float(k % MODES + 1))}
-        runs.append(
-            synthesise(
-                model, reality, commands, step=step, rng=rng, noise=noise, coloured=coloured, applied=applied
-            )
-        )
+        runs.append(synthesise(model, reality, commands, step=step, rng=rng, noise=noise))
     return joined_runs(runs, f"simulation of {model.name}")

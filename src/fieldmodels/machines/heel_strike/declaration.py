@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmodels.declared import any_on, as_rows, neutral, row_type
+from fieldmodels.declared import any_on, as_rows, row_type
 from fieldmodels.machines.heel_strike.parameters import Leg
 from fieldmodels.model import Effect, Parameter, Where
 
@@ -127,32 +127,17 @@ def _gyro_effects(duration: float) -> tuple[Effect, ...]:
     )
 
 
-UNLISTED = (
-    Effect(
-        "cogging",
-        "The hinge's torque varies with the angle, as a motor's does.",
-        "force",
-        (
-            Parameter("acceleration", ACCELERATION, 0.0, -10.0, 10.0, 0.1),
-            Parameter("teeth", "1", 1.0, 0.0, 1e3, 1.0),
-        ),
-        "acceleration * sin(teeth * theta)",
-    ),
-)
-"""Effects that the leg knows but ``HeelStrikeModel`` does not list, for exams."""
-
 BASE = base_parameters(Leg())
-EFFECTS = (*leg_effects(), *UNLISTED)
+EFFECTS = leg_effects()
 PLANT = row_type(BASE, EFFECTS)
 """Type of a plant: what leg and gyro truly are, as kernels read it."""
-_UNLISTED = neutral((), UNLISTED)
 
 
 def as_plants(vectors: ArrayLike, where: Where | None = None) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Parameter vectors of ``HeelStrikeModel`` as plants.
 
     Args:
-        vectors: Shape (..., numbers), with or without those of ``UNLISTED``.
+        vectors: Shape (..., numbers).
         where: Which effects are asked for below; None for all.
 
     Returns:
@@ -162,7 +147,4 @@ def as_plants(vectors: ArrayLike, where: Where | None = None) -> tuple[NDArray[A
         ModelError: If a vector has another length.
     """
     array = np.asarray(vectors, dtype=np.float64)
-    if array.ndim and 8 * (array.shape[-1] + len(_UNLISTED)) == PLANT.itemsize:
-        rest = np.broadcast_to(_UNLISTED, (*array.shape[:-1], len(_UNLISTED)))
-        array = np.concatenate([array, rest], axis=-1)
     return as_rows(array, PLANT), any_on(array, BASE, EFFECTS, where)

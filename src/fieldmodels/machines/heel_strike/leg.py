@@ -16,7 +16,7 @@ CREEP = 0.01
 
 
 @inlined
-def effect_acceleration(theta: float, omega: float, time: float, plant: Any) -> float:
+def effect_acceleration(omega: float, time: float, plant: Any) -> float:
     """What the force effects add to the angular acceleration [rad/s2]."""
     phase = 2 * math.pi * plant.periodic_force.frequency * time
     value: float = (
@@ -27,8 +27,6 @@ def effect_acceleration(theta: float, omega: float, time: float, plant: Any) -> 
         + plant.periodic_force.sine * math.sin(phase)
         + plant.periodic_force.cosine * math.cos(phase)
     )
-    if plant.cogging.acceleration != 0.0:
-        value += plant.cogging.acceleration * math.sin(plant.cogging.teeth * theta)
     return value
 
 
@@ -70,19 +68,19 @@ def leg_step(
     sine, cosine = math.sin(theta), math.cos(theta)
     a1 = torque - stiffness * sine
     if extended:
-        a1 += effect_acceleration(theta, omega, time, plant)
+        a1 += effect_acceleration(omega, time, plant)
     change, v2 = half * omega, omega + half * a1
     a2 = torque - stiffness * sine_near(sine, cosine, change)
     if extended:
-        a2 += effect_acceleration(theta + change, v2, time + half, plant)
+        a2 += effect_acceleration(v2, time + half, plant)
     change, v3 = half * v2, omega + half * a2
     a3 = torque - stiffness * sine_near(sine, cosine, change)
     if extended:
-        a3 += effect_acceleration(theta + change, v3, time + half, plant)
+        a3 += effect_acceleration(v3, time + half, plant)
     change, v4 = step * v3, omega + step * a3
     a4 = torque - stiffness * sine_near(sine, cosine, change)
     if extended:
-        a4 += effect_acceleration(theta + change, v4, time + step, plant)
+        a4 += effect_acceleration(v4, time + step, plant)
     sixth = step / 6.0
     return (
         theta + sixth * (omega + 2.0 * v2 + 2.0 * v3 + v4),

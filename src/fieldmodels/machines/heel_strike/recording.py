@@ -21,7 +21,6 @@ def record_walk(
     noise: Noise | Regimes | None = None,
     reality: Reality | None = None,
     leg: Leg | None = None,
-    cogging: tuple[float, float] = (0.0, 1.0),
 ) -> Recording:
     """Record the gyro and the strikes of one walk.
 
@@ -31,8 +30,6 @@ def record_walk(
         noise: Stationary noise (default: Ranger's nominal levels) or hidden regimes.
         reality: What differs from the nominal leg.
         leg: The nominal leg.
-        cogging: Amplitude [rad/s2] and periods per radian times 2 pi of a torque that varies with the
-            angle, as of a motor's cogging: an effect that ``HeelStrikeModel`` does not list, for exams.
 
     Returns:
         Columns gyro [rad/s], strike [1] and strike_angle [rad], as ``HeelStrikeModel`` describes them.
@@ -42,7 +39,7 @@ def record_walk(
     """
     model = HeelStrikeModel(leg)
     around, truth = flown(model, reality, CHANNELS)
-    vector = np.concatenate([truth.vector(around)[: len(model.names)], cogging])
+    vector = truth.vector(around)[: len(model.names)]
     stock = stepped(around, truth, CHANNELS, 1, model.leg.step)
     walker = Strides(1, model.leg, noise or Noise(), vector, stock=stock)
     walker.seed(0, rng)

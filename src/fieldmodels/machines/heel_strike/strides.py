@@ -113,8 +113,7 @@ class Strides:
             batch: Number of walkers.
             leg: The nominal leg, which the estimators believe in.
             noise: Stationary noise, or hidden regimes (default: the ``low_pass`` regimes).
-            reality: Parameter vector of ``HeelStrikeModel``, shape (n,) or (batch, n), with or without the
-                numbers of ``UNLISTED`` effects; None is nominal.
+            reality: Parameter vector of ``HeelStrikeModel``, shape (n,) or (batch, n); None is nominal.
             bank: True also runs the interacting-multiple-model bank of eight filters (five times slower).
             cromer: True integrates the agent's estimator by (2.14), False by (2.9).
             ranger_reset: Share of the geometry in Ranger's reset (2.3).

@@ -18,8 +18,6 @@ from fieldmodels.recording import Recording
 
 LAW = (-0.3, 0.8, 0.2)
 """Weights a, b, c of eq (3.1) with which a recorded walk is steered."""
-GENTLE = (-0.2, 0.4, 0.0)
-"""Weights with which the walk stands a stride of delay, but no curve of 9 m."""
 TRACKER = Channels(observed=("offset", "heading"))
 """What an overhead tracker measures."""
 RECORDED = Channels(
@@ -39,7 +37,6 @@ def record_walk(
     law: tuple[float, float, float] = LAW,
     tracked: bool = True,
     noise: float = 1.0,
-    robot: type[Walks] = Walks,
     rng: np.random.Generator,
 ) -> Recording:
     """Let the robot follow a line by eq (3.1), with random turns added so that its log tells something.
@@ -52,7 +49,6 @@ def record_walk(
         law: Weights a, b, c of eq (3.1).
         tracked: Whether an overhead tracker measures offset and heading.
         noise: Factor on the tracker's noise.
-        robot: What walks: another one may have a fault that no effect lists.
         rng: Source of noise and of the added turns.
 
     Raises:
@@ -65,7 +61,7 @@ def record_walk(
         scene = Scene(straight(strides * model.gait.stride + 10.0), noise=Noise(bias=0.0))
     gait = scene.gait
     own = truth.vector(around)[: len(model.names)]
-    walks = robot(1, scene, own, stepped(around, truth, CHANNELS, 1, gait.stride_time))
+    walks = Walks(1, scene, own, stepped(around, truth, CHANNELS, 1, gait.stride_time))
     walks.restart([0], [rng])
     tracker = stepped(around, truth, TRACKER, 1, gait.stride_time)
     a, b, c = law

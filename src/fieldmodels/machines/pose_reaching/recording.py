@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -50,11 +50,9 @@ def record_drive(
     step: float = 0.05,
     episodes: int = 1,
     noise: float = 1.0,
-    coloured: float = 0.0,
     limits: Limits | None = None,
     model: PoseReaching | None = None,
     wheels: bool = True,
-    applied: Callable[[FloatArray, float], FloatArray] | None = None,
 ) -> Recording:
     """Record a robot that is driven by random commands on an open floor.
 
@@ -65,11 +63,9 @@ def record_drive(
         step: Sampling interval [s].
         episodes: Number of episodes.
         noise: Factor on the sensors' noise.
-        coloured: Share of the noise's variance that wanders slowly.
         limits: Of the commands (default: the task's).
         model: The robot, which also says how it is commanded (default: nominal, by its motion).
         wheels: Whether the wheels' speeds are measured too.
-        applied: What the drive makes of the commands, outside of the library; as in ``synthesise``.
 
     Returns:
         Signals of ``PoseReaching``; headings wrapped to (-pi, pi].
@@ -83,12 +79,7 @@ def record_drive(
         _for_front(model, random_commands(duration, step, limits or Limits(), rng)) for _ in range(episodes)
     )
     return _joined(
-        [
-            synthesise(
-                model, reality, given, step=step, rng=rng, noise=noise, coloured=coloured, applied=applied
-            )
-            for given in drawn
-        ],
+        [synthesise(model, reality, given, step=step, rng=rng, noise=noise) for given in drawn],
         wheels,
     )
 
