@@ -301,7 +301,7 @@ TYPICAL: Mapping[str, Typical] = {
     "thrust_curve": lambda _b, k, s, _a: {"exponent": math.exp(0.05 * k * s)},
     "gravity": lambda b, k, _s, a: _waves(b, k, a),
     "dead_band": lambda b, k, _s, _a: {"width": 0.05 * k * b.sizes.f},
-    "torque_limit": lambda b, k, _s, _a: {"limit": 3.0 * b.sizes.f / (1.0 + 0.1 * k)},
+    "torque_limit": lambda b, k, _s, _a: {"limit": 3.0 * b.sizes.f / k},
 }
 """Values of every effect's parameters: (bench, size, sign, angle)."""
 FORCE = (1, 1, -2)
