@@ -200,7 +200,7 @@ PAIRS = {
     "excitation": ("coulomb_friction", "accelerometer_gain"),
     "line_following": ("turn_gain", "sensor_gain"),
     "pose_reaching": ("yaw_slip", "actuator_dead_zone"),
-    "uav_route": ("turn_speed_loss", "radar_position"),
+    "uav_route": ("turn_speed_loss", "wind"),
 }
 UNLISTED = [
     ("rig", "one_sided_spring", 0.13),
