@@ -7,7 +7,10 @@ from fieldgym.settings import SettingsError
 from fieldgym.task import Task
 from fieldgym.tasks import TASKS
 
-__all__ = ["TASKS", "SettingsError", "Task", "register"]
+BENCH = "fieldgym/Bench-v0"
+"""A diagnosed bench of one's own: ``gymnasium.make(BENCH, config="extended.yaml")``."""
+
+__all__ = ["BENCH", "TASKS", "SettingsError", "Task", "register"]
 
 
 def register() -> None:
@@ -15,6 +18,8 @@ def register() -> None:
     for task in TASKS.values():
         if task.env_id not in registry:
             _register(task.env_id, task.entry_point, vector_entry_point=task.vector_entry_point)
+    if BENCH not in registry:
+        _register(BENCH, "fieldgym.bench:make_bench", vector_entry_point="fieldgym.bench:make_bench")
 
 
 register()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from fieldgym.randomisation import Drawn
 from fieldgym.rendering.canvas import Frame
 from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import flown, model_named_in
 from fieldmodels.machine import Machine
 from fieldmodels.names import did_you_mean
 from fieldmodels.registry import get_model
@@ -232,3 +233,26 @@ def as_env(
         return scalar(settings, reality, render_mode)  # type: ignore[no-any-return]
     vector = type("BenchVectorEnv", (TaskVectorEnv,), {"batch_task": task})
     return vector(num_envs, settings, reality, render_mode)  # type: ignore[no-any-return]
+
+
+def make_bench(
+    config: str | Path,
+    machine: str = "",
+    settings: BenchSettings | Mapping[str, Any] | None = None,
+    render_mode: str | None = None,
+    num_envs: int | None = None,
+) -> TaskEnv | TaskVectorEnv:
+    """A diagnosed bench as a task, in the simulation that has learned: ``fieldgym/Bench-v0``.
+
+    Args:
+        config: ``extended.yaml`` of a diagnosis.
+        machine: Python file of the machine, where it is one's own; by default ``config`` names it.
+        settings: See ``BenchSettings``.
+        render_mode: As for ``gymnasium.make``.
+        num_envs: As for ``gymnasium.make_vec``.
+
+    Raises:
+        SettingsError: As ``as_env``.
+        ModelError: As ``as_env``; also if the file names no model.
+    """
+    return as_env(machine or model_named_in(config), settings, config, render_mode, num_envs)

@@ -149,3 +149,44 @@ def test_what_cannot_be_is_said():
     with pytest.raises(SettingsError, match="no Machine"):
         as_env("heel_strike")
     assert isinstance(as_env("rig", num_envs=2), gymnasium.vector.VectorEnv)
+
+
+EXTENDED = """\
+schema: 1
+model: rig
+parameters: {mass: {value: 2.5, std: 0.01, unit: kg}}
+effects:
+  coulomb_friction: {force: {value: 0.7, std: 0.02, unit: N}}
+"""
+
+
+def test_a_diagnosed_bench_is_made_by_gymnasium_in_its_extended_simulation(tmp_path):
+    path = tmp_path / "extended.yaml"
+    path.write_text(EXTENDED)
+    env = gymnasium.make("fieldgym/Bench-v0", config=path, settings=SETTINGS)
+    check_env(env.unwrapped, skip_render_check=True)
+    given = as_env("rig", SETTINGS, {"parameters": {"mass": 2.5}, "coulomb_friction": {"force": 0.7}})
+    nominal = as_env("rig", SETTINGS)
+    seen, expected, other = (flown(e.unwrapped)[1] for e in (env, given, nominal))
+    np.testing.assert_array_equal(seen, expected)
+    assert np.abs(seen - other).max() > 1e-4
+    many = gymnasium.make_vec("fieldgym/Bench-v0", num_envs=3, config=path, settings=SETTINGS)
+    assert many.reset(seed=1)[0].shape == (3, 4)
+    gymnasium.make("fieldgym/Bench-v0", config=path, machine="rig").close()
+
+
+def test_a_bench_file_without_a_model_is_refused(tmp_path):
+    path = tmp_path / "extended.yaml"
+    path.write_text("effects: {}\n")
+    with pytest.raises(ModelError, match="names no model"):
+        gymnasium.make("fieldgym/Bench-v0", config=path)
+
+
+def test_an_agent_is_trained_in_a_diagnosed_bench(tmp_path):
+    baselines = pytest.importorskip("stable_baselines3")
+    (tmp_path / "extended.yaml").write_text(EXTENDED)
+    env = gymnasium.make("fieldgym/Bench-v0", config=tmp_path / "extended.yaml", settings=SETTINGS)
+    agent = baselines.PPO("MlpPolicy", env, n_steps=64, batch_size=32, seed=0)
+    before = [p.clone() for p in agent.policy.parameters()]
+    agent.learn(128)
+    assert any((a != b).any() for a, b in zip(before, agent.policy.parameters(), strict=True))

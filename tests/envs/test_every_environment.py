@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 import fieldgym
 import fieldgym.base
 
-IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))
+IDS = sorted(task.env_id for task in fieldgym.TASKS.values())
 every_environment = pytest.mark.parametrize("env_id", IDS)
 needs_vector = pytest.mark.parametrize("env_id", [i for i in IDS if gym.spec(i).vector_entry_point])
 

@@ -83,7 +83,7 @@ STOCK = {
     },
 }
 """The same of stock effects around a task, with all that they remember."""
-IDS = sorted(name for name in gym.registry if name.startswith("fieldgym/"))
+IDS = sorted(task.env_id for task in fieldgym.TASKS.values())
 CASES = [(name, RANDOM[name]) for name in IDS] + [(name, STOCK[name]) for name in STOCK]
 every_environment = pytest.mark.parametrize(
     ("env_id", "reality"), CASES, ids=[f"{name[9:]}-{n // len(IDS)}" for n, (name, _) in enumerate(CASES)]

@@ -195,7 +195,20 @@ def flown(
     return around, read_reality(reality, around)
 
 
-def extended_model(path: Path, model: str = "") -> tuple[Model, FloatArray]:
+def model_named_in(path: str | Path) -> str:
+    """The model that an ``extended.yaml`` is about.
+
+    Raises:
+        ModelError: If the file names none.
+    """
+    data = load_yaml(Path(path))
+    name = data.get("model") if isinstance(data, Mapping) else None
+    if not isinstance(name, str) or not name:
+        raise ModelError(f"{path}: names no model; is it the extended.yaml of a diagnosis?")
+    return name
+
+
+def extended_model(path: str | Path, model: str = "") -> tuple[Model, FloatArray]:
     """What an ``extended.yaml`` holds: a model with its effects, and its parameter vector.
 
     Args:
@@ -205,11 +218,7 @@ def extended_model(path: Path, model: str = "") -> tuple[Model, FloatArray]:
     Raises:
         ModelError: As ``flown``; also if the file names no model.
     """
-    data = load_yaml(path)
-    name = model or (data.get("model") if isinstance(data, Mapping) else "")
-    if not isinstance(name, str) or not name:
-        raise ModelError(f"{path}: names no model; is it the extended.yaml of a diagnosis?")
-    around, reality = flown(get_model(name), path)
+    around, reality = flown(get_model(model or model_named_in(path)), path)
     return around, reality.vector(around)
 
 
