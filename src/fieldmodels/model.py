@@ -133,6 +133,23 @@ class Effect:
 
 
 @dataclass(frozen=True)
+class Combination:
+    """A weighted sum that has a name of its own.
+
+    Attributes:
+        name: In a few words ("forward speed").
+        unit: SI unit.
+        weights: Of what it sums, in order.
+        rate: Variable that says how fast a machine moves that way by itself; empty for none.
+    """
+
+    name: str
+    unit: str
+    weights: tuple[float, ...]
+    rate: str = ""
+
+
+@dataclass(frozen=True)
 class Stage:
     """A part of a machine whose inputs and outputs are measured, so that it is diagnosed by itself.
 
@@ -162,6 +179,10 @@ class Model(ABC):
         horizons: Prediction horizons [s] of a diagnosis, shortest first; the second is the main one.
         disturbance_unit: Unit of the additive generalised force that ``Windows.disturbance`` holds,
             empty if the model has no such entry.
+        directions: Directions of motion in which something unlisted may act, where there are several: what
+            one unit of each is in the columns of ``Windows.disturbance``, then of shape (n, columns). The
+            first column is the one of ``disturbance_unit``.
+        sums: Sums of the inputs on which something unlisted may depend (both wheels' commands: a speed).
         measured_inputs: Signals that measure the actual response to each input, if a recording has them; see
             ``stages``.
         random_force: True if random forces drive the real machine, so that errors far above the sensors'
@@ -186,6 +207,8 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     horizons: tuple[float, ...]
     disturbance_unit: str = ""
+    directions: tuple[Combination, ...] = ()
+    sums: tuple[Combination, ...] = ()
     random_force: bool = False
     noisy_inputs: bool = False
     resolution: float | tuple[float, ...] = 1.3e-5
@@ -324,6 +347,11 @@ class Model(ABC):
         """
         del recordings
         return (Stage(self, tuple(effect.name for effect in self.effects)),)
+
+    @property
+    def pushes(self) -> tuple[Combination, ...]:
+        """Every direction in which something unlisted may act; the only one has no name."""
+        return self.directions or (Combination("", self.disturbance_unit, (1.0,)),)
 
     @property
     def signals(self) -> tuple[Signal, ...]:

@@ -17,7 +17,7 @@ def test_a_free_mass_answers_a_unit_force_by_newton_s_law():
     none = np.zeros(0, dtype=np.int64)
     whitener = np.diag(1 / problem.output_scale)
     fitted = fit(problem, vector, none, whitener, iterations=0)
-    found = responses(problem, fitted)
+    found = responses(problem, fitted)[""]
     assert found.shape[2] == SEGMENTS
     # All segments together: a constant force of 1 N. Then v = t / m and x = t^2 / 2 m.
     part = problem.parts[0]

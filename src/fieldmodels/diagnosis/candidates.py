@@ -214,7 +214,8 @@ class Candidates:
 
     def lines(self, parent: Candidate, grid: FloatArray) -> tuple[float, ...]:
         """Frequencies of a periodic force that explain most of a parent's residual, by its force response."""
-        response, time = responses(self.problem, parent.fit), sample_times(self.problem)
+        first, time = self.problem.model.pushes[0].name, sample_times(self.problem)
+        response = responses(self.problem, parent.fit, [first])[first]
         gains = []
         for i in range(0, len(grid), BATCH):
             phase = 2 * np.pi * time[:, :, None] * grid[None, None, i : i + BATCH]

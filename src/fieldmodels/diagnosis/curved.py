@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.response import SEGMENTS
 from fieldmodels.diagnosis.result import direction_of
+from fieldmodels.diagnosis.variables import SHARE, rows_of, variable
 from fieldmodels.model import Effect, Model, Parameter
 from fieldmodels.recording import Recording, Windows
 
@@ -27,7 +27,7 @@ class FreeCurve:
 
     Attributes:
         place: "force", "sensor", "parameter" or "odds".
-        target: The output or base parameter that it adds to; empty for a force.
+        target: The output, base parameter or direction that it adds to; empty for the only force.
         over: The variable.
         knots: Values of the variable, shape (points,).
         basis: What each coefficient adds there, shape (points, coefficients).
@@ -56,7 +56,7 @@ class Curved(Model):
         self.inner, self.curves = inner, tuple(curves)
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "random_force", "noisy_inputs", "resolution", "inputs_are_free",
+            "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
             "unbounded_outputs", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
@@ -124,7 +124,7 @@ class Curved(Model):
         result = out.copy()
         for curve, a in shown:
             j = [s.name for s in self.outputs].index(curve.target)
-            added = curve.at(self.variable(curve.over, windows, out), a)
+            added = curve.at(variable(self.inner, windows, out, curve.over), a)
             if curve.place == "sensor":
                 result[:, :, j] += added
             else:
@@ -138,15 +138,20 @@ class Curved(Model):
         """The windows with what the curves of force add along a run."""
         if not forces or not self.disturbance_unit:
             return windows
-        total = np.zeros(len(windows.recording))
+        pushes = {push.name: push for push in self.inner.pushes}
+        columns = len(self.inner.pushes[0].weights)
+        total = np.zeros((len(windows.recording), columns))
         if windows.disturbance is not None:
-            total += windows.disturbance
-        rows = _rows(windows)
+            total += windows.pushed(columns)
         inside = np.arange(windows.samples) < windows.lengths[:, None]
+        rows = rows_of(windows)[inside]
         for curve, a in forces:
-            added = curve.at(self.variable(curve.over, windows, out), a)
-            total[rows[inside]] += np.where(np.isfinite(added), added, 0.0)[inside]
-        return windows.with_disturbance(total)
+            added = curve.at(variable(self.inner, windows, out, curve.over), a)
+            push = pushes[curve.target.removeprefix(SHARE)]
+            if curve.target.startswith(SHARE):
+                added = added * variable(self.inner, windows, out, push.rate)
+            total[rows] += np.multiply.outer(np.where(np.isfinite(added), added, 0.0)[inside], push.weights)
+        return windows.with_disturbance(total[:, 0] if columns == 1 else total)
 
     def _changed(
         self, own: FloatArray, curve: FreeCurve, a: FloatArray, windows: Windows, out: FloatArray
@@ -163,37 +168,9 @@ class Curved(Model):
         here, there = self.inner.simulate(np.stack([own, moved]), windows)
         return np.asarray((there - here) * (values / (moved[i] - own[i]))[:, None, None])
 
-    def variable(self, over: str, windows: Windows, out: FloatArray) -> FloatArray:
-        """A curve's variable on every sample of a run, shape (windows, samples)."""
-        if " times " in over:
-            first, second = over.split(" times ")
-            a = self.variable(first, windows, out)
-            return a * self.variable(second, windows, out)
-        if over.startswith("size of "):
-            return np.abs(self.variable(over.removeprefix("size of "), windows, out))
-        names, recording = [s.name for s in self.outputs], windows.recording
-        if over in names:
-            return out[:, :, names.index(over)]
-        if over.startswith("rate of "):
-            return np.gradient(out[:, :, names.index(over.removeprefix("rate of "))], recording.step, axis=1)
-        rows = _rows(windows)
-        if over == "time":
-            return recording.time[rows]
-        if over.startswith("change of "):
-            signal = recording[over.removeprefix("change of ")]
-            lag = max(1, windows.samples // SEGMENTS)
-            return signal[rows] - signal[np.maximum(rows - lag, 0)]
-        return recording[over][rows]
-
     def of_window(self, over: str, windows: Windows, out: FloatArray) -> FloatArray:
         """A variable's mean over each window, or its root mean square ("size of"), shape (windows,)."""
         if over.startswith("size of "):
-            values = self.variable(over.removeprefix("size of "), windows, out)
+            values = variable(self.inner, windows, out, over.removeprefix("size of "))
             return np.asarray(np.sqrt(np.nanmean(values**2, axis=1)))
-        return np.asarray(np.nanmean(self.variable(over, windows, out), axis=1))
-
-
-def _rows(windows: Windows) -> IntArray:
-    """Row of the recording of every sample, shape (windows, samples)."""
-    rows = windows.starts[:, None] + np.arange(windows.samples)
-    return np.asarray(np.minimum(rows, len(windows.recording) - 1))
+        return np.asarray(np.nanmean(variable(self.inner, windows, out, over), axis=1))

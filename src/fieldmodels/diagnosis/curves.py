@@ -1,16 +1,17 @@
 """Curves that a simulation may lack: at which place, over which variable, and how they run.
 
-A curve is a lookup table that nobody has listed. It may add to a force, to what a sensor shows, to a base
-parameter, or to the log-odds of an event; over time, a signal, its rate, or a command. All are scored
-against the same held-out windows as the listed effects, jointly with the free parameters and to first
-order: the response of the features to a unit force on each of a few segments of the windows is simulated
-once, and the response to every curve is a combination of these.
+A curve is a lookup table that nobody has listed. It may add to a force in any direction of motion, to what
+a sensor shows, to a base parameter, or to the log-odds of an event; over time, a signal, its rate, a command,
+or what remembers one. The response of the features to a unit force on each of a few segments of the windows
+is simulated once, and the response to every curve is a combination of these. Those that could gain most on
+the windows to which they are fitted are scored against the same held-out windows as the listed effects,
+jointly with the free parameters and to first order.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,10 +25,12 @@ from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import SEGMENTS, averaged, odds_responses, offsets, responses, segments
+from fieldmodels.diagnosis.response import averaged, odds_responses, offsets, responses, segments
 from fieldmodels.diagnosis.result import MissingCurve, direction_of
 from fieldmodels.diagnosis.selection import block_p_value
+from fieldmodels.diagnosis.variables import MEMORY, PLAY, SHARE, TIMES, given, remembering, variable
 from fieldmodels.diagnosis.wander import beside
+from fieldmodels.model import Combination, Signal
 
 Place = Literal["force", "sensor", "parameter", "odds"]
 Signals = Mapping[str, tuple[str, FloatArray]]
@@ -36,6 +39,10 @@ ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the v
 OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
 FINE = 129  # points of a known function
 MULTIPLIED = 7  # signals whose products are tried
+CHANGE = "change of "
+LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
+NO_FACTORS = ("time", CHANGE, "rate of ")
+SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
 
 
@@ -66,7 +73,8 @@ class Curve:
 
     Attributes:
         place: What it adds to.
-        target: The output or base parameter that it adds to; empty for a force.
+        target: The output, base parameter or direction of motion that it adds to; empty for the only force.
+            Of a "share of" a direction the values are parts of how fast the machine moves that way.
         over: The variable.
         over_unit: Its unit.
         unit: Of the curve's values.
@@ -171,11 +179,17 @@ class Curves:
             candidate: The fit that the responses were computed for, perhaps with curves of its own already.
             curves: The curves; by default all.
         """
-        found = []
+        basis, _ = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))
+        residual = candidate.fit.residual.reshape(-1)
+        promising: list[tuple[float, Curve, FloatArray, FloatArray]] = []
         for curve in self.all if curves is None else curves:
-            scored = self._scored(candidate, curve)
-            if scored is not None:
-                found.append(scored)
+            combined = _identifiable(self.response(curve), basis)
+            if combined is not None:
+                columns, combination, own = combined
+                gain = 0.5 * float(np.sum((own.T @ residual) ** 2)) - candidate.price * len(own.T)
+                promising.append((gain, curve, columns, combination))
+        promising.sort(key=lambda one: -one[0])
+        found = [self._scored(candidate, *one[1:]) for one in promising[:SCREENED]]
         return sorted(found, key=lambda s: s.candidate.total)
 
     def significant(self, candidate: Candidate) -> Scored | None:
@@ -233,19 +247,17 @@ class Curves:
             )[k]
             return np.asarray(self.fitted.jacobian[:, :, k, None] * curve.values[:, None, :] / slope)
         if curve.place == "force":
-            response = self._force
+            response = self._force[curve.target.removeprefix(SHARE)]
         elif curve.place == "odds":
             response = self._odds[curve.target]
         else:
             response = self._offset * self._rows[curve.target][None, :, None]
         return project(self.fitted, response @ curve.values)
 
-    def _scored(self, candidate: Candidate, curve: Curve) -> Scored | None:
-        columns, fitted = self.response(curve), candidate.fit
-        combination = _identifiable(columns, fitted)
-        if combination.shape[1] == 0:
-            return None
-        columns = columns @ combination
+    def _scored(
+        self, candidate: Candidate, curve: Curve, columns: FloatArray, combination: FloatArray
+    ) -> Scored:
+        fitted = candidate.fit
         wide = replace(
             fitted,
             jacobian=np.concatenate([fitted.jacobian, columns], axis=2),
@@ -274,22 +286,35 @@ class Curves:
     def _curves(self) -> Iterator[Curve]:
         model, signals = self.problem.model, self.signals
         events = set(self._odds)
-        plain = {name: s for name, s in signals.items() if name not in events}
-        unit = model.disturbance_unit
-        for curve in _tables(plain):
-            yield replace(curve, unit=unit or "1")
+        lasting = {n: s for n, s in signals.items() if MEMORY not in n and PLAY not in n}
+        plain = {name: s for name, s in lasting.items() if name not in events}
+        remembered = {name: s for name, s in signals.items() if name not in lasting}
+        outputs = {s.name: s.unit for s in model.outputs}
+        own = {n: {k: s for k, s in remembered.items() if f" {n} " in k} for n in outputs}
+        for push in model.pushes:
+            over = {**plain, **remembered}
+            if sum(weight != 0.0 for weight in push.weights) > 1:  # part of others, which have all variables
+                over = {n: s for n, s in over.items() if push.rate in n}
+            for curve in _tables(over):
+                yield replace(curve, target=push.name, unit=push.unit or "1")
+            if push.rate in signals:
+                places = {n: s for n, s in plain.items() if n in outputs or n == "time"}
+                per = signals[push.rate][0]
+                share = "1" if per == push.unit else f"{push.unit} / ({per})"
+                for curve in _tables(places):
+                    yield self._as_share(replace(curve, target=SHARE + push.name, unit=share))
         for curve in _products(plain):
-            yield replace(curve, unit=unit or "1")
+            yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
+        signals = lasting
         for name in events:
             for curve in (*_tables(signals), *_products(signals)):
                 yield replace(curve, place="odds", target=name, unit="1")
         if model.random_force:  # what a sensor adds cannot be told from what drives the machine
             return
-        units = {s.name: s.unit for s in model.outputs}
         for name in self._rows:
             if name not in events:
-                for curve in _tables(plain):
-                    yield replace(curve, place="sensor", target=name, unit=units[name])
+                for curve in (*_tables(plain), *_tables(own[name])):
+                    yield replace(curve, place="sensor", target=name, unit=outputs[name])
         for i in self.fitted.free[self.fitted.free < len(model.parameters)]:
             for curve in _window_tables(plain):
                 p = model.parameters[i]
@@ -305,63 +330,80 @@ class Curves:
         knots = np.linspace(values.min(), values.max(), FINE)
         size = float(np.abs(knots).max())
         for name, terms in FUNCTIONS.items():
-            yield replace(
+            known = replace(
                 curve,
                 knots=knots,
                 values=np.stack([f(values / size) for f in terms], axis=-1),
                 shapes=np.stack([f(knots / size) for f in terms], axis=-1),
                 formula=name,
             )
+            yield self._as_share(known) if curve.target.startswith(SHARE) else known
+
+    def _as_share(self, curve: Curve) -> Curve:
+        """What a share of a direction's own rate adds to it."""
+        (rate,) = [p.rate for p in self.problem.model.pushes if p.name == curve.target.removeprefix(SHARE)]
+        return replace(curve, values=curve.values * self.signals[rate][1][..., None])
 
     def _variables(self) -> Signals:
-        """Candidate variables averaged over the segments: outputs, their rates, inputs, and time."""
+        """Candidate variables averaged over the segments: outputs, their rates, inputs, memory, and time."""
         model = self.problem.model
-        first = 0
-        collected: dict[str, tuple[str, list[FloatArray]]] = {}
-        recorded = [part.windows.recording for part in self.problem.parts]
-        moving = {  # a flag or a setting is no candidate
-            s.name for s in model.inputs if max(len(np.unique(r[s.name])) for r in recorded) > 3
-        }
-        for part, segment in zip(self.problem.parts, self._segment, strict=True):
-            windows = part.windows
+        runs, first = [], 0
+        for part in self.problem.parts:
             # A fitted initial state absorbs the random force of its window, which would then appear as a
             # force that depends on the state; the measured one does not.
-            states = (
-                windows.states if model.random_force else self.fitted.states[first : first + len(windows)]
-            )
-            first += len(windows)
-            outputs = model.simulate(self.fitted.parameters[None], windows.with_states(states))[0]
-            recording = windows.recording
-            rows = np.minimum(windows.starts[:, None] + np.arange(segment.shape[1]), len(recording) - 1)
-            signals = {"time": ("s", recording.time[rows])}
-            units = {signal.unit for signal in model.outputs}
-            for j, signal in enumerate(model.outputs):
-                if np.isfinite(outputs[:, :, j])[segment >= 0].mean() < 0.9 or (
-                    model.random_force and signal.optional
-                ):
-                    continue
-                signals[signal.name] = (signal.unit, outputs[:, :, j])
-                # Random forces drive the rates, so that the rates do not reveal what the forces depend on.
-                if f"{signal.unit}/s" not in units and not (model.random_force or signal.event):
-                    rate = np.gradient(outputs[:, :, j], recording.step, axis=1)
-                    signals[f"rate of {signal.name}"] = (f"{signal.unit}/s", rate)
-            for signal in model.inputs:
-                values = recording[signal.name]
-                if signal.name in moving:
-                    signals[signal.name] = (signal.unit, values[rows])
-                    lag = max(1, segment.shape[1] // SEGMENTS)
-                    before = values[np.maximum(rows - lag, 0)]
-                    signals[f"change of {signal.name}"] = (signal.unit, values[rows] - before)
-            for name, (unit, values) in signals.items():
-                collected.setdefault(name, (unit, []))[1].append(averaged(values, segment))
-        joined = {name: (unit, np.concatenate(values)) for name, (unit, values) in collected.items()}
-        return {name: (unit, values) for name, (unit, values) in joined.items() if np.ptp(values) > 0}
+            windows, last = part.windows, first + len(part.windows)
+            states = windows.states if model.random_force else self.fitted.states[first:last]
+            runs.append(model.simulate(self.fitted.parameters[None], windows.with_states(states))[0])
+            first = last
+        collected = {}
+        for name, unit in self._named(runs):
+            values = [
+                averaged(variable(model, part.windows, out, name), segment)
+                for part, out, segment in zip(self.problem.parts, runs, self._segment, strict=True)
+            ]
+            joined = np.concatenate(values)
+            if np.ptp(joined) > 0:
+                collected[name] = unit, joined
+        return collected
+
+    def _named(self, runs: Sequence[FloatArray]) -> Iterator[tuple[str, str]]:
+        """Names and units of the candidate variables."""
+        model, parts = self.problem.model, self.problem.parts
+        recorded = [part.windows.recording for part in parts]
+        duration = self.problem.parts[0].windows.samples * recorded[0].step
+        yield "time", "s"
+        units = {signal.unit for signal in model.outputs}
+        for j, signal in enumerate(model.outputs):
+            values = [out[:, :, j][segment >= 0] for out, segment in zip(runs, self._segment, strict=True)]
+            if any(np.isfinite(v).mean() < 0.9 for v in values) or (model.random_force and signal.optional):
+                continue
+            yield signal.name, signal.unit
+            if model.random_force or signal.event:
+                continue  # random forces drive the rates, so that these do not reveal what forces depend on
+            if f"{signal.unit}/s" not in units:
+                yield f"rate of {signal.name}", f"{signal.unit}/s"
+            if signal.name not in model.unbounded_outputs and all(signal.name in one for one in recorded):
+                for name in remembering(signal.name, duration, float(np.nanstd(np.concatenate(values)))):
+                    yield name, signal.unit
+        inputs: Sequence[Signal | Combination] = (*model.inputs, *model.sums)
+        for one in inputs:
+            told = [given(model, recording, one.name) for recording in recorded]
+            if max(len(np.unique(values)) for values in told) <= 3:
+                continue  # a flag or a setting
+            yield one.name, one.unit
+            if isinstance(one, Signal):
+                yield f"{CHANGE}{one.name}", one.unit
+            for name in remembering(one.name, duration, float(np.std(np.concatenate(told)))):
+                yield name, one.unit
+            for share in TIMES:
+                name = f"{one.name} times {MEMORY}size of {one.name} over {share * duration:.4g} s"
+                yield name, f"{one.unit} {one.unit}"
 
 
 def _tables(signals: Signals) -> Iterator[Curve]:
     """Lookup tables of every signal."""
     for name, (unit, values) in signals.items():
-        if name.startswith("change of"):
+        if name.startswith(LINES) or " times " in name:
             yield _line(name, unit, values)
             continue
         knots = np.unique(np.quantile(values, QUANTILES))
@@ -373,7 +415,7 @@ def _tables(signals: Signals) -> Iterator[Curve]:
 
 def _products(signals: Signals) -> Iterator[Curve]:
     """Products of pairs of signals; of a machine with many sensors only of its first ones."""
-    moving = [n for n in signals if n != "time" and not n.startswith(("change of", "rate of"))]
+    moving = [n for n in signals if not n.startswith(NO_FACTORS)]
     for first, second in itertools.combinations(moving[:MULTIPLIED], 2):
         a, b = signals[first][1], signals[second][1]
         unit = f"{signals[first][0]} {signals[second][0]}"
@@ -385,7 +427,7 @@ def _products(signals: Signals) -> Iterator[Curve]:
 def _window_tables(signals: Signals) -> Iterator[Curve]:
     """Tables of the mean and of the size of every signal in a window."""
     for name, (unit, values) in signals.items():
-        if name.startswith("change of"):
+        if name.startswith(CHANGE):
             continue
         sizes = {name: values.mean(axis=1)}
         if name != "time":
@@ -414,19 +456,30 @@ def _beyond(values: FloatArray, ends: FloatArray) -> FloatArray:
     return np.stack([np.minimum(values - ends[1], 0.0), np.maximum(values - ends[2], 0.0)], axis=-1)
 
 
-def _identifiable(columns: FloatArray, fitted: Fit) -> FloatArray:
-    """Combinations of columns that the free parameters cannot reproduce, shape (columns, combinations).
+def _identifiable(columns: FloatArray, basis: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """What of a curve the free parameters cannot reproduce.
 
     A curve that is nearly collinear with a free parameter (a force proportional to the angle, with the
     stiffness free) would get a huge coefficient, whose small remaining component fits the noise.
+
+    Args:
+        columns: Response to the curve's columns, shape (windows, features, columns).
+        basis: Orthonormal basis of the free parameters' sensitivities, shape (windows * features, free).
+
+    Returns:
+        Response to the identifiable combinations, the combinations, shape (columns, combinations), and the
+        orthonormal basis of what of their response is their own; None if there are none.
     """
-    scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-30
-    left, size, right = np.linalg.svd(stacked(columns) / scale, full_matrices=False)
+    flat = stacked(columns)
+    scale = np.sqrt(np.sum(flat**2, axis=0)) + 1e-30
+    left, size, right = np.linalg.svd(flat / scale, full_matrices=False)
     sound = size > 1e-6 * max(float(size[0]), 1e-30)
-    basis, _ = np.linalg.qr(stacked(fitted.jacobian[:, :, fitted.active]))
-    _, sines, turn = np.linalg.svd(left[:, sound] - basis @ (basis.T @ left[:, sound]), full_matrices=False)
-    own = turn[sines > LEAST_SINE].T
-    return np.asarray((right[sound].T / size[sound]) @ own / scale[:, None])
+    own, sines, turn = np.linalg.svd(left[:, sound] - basis @ (basis.T @ left[:, sound]), full_matrices=False)
+    kept = sines > LEAST_SINE
+    if not kept.any():
+        return None
+    combination = np.asarray((right[sound].T / size[sound]) @ turn[kept].T / scale[:, None])
+    return columns @ combination, combination, own[:, kept]
 
 
 def _solved(wide: Fit) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,8 @@ tried without simulating each.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,22 +82,34 @@ def _on_segment(problem: Problem, k: int, size: float) -> list[FloatArray]:
     return result
 
 
-def responses(problem: Problem, fitted: Fit) -> FloatArray:
-    """Change of the features by a unit force on each segment, shape (windows, features, segments).
+def responses(
+    problem: Problem, fitted: Fit, directions: Sequence[str] | None = None
+) -> dict[str, FloatArray]:
+    """Change of the features by a unit force on each segment, (windows, features, segments), by direction.
 
     A model that accepts no force gets an offset of its outputs instead.
+
+    Args:
+        problem: The windows.
+        fitted: What they are fitted by.
+        directions: Names of the directions; by default all of the model's.
     """
+    pushes = [p for p in problem.model.pushes if directions is None or p.name in directions]
+    needed = np.any([push.weights for push in pushes], axis=0)
     if not problem.model.disturbance_unit:
-        return offsets(problem)
-    base = problem.features - fitted.raw
-    result = np.zeros((*base.shape, SEGMENTS))
-    size = 1.0
-    for k in range(SEGMENTS):
-        for _ in range(2 if k == 0 else 1):
-            forces = _on_segment(problem, k, size)
-            change = problem.response(fitted.parameters, fitted.states, forces) - base
-            if k == 0:
-                # Small against the motion, so that the response is linear.
-                size *= float(np.sqrt(np.mean(fitted.raw**2) / (np.mean(change**2) + 1e-300)))
-        result[:, :, k] = change / size
-    return np.where(np.isfinite(result), result, 0.0)
+        return {"": offsets(problem)}
+    base, columns = problem.features - fitted.raw, len(pushes[0].weights)
+    result = np.zeros((columns, *base.shape, SEGMENTS))
+    for column in np.flatnonzero(needed):
+        axis, size = np.eye(columns)[column], 1.0
+        for k in range(SEGMENTS):
+            for _ in range(2 if k == 0 else 1):
+                signals = _on_segment(problem, k, size)
+                forces = signals if columns == 1 else [np.multiply.outer(one, axis) for one in signals]
+                change = problem.response(fitted.parameters, fitted.states, forces) - base
+                if k == 0:
+                    # Small against the motion, so that the response is linear.
+                    size *= float(np.sqrt(np.mean(fitted.raw**2) / (np.mean(change**2) + 1e-300)))
+            result[column, :, :, k] = change / size
+    result = np.where(np.isfinite(result), result, 0.0)
+    return {push.name: np.tensordot(push.weights, result, 1) for push in pushes}

@@ -166,7 +166,7 @@ class SignalGain:
 def direction_of(place: str, target: str, over: str) -> str:
     """What a curve depends on and where it acts, in a few words."""
     acts = {
-        "force": "",
+        "force": f", in the {target}" if target else "",
         "sensor": f", in the sensor of {target}",
         "parameter": f", in {target.replace('_', ' ')}",
         "odds": f", in the log-odds of {target}",
@@ -180,7 +180,7 @@ class MissingCurve:
 
     Attributes:
         place: What it adds to: "force", "sensor", "parameter" or "odds" (of an event, logarithmic).
-        target: The output or base parameter that it adds to; empty for a force.
+        target: The output, base parameter or direction of motion that it adds to; empty for the only force.
         over: The variable that it depends on.
         over_unit: Unit of that variable.
         unit: Unit of its values.
@@ -255,7 +255,7 @@ class Visible:
     def what(self) -> str:
         """What it would have been."""
         return {
-            "force": "a missing force",
+            "force": f"an error of the {self.target}" if self.target else "a missing force",
             "sensor": f"an error of the {self.target.replace('_', ' ')} sensor",
             "parameter": f"a change of {self.target.replace('_', ' ')}",
             "odds": f"a change of the log-odds of {self.target}",

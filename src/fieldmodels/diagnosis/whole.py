@@ -33,8 +33,8 @@ class WholeRecords(Model):
         self.inner = inner
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "effects", "horizons", "disturbance_unit",
-            "random_force", "noisy_inputs", "resolution", "inputs_are_free", "unbounded_outputs",
-            "wrapped_outputs", "measured_states", "measured_inputs",
+            "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
+            "unbounded_outputs", "wrapped_outputs", "measured_states", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
 

@@ -87,8 +87,8 @@ class Surrounded(Model):
         self.forces: tuple[()] = ()
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "random_force", "noisy_inputs", "resolution", "inputs_are_free", "unbounded_outputs",
-            "wrapped_outputs", "measured_states", "measured_inputs",
+            "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
+            "unbounded_outputs", "wrapped_outputs", "measured_states", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self._signals = {
@@ -237,7 +237,8 @@ class Surrounded(Model):
         if not forces:
             return windows
         time = windows.recording.step * np.arange(len(windows.recording))
-        total = np.zeros(len(time)) if windows.disturbance is None else windows.disturbance.copy()
+        every = windows.pushed(len(self.pushes[0].weights)) if windows.disturbance is not None else None
+        total = np.zeros(len(time)) if every is None else every[:, 0]
         for e in forces:
             values = vector[self.slice_of(e.name)]
             if e.kind == "constant_force":
@@ -245,7 +246,7 @@ class Surrounded(Model):
             else:
                 phase = 2.0 * np.pi * values[2] * time
                 total += values[0] * np.sin(phase) + values[1] * np.cos(phase)
-        return windows.with_disturbance(total)
+        return windows.with_disturbance(total if every is None else every)
 
     def _changed(self, own: FloatArray, vector: FloatArray, windows: Windows) -> FloatArray:
         """The model's simulation, window by window where a parameter changes."""

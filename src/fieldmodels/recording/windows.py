@@ -23,7 +23,7 @@ class Windows:
         observed: Which measured samples are used, shape (windows, samples, outputs); False after a
             window's end and for outputs that the recording lacks.
         disturbance: Additive generalised force on every sample of the recording, shape (n,), in the
-            model's ``disturbance_unit``; None for none.
+            model's ``disturbance_unit``, or (n, columns) for its ``directions``; None for none.
         needed: First sample and end of every piece that a simulation must look at, shape (pieces, 2), one
             after the other: the windows and what led to them; None for whole episodes.
     """
@@ -67,6 +67,14 @@ class Windows:
     def with_disturbance(self, disturbance: FloatArray | None) -> Windows:
         """Add a generalised force along the whole recording."""
         return replace(self, disturbance=disturbance)
+
+    def pushed(self, columns: int) -> FloatArray:
+        """The disturbance in every direction, shape (n, columns), or (0, columns) for none."""
+        if self.disturbance is None:
+            return np.zeros((0, columns))
+        given = np.asarray(self.disturbance, dtype=np.float64).reshape(len(self.recording), -1)
+        lacking = np.zeros((len(given), columns - given.shape[1]))
+        return np.ascontiguousarray(np.concatenate([given, lacking], axis=1))
 
     def measured(self, outputs: tuple[str, ...]) -> FloatArray:
         """Measured outputs of every window; NaN where not observed, shape (windows, samples, outputs)."""

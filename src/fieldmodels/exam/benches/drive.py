@@ -28,7 +28,7 @@ NOISE = (0.003, 0.003, 0.01, 0.1, 0.1)
 HORIZON = 2.0
 WHEELS = ("left_wheel", "right_wheel")
 POOR = ("straight", "circle", "rest")
-DECADES = (1e-3, 1e-1, 1e1, 1e2)
+DECADES = (0.05, 1e-1, 1e1, 1e2)
 
 
 class DriveBench(Bench):

@@ -14,7 +14,7 @@ from fieldmodels.machines.line_following.declaration import EFFECTS, as_plants, 
 from fieldmodels.machines.line_following.parameters import Camera, Gait
 from fieldmodels.machines.line_following.sensor import make_optics
 from fieldmodels.machines.line_following.simulation import Log, simulate
-from fieldmodels.model import Model, Signal
+from fieldmodels.model import Combination, Model, Signal
 from fieldmodels.recording import Recording, Windows
 
 IntArray = NDArray[np.int64]
@@ -49,6 +49,11 @@ class LineFollowing(Model):
     )
     effects = EFFECTS
     disturbance_unit = "rad"
+    directions = (
+        Combination("turn", "rad", (1.0, 0.0, 0.0), "steering"),
+        Combination("length of a stride", "m", (0.0, 1.0, 0.0)),
+        Combination("sideways way of a stride", "m", (0.0, 0.0, 1.0)),
+    )
     random_force = True
 
     def __init__(self, gait: Gait | None = None, camera: Camera | None = None, tracked: bool = True) -> None:
@@ -74,7 +79,7 @@ class LineFollowing(Model):
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
-        recording, force = windows.recording, windows.disturbance
+        recording = windows.recording
         plants = as_plants(np.atleast_2d(parameters))
         counts = np.diff(recording.bounds, axis=1)[:, 0]
         out = np.full((len(plants), len(windows), windows.samples, len(self.outputs)), np.nan)
@@ -83,7 +88,7 @@ class LineFollowing(Model):
             curvature=np.ascontiguousarray(recording["curvature"], dtype=np.float64),
             first=np.repeat(recording.bounds[:, 0], counts),
             last=np.repeat(recording.bounds[:, 1] - 1, counts),
-            force=np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+            force=windows.pushed(3),
         )
         simulate(
             plants,

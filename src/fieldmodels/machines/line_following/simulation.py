@@ -20,9 +20,12 @@ STRAIGHT = 1e-9
 
 
 @inlined
-def follow(offset: float, misalignment: float, length: float, curvature: float) -> tuple[float, float]:
-    """Offset and misalignment against a circle after a straight piece of way."""
-    ahead, aside = length * math.cos(misalignment), length * math.sin(misalignment)
+def follow(
+    offset: float, misalignment: float, length: float, left: float, curvature: float
+) -> tuple[float, float]:
+    """Offset and misalignment against a circle after a straight piece of way, with a slip to the left."""
+    cosine, sine = math.cos(misalignment), math.sin(misalignment)
+    ahead, aside = length * cosine - left * sine, length * sine + left * cosine
     if abs(curvature) < STRAIGHT:
         return offset + aside, misalignment
     radius = 1.0 / curvature
@@ -72,7 +75,7 @@ class Log(NamedTuple):
         curvature: The line's curvature [1/m], shape (n,).
         first: First sample of each sample's episode, shape (n,).
         last: Last sample of each sample's episode, shape (n,).
-        force: Turn that is added in each stride [rad], shape (n,), or empty.
+        force: Turn [rad], way ahead and to the left [m] added in each stride, shape (n, 3) or (0, 3).
     """
 
     steering: FloatArray
@@ -115,7 +118,8 @@ def simulate(
                 for m in range(MEMORY):
                     commands[m] = log.steering[i - m] if i - m >= log.first[i] else 0.0
                 turn = turn_of(commands, plant, 0.0, limit)
+                more = left = 0.0
                 if len(log.force) > 0:
-                    turn += log.force[i]
-                offset, misalignment = follow(offset, misalignment, stride, near)
+                    turn, more, left = turn + log.force[i, 0], log.force[i, 1], log.force[i, 2]
+                offset, misalignment = follow(offset, misalignment, stride + more, left, near)
                 misalignment += turn

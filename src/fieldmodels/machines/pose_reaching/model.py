@@ -25,7 +25,7 @@ from fieldmodels.machines.pose_reaching.declaration import (
 )
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, Wheels
 from fieldmodels.machines.pose_reaching.simulation import Log, simulate
-from fieldmodels.model import Model, Signal, Stage
+from fieldmodels.model import Combination, Model, Signal, Stage
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
@@ -87,6 +87,7 @@ class PoseReaching(Model):
         self.wheels = wheels
         self.compared = compared
         self.noisy_inputs = compared == POSE  # it is driven by the measured wheels
+        self._measured_as(wheels.radius, wheels.track)
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
         """The same model with speeds and times that suit the data; see ``Model.scaled_to``."""
@@ -103,7 +104,7 @@ class PoseReaching(Model):
         speeds = np.quantile(np.abs(sides), [0.995, 0.97, 0.9, 0.7])
         rate = float(np.max(np.abs(np.diff(sides, axis=0)), initial=0.0)) / recordings[0].step
         nominal = Scales()
-        return type(self)(
+        scaled = type(self)(
             self.wheels,
             Scales(
                 speeds=tuple(speeds.tolist()) if (speeds > 0).all() else nominal.speeds,
@@ -112,6 +113,31 @@ class PoseReaching(Model):
                 step=recordings[0].step,
             ),
             self.compared,
+        )
+        scaled._measured_as(radius, track)
+        return scaled
+
+    def _measured_as(self, radius: float, track: float) -> None:
+        """Declare the directions of motion, and how fast a robot goes that way by itself."""
+        rates = ("left rim", "right rim")
+        if self.wheel_front:
+            speeds = (0.5 * radius, 0.5 * radius), (-radius / track, radius / track)
+            self.sums = (
+                Combination("speed", "m/s", speeds[0]), Combination("turn rate", "rad/s", speeds[1]),
+            )  # fmt: skip
+            names = "speed", "turn rate", *(signal.name for signal in self.inputs)
+        else:
+            self.sums = tuple(
+                Combination(n, "m/s", (1.0, sign * 0.5 * track))
+                for n, sign in zip(rates, (-1.0, 1.0), strict=True)
+            )
+            names = *(signal.name for signal in self.inputs), *rates
+        self.directions = (
+            Combination("turn rate", "rad/s", (1.0, 0.0, 0.0), names[1]),
+            Combination("forward speed", "m/s", (0.0, 1.0, 0.0), names[0]),
+            Combination("sideways speed", "m/s", (0.0, 0.0, 1.0)),
+            Combination("left wheel", "m/s", (-1.0 / track, 0.5, 0.0), names[2]),
+            Combination("right wheel", "m/s", (1.0 / track, 0.5, 0.0), names[3]),
         )
 
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
@@ -144,7 +170,6 @@ class PoseReaching(Model):
         recording = windows.recording
         rows = as_rows(np.atleast_2d(parameters), ROW)
         counts = np.diff(recording.bounds, axis=1)[:, 0]
-        force = windows.disturbance
         has_wheels = all(name in recording for name in WHEELS)
         out = np.full((len(rows), len(windows), windows.samples, len(self.outputs)), np.nan)
         log = Log(
@@ -155,7 +180,7 @@ class PoseReaching(Model):
             last=np.repeat(recording.bounds[:, 1] - 1, counts),
             time=np.ascontiguousarray(recording.time),
             step=recording.step,
-            disturbance=np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+            disturbance=windows.pushed(3),
         )
         simulate(
             rows,

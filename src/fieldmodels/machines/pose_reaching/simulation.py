@@ -49,7 +49,7 @@ class Log(NamedTuple):
         last: Last sample of each sample's episode, shape (n,).
         time: Sample times [s], shape (n,).
         step: Sampling interval [s].
-        disturbance: Additional turn rate [rad/s], shape (n,), or (0,) for none.
+        disturbance: Additional turn rate [rad/s], speed ahead and to the left [m/s], shape (n, 3), or (0, 3).
     """
 
     commands: FloatArray
@@ -63,9 +63,11 @@ class Log(NamedTuple):
 
 
 @inlined
-def disturbance_at(log: Log, i: int) -> float:
-    """Additional turn rate from sample ``i`` on [rad/s]."""
-    return log.disturbance[i] if len(log.disturbance) > 0 else 0.0
+def disturbance_at(log: Log, i: int) -> tuple[float, float, float]:
+    """Additional turn rate [rad/s], speed ahead and to the left [m/s] from sample ``i`` on."""
+    if len(log.disturbance) == 0:
+        return 0.0, 0.0, 0.0
+    return log.disturbance[i, 0], log.disturbance[i, 1], log.disturbance[i, 2]
 
 
 @inlined
@@ -178,13 +180,15 @@ def predict_wheels(
     whole = math.ceil(late)
     part = whole - late
     for j in range(len(out)):
-        # A turn rate that nobody commanded shows in both stages.
-        extra = 0.5 * q.track * disturbance_at(log, start + j)
+        # A motion that nobody commanded shows in both stages.
+        turning, forward, _ = disturbance_at(log, start + j)
+        extra = 0.5 * q.track * turning
         at = start + j - whole
         for side in range(2):
             way = travelled(simulated, side, at, part, episode, log.step, q)
             way -= travelled(simulated, side, at - 1, part, episode, log.step, q)
-            out[j, LEFT_WHEEL + side] = (way / log.step + (2 * side - 1) * extra) / q.wheel_radius
+            more = (2 * side - 1) * extra + forward
+            out[j, LEFT_WHEEL + side] = (way / log.step + more) / q.wheel_radius
 
 
 @inlined
@@ -220,7 +224,7 @@ def predict_pose(
         out[j, X], out[j, Y], out[j, HEADING] = x, y, heading + q.heading_bias.angle
         if j == len(out) - 1:
             break
-        extra = disturbance_at(log, start + j)
+        extra, forward, aside = disturbance_at(log, start + j)
         # From `part` of a step after sample `at` to as much after the next, where a command switches in
         # between: the first half of the pieces fills up sample `at`, the second begins the next one.
         at = start + j - whole
@@ -240,7 +244,10 @@ def predict_pose(
             left -= travelled(course, 0, sample, begin, episode, step, q)
             right = travelled(course, 1, end, end_part, episode, step, q)
             right -= travelled(course, 1, sample, begin, episode, step, q)
-            x, y, cosine, sine, turn = moved(x, y, cosine, sine, left, right, None, duration, extra, q)
+            left, right = left + forward * duration, right + forward * duration
+            x, y, cosine, sine, turn = moved(
+                x, y, cosine, sine, left, right, aside * duration, duration, extra, q
+            )
             heading += turn
 
 

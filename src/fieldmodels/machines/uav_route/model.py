@@ -12,7 +12,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.declaration import EFFECTS, as_plants, base_parameters
 from fieldmodels.machines.uav_route.parameters import World, kernel_world
 from fieldmodels.machines.uav_route.simulation import Commands, simulate
-from fieldmodels.model import Model, Signal
+from fieldmodels.model import Combination, Model, Signal
 from fieldmodels.recording import Recording, Windows, uniform_windows
 
 IntArray = NDArray[np.int64]
@@ -48,6 +48,10 @@ class UavRoute(Model):
     effects = EFFECTS
     horizons = (40.0, 120.0, 300.0)
     disturbance_unit = "m/s"
+    directions = (
+        Combination("speed along the course", "m/s", (1.0, 0.0)),
+        Combination("speed to the right", "m/s", (0.0, 1.0)),
+    )
 
     def __init__(self, world: World | None = None) -> None:
         """Declare the parameters for a world's aircraft."""
@@ -71,7 +75,7 @@ class UavRoute(Model):
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
-        recording, force = windows.recording, windows.disturbance
+        recording = windows.recording
         parameters = np.atleast_2d(parameters)
         counts = np.diff(recording.bounds, axis=1)[:, 0]
         waypoints = np.column_stack([recording["to_north"], recording["to_east"]]).astype(np.float64)
@@ -82,7 +86,7 @@ class UavRoute(Model):
                 waypoints=waypoints,
                 begun=_leg_starts(recording),
                 first=np.repeat(recording.bounds[:, 0], counts),
-                force=np.zeros(0) if force is None else np.ascontiguousarray(force, dtype=np.float64),
+                force=windows.pushed(2),
                 step=recording.step,
             ),
             windows.starts,

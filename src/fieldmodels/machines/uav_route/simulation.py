@@ -26,7 +26,7 @@ class Commands(NamedTuple):
         waypoints: North and east of the waypoint that is flown to [m], shape (n, 2).
         begun: Sample at which it was commanded, shape (n,).
         first: First sample of the episode, shape (n,).
-        force: Speed that is added along the course [m/s], shape (n,), or empty.
+        force: Speeds that are added along the course and to the right [m/s], shape (n, 2) or (0, 2).
         step: Time between samples [s].
     """
 
@@ -140,8 +140,9 @@ def predict(
         north += ahead
         east += aside
         if len(log.force) > 0:
-            north += step * log.force[i] / KM * cosine
-            east += step * log.force[i] / KM * sine
+            along, right = step * log.force[i, 0] / KM, step * log.force[i, 1] / KM
+            north += along * cosine - right * sine
+            east += along * sine + right * cosine
         bank = leg.bank * share
         since += step
 
