@@ -14,6 +14,8 @@ from fieldmodels.recording.units import is_unit
 Kind = Literal["number", "time", "text"]
 
 COMMENTS = ("#", "%", "//", "!")
+LETTERS = ("N", "V", "A", "s")
+"""Units of one letter that a name may end with, as in ``F_N``."""
 MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
 """Cells that say that there is no value."""
 
@@ -160,7 +162,8 @@ def unit_of(name: str) -> str:
         return bracketed[1].strip() if "[" in bracketed[0] or is_unit(bracketed[1]) else ""
     for separator in (" in ", " / ", "/", "_", " "):
         bare, found, last = name.rpartition(separator)
-        if found and bare and len(last) > 1 and is_unit(last) and not last.isdigit():
+        short = len(last) > 1 or (separator == "_" and last in LETTERS)
+        if found and bare and short and is_unit(last) and not last.isdigit():
             return last
     return ""
 
@@ -168,6 +171,7 @@ def unit_of(name: str) -> str:
 def _separators(body: Sequence[str]) -> tuple[str, tuple[str, str]]:
     """The delimiter and the form of numbers under which most cells of consistent rows are numbers."""
     best, chosen = (0.0, 0), (",", (".", ""))
+    quoted = all(line.lstrip().startswith('"') for line in body)
     for delimiter in (",", ";", "\t", "|", " "):
         rows = [split(line, delimiter) for line in body]
         width = _usual([len(row) for row in rows])
@@ -176,7 +180,7 @@ def _separators(body: Sequence[str]) -> tuple[str, tuple[str, str]]:
         same = [row for row in rows if len(row) == width]
         cells = [c for row in same for c in row if c.lower() not in MISSING]
         for form, number in _NUMBERS.items():
-            if form[1] == delimiter or (delimiter == " " and form[1]):
+            if (form[1] == delimiter and not quoted) or (delimiter == " " and form[1]):
                 continue
             good = sum(bool(number.fullmatch(c) or _TIME.fullmatch(c)) for c in cells)
             score = round(len(same) / len(rows) * good / max(len(cells), 1), 3), min(width, 2)

@@ -140,20 +140,21 @@ def response(model: Model, recording: Recording, command: str, delays: bool = Fa
     Returns:
         None if there are too few windows or the command does nothing.
     """
-    try:
-        model = model.scaled_to([recording])
-        windows = model.windows(recording, model.horizons[min(1, len(model.horizons) - 1)])
-    except (RecordingError, IndexError, np.linalg.LinAlgError):
-        return None
-    if len(windows) < 5:
-        return None
-    windows = windows.select(np.unique(np.linspace(0, len(windows) - 1, _WINDOWS).astype(np.int64)))
-    found = [_response(model, recording, windows, command, late) for late in range(_LATEST if delays else 1)]
-    known = [r for r in found if r is not None]
-    if not known:
-        return None
-    best = max(known, key=lambda r: abs(r.correlation))
-    return best if abs(best.correlation) > abs(known[0].correlation) + 0.02 else known[0]
+    known: list[Response] = []
+    for sign in (0.0, 1.0, -1.0):  # a model that suits its scales to the data is misled by a reversed sign
+        like = model.with_commands(recording, {command: sign * recording[command]})
+        try:
+            scaled = model.scaled_to([like]) if sign else model
+            windows = scaled.windows(recording, scaled.horizons[min(1, len(scaled.horizons) - 1)])
+        except (RecordingError, IndexError, np.linalg.LinAlgError):
+            continue
+        some = np.unique(np.linspace(0, len(windows) - 1, _WINDOWS).astype(np.int64))
+        lates = range(_LATEST if delays else 1)
+        found = [_response(scaled, recording, windows.select(some), command, late) for late in lates]
+        if found[0] is not None:
+            best = max((r for r in found if r is not None), key=lambda r: abs(r.correlation))
+            known.append(best if abs(best.correlation) > abs(found[0].correlation) + 0.02 else found[0])
+    return max(known, key=lambda r: abs(r.correlation), default=None)
 
 
 def _response(

@@ -185,7 +185,9 @@ def _on_one_clock(
     outputs = [s.name for s in model.outputs if s.name in used] if model else [n for n in used if n != TIME]
     master = times[max(outputs, key=lambda n: len(times[n]))]
     ranges = [t for t in times.values() if len(t)]
-    master = master[(master >= max(t[0] for t in ranges)) & (master <= min(t[-1] for t in ranges))]
+    slack = 1e-2 * float(np.median(np.diff(master))) if len(master) > 1 else 0.0
+    first, last = max(t[0] for t in ranges) - slack, min(t[-1] for t in ranges) + slack
+    master = master[(master >= first) & (master <= last)]
     if len(master) < 2:
         raise table.fail([Problem("its columns have no times in common", clock.name)])
     held = {s.name for s in model.inputs} | {EPISODE} if model else {EPISODE}

@@ -126,7 +126,8 @@ def held_or_between(time: FloatArray, source: FloatArray, values: FloatArray, he
     """Values at other times: of a command the last one given, of a measured signal along a line."""
     if not held:
         return np.asarray(np.interp(time, source, values))
-    return np.asarray(values[np.clip(np.searchsorted(source, time, side="right") - 1, 0, len(source) - 1)])
+    last = np.searchsorted(source, time + 1e-3 * np.median(np.diff(source)), side="right") - 1
+    return np.asarray(values[np.clip(last, 0, len(source) - 1)])
 
 
 def _lag(a: FloatArray, b: FloatArray) -> tuple[float, float] | None:

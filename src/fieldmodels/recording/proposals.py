@@ -17,7 +17,7 @@ from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope
 from fieldmodels.recording.merging import held_or_between
 from fieldmodels.recording.tables import Table
-from fieldmodels.recording.units import UnitError, factor
+from fieldmodels.recording.units import UnitError, factor, is_unit
 from fieldmodels.recording.words import is_time, meanings, suits
 
 DECLARED = "as declared"
@@ -333,8 +333,9 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
             factor(stated, signal.unit)
             return replace(one, unit=stated, evidence=(*one.evidence, f"the file states {stated}"))
         except UnitError:
-            why = f"is in {stated}: taken as 1 {signal.unit} each, which is not known (a refit takes it up)"
-            return replace(one, unit=signal.unit).doubted(0.6, why)
+            one = one.doubted(0.6, f"the file states {stated}, which is no unit of {signal.name!r}")
+        if is_unit(stated):  # of another quantity, as a current for a torque
+            return replace(one, unit=signal.unit).doubted(0.6, f"1 {stated} is taken as 1 {signal.unit}")
     unit, exact = signal.unit, one.confidence == 1.0
     if signal.unit == "rad":
         rate_signal = next((s for s in view.model.outputs if s.unit == "rad/s" and s.name in found), None)

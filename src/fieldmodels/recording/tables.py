@@ -242,7 +242,8 @@ def collect(
 def numeric(column: pa.Array) -> FloatArray:
     """An Arrow column as float64, its dates as seconds."""
     if pa.types.is_temporal(column.type):
-        stamps = column.cast(pa.timestamp("ns") if not pa.types.is_time(column.type) else pa.time64("ns"))
+        kinds = {"time": pa.time64("ns"), "dura": pa.duration("ns")}
+        stamps = column.cast(kinds.get(str(column.type)[:4], pa.timestamp("ns")))
         values = stamps.cast(pa.int64()).to_numpy(zero_copy_only=False) * 1e-9
         return np.asarray(np.where(np.asarray(column.is_null()), np.nan, values))
     if pa.types.is_string(column.type):

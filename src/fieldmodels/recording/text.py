@@ -10,6 +10,7 @@ import io
 import lzma
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,9 @@ class TextTable(Table):
             said = str(error)
             if "Empty CSV file" in said or "Could not skip" in said:  # nothing but the header
                 return {name: np.empty(0) for name in names}
+            if not self.dialect.comment:  # one far down, perhaps
+                self.dialect = replace(self.dialect, comment=True)
+                return self.read(names, rows)
             raise self.fail(self._found(names) or [Problem(said.splitlines()[0])]) from None
         if any(not np.isfinite(values).all() for values in columns.values()):
             bad = self._found([n for n in names if not np.isfinite(columns[n]).all()], missing=False)
@@ -159,9 +163,15 @@ class TextTable(Table):
                 for number, line in enumerate(iter(lambda: text.readline(_BLOCK), ""), 1):
                     wanted = number > self.dialect.skip and line.strip()
                     if wanted and not (self.dialect.comment and line.lstrip().startswith(COMMENTS)):
-                        yield number, self.dialect.cells(line)
-            except (csv.Error, OSError, EOFError, UnicodeError, lzma.LZMAError):
+                        yield number, self._split(line)
+            except (OSError, EOFError, UnicodeError, lzma.LZMAError):
                 return
+
+    def _split(self, line: str) -> list[str]:
+        try:
+            return self.dialect.cells(line)
+        except csv.Error:  # a cell without an end
+            return []
 
     def _found(self, names: Sequence[str], missing: bool = True) -> list[Problem]:
         return list(islice(self._bad_cells(names, missing), SHOWN))

@@ -46,8 +46,9 @@ _SPELLINGS = {
     "segundos": "s", "secondi": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms", "µs": "us",
     "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "gradi": "deg", "grados": "deg",
-    "degrés": "deg", "radians": "rad", "radian": "rad", "turn": "rev", "turns": "rev", "revs": "rev",
-    "umdr": "rev", "tr": "rev", "°/s": "deg/s", "dps": "deg/s", "deg/sec": "deg/s", "grad/s": "deg/s",
+    "degrés": "deg", "radians": "rad", "radian": "rad", "turn": "rev", "turns": "rev",
+    "umdr": "rev", "U": "rev", "tr": "rev", "°/s": "deg/s", "dps": "deg/s", "deg/sec": "deg/s",
+    "grad/s": "deg/s",
     "rad/sec": "rad/s", "rps": "rev/s", "1/min": "rpm", "RPM": "rpm", "U/min": "rpm", "rev/min": "rpm",
     "tr/min": "rpm", "giri/min": "rpm", "min^-1": "rpm", "r/min": "rpm", "tr/s": "rev/s", "U/s": "rev/s",
     "kmh": "km/h", "kph": "km/h", "µm": "um", "μm": "um", "m/sec": "m/s", "m s^-1": "m/s",
@@ -66,7 +67,7 @@ class UnitError(ValueError):
 
 def canonical(unit: str) -> str:
     """Return the project's spelling of a unit ("Nm" and "N*m" are "N m")."""
-    spelled = " ".join(unit.replace("*", " ").replace("·", " ").strip(" []()").split())
+    spelled = " ".join(re.sub(r"[*·]|(?<=[A-Za-z])\.(?=[A-Za-z])", " ", unit).strip(" []()").split())
     return _SPELLINGS.get(spelled, _SPELLINGS.get(spelled.lower(), spelled))
 
 

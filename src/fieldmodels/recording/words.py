@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from fieldmodels.model import Model, Signal
+from fieldmodels.recording.dialect import LETTERS
 from fieldmodels.recording.units import UnitError, canonical, factor, is_unit, si_unit
 from fieldmodels.yaml import load_yaml
 
@@ -52,7 +53,7 @@ def meanings(name: str) -> frozenset[str]:
     plain = unicodedata.normalize("NFKD", bare.replace("ß", "ss"))
     plain = "".join(c for c in plain if not unicodedata.combining(c))
     parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", plain)
-    if len(parts) > 1 and is_unit(parts[-1]) and len(parts[-1]) > 1:
+    if len(parts) > 1 and (parts[-1] in LETTERS or (is_unit(parts[-1]) and len(parts[-1]) > 1)):
         parts = parts[:-1]
     found: set[str] = set()
     for part in (p.lower() for p in parts):
@@ -76,7 +77,8 @@ def quantity(found: frozenset[str], unit: str) -> str:
         by_unit = _BY_UNIT.get(si_unit(unit)[0], "") if unit else ""
     except UnitError:
         by_unit = ""
-    return by_unit or next((q for q in _QUANTITIES if q in found), "")
+    by_word = next((q for q in _QUANTITIES if q in found), "")
+    return by_unit or by_word or ("position" if {"x", "y"} & found else "")
 
 
 def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
@@ -100,7 +102,8 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
     theirs = quantity(found, unit)
     ours = quantity(wanted, "" if signal.unit == "1" else signal.unit)
     command = signal in model.inputs
-    if any((place in found) != (place in wanted) for place in _PLACES) and theirs != "time":
+    places = [p for p in _PLACES if any(p in meanings(s.name) for s in model.signals)]
+    if any((place in found) != (place in wanted) for place in places):
         return 0.0
     if theirs and ours:
         score = 1.0 if theirs == ours else _NEAR.get(frozenset((theirs, ours)), 0.0)

@@ -64,8 +64,8 @@ def _series(topic: str, rows: list[tuple[float, dict[str, float]]]) -> dict[str,
 def _stamp(message: Any, received: int) -> float:
     """When the message was measured [s], by its header if it has one."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
-    measured = 0.0 if stamp is None else float(stamp.sec) + 1e-9 * float(stamp.nanosec)
-    return measured or 1e-9 * received
+    measured = 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
+    return 1e-9 * (measured or received)
 
 
 def _numbers(value: Any, prefix: str) -> dict[str, float]:
