@@ -13,7 +13,15 @@ MACHINE = SimpleNamespace(name="machine", nominal=NOMINAL)
 
 def part(verdict, vector=NOMINAL):
     """A stage's diagnosis that found nothing but its verdict."""
-    nothing = SimpleNamespace(traces={}, residuals={}, calibration={}, correlations=(), ranking=())
+    nothing = SimpleNamespace(
+        traces={},
+        residuals={},
+        calibration={},
+        correlations=(),
+        ranking=(),
+        base=np.array(vector),
+        stretch=(),
+    )
     return SimpleNamespace(
         verdict=verdict, vector=np.array(vector), causes=(), misfit=(), gain={}, curves=(), possible=(),
         seen=(), mistaken="", curve_effects={}, not_runnable=(), next_measurement=None, parameters={},
