@@ -1,48 +1,85 @@
-"""Processor time of a diagnosis against the length of the record: rig with Coulomb friction, 100 Hz.
+"""Processor time of a diagnosis of six records of a rig, one thread, in turns of a plain Python loop.
 
-    python benchmarks/diagnosis_speed.py 3000 10000 100000
+    python benchmarks/diagnosis_speed.py                     # the small ones
+    python benchmarks/diagnosis_speed.py --all --json results/diagnosis_speed.json
 
-Ratios are to the first length; beyond the samples that are fitted (``DiagnosisOptions.rows``) they flatten.
+The yardstick, a million additions, is timed beside each diagnosis, so that the ratio says the same on a fast
+machine and on one that is busy. ``simulations`` is what the diagnosis counts itself.
 """
 
-import sys
+import argparse
+import json
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
-STEP, FORCE = 0.01, 0.3
+COULOMB, DELAY = {"coulomb_friction": {"force": 0.3}}, {"actuator_delay": {"delay": 0.03}}
+RECORDS: dict[str, tuple[dict[str, dict[str, float]], int, float]] = {
+    "nothing, 3e3 rows at 100 Hz": ({}, 3_000, 0.01),
+    "friction and delay, 3e3 rows at 100 Hz": (COULOMB | DELAY, 3_000, 0.01),
+    "friction and delay, 1e4 rows at 100 Hz": (COULOMB | DELAY, 10_000, 0.01),
+    "friction and delay, 1e4 rows at 1 kHz": (COULOMB | DELAY, 10_000, 0.001),
+    "friction, 1e5 rows at 100 Hz": (COULOMB, 100_000, 0.01),
+    "friction, 1e6 rows at 1 kHz": (COULOMB, 1_000_000, 0.001),
+}
+SMALL = 4
+REPEATS = 9
 
 
-def record(rows: int) -> Recording:
+def record(hidden: dict[str, dict[str, float]], rows: int, step: float) -> Recording:
     """A bench of so many samples."""
-    hidden = {"coulomb_friction": {"force": FORCE}}
     return synthesise(
-        get_model("rig"), hidden, "mixed", duration=rows * STEP, step=STEP, amplitude=8.0,
+        get_model("rig"), hidden, "mixed", duration=rows * step, step=step, amplitude=8.0,
         rng=np.random.default_rng(1),
     )  # fmt: skip
 
 
-def main(lengths: list[int]) -> None:
-    """Print a line for each length."""
-    diagnose(get_model("rig"), [record(1500)])  # compiles
-    first = (0, 0.0)
-    for rows in lengths:
-        data, began = record(rows), time.process_time()
-        found = diagnose(get_model("rig"), [data])
+def yardstick() -> float:
+    """Processor time of a million additions [s]."""
+    times = []
+    for _ in range(REPEATS):
+        began, total = time.process_time(), 0.0
+        for i in range(1_000_000):
+            total += i
+        times.append(time.process_time() - began)
+    return float(np.median(times))
+
+
+def main() -> None:
+    """Print a line for each record; write them all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--all", action="store_true", help="the long records, too")
+    parser.add_argument("--json", type=Path, help="file to write")
+    arguments = parser.parse_args()
+    diagnose(
+        get_model("rig"), [record(COULOMB, 1_500, 0.01)], options=DiagnosisOptions(threads=1)
+    )  # compiles
+    found: dict[str, dict[str, Any]] = {}
+    for name in list(RECORDS)[: None if arguments.all else SMALL]:
+        data, unit = record(*RECORDS[name]), yardstick()
+        began = time.process_time()
+        result = diagnose(get_model("rig"), [data], options=DiagnosisOptions(threads=1))
         spent = time.process_time() - began
-        first = first if first[0] else (rows, spent)
-        power = np.log(spent / first[1]) / np.log(rows / first[0]) if rows != first[0] else float("nan")
-        names = " + ".join(c.effect for c in found.causes)
-        print(
-            f"{rows:8d} rows {spent:7.2f} s, {spent / first[1]:5.1f} times the first, exponent {power:.2f}; "
-            f"{found.windows[0]} windows fitted; {names}"
-        )
+        found[name] = {
+            "seconds": round(spent, 3),
+            "million_additions": round(spent / unit, 1),
+            "simulations": round(result.simulations),
+            "windows": result.windows[0],
+            "named": [c.effect for c in result.causes],
+        }
+        print(f"{name:40s} {json.dumps(found[name])}", flush=True)
+    if arguments.json:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main([int(a) for a in sys.argv[1:]] or [3000, 10_000, 100_000])
+    main()

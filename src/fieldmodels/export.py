@@ -74,8 +74,8 @@ def source_of_model(machine: Declaration, vector: FloatArray) -> str:
         "FORCES": len(machine.forces),
         "BASE": rows.base.tolist(),
         "CURVES": rows.curves.tolist(),
-        "NEUTRAL": {place: (n, np.asarray(own.neutral).tolist()) for place, (n, own) in rows.layouts.items()},
-        "MOVES": {place: moves.tolist() for place, moves in rows.moves.items()},
+        "NEUTRAL": rows.neutral.tolist(),
+        "SOURCES": {place: (own.shape, own.ravel().tolist()) for place, own in rows.sources.items()},
     }
     numbers = "\n".join(
         f"{name} = {pprint.pformat(v, width=100, sort_dicts=False)}" for name, v in facts.items()

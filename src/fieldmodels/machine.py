@@ -109,7 +109,7 @@ class Machine(Declaration):
         return result
 
     def _is_quantised(self, parameters: FloatArray) -> bool:
-        rows = self.driver.rows.of("sensor", parameters[None])
+        (rows,) = self.driver.rows.of(parameters[None], "sensor")
         return bool((rows[:, :, sensors.ROW.column("quantisation_step")] > 0.0).any())
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.budget import SEARCH, Budget
 from fieldmodels.diagnosis.coordinates import Coordinates
+from fieldmodels.diagnosis.effort import shared, threads_of
 from fieldmodels.diagnosis.fit import costs, fit, parameters_at, refit, weighed
 from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps, window_loss
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
@@ -23,6 +25,8 @@ from fieldmodels.model import Effect, Model
 
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
@@ -122,10 +126,14 @@ class Candidates:
         self.whitener = whitener_by_output(problem, problem.features - simulated[order[0]])
         tries = [fit(problem, starts[i], free, self.whitener, iterations=8) for i in order]
         best = min(tries, key=lambda f: f.cost)
-        best = fit(problem, best.parameters, free, self.whitener, best.states, iterations)
+        best = refit(problem, best, self.whitener, iterations)
         best = weighed(problem, best, 10)
         self.whitener = best.whitener
         return self._judged((), best, 0.0)
+
+    def each(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """Results of independent fits, in the order of their items, shared by threads."""
+        return shared(function, items, threads_of(self.options.threads))
 
     def extend(self, parent: Candidate, name: str) -> Candidate | None:
         """Add an effect to a fitted set; None if no start gives a finite cost, or the time is over."""
@@ -139,7 +147,7 @@ class Candidates:
         best = min(tries, key=lambda f: f.cost)
         if not np.isfinite(best.cost):
             return None
-        best = fit(self.problem, best.parameters, free, self.whitener, best.states, MOST)
+        best = refit(self.problem, best, self.whitener, MOST)
         best = self._profiled(best, effect)
         if is_simpler(self.problem.model, effect, best.parameters):
             return None
@@ -257,6 +265,8 @@ class Candidates:
         predicted, multiple = self.score(parent, starts)
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
+        if len(linear) == 1 and _one_sided(self.problem, effect, linear[0]):
+            predicted = np.where(multiple[:, 0] > 0.0, predicted, 0.0)
         if self.problem.observations is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
             # Likelihoods of rare events change too much for a first-order approximation.
             vectors = np.concatenate([parent.fit.parameters[None], starts[:, 0]])
@@ -417,6 +427,12 @@ def _linear(problem: Problem, effect: Effect) -> list[int]:
         if p.refitted and len(_parameter_starts(problem, effect, k)) == 1
     ]
     return single or [0]
+
+
+def _one_sided(problem: Problem, effect: Effect, k: int) -> bool:
+    """Whether a parameter's one start lies on the only side of neutral where it may be."""
+    p = effect.parameters[k]
+    return len(_parameter_starts(problem, effect, k)) == 1 and (p.nominal <= p.lower or p.nominal >= p.upper)
 
 
 def _grid(problem: Problem, effect: Effect) -> list[tuple[float, ...]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.diagnosis.coordinates import Coordinates
-from fieldmodels.diagnosis.linearisation import Fit, cost_of, linearise, losses_of
+from fieldmodels.diagnosis.linearisation import Fit, cost_of, linearise, losses_of, reweighed
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.whitening import diagonal_whitener, whitener_by_output
 
@@ -46,10 +46,20 @@ def fit(
     Returns:
         The best point seen; its cost is infinite if the simulation fails at the start.
     """
-    coordinates = Coordinates(problem.model.all_parameters, free)
     states = problem.states if states is None else states
     raw = problem.features - problem.simulate(parameters[None], states)[0]
-    here = linearise(problem, parameters, free, whitener, states, raw, coordinates)
+    return _improved(problem, linearise(problem, parameters, free, whitener, states, raw), iterations)
+
+
+def refit(problem: Problem, fitted: Fit, whitener: FloatArray, iterations: int = 6) -> Fit:
+    """Fit on from where a fit of the same problem ended, with the same whitener or another."""
+    return _improved(problem, reweighed(problem, fitted, whitener), iterations)
+
+
+def _improved(problem: Problem, here: Fit, iterations: int) -> Fit:
+    """The best point that so many steps reach."""
+    free, whitener = here.free, here.whitener
+    coordinates = Coordinates(problem.model.all_parameters, free)
     damping, reach = 1e-3, np.ones(len(problem))
     for _ in range(iterations):
         losses = losses_of(problem, here.raw, here.states, whitener)
@@ -65,7 +75,7 @@ def fit(
         if gained > 0:
             reach = trial.reach
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
-            here = linearise(problem, trial.parameters, free, whitener, trial.states, trial.raw, coordinates)
+            here = linearise(problem, trial.parameters, free, whitener, trial.states, trial.raw)
             damping = max(damping * 0.1, 1e-6)
             if gained < SETTLED and not searching:
                 break
@@ -164,17 +174,12 @@ def weighed(problem: Problem, start: Fit, iterations: int) -> Fit:
     for _ in range(REWEIGHED):
         size = np.mean(best.raw**2)
         whitener = whitener_by_output(problem, best.raw)
-        best = fit(problem, best.parameters, best.free, whitener, best.states, iterations)
+        best = refit(problem, best, whitener, iterations)
         if size < AGREED * np.mean(best.raw**2):
             break
     taken = np.mean(np.sum(best.basis**2, axis=2), axis=0)[: best.raw.shape[1]]
     whitener = diagonal_whitener(problem, best.raw / np.sqrt(np.maximum(1.0 - taken, LEFT)))
-    return fit(problem, best.parameters, best.free, whitener, best.states, iterations)
-
-
-def refit(problem: Problem, fitted: Fit, whitener: FloatArray, iterations: int = 6) -> Fit:
-    """Fit again from the optimum of a fit, with another whitener."""
-    return fit(problem, fitted.parameters, fitted.free, whitener, fitted.states, iterations)
+    return refit(problem, best, whitener, iterations)
 
 
 def costs(problem: Problem, batch: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:

@@ -43,14 +43,17 @@ def leave_out_steps(fitted: Fit, folds: IntArray) -> Iterator[tuple[int, FloatAr
     jacobian = fitted.jacobian[:, :, active]
     flat = stacked(jacobian)
     whole, gradient = flat.T @ flat, flat.T @ fitted.residual.reshape(-1)
-    for fold in np.unique(folds):
+    numbers = np.unique(folds)
+    rest = np.repeat(whole[None], len(numbers), axis=0)
+    left = np.repeat(gradient[None], len(numbers), axis=0)
+    for k, fold in enumerate(numbers):
         inside = folds == fold
         flat = stacked(jacobian[inside])
-        rest = whole - flat.T @ flat
-        step = np.zeros(len(active))
-        left = gradient - flat.T @ fitted.residual[inside].reshape(-1)
-        step[active] = np.linalg.pinv(rest, hermitian=True) @ left
-        yield int(fold), step
+        rest[k] -= flat.T @ flat
+        left[k] -= flat.T @ fitted.residual[inside].reshape(-1)
+    steps = np.zeros((len(numbers), len(active)))
+    steps[:, active] = np.einsum("kij,kj->ki", np.linalg.pinv(rest, hermitian=True), left)
+    yield from zip(numbers.tolist(), steps, strict=True)
 
 
 def window_loss(

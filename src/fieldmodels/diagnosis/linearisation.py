@@ -1,18 +1,20 @@
 """A fit's linearisation: how whitened residuals change with parameters, initial states projected out.
 
 Each window's initial state is a nuisance parameter. Its sensitivities are removed from the window's
-residual by QR (variable projection). Observations of an event output (``events.Observations``) enter by their
-exact likelihood: their rows are reweighted at every step (Fisher scoring).
+residual by orthogonalisation (variable projection). Observations of an event output (``events.Observations``)
+enter by their exact likelihood: their rows are reweighted at every step (Fisher scoring).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.problem import Problem
@@ -44,6 +46,9 @@ class Fit:
         weight: What each feature is multiplied by before whitening, shape (windows, features); None for 1.
         observations: The event features; None if there are none.
         runs: Number of the run that each window is a piece of; None where each has its own start.
+        by_states: Change of the simulation by the initial states (over their spread), not whitened, shape
+            (windows, features, states).
+        by_free: The same by the free parameters' coordinates, shape (windows, features, free).
     """
 
     parameters: FloatArray
@@ -62,6 +67,8 @@ class Fit:
     weight: FloatArray | None = None
     observations: Observations | None = None
     runs: IntArray | None = None
+    by_states: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    by_free: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     @property
     def information(self) -> FloatArray:
@@ -96,11 +103,15 @@ def project(fitted: Fit, columns: FloatArray, prior: FloatArray | None = None) -
     Returns:
         Columns like those of ``Fit.jacobian``, shape (windows, features + states, columns).
     """
+    features, states = len(fitted.whitener), fitted.states.shape[1]
+    rows = np.zeros((len(columns), features + states, columns.shape[2]))
     columns = np.where(np.isfinite(columns), columns, 0.0)
-    padded = _padded(fitted.whitener @ _weighted(columns, fitted.weight), fitted.states.shape[1])
+    np.matmul(fitted.whitener, _weighted(columns, fitted.weight), out=rows[:, :features])
     if prior is not None:
-        padded[:, columns.shape[1] :] += prior
-    return _remove(fitted.basis, padded, fitted.runs)
+        rows[:, features:] += prior
+    across = fitted.basis.transpose(0, 2, 1)
+    rows -= fitted.basis @ over_runs(across @ rows, fitted.runs)
+    return rows
 
 
 def cost_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> float:
@@ -112,21 +123,24 @@ def losses_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: F
     """Cost of each window [nats], of runs their mean; infinite where a simulation failed, (windows,)."""
     prior = _from_measured(problem, states)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
-    known = np.where(finite[:, None], raw, 0.0)
+    known = raw if finite.all() else np.where(finite[:, None], raw, 0.0)
     observations = problem.observations
     averages = known if observations is None else observations.averages(known)
-    result = 0.5 * np.sum((averages @ whitener.T) ** 2, axis=1) + 0.5 * np.sum(prior**2, axis=1)
+    white = averages @ whitener.T
+    result = 0.5 * (np.einsum("wf,wf->w", white, white) + np.einsum("ws,ws->w", prior, prior))
     if observations is not None:
         _, event = observations.rows(whitener)
         result += observations.loss(known)[:, event].sum(axis=1)
-    result = np.where(finite, result, np.inf)
+    result[~finite] = np.inf
+    if problem.runs is None:
+        return np.asarray(result)
     return over_runs(result, problem.runs) / over_runs(np.ones(len(result)), problem.runs)
 
 
 def _from_measured(problem: Problem, states: FloatArray) -> FloatArray:
     """How far initial states are from the measured ones, over their prior; of a run in its first window."""
     distance = (problem.states - states) / (PRIOR * problem.state_scale)
-    return np.asarray(distance * _is_first(problem)[:, None])
+    return distance if problem.runs is None else np.asarray(distance * _is_first(problem)[:, None])
 
 
 def _is_first(problem: Problem) -> FloatArray:
@@ -143,45 +157,128 @@ def linearise(
     whitener: FloatArray,
     states: FloatArray,
     raw: FloatArray,
-    coordinates: Coordinates,
 ) -> Fit:
     """The linearisation at some parameters and states, given the errors there."""
-    cost = cost_of(problem, raw, states, whitener)
-    n_states = states.shape[1]
-    finite = np.where(np.isfinite(raw), raw, 0.0)
+    coordinates = Coordinates(problem.model.all_parameters, free)
     simulated = problem.features - raw  # not a number where the simulation failed: it says nothing there
+    by_free = _derivatives(problem, parameters, free, states, simulated, coordinates)
+    by_states = _by_states(problem, parameters, states, simulated)
+    return _projected(problem, parameters, free, whitener, states, raw, by_states, by_free)
+
+
+def reweighed(problem: Problem, here: Fit, whitener: FloatArray) -> Fit:
+    """The same linearisation with another whitener, which takes no simulation."""
+    if whitener is here.whitener:
+        return here
+    return _projected(
+        problem, here.parameters, here.free, whitener, here.states, here.raw, here.by_states, here.by_free
+    )
+
+
+def _projected(
+    problem: Problem,
+    parameters: FloatArray,
+    free: IntArray,
+    whitener: FloatArray,
+    states: FloatArray,
+    raw: FloatArray,
+    by_states: FloatArray,
+    by_free: FloatArray,
+) -> Fit:
+    """A linearisation whitened, with the initial states projected out."""
+    features, n_states = len(whitener), states.shape[1]
+    finite = np.where(np.isfinite(raw), raw, 0.0)
     observations = problem.observations
     weight = None if observations is None else observations.weight(finite)
-    columns = _derivatives(problem, parameters, free, states, simulated, coordinates)
-    basis, triangle = _state_basis(problem, parameters, states, whitener, simulated, weight)
-    prior = _from_measured(problem, states)
-    weighted = finite if weight is None else finite * weight
-    residual = np.concatenate([weighted @ whitener.T, prior], axis=1)[:, :, None]
-    jacobian = _padded(whitener @ _weighted(columns, weight), n_states)
-    across = basis.transpose(0, 2, 1)
-    result = Fit(
+    columns = np.concatenate([by_states, finite[:, :, None], by_free], axis=2)
+    rows = np.zeros((len(raw), features + n_states, columns.shape[2]))
+    np.matmul(whitener, _weighted(columns, weight), out=rows[:, :features])
+    rows[:, features:, :n_states] = _is_first(problem)[:, None, None] * np.eye(n_states) / PRIOR
+    rows[:, features:, n_states] = _from_measured(problem, states)
+    quadratic = 0.5 * float(np.sum(rows[:, :, n_states] ** 2))
+    others = np.ascontiguousarray(rows[:, :, n_states:])
+    if problem.runs is None:
+        basis = np.ascontiguousarray(rows[:, :, :n_states])
+        solved = _project_out(basis, others)
+    else:
+        basis, solved = _project_out_of_runs(rows[:, :, :n_states], others, problem.runs)
+    residual, jacobian = np.ascontiguousarray(others[:, :, 0]), np.ascontiguousarray(others[:, :, 1:])
+    return Fit(
         parameters=parameters,
         free=free,
         states=states,
-        cost=cost,
-        quadratic=0.5 * float(np.sum(residual**2)),
-        residual=_remove(basis, residual, problem.runs)[:, :, 0],
-        jacobian=_remove(basis, jacobian, problem.runs),
+        cost=cost_of(problem, raw, states, whitener),
+        quadratic=quadratic,
+        residual=residual,
+        jacobian=jacobian,
         raw=raw,
-        active=np.ones(len(free), dtype=np.bool_),
+        active=_active(residual, jacobian, parameters[free], Coordinates(problem.model.all_parameters, free)),
         basis=basis,
-        state_residual=np.asarray(
-            np.linalg.solve(triangle, over_runs(across @ residual, problem.runs))[:, :, 0]
-        ),
-        state_jacobian=np.asarray(
-            np.linalg.solve(triangle, over_runs(across @ jacobian, problem.runs)), dtype=np.float64
-        ),
+        state_residual=solved[:, :, 0],
+        state_jacobian=solved[:, :, 1:],
         whitener=whitener,
         weight=weight,
         observations=observations,
         runs=problem.runs,
+        by_states=by_states,
+        by_free=by_free,
     )
-    return replace(result, active=_active(result, coordinates))
+
+
+@compiled
+def _project_out(basis: FloatArray, others: FloatArray) -> FloatArray:
+    """Project each window's first columns out of the others, by Gram and Schmidt's method, in place.
+
+    Args:
+        basis: Columns, of full rank, shape (windows, rows, n); orthonormal afterwards.
+        others: Columns, shape (windows, rows, others); afterwards what the basis cannot represent.
+
+    Returns:
+        Coefficients of the first columns that represent the others best, shape (windows, n, others).
+    """
+    windows, rows, n = basis.shape
+    count = others.shape[2]
+    shares = np.zeros((windows, n, count))
+    triangle = np.zeros((n, n))
+    for w in range(windows):
+        for j in range(n):
+            square = 0.0
+            for r in range(rows):
+                square += basis[w, r, j] ** 2
+            size = math.sqrt(square)
+            triangle[j, j] = size
+            for r in range(rows):
+                basis[w, r, j] /= size
+                for k in range(j + 1, n):
+                    triangle[j, k] = 0.0
+                for k in range(count):
+                    shares[w, j, k] += basis[w, r, j] * others[w, r, k]
+            for k in range(j + 1, n):
+                for r in range(rows):
+                    triangle[j, k] += basis[w, r, j] * basis[w, r, k]
+            for r in range(rows):
+                for k in range(j + 1, n):
+                    basis[w, r, k] -= triangle[j, k] * basis[w, r, j]
+                for k in range(count):
+                    others[w, r, k] -= shares[w, j, k] * basis[w, r, j]
+        for j in range(n - 1, -1, -1):
+            for k in range(count):
+                for i in range(j + 1, n):
+                    shares[w, j, k] -= triangle[j, i] * shares[w, i, k]
+                shares[w, j, k] /= triangle[j, j]
+    return shares
+
+
+def _project_out_of_runs(
+    columns: FloatArray, others: FloatArray, runs: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """As ``_project_out`` where the windows of a run share a start: the basis and the coefficients."""
+    lower = np.linalg.cholesky(over_runs(columns.transpose(0, 2, 1) @ columns, runs))
+    across = np.asarray(np.linalg.solve(lower, columns.transpose(0, 2, 1)), dtype=np.float64)
+    shares = over_runs(across @ others, runs)
+    basis = across.transpose(0, 2, 1)
+    others -= basis @ shares
+    return basis, np.asarray(np.linalg.solve(lower.transpose(0, 2, 1), shares), dtype=np.float64)
 
 
 def _derivatives(
@@ -208,57 +305,28 @@ def _derivatives(
     return np.moveaxis(change, 0, 2) / step
 
 
-def _state_basis(
-    problem: Problem,
-    parameters: FloatArray,
-    states: FloatArray,
-    whitener: FloatArray,
-    simulated: FloatArray,
-    weight: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """QR of the whitened sensitivities to the initial states, with the prior's rows below.
-
-    The windows of a run share a start: then the triangle is that of all their rows, by Cholesky.
-    """
-    n_states = states.shape[1]
-    columns = np.empty((*simulated.shape, n_states))
-    for j in range(n_states):
-        moved = states.copy()
-        moved[:, j] += STATE_STEP * problem.state_scale[j]
-        change = problem.simulate(parameters[None], moved)[0] - simulated
-        columns[:, :, j] = change / STATE_STEP  # by spread, so that all columns are of the same order
-    columns = np.where(np.isfinite(columns), columns, 0.0)
-    prior = _is_first(problem)[:, None, None] * np.eye(n_states) / PRIOR
-    rows = np.concatenate([whitener @ _weighted(columns, weight), prior], axis=1)
-    if problem.runs is None:
-        q, r = np.linalg.qr(rows)
-        return q, r
-    lower = np.asarray(
-        np.linalg.cholesky(over_runs(rows.transpose(0, 2, 1) @ rows, problem.runs)), dtype=np.float64
-    )
-    across = np.asarray(np.linalg.solve(lower, rows.transpose(0, 2, 1)), dtype=np.float64)
-    return across.transpose(0, 2, 1), lower.transpose(0, 2, 1)
+def _by_states(
+    problem: Problem, parameters: FloatArray, states: FloatArray, simulated: FloatArray
+) -> FloatArray:
+    """Change of the features by each initial state, over its spread, so that all are of the same order."""
+    steps = STATE_STEP * np.diag(problem.state_scale)
+    moved = problem.simulate_from(parameters, states + steps[:, None, :])
+    change = np.moveaxis(moved - simulated, 0, 2) / STATE_STEP
+    return np.where(np.isfinite(change), change, 0.0)
 
 
 def _weighted(columns: FloatArray, weight: FloatArray | None) -> FloatArray:
     return columns if weight is None else columns * weight[:, :, None]
 
 
-def _remove(basis: FloatArray, columns: FloatArray, runs: IntArray | None) -> FloatArray:
-    return np.asarray(columns - basis @ over_runs(basis.transpose(0, 2, 1) @ columns, runs))
-
-
-def _padded(columns: FloatArray, rows: int) -> FloatArray:
-    """Append the prior's rows, which do not depend on parameters."""
-    return np.concatenate([columns, np.zeros((len(columns), rows, columns.shape[2]))], axis=1)
-
-
-def _active(here: Fit, coordinates: Coordinates) -> NDArray[np.bool_]:
+def _active(
+    residual: FloatArray, jacobian: FloatArray, values: FloatArray, coordinates: Coordinates
+) -> NDArray[np.bool_]:
     """Which free parameters may move: those at a bound that the descent direction would violate may not."""
-    if not len(here.free):
+    if not len(values):
         return np.zeros(0, dtype=np.bool_)
-    descent = np.einsum("wfk,wf->k", here.jacobian, here.residual)
-    at = coordinates.encode(here.parameters[here.free])
+    descent = residual.reshape(-1) @ stacked(jacobian)
+    at = coordinates.encode(values)
     tiny = 1e-9 * np.maximum(1.0, np.abs(at))
     held = (at <= coordinates.lower + tiny) & (descent < 0) | (at >= coordinates.upper - tiny) & (descent > 0)
     return np.asarray(~held)

@@ -38,6 +38,9 @@ class DiagnosisOptions:
         rare_gain: Nats of a curve that acts in few windows only; then four times the curve level will do.
         most_causes: Effects in a set.
         most_curves: Curves beside each other.
+        threads: How many share the fits of candidates, with the same result to the bit; 0 for as many as the
+            environment variable ``FIELDGYM_THREADS`` says, else one. They pay where a simulation takes a
+            millisecond or more.
         rows: Samples of the windows that are fitted, a thousand windows at 100 Hz, a hundred at 1 kHz; of a
             longer record those that tell most. A million samples at 1 kHz are diagnosed in a minute.
     """
@@ -59,6 +62,7 @@ class DiagnosisOptions:
     rare_gain: float = 40.0
     most_causes: int = 4
     most_curves: int = 2
+    threads: int = 0
     rows: int = 50_000
 
 

@@ -64,6 +64,7 @@ class Diagnosis:
         seconds: Duration of the diagnosis.
         evidence: Arrays for the report.
         notes: Peculiarities and preprocessing of the data (``Recording.notes``), and which of them were used.
+        simulations: How much was simulated, in plain simulations of all the windows that were fitted.
         stopped: What was left out for a budget of time; empty if nothing was.
         above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
     """
@@ -91,6 +92,7 @@ class Diagnosis:
     seconds: float
     evidence: Evidence
     notes: tuple[str, ...] = ()
+    simulations: float = 0.0
     stopped: str = ""
     above_noise: Mapping[str, float] = field(default_factory=dict)
 
@@ -234,6 +236,7 @@ class Diagnosis:
             },
             "stopped": self.stopped or None,
             "seconds": round(self.seconds, 2),
+            "simulations": round(self.simulations),
         }
 
     def summary(self) -> str:

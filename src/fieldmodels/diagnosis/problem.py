@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
+from fieldmodels.diagnosis.effort import simulated
 from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.resolution import of_averages, rounding
 from fieldmodels.model import Model
@@ -50,7 +51,13 @@ class Part:
 
     def compressed(self, outputs: FloatArray) -> FloatArray:
         """Outputs of every sample, shape (batch, windows, samples, outputs), as features."""
-        return np.asarray(_compress(outputs, self.slots, self.counts) / self.noise_ratio)
+        features = _compress(outputs, self.slots, self.counts)
+        return features if isinstance(self.noise_ratio, float) else np.asarray(features / self.noise_ratio)
+
+    @cached_property
+    def once_a_state(self) -> Windows:
+        """The windows, each as many times after the other as there are states."""
+        return self.windows.select(np.repeat(np.arange(len(self.windows)), self.windows.states.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -160,16 +167,43 @@ class Problem:
 
     def simulate(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
         """Simulated features from given initial states, shape (batch, windows, features)."""
+        simulated(len(parameters) * len(self))
         results, first = [], 0
         for part in self.parts:
             last = first + len(part.windows)
             outputs = self.model.simulate(parameters, part.windows.with_states(states[first:last]))
             results.append(part.compressed(outputs))
             first = last
-        return np.concatenate(results, axis=1)
+        return results[0] if len(results) == 1 else np.concatenate(results, axis=1)
+
+    def simulate_from(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
+        """Simulated features of one parameter vector from as many sets of initial states as there are states.
+
+        Args:
+            parameters: The vector, shape (parameters,).
+            states: Shape (states, windows, states).
+
+        Returns:
+            Shape (states, windows, features).
+        """
+        if self.runs is not None or not len(states):  # the windows of a run go on from each other
+            found = [self.simulate(parameters[None], some)[0] for some in states]
+            return np.array(found).reshape(len(states), *self.features.shape)
+        simulated(len(states) * len(self))
+        results, first = [], 0
+        for part in self.parts:
+            count = len(part.windows)
+            each = part.once_a_state
+            starts = states[:, first : first + count].transpose(1, 0, 2).reshape(each.states.shape)
+            outputs = self.model.simulate(parameters[None], each.with_states(starts))[0]
+            outputs = outputs.reshape(count, len(states), *outputs.shape[1:])
+            results.append(part.compressed(np.ascontiguousarray(outputs.swapaxes(0, 1))))
+            first += count
+        return results[0] if len(results) == 1 else np.concatenate(results, axis=1)
 
     def response(self, parameters: FloatArray, states: FloatArray, forces: list[FloatArray]) -> FloatArray:
         """Simulated features with a generalised force along each recording, shape (windows, features)."""
+        simulated(len(self))
         results, first = [], 0
         for part, force in zip(self.parts, forces, strict=True):
             last = first + len(part.windows)
@@ -180,6 +214,7 @@ class Problem:
 
     def samples(self, parameters: FloatArray, states: FloatArray) -> list[FloatArray]:
         """Simulated outputs of every part at every sample, NaN where not observed."""
+        simulated(len(self))
         results, first = [], 0
         for part in self.parts:
             last = first + len(part.windows)

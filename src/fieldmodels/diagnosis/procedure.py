@@ -22,6 +22,7 @@ from fieldmodels.diagnosis.causes import (
 )
 from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.cutting import check_range, in_all, known_values, main_horizon, split, start_vector
+from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.extension import extend
 from fieldmodels.diagnosis.gain import Prediction, predict
@@ -99,13 +100,29 @@ def diagnose(
         RecordingError: If there are too few data or none.
         ValueError: If the budget is no positive time.
     """
-    time_left = Budget(budget)
+    with metered() as meter:
+        result = _diagnosed(model, train, test, fixed or {}, progress, seed, options, Budget(budget), window)
+    return replace(result, simulations=meter.windows / max(result.windows[0], 1))
+
+
+def _diagnosed(
+    model: Model,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    known: Mapping[str, float],
+    progress: Callable[[str, float], None] | None,
+    seed: int,
+    options: DiagnosisOptions,
+    time_left: Budget,
+    window: Literal["record"] | None,
+) -> Diagnosis:
+    """Diagnose stage by stage; arguments as of ``diagnose``."""
     report = progress or (lambda _what, _share: None)
     if not train:
         raise RecordingError("no recording to diagnose; give at least one")
     check_range(model, [*train, *test])
     train, test, lacking = in_all(model, train, test)
-    fixed = {**known_values(model, [*train, *test]), **(fixed or {})}
+    fixed = {**known_values(model, [*train, *test]), **known}
     model, said = decided(model, train, main_horizon, lambda one: start_vector(one, fixed), frozenset(fixed))
     if window == "record" or model.whole_records:
         model = WholeRecords(model)

@@ -273,5 +273,5 @@ def _data(diagnosis: Diagnosis) -> str:
     return (
         f'<p class="soft">Fitted and chosen on {html.text(train)} ({diagnosis.windows[0]} windows); gains '
         f"measured on {html.text(test)} ({diagnosis.windows[1]} windows), which could only veto a cause. "
-        f"{diagnosis.seconds:.1f} s.</p>"
+        f"{diagnosis.seconds:.1f} s, {diagnosis.simulations:.0f} simulations of the fitted windows.</p>"
     )

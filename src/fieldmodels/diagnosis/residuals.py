@@ -7,9 +7,8 @@ from scipy import stats
 
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.curves import Curves
-from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.held_out import held_out_loss
-from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import FailedTest
@@ -31,7 +30,7 @@ def failed_tests(
         mask = problem.outputs == j
         # Rows of the other signals are left out of the whitener, so that only this one counts.
         whitener = diagonal_whitener(problem, base.fit.raw)[mask]
-        own = fit(problem, base.fit.parameters, base.fit.free, whitener, base.fit.states, 0)
+        own = reweighed(problem, base.fit, whitener)
         p = whiteness(own, np.arange(len(whitener)), problem.blocks)
         resolved = bool((np.mean(base.fit.raw[:, mask] ** 2, axis=0) > problem.floor[mask] ** 2).any())
         if p < options.level and resolved:  # what a simulation and rounding leave is never white

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ TRIED_AT_LEAST, TRIED_ABOVE = (
     8,
     3.0,
 )  # extensions fitted: at least so many, and all with a larger predicted gain [nats]
+OF_THE_WAY = 0.25  # to the chosen set's cost, which an alternative's first-order gain must promise
 REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
 
 
@@ -158,9 +160,11 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     blocks = candidates.problem.blocks
     progress("refitting the base", 0.05)
     base = candidates.base()
-    for name in candidates.names():
-        if not candidates.identifiable(base, name):
-            candidates.unidentifiable.add(name)
+    names = candidates.names()
+    found = candidates.each(lambda name: candidates.identifiable(base, name), names)
+    candidates.unidentifiable.update(
+        name for name, identifiable in zip(names, found, strict=True) if not identifiable
+    )
     progress("trying each effect", 0.1)
     level = _grown(candidates, [base])
     base = candidates.again(base)
@@ -186,7 +190,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     if needed.effects:
         level = [c for c in levels[len(needed.effects)] if c.total < needed.total + REFITTED_WITHIN]
         if needed is not chosen:  # smaller sets were last fitted with other weights
-            level = [candidates.again(c) for c in level]
+            level = candidates.each(candidates.again, level)
         chosen, alternatives = _simplest(
             needed, _alternatives(candidates, needed, level), blocks, candidates.options
         )
@@ -209,7 +213,7 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
     """
     blocks = candidates.problem.blocks
     while chosen.effects:
-        smaller = [candidates.without(chosen, name) for name in chosen.effects]
+        smaller = candidates.each(partial(candidates.without, chosen), chosen.effects)
         spare = [
             c
             for c in smaller
@@ -287,22 +291,21 @@ def indistinguishable(
 def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     """Parents with one effect more, best first, all whitened by the best one's residual covariance."""
     names = candidates.names()
-    jobs: list[tuple[float, Candidate, str]] = []
-    for parent in parents:
-        for name in names:
-            if name not in parent.effects:
-                predicted = candidates.score_test(parent, name) - (parent.total - parents[0].total)
-                jobs.append((predicted, parent, name))
+    pairs = [(parent, name) for parent in parents for name in names if name not in parent.effects]
+    scores = candidates.each(lambda pair: candidates.score_test(*pair), pairs)
+    jobs = [
+        (score - (parent.total - parents[0].total), parent, name)
+        for score, (parent, name) in zip(scores, pairs, strict=True)
+    ]
     jobs.sort(key=lambda job: -job[0])
     best: dict[frozenset[str], Candidate] = {}
     model = candidates.problem.model
+    tried: list[tuple[Candidate, str]] = []
     for i, (predicted, parent, name) in enumerate(jobs):
         simpler = parent.size + model.effect(name).size < parents[0].size
-        if i >= TRIED_AT_LEAST and predicted < (
-            -2 * candidates.options.same_gain if simpler else TRIED_ABOVE
-        ):
-            continue
-        child = candidates.extend(parent, name)
+        if i < TRIED_AT_LEAST or predicted >= (-2 * candidates.options.same_gain if simpler else TRIED_ABOVE):
+            tried.append((parent, name))
+    for child in candidates.each(lambda pair: candidates.extend(*pair), tried):
         if child is None:
             continue
         key = frozenset(child.effects)
@@ -313,7 +316,7 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     leader = min(best.values(), key=lambda c: c.total)
     candidates.whitener = covariance_whitener(candidates.problem, leader.fit)
     near = [c for c in best.values() if c.total < leader.total + REFITTED_WITHIN]
-    return sorted((candidates.again(c) for c in near), key=lambda c: c.total)
+    return sorted(candidates.each(candidates.again, near), key=lambda c: c.total)
 
 
 def _alternatives(candidates: Candidates, chosen: Candidate, level: list[Candidate]) -> tuple[Candidate, ...]:
@@ -323,15 +326,18 @@ def _alternatives(candidates: Candidates, chosen: Candidate, level: list[Candida
     if len(chosen.effects) > 1:
         for gone in chosen.effects:
             rest = candidates.without(chosen, gone)
-            needed = rest.total - chosen.total
-            for name in candidates.names():
-                key = frozenset({*rest.effects, name})
-                if name in chosen.effects or key in found:
-                    continue
-                if candidates.score_test(rest, name) > 0.5 * needed:
-                    child = candidates.extend(rest, name)
-                    if child is not None:
-                        found[key] = child
+            # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
+            needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
+            names = [
+                name
+                for name in candidates.names()
+                if name not in chosen.effects and frozenset({*rest.effects, name}) not in found
+            ]
+            scores = candidates.each(partial(candidates.score_test, rest), names)
+            near = [name for name, score in zip(names, scores, strict=True) if score > needed]
+            for child in candidates.each(partial(candidates.extend, rest), near):
+                if child is not None:
+                    found[frozenset(child.effects)] = child
     found.pop(frozenset(chosen.effects), None)
     close = [c for c in found.values() if indistinguishable(chosen, c, blocks, candidates.options)]
     return tuple(sorted(close, key=lambda c: c.total))

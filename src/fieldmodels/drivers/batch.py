@@ -119,8 +119,9 @@ class BatchDriver:
         """Rows of the parameters as the compiled driver takes them, and rings for their longest delays."""
         machine, q = self.machine, self._parameters
         self._base = np.ascontiguousarray(q[:, self._rows.base])
-        self._act, self._frc = self._rows.of("actuator", q), self._rows.of("force", q)
-        self._sen, self._changes = self._rows.of("sensor", q), self._rows.of("change", q)
+        self._act, self._frc, self._sen, self._changes = self._rows.of(
+            q, "actuator", "force", "sensor", "change"
+        )
         self._curves = np.ascontiguousarray(q[:, self._rows.curves])
         self.aims = self._grown(self.aims, self._act, "actuator")
         self.kept = self._grown(self.kept, self._sen, "sensor")

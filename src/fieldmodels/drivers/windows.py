@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from scipy.signal import savgol_filter
 
-from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration, param_indices
 from fieldmodels.drivers.duals import DIRECTIONS, WIDTH
 from fieldmodels.drivers.generate import carries_derivatives, curve_places, driver_module, plain_module
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
-from fieldmodels.effects.stock import Layout
 from fieldmodels.recording import Recording, Windows
 
 BRISTLE = forces.ROW.column("hysteresis_force")
@@ -28,43 +28,45 @@ PLAY = 0.02  # of the largest command, over which play is crossed
 
 
 class Rows:
-    """A machine's parameter vectors as the rows that drivers take, one for each place of stock effects."""
+    """A machine's parameter vectors as the rows that drivers take, one for each place of stock effects.
+
+    A row is gathered from the parameter vector with the neutral numbers of all places behind it.
+    """
 
     def __init__(self, machine: Declaration) -> None:
-        """Find where each number goes."""
+        """Find where each number comes from."""
         self.base = np.array(param_indices(machine), dtype=np.int64)
         places = {
             "actuator": ([s.name for s in machine.inputs], actuators.ROW),
             "force": ([f.velocity for f in machine.forces], forces.ROW),
             "sensor": ([s.name for s in machine.outputs], sensors.ROW),
-            "change": ([p.name for p in machine.parameters], changes.ROW),
+            # A change acts on all of p, own effects' numbers included.
+            "change": ([str(i) for i in self.base], changes.ROW),
         }
-        self.layouts: dict[str, tuple[int, Layout]] = {
-            place: (len(signals), layout) for place, (signals, layout) in places.items()
-        }
-        # A change acts on all of p, own effects' numbers included.
-        self.layouts["change"] = (len(self.base), changes.ROW)
-        moves: dict[str, list[tuple[int, int, int]]] = {place: [] for place in places}
+        self.neutral = np.concatenate([layout.neutral for _, layout in places.values()])
+        self.sources: dict[str, IntArray] = {}
+        first = len(machine.names)
+        for place, (signals, layout) in places.items():
+            self.sources[place] = np.tile(np.arange(first, first + len(layout)), (len(signals), 1))
+            first += len(layout)
+        parameters = [p.name for p in machine.parameters]
         for e in machine.stock:
             if isinstance(e, Curve):
                 continue
             signals, layout = places[e.place]
-            start = machine.slice_of(e.name).start
-            signal = signals.index(e.signal)
-            moves[e.place] += [(signal, slot, start + k) for k, slot in enumerate(layout.slots(e.kind))]
-        self.moves = {place: np.array(m, dtype=np.int64).reshape(-1, 3).T for place, m in moves.items()}
+            signal = (parameters if e.place == "change" else signals).index(e.signal)
+            slots, start = layout.slots(e.kind), machine.slice_of(e.name).start
+            self.sources[e.place][signal, slots] = start + np.arange(len(slots))
         self.curves = np.array(
             [i for c, _, _ in curve_places(machine) for i in range(*_bounds(machine, c))], dtype=np.int64
         )
 
-    def of(self, place: str, parameters: FloatArray) -> FloatArray:
-        """Rows of one place, shape (batch, signals, len(layout)); derivatives, if any, on a last axis."""
-        count, layout = self.layouts[place]
-        rows = np.zeros((len(parameters), count, len(layout), *parameters.shape[2:]))
-        (rows[..., 0] if parameters.ndim > 2 else rows)[:] = layout.neutral
-        signals, slots, indices = self.moves[place]
-        rows[:, signals, slots] = parameters[:, indices]
-        return rows
+    def of(self, parameters: FloatArray, *places: str) -> list[FloatArray]:
+        """Rows of some places, each (batch, signals, len(layout)); derivatives, if any, on a last axis."""
+        neutral = np.zeros((len(parameters), len(self.neutral), *parameters.shape[2:]))
+        (neutral[..., 0] if parameters.ndim > 2 else neutral)[:] = self.neutral
+        numbers = np.concatenate([parameters, neutral], axis=1)
+        return [numbers.take(self.sources[place], axis=1) for place in places]
 
 
 class WindowDriver:
@@ -125,28 +127,27 @@ class WindowDriver:
     def _run(self, module: Any, parameters: FloatArray, states: FloatArray, windows: Windows) -> FloatArray:
         """Run a module; parameters, states and what comes back may carry derivatives on a last axis."""
         machine, recording, rows = self.machine, windows.recording, self.rows
-        command, play = self._driving(recording)
-        bounds = windows.pieces
-        inside = bounds[np.searchsorted(bounds[:, 0], windows.starts, side="right") - 1]
-        force_rows = rows.of("force", parameters)
         carried = parameters.shape[2:]
         out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs), *carried))
         if np.any(windows.lengths < windows.samples):
             out[:] = np.nan
         if not len(windows):
             return out
-        sizes = np.std(windows.states, axis=0)
+        driving, bounds = self._driving(recording), windows.pieces
+        inside = bounds[np.searchsorted(bounds[:, 0], windows.starts, side="right") - 1]
+        act, force_rows, sen, change = rows.of(parameters, "actuator", "force", "sensor", "change")
         path = np.zeros((len(machine.forces), 0))
         if force_rows[:, :, BRISTLE].any():
             path = self._path(recording)
+        room = driving.room(module, path.shape[1], carried)
         module.simulate(
-            np.ascontiguousarray(parameters[:, rows.base]),
-            rows.of("actuator", parameters),
+            parameters.take(rows.base, axis=1),
+            act,
             force_rows,
-            rows.of("sensor", parameters),
-            rows.of("change", parameters),
-            np.ascontiguousarray(parameters[:, rows.curves]),
-            command,
+            sen,
+            change,
+            parameters.take(rows.curves, axis=1),
+            driving.command,
             np.zeros(0) if windows.disturbance is None else np.ascontiguousarray(windows.disturbance),
             recording.bounds,  # a bristle remembers for as long as it is not turned round
             bounds,
@@ -154,24 +155,33 @@ class WindowDriver:
             inside[:, 1] - 1,
             recording.step,
             machine.hold == "interpolated",
-            play,
-            np.array([s.name in recording for s in machine.outputs]),
+            driving.play,
+            driving.measured,
             windows.starts,
             windows.lengths,
             states,
             path,
-            np.array([FAST * speed for speed in machine.speeds()]),
-            np.where(sizes > 0.0, sizes, 1.0),
+            self.speeds,
+            _spread(windows.states),
             machine.substeps,
             out,
-            *module.room(len(command), path.shape[1], lambda *shape: np.zeros((*shape, *carried))),
+            *room,
         )
+        driving.give_back(module, room)
         return out
 
-    def _prepare(self, recording: Recording) -> tuple[FloatArray, float]:
-        """What drives the machine along a recording, shape (n, inputs), and the command that crosses play."""
+    @cached_property
+    def speeds(self) -> FloatArray:
+        """Speeds along the forces that are hardly exceeded."""
+        return np.array([FAST * speed for speed in self.machine.speeds()])
+
+    def _prepare(self, recording: Recording) -> _Driving:
         command = self.machine.commands(recording, episode_edges(recording)[1])
-        return command, PLAY * float(np.max(np.abs(command[:, :1]), initial=0.0)) or 1.0
+        return _Driving(
+            command,
+            PLAY * float(np.max(np.abs(command[:, :1]), initial=0.0)) or 1.0,
+            np.array([s.name in recording for s in self.machine.outputs]),
+        )
 
     def _smooth(self, recording: Recording) -> FloatArray:
         """Measured position along each force, freed of noise, shape (forces, n)."""
@@ -179,6 +189,43 @@ class WindowDriver:
         return np.array(
             [without_noise(recording, p) if p in recording else np.zeros(len(recording)) for p in positions]
         )
+
+
+@dataclass
+class _Driving:
+    """What drives a machine along a recording, and the memory to simulate it in.
+
+    Attributes:
+        command: Commands, shape (n, inputs).
+        play: Command over which play is crossed.
+        measured: Which outputs the recording has, shape (outputs,).
+        rooms: Memory that no call uses at present, by what it is for.
+    """
+
+    command: FloatArray
+    play: float
+    measured: BoolArray
+    rooms: dict[tuple[str, int, tuple[int, ...]], list[Any]] = field(default_factory=dict)
+
+    def room(self, module: Any, path: int, carried: tuple[int, ...]) -> Any:
+        """Memory for one call of a module, used before or new; no number in it outlives a call."""
+        kept = self.rooms.setdefault((module.__name__, path, carried), [])
+        try:
+            return kept.pop()  # in one step, whatever other threads do
+        except IndexError:
+            return module.room(len(self.command), path, lambda *shape: np.zeros((*shape, *carried)))
+
+    def give_back(self, module: Any, room: Any) -> None:
+        """Keep a call's memory for the next one."""
+        bent, targets = room[2], room[0]
+        self.rooms[module.__name__, bent.shape[1], targets.shape[2:]].append(room)
+
+
+def _spread(states: FloatArray) -> FloatArray:
+    """Standard deviation of each initial state over the windows, 1 where there is none, shape (states,)."""
+    apart = states - np.add.reduce(states, axis=0) / len(states)
+    sizes = np.sqrt(np.einsum("ij,ij->j", apart, apart) / len(states))
+    return np.asarray(np.where(sizes > 0.0, sizes, 1.0))
 
 
 class Once(Generic[Made]):

@@ -53,7 +53,7 @@ class Drive(Model):
         """See ``Model.simulate``; a force does not depend on where a window starts."""
         recording = windows.recording
         command = np.ascontiguousarray(recording[self.inputs[0].name], dtype=np.float64)
-        rows = Rows(self.whole).of("actuator", np.atleast_2d(parameters))[:, 0]
+        rows = Rows(self.whole).of(np.atleast_2d(parameters), "actuator")[0][:, 0]
         force = np.zeros((len(rows), len(command)))
         give(rows, command, windows.pieces, recording.step, force)
         samples = np.minimum(windows.starts[:, None] + np.arange(windows.samples), len(command) - 1)

@@ -1,0 +1,105 @@
+"""What makes a diagnosis fast does not change its result: threads, and simulations that are used again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.effort import VARIABLE, shared, threads_of
+from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.linearisation import Fit, linearise, reweighed
+from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.diagnosis.problem import Problem, build
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+SIMULATED = "simulate"
+
+
+def recorded(seconds: float) -> Recording:
+    return synthesise(
+        get_model("rig"), {"coulomb_friction": {"force": 0.3}}, "mixed", duration=seconds, step=0.01,
+        amplitude=8.0, rng=np.random.default_rng(3),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    data = recorded(12.0)
+    model: Model = get_model("rig").scaled_to([data])
+    return build(model, [data], model.horizons[1])
+
+
+@pytest.fixture(scope="module")
+def fitted(problem: Problem) -> Fit:
+    free = np.arange(len(problem.model.parameters))
+    return fit(problem, problem.model.nominal, free, np.diag(1 / problem.output_scale), iterations=3)
+
+
+def test_threads_change_no_bit_and_every_simulation_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, model = recorded(12.0), get_model("rig")
+    windows = 0
+    simulate = type(model).simulate
+
+    def counted(self: Model, parameters: np.ndarray, some: object) -> np.ndarray:
+        nonlocal windows
+        windows += len(parameters) * len(some)  # type: ignore[arg-type]
+        return simulate(self, parameters, some)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(type(model), SIMULATED, counted)
+    one = diagnose(model, [data], options=DiagnosisOptions(threads=1))
+    assert [c.effect for c in one.causes] == ["coulomb_friction"]
+    assert 100 < one.simulations <= windows / one.windows[0]
+    # Beside problems only a few plain calls simulate: a gain's horizons, the variables of curves.
+    assert one.simulations > 0.9 * windows / one.windows[0]
+    monkeypatch.undo()
+    three = diagnose(model, [data], options=DiagnosisOptions(threads=3))
+    assert three.simulations == one.simulations
+    assert replace(three, seconds=one.seconds).to_json() == one.to_json()
+
+
+def test_results_come_in_the_order_of_their_items() -> None:
+    assert shared(lambda i: i * i, range(50), 4) == [i * i for i in range(50)]
+
+
+def test_threads_are_as_wanted_or_as_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "3")
+    assert (threads_of(0), threads_of(2)) == (3, 2)
+    monkeypatch.setenv(VARIABLE, "many")
+    with pytest.raises(ValueError, match="FIELDGYM_THREADS=many"):
+        threads_of(0)
+    with pytest.raises(ValueError, match="threads: -1"):
+        threads_of(-1)
+
+
+def test_another_whitener_needs_no_simulation(problem: Problem, fitted: Fit) -> None:
+    mixing = np.random.default_rng(0).normal(size=2 * (problem.features.shape[1],))
+    again = reweighed(problem, fitted, mixing)
+    fresh = linearise(problem, fitted.parameters, fitted.free, mixing, fitted.states, fitted.raw)
+    for name in ("residual", "jacobian", "state_residual", "state_jacobian", "cost"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(fresh, name))
+
+
+def test_states_are_projected_out_by_least_squares(problem: Problem, fitted: Fit) -> None:
+    """Against NumPy's least squares, window by window."""
+    states = fitted.states.shape[1]
+    for w in (0, len(problem) - 1):
+        columns = np.concatenate([fitted.whitener @ fitted.by_states[w], np.eye(states) / 2.0])
+        prior = (problem.states[w] - fitted.states[w]) / (2.0 * problem.state_scale)
+        wanted = np.concatenate([fitted.whitener @ fitted.raw[w], prior])
+        solved = np.linalg.lstsq(columns, wanted)[0]
+        np.testing.assert_allclose(fitted.state_residual[w], solved, rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(fitted.residual[w], wanted - columns @ solved, rtol=1e-7, atol=1e-9)
+
+
+def test_states_are_moved_one_at_a_time(problem: Problem, fitted: Fit) -> None:
+    steps = np.diag(problem.state_scale)
+    together = problem.simulate_from(fitted.parameters, fitted.states + steps[:, None, :])
+    for j, step in enumerate(steps):
+        alone = problem.simulate(fitted.parameters[None], fitted.states + step)[0]
+        np.testing.assert_allclose(together[j], alone, rtol=1e-12)
