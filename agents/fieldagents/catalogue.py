@@ -2,14 +2,78 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from fieldmodels.files import write_text
+from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
+class CatalogueError(ValueError):
+    """Nothing has the name that was asked for."""
+
+
 def catalogue() -> dict[str, Any]:
-    """Everything that has a name, as plain data."""
+    """Everything that has a name, as plain data; kept on disk, since gathering it takes seconds."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "fieldgym"
+    path = home / f"catalogue-{_state_of_files()}.json"
+    with suppress(OSError, ValueError):
+        kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return kept
+    found = _gathered()
+    with suppress(OSError):
+        for old in home.glob("catalogue-*.json"):
+            old.unlink()
+        write_text(path, json.dumps(found))
+    return found
+
+
+def selected(found: dict[str, Any], name: str | None, agents: bool) -> dict[str, Any]:
+    """A part of a catalogue.
+
+    Args:
+        found: The catalogue.
+        name: Only the task and the model of this name.
+        agents: Only the tasks' agents.
+
+    Raises:
+        CatalogueError: If nothing has the name.
+    """
+    tasks, models = found["tasks"], found["models"]
+    if name is not None:
+        known = list(dict.fromkeys(one["name"] for one in [*tasks, *models]))
+        if name not in known:
+            raise CatalogueError(f"no task or model {name!r}{did_you_mean(name, known)}")
+        tasks, models = ([one for one in group if one["name"] == name] for group in (tasks, models))
+    if agents:
+        kept = ("name", "env_id", "description", "agents")
+        return {"tasks": [{key: one[key] for key in kept} for one in tasks]}
+    return {"tasks": tasks, "models": models} if name else found
+
+
+def _state_of_files() -> str:
+    """Changes with any file of the packages."""
+    digest = hashlib.sha256()
+    for package in ("fieldmodels", "fieldgym", "fieldagents"):
+        spec = find_spec(package)
+        for place in (spec and spec.submodule_search_locations) or ():
+            for folder, _, names in sorted(os.walk(place)):
+                for name in sorted(names):
+                    if name.endswith((".py", ".json", ".onnx")):
+                        status = os.stat(f"{folder}/{name}")  # noqa: PTH116 - of a thousand files
+                        digest.update(f"{folder}/{name} {status.st_size} {status.st_mtime_ns}".encode())
+    return digest.hexdigest()[:16]
+
+
+def _gathered() -> dict[str, Any]:
     from fieldagents.evaluation.agents import describe_agents
     from fieldagents.policies.zoo import list_zoo
     from fieldagents.reproduce import reproducible
@@ -81,11 +145,13 @@ def show(found: dict[str, Any], console: Console) -> None:
         for agent in task["agents"]:
             table.add_row(agent["name"], agent["sees"], agent["title"])
         console.print(table)
+        if "settings" not in task:
+            continue
         table = Table("setting", "default", "range")
         for one in task["settings"]:
             table.add_row(one["name"], f"{one['default']} {one['unit']}".rstrip(), one["range"])
         console.print(table)
-    for model in found["models"]:
+    for model in found.get("models", ()):
         units = {
             kind: ", ".join(f"{s['name']} {_unit(s)}" for s in model[kind]) for kind in ("inputs", "outputs")
         }
@@ -97,6 +163,8 @@ def show(found: dict[str, Any], console: Console) -> None:
             names = ", ".join(f"{p['name']} {_unit(p)}" for p in effect["parameters"])
             table.add_row(effect["name"], effect["where"], names, effect["cause"])
         console.print(table)
+    if "zoo" not in found:
+        return
     console.print("\n[bold]Trained policies[/bold]: " + (", ".join(found["zoo"]) or "none"))
     console.print("[bold]Public recordings[/bold]: " + (", ".join(found["datasets"]) or "none"))
     console.print("[bold]Reproductions[/bold]: " + ", ".join(found["reproductions"]))

@@ -43,7 +43,7 @@ class _Commands(TyperGroup):
                 message = _message(error)
                 if message is None:
                     raise
-                _fail(message)
+                _fail(message, getattr(error, "exit_code", 2))
 
 
 def _message(error: Exception) -> str | None:
@@ -59,9 +59,9 @@ def _message(error: Exception) -> str | None:
     return None
 
 
-def _fail(message: str) -> None:
+def _fail(message: str, code: int) -> None:
     print("Error: " + "\n  ".join(message.splitlines()), file=sys.stderr)
-    raise typer.Exit(2)
+    raise typer.Exit(code)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
@@ -74,7 +74,6 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    add_completion=False,
     help="""Field-robot problems as Gymnasium environments, the published algorithms as reference agents,
 learned agents trained from configs, and a diagnosis that finds from measured data what a simulation
 gets wrong.
@@ -90,12 +89,24 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the config, as in `--set a.b=1e-3`."),
 ]
+
+
+def _shipped(incomplete: str) -> list[str]:
+    """Names of shipped configs, for the shell's completion."""
+    from fieldagents.config import shipped_configs
+
+    folder = shipped_configs()
+    names = (str(path.relative_to(folder).with_suffix("")) for path in sorted(folder.rglob("*.yaml")))
+    return [name for name in names if name.startswith(incomplete)]
+
+
 ConfigPath = Annotated[
     Path,
     typer.Argument(
         metavar="CONFIG",
         help="YAML file, or the name of a shipped one: `heel_strike/ppo`.",
         show_default=False,
+        autocompletion=_shipped,
     ),
 ]
 
@@ -111,6 +122,13 @@ Address = Annotated[
     str,
     typer.Option(
         help="Of `ray`: the cluster, as `auto` or `ray://head:10001` (default: RAY_ADDRESS, else a new one)."
+    ),
+]
+
+TrustPickle = Annotated[
+    bool,
+    typer.Option(
+        "--trust-pickle", help="Load .zip files of Stable-Baselines3: their pickles can run any code."
     ),
 ]
 
@@ -133,18 +151,28 @@ def _options(
 
 
 @app.command("list")
-def list_(as_json: Json = False) -> None:
+def list_(
+    name: Annotated[
+        str | None, typer.Argument(help="Only the task and the model of this name.", show_default=False)
+    ] = None,
+    agents: Annotated[bool, typer.Option("--agents", help="Only the tasks' agents.")] = False,
+    as_json: Json = False,
+) -> None:
     """Show the tasks, their agents, the models with their effects, and the trained policies.
 
     For example:
 
         fieldgym list
 
+        fieldgym list rig
+
+        fieldgym list --agents
+
         fieldgym list --json | jq '.models[].effects[].name'
     """
     from fieldagents import catalogue
 
-    found = catalogue.catalogue()
+    found = catalogue.selected(catalogue.catalogue(), name, agents)
     if as_json:
         _print_json(found)
     else:
@@ -195,30 +223,32 @@ def evaluate(
     engine: EngineName = "local",
     workers: Workers = 0,
     address: Address = "",
-    trust_pickle: Annotated[
-        bool,
-        typer.Option(
-            "--trust-pickle", help="Load .zip files of Stable-Baselines3: their pickles can run any code."
-        ),
-    ] = False,
+    trust_pickle: TrustPickle = False,
     as_json: Json = False,
 ) -> None:
     """Compare agents on the same published episode seeds, with intervals and verdicts.
 
-    Writes `episodes.parquet` (one row for each agent and episode), `summary.json` and `report.html`.
+    Writes `episodes.parquet` (one row for each agent and episode), `summary.json` and `report.html`. What was
+    played before with the same config and code is not played again. A config with the key `suite` puts
+    several evaluations into one table: `suite.json`, `suite.csv` and `report.html`.
 
     For example:
 
         fieldgym evaluate configs/heel_strike/benchmark.yaml
 
         fieldgym evaluate configs/heel_strike/benchmark.yaml --set episodes=20 --set 'agents=[ranger, ppo]'
+
+        fieldgym evaluate benchmark --workers 2
     """
-    from fieldagents.config import load_config
+    from fieldagents.config import has_key, load_config
     from fieldagents.evaluation import evaluate as run
     from fieldagents.evaluation import show
     from fieldagents.evaluation.config import EvaluateConfig
     from fieldmodels.engine import Engine
 
+    if has_key(config, "suite"):
+        _evaluate_suite(config, overrides or [], out, Engine(engine, workers, address), as_json)
+        return
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
     folder = _into(out or Path("results") / checked.name)
@@ -229,6 +259,65 @@ def evaluate(
     else:
         show(summary, _console())
         _done({name: str(folder / name) for name in ("episodes.parquet", "summary.json", "report.html")})
+
+
+def _evaluate_suite(
+    config: Path, overrides: list[str], out: Path | None, engine: Engine, as_json: bool
+) -> None:
+    """Run several evaluations, and put them into one table."""
+    from dataclasses import asdict
+
+    from rich.table import Table
+
+    from fieldagents.config import load_config
+    from fieldagents.evaluation.suite import HEADER, SuiteConfig, cells, evaluate_suite
+
+    checked = load_config(config, SuiteConfig, overrides)
+    folder = _into(out or Path("results") / checked.name)
+    with progress() as report:
+        lines = evaluate_suite(checked, folder, report, engine)
+    if as_json:
+        _print_json([asdict(line) for line in lines])
+        return
+    table = Table(*HEADER)
+    for line in lines:
+        table.add_row(*cells(line))
+    _console().print(table)
+    _done({name: str(folder / name) for name in ("suite.json", "suite.csv", "report.html")})
+
+
+@app.command()
+def sweep(
+    config: ConfigPath,
+    overrides: Settings = None,
+    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    engine: EngineName = "local",
+    workers: Workers = 1,
+    address: Address = "",
+    as_json: Json = False,
+) -> None:
+    """Train a grid of runs, or search hyper-parameters; on this machine or on a Ray cluster.
+
+    The same command goes on where it was stopped: only what is missing runs. A search needs
+    `pip install 'fieldgym[tune]'`, the engine ray `pip install 'fieldgym[cluster]'`.
+
+    For example:
+
+        fieldgym sweep heel_strike/sweep --workers 2
+
+        fieldgym sweep heel_strike/tune --engine ray --address auto
+    """
+    from fieldagents.sweep.run import run as run_sweep
+    from fieldagents.sweep.run import show
+    from fieldmodels.engine import Engine
+
+    with progress() as report:
+        found = run_sweep(config, overrides or [], out, Engine(engine, workers, address), report)
+    if as_json:
+        _print_json(found.data)
+    else:
+        show(found, _console())
+        _done({name: str(path) for name, path in found.files.items()})
 
 
 @app.command()
@@ -631,11 +720,33 @@ def _decide_all(task: str | None, quick: bool, out: Path, engine: Engine, as_jso
 
 
 @app.command()
+def schema(
+    kind: Annotated[
+        str, typer.Argument(help="`train`, `evaluate`, `suite`, `sweep`, `tune`, `record` or `retune`.")
+    ],
+) -> None:
+    """Print the JSON Schema of a kind of config, by which an editor checks and completes it.
+
+    Shipped configs name theirs in a line `# yaml-language-server: $schema=...`.
+
+    For example:
+
+        fieldgym schema train > train.json
+    """
+    from fieldagents.schema import schema as schema_of
+
+    _print_json(schema_of(kind))
+
+
+@app.command()
 def watch(
     task: Annotated[str, typer.Argument(help="Name of the task; `fieldgym list` names them.")],
     agent: Annotated[
         str | None,
-        typer.Option(help="Who acts (default: the first of the task's agents), or a `policy.onnx`."),
+        typer.Option(
+            help="Who acts (default: the first of the task's agents): a name, a `policy.onnx`, a run's "
+            "folder, `module:Class`, a `.zip`."
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
@@ -645,7 +756,8 @@ def watch(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the episode.", min=0)] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Write a film (`.gif` or `.webp`) instead of opening a window.")
+        Path | None,
+        typer.Option(help="Write a film (`.gif`, `.webp`, `.mp4`) instead of opening a window."),
     ] = None,
     seconds: Annotated[float, typer.Option(help="Longest film [s].", min=0.1, max=600)] = 20.0,
     save: Annotated[
@@ -654,6 +766,7 @@ def watch(
             help="Drive by hand, and add the drive to this `.csv` or `.parquet`, which is an agent."
         ),
     ] = None,
+    trust_pickle: TrustPickle = False,
     as_json: Json = False,
 ) -> None:
     """Watch an agent at work, in a window or as a film.
@@ -673,7 +786,17 @@ def watch(
 
     environment = environment_of(task, overrides or [])
     with progress() as report:
-        seen = run(task, agent, environment, seed=seed, film=out, seconds=seconds, save=save, progress=report)
+        seen = run(
+            task,
+            agent,
+            environment,
+            seed=seed,
+            film=out,
+            seconds=seconds,
+            save=save,
+            trust_pickle=trust_pickle,
+            progress=report,
+        )
     result = {
         "agent": seen.agent,
         "seed": seen.seed,

@@ -20,7 +20,7 @@ from ruamel.yaml.nodes import MappingNode, SequenceNode
 
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
-from fieldmodels.yaml import YamlError, parse_yaml, read_text
+from fieldmodels.yaml import YamlError, load_yaml, parse_yaml, read_text
 
 Location = tuple[str | int, ...]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="used as a folder name")]
@@ -49,7 +49,7 @@ class ProblemsError(ValueError):
 class Config(BaseModel):
     """Base of every config: unknown keys are mistakes, and nothing changes after loading."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 def _mapping_or_path(value: Any) -> Any:
@@ -170,6 +170,15 @@ def find_config(path: Path) -> Path:
     name = Path(*path.parts[1:]) if path.parts[:1] == ("configs",) else path
     shipped = shipped_configs() / name.parent / f"{name.name.removesuffix('.yaml')}.yaml"
     return shipped if shipped.is_file() else path
+
+
+def has_key(path: Path, key: str) -> bool:
+    """Whether a config has a key, by which its kind is known; False where it cannot be read."""
+    try:
+        data = load_yaml(find_config(path))
+    except YamlError:
+        return False  # its loader says what is wrong
+    return isinstance(data, dict) and key in data
 
 
 def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
@@ -351,6 +360,7 @@ def _neighbours(path: Path) -> str:
     folder = path.parent
     while not folder.is_dir() and folder != folder.parent:
         folder = folder.parent
-    known = {str(p): p for p in [*folder.glob("*.yaml"), *folder.glob("*/*.yaml")]}
+    known = [str(p) for p in [*folder.glob("*.yaml"), *folder.glob("*/*.yaml")]]
+    known += [f"{p.parent.name}/{p.stem}" for p in shipped_configs().glob("*/*.yaml")]
     close = difflib.get_close_matches(str(path), known, n=1, cutoff=0.5)
     return f" (did you mean {close[0]}?)" if close else ""

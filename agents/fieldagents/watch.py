@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -20,9 +20,8 @@ from fieldagents.operator import Operator
 from fieldagents.progress import Report
 from fieldagents.task import Drives, get_task
 from fieldgym import TASKS
-from fieldmodels.files import replacing
+from fieldgym.film import check_ending, write_film
 
-FILMS = (".gif", ".webp")
 SLICES = 10
 """Pictures a second of a film whose steps are long enough to be drawn in slices."""
 
@@ -63,6 +62,7 @@ def watch(
     film: Path | None = None,
     seconds: float = 20.0,
     save: Path | None = None,
+    trust_pickle: bool = False,
     progress: Report = lambda _stage, _part: None,
 ) -> Watched:
     """Let an agent play one episode where it can be seen.
@@ -75,15 +75,16 @@ def watch(
             first one in the task's table that acts.
         environment: Settings and reality.
         seed: Seed of the episode.
-        film: Write a film to this file, by its ending ``.gif`` or ``.webp``, instead of opening a window.
+        film: Write a film to this file, by its ending, instead of opening a window.
         seconds: Longest film [s].
         save: Add the drive to this file of drives, from which an agent learns; in a window the operator then
             steers from the beginning.
+        trust_pickle: See ``make_agent``.
         progress: Called with what is being done and the part of the film that is done.
 
     Raises:
-        WatchError: If there is no such agent, it does not act, the file's ending is not that of a film, or
-            there is no screen.
+        WatchError: If there is no such agent, it does not act, or there is no screen.
+        FilmError: If no such film can be written.
         AgentError: If no agent of the task learns from drives.
         RecordingError: If the file of drives cannot be added to.
     """
@@ -96,11 +97,11 @@ def watch(
             raise WatchError(f"{name} is an estimator and does not act; watch one of {', '.join(acting)}")
         if problem := known_agent(name, task):
             raise WatchError(problem)
-    if film is not None and film.suffix.lower() not in FILMS:
-        raise WatchError(f"{film}: a film ends in {' or '.join(FILMS)}")
+    if film is not None:
+        check_ending(film)
     if film is None:
         _check_screen()
-    actor = make_agent(name, task, environment.settings).runs[0]
+    actor = make_agent(name, task, environment.settings, trust_pickle).runs[0]
     env = gymnasium.make(
         TASKS[task].env_id,
         render_mode="human" if film is None else "rgb_array",
@@ -177,35 +178,6 @@ class Episode:
                 if self.over:
                     self.rows.append(self._drives.row(info, action))
             yield
-
-
-def write_film(path: Path, frames: Iterator[Frame], rate: float, done: Callable[[int], None]) -> None:
-    """Write an animated GIF or WebP; it appears whole or not at all.
-
-    Args:
-        path: The file; its ending says which.
-        frames: Pictures, shape (height, width, 3), uint8; at least one.
-        rate: Pictures a second.
-        done: Called with the number of pictures taken.
-    """
-    from PIL import Image
-
-    def images() -> Iterator[Image.Image]:
-        for number, frame in enumerate(frames, 1):
-            done(number)
-            image = Image.fromarray(frame)
-            yield image.quantize(64) if path.suffix.lower() == ".gif" else image
-
-    taken = images()
-    with replacing(path) as temporary:
-        next(taken).save(
-            temporary,
-            format=path.suffix[1:].upper(),
-            save_all=True,
-            append_images=taken,
-            duration=round(1000 / rate),
-            loop=0,
-        )
 
 
 def _frames(episode: Episode, rate: float) -> Iterator[Frame]:

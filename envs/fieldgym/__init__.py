@@ -3,6 +3,7 @@
 from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
+from fieldgym.film import RecordVideo
 from fieldgym.settings import SettingsError
 from fieldgym.task import Task
 from fieldgym.tasks import TASKS
@@ -10,7 +11,7 @@ from fieldgym.tasks import TASKS
 BENCH = "fieldgym/Bench-v0"
 """A diagnosed bench of one's own: ``gymnasium.make(BENCH, config="extended.yaml")``."""
 
-__all__ = ["BENCH", "TASKS", "SettingsError", "Task", "register"]
+__all__ = ["BENCH", "TASKS", "RecordVideo", "SettingsError", "Task", "register"]
 
 
 def register() -> None:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -77,6 +79,15 @@ class BatchTask(ABC):
     @abstractmethod
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one environment."""
+
+    @property
+    @abstractmethod
+    def most_steps(self) -> int:
+        """Most steps that an episode can have, whatever is drawn."""
+
+    def largest(self, setting: str) -> float:
+        """Largest value that a setting, or a property of the settings, can have in an episode."""
+        return float(max(getattr(one, setting) for one in self.drawn.extremes()))
 
     def restart(
         self,
@@ -229,6 +240,28 @@ def clipped(actions: NDArray[Any], low: Floats, high: Floats) -> Floats:
     return copy
 
 
+class OwnLimit:
+    """An environment that ends its episodes itself, and says in its ``spec`` after how many steps at most.
+
+    The registry's own entry has no ``max_episode_steps``: it depends on the settings, and ``gymnasium.make``
+    would put a time limit of its own around the environment.
+    """
+
+    _task: BatchTask
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What the environment was made from, with the ``max_episode_steps`` of its settings."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = None if spec is None else copy(spec)
+        if self._spec is not None:
+            self._spec.max_episode_steps = self._task.most_steps
+
+
 class ActionCheck:
     """Actions within the bounds of their space, as the tasks take them."""
 
@@ -326,7 +359,7 @@ def check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
         raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
 
 
-class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
+class TaskEnv(OwnLimit, gym.Env[NDArray[Any], NDArray[Any]]):
     """A task's scalar environment: a batch of one.
 
     Attributes:
@@ -441,7 +474,7 @@ class TaskEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         yield self._task.frame(0)
 
 
-class TaskVectorEnv(VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
+class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
     """A task's native vector environment; each row is the scalar environment to the bit.
 
     A finished episode restarts in the next step (``AutoresetMode.NEXT_STEP``, as in Gymnasium's own vector

@@ -77,13 +77,18 @@ class BenchTask(BatchTask):
         largest, typical = machine.typical(track)
         self.command = self.settings.command or largest
         self.reach = self.settings.reach or typical
-        self.steps = max(1, round(self.settings.duration / self.settings.step))
+        self.steps: int = max(1, round(self.settings.duration / self.settings.step))
         self.driver = BatchDriver(machine, self.drawn.vectors, self.settings.step, self.command)
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._noise = np.zeros((batch, self.steps + 1, len(outputs)))
         self._reference = np.zeros((batch, self.steps + 2))
         self._deviations = np.array([s.noise for s in machine.outputs])
+
+    @property
+    def most_steps(self) -> int:
+        """See ``BatchTask.most_steps``."""
+        return self.steps
 
     def spaces(self) -> tuple[Box, Box]:
         """Commands as shares of the largest; measured outputs, the reference now and a step ahead."""

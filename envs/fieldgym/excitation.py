@@ -129,8 +129,12 @@ class _ExcitationTask(BatchTask):
         self._shaken: Shaken | None = None
         self._traces: list[deque[tuple[Floats, Floats]]] | None = None
         if drawing:
-            longest = max(one.decisions for one in self.drawn.extremes())
-            self._traces = [deque(maxlen=longest) for _ in range(batch)]
+            self._traces = [deque(maxlen=self.most_steps) for _ in range(batch)]
+
+    @property
+    def most_steps(self) -> int:
+        """See ``BatchTask.most_steps``."""
+        return int(self.largest("decisions"))
 
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one vehicle."""

@@ -156,6 +156,11 @@ class _HeelStrikeTask(BatchTask):
         self._tracing = drawing
         self.kept: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
 
+    @property
+    def most_steps(self) -> int:
+        """See ``BatchTask.most_steps``."""
+        return int(self.largest("strides"))
+
     def spaces(self) -> tuple[Box, Box]:
         """Three gains; the features of the reference filter."""
         action = Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)

@@ -134,6 +134,11 @@ class _LineFollowingTask(BatchTask):
         ]
         self._operator: dict[str, Any] = {}
 
+    @property
+    def most_steps(self) -> int:
+        """See ``BatchTask.most_steps``."""
+        return int(self.largest("strides"))
+
     def spaces(self) -> tuple[Box, Box]:
         """One turn; what the camera board sent, or the image."""
         action = Box(-1.0, 1.0, (1,), np.float32)

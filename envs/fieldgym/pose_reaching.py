@@ -76,6 +76,11 @@ class _PoseReachingTask(BatchTask):
         self._chosen: Floats | None = None
         self._steering = False
 
+    @property
+    def most_steps(self) -> int:
+        """See ``BatchTask.most_steps``."""
+        return math.ceil(self.largest("timeout") / self.settings.tick - 1e-9)
+
     def spaces(self) -> tuple[Box, Box]:
         """Speed and turn rate, and speed to the left; where the ball is."""
         return (

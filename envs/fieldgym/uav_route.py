@@ -232,6 +232,11 @@ class _UavRouteTask(BatchTask):
         self._plan: Floats | None = None
         self._seen: Leg | None = None
 
+    @property
+    def most_steps(self) -> int:
+        """See ``BatchTask.most_steps``."""
+        return int(self.largest("max_legs"))
+
     def spaces(self) -> tuple[Box, Box]:
         """Heading and length of a leg; where goal and radars are, and what they do."""
         names = observed_names if self._aircraft == 1 else team_names

@@ -2,23 +2,25 @@
 
 import json
 import re
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
 
-import fieldgym  # noqa: F401  (registers the tasks)
 from fieldagents.agent import Agent
-from fieldagents.config import EnvironmentConfig
+from fieldagents.config import EnvironmentConfig, load_config
 from fieldagents.evaluation import EvaluationError, evaluate, report_section
 from fieldagents.evaluation import play as plays
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.evaluate import check_pairs
+from fieldagents.evaluation.suite import SuiteConfig, evaluate_suite
 from fieldagents.evaluation.summary import Labels, summarise_scenario
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
+from fieldgym import TASKS
 from fieldmodels.engine import Engine
 
 TASK = "heel_strike"
@@ -241,3 +243,35 @@ def test_a_spread_between_runs_widens_what_is_said_of_the_algorithm():
     row = trained(6, 0.05)
     episodes, runs = row.against_baseline, row.of_training
     assert runs.ci95[1] - runs.ci95[0] > episodes.ci95[1] - episodes.ci95[0]
+
+
+def test_a_suite_is_one_table_with_the_gap_to_the_ceiling(tmp_path):
+    """The gap is recomputed here from the means of the evaluation's own table of episodes."""
+    member = config(agents=["fixed_tuned", "adaptive", "oracle_gains", "ppo"], episodes=20)
+    (tmp_path / "one.yaml").write_text(json.dumps(member.model_dump(mode="json")))
+    bound = {"reference": "adaptive", "ceiling": 1.0}
+    asked = {"name": "all", "suite": {str(tmp_path / "one.yaml"): {}}}
+    lines = evaluate_suite(SuiteConfig.model_validate(asked), tmp_path / "out")
+    assert [line.scenario for line in lines] == ["ar1"] * 4 + ["biased"] * 4
+    table = pd.read_parquet(tmp_path / "out" / "test" / "episodes.parquet")
+    means = table.groupby(["scenario", "agent"])["error_mm"].mean()
+    for line in lines:
+        start, end = (means[line.scenario, name] for name in ("fixed_tuned", "oracle_gains"))
+        assert line.gap_closed == pytest.approx((means[line.scenario, line.agent] - start) / (end - start))
+        if line.gap_ci95 is not None:
+            assert line.gap_ci95[0] <= line.gap_closed <= line.gap_ci95[1]
+    gaps = [line.gap_closed for line in lines if line.scenario == "ar1"]
+    assert gaps == sorted(gaps, reverse=True)
+    assert json.loads((tmp_path / "out" / "suite.json").read_text())["lines"][0]["agent"] == lines[0].agent
+    other = SuiteConfig.model_validate(asked | {"suite": {str(tmp_path / "one.yaml"): bound}})
+    for line in evaluate_suite(other, tmp_path / "out"):
+        start = means[line.scenario, "adaptive"]
+        assert line.gap_closed == pytest.approx((means[line.scenario, line.agent] - start) / (1.0 - start))
+
+
+def test_the_shipped_suite_names_every_task_and_what_exists():
+    suite = load_config(Path("benchmark"), SuiteConfig)
+    assert {one.task for one in suite.members().values()} == set(TASKS)
+    wrong = {"name": "x", "suite": {"heel_strike/benchmark": {"metric": "eror_mm", "ceiling": "oracle"}}}
+    with pytest.raises(ValueError, match=r"(?s)did you mean 'error_mm'.*no 'oracle'"):
+        SuiteConfig.model_validate(wrong)

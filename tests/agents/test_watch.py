@@ -19,6 +19,7 @@ from fieldagents.evaluation.agents import AgentRuns, make_agent
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.operator import Operator
 from fieldagents.watch import WatchError, watch
+from fieldgym.film import FilmError
 from fieldgym.line_following import LineFollowingEnv
 
 SHORT = EnvironmentConfig(settings={"strides": 1})
@@ -97,13 +98,13 @@ def test_the_command_prints_what_was_seen(tmp_path):
 @pytest.mark.parametrize(
     ("agent", "film", "message"),
     [
-        ("gated_tuned", "walk.avi", r"walk\.avi: a film ends in \.gif or \.webp"),
+        ("gated_tuned", "walk.avi", r"walk\.avi: a film ends in \.gif, \.webp or \.mp4"),
         ("imm", "walk.gif", "imm is an estimator and does not act; watch one of sensor_only"),
         ("gated", "walk.gif", "no agent 'gated' .did you mean 'gated_tuned'"),
     ],
 )
 def test_what_cannot_be_watched_is_said(tmp_path, agent, film, message):
-    with pytest.raises(WatchError, match=message):
+    with pytest.raises((WatchError, FilmError), match=message):
         watch("heel_strike", agent, SHORT, film=tmp_path / film)
     assert not list(tmp_path.iterdir())
 

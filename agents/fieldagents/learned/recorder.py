@@ -7,6 +7,7 @@ import io
 import json
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +29,28 @@ from fieldmodels.files import write_bytes, write_text
 CHECKPOINTS_KEPT = 3
 
 
+class PausedError(Exception):
+    """Training has come as far as it was asked to, and has a checkpoint there."""
+
+
 class Recorder(BaseCallback):
     """After each round: the learning curve; now and then a validation, the best policy, a checkpoint.
 
-    A round is a row of the learning curve: some updates, see ``TrainConfig.round_updates``.
+    A round is a row of the learning curve: some updates, see ``TrainConfig.round_updates``. With ``until`` it
+    pauses after the first round with as many steps; ``stop`` says whether to end after this round.
     """
 
-    def __init__(self, run: Run, folder: Path, report: Report, resumed: bool) -> None:
+    def __init__(
+        self,
+        run: Run,
+        folder: Path,
+        report: Report,
+        resumed: bool,
+        until: int | None = None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
         super().__init__()
+        self._until, self._stop = until, stop
         self._run, self._folder, self._report = run, folder, report
         self._begun = run.model.num_timesteps
         self._clock = time.monotonic()
@@ -54,6 +69,9 @@ class Recorder(BaseCallback):
         steps = self.model.num_timesteps
         if steps > self._begun and steps % self._run.config.round_steps == 0:
             self._after_round(last=False)
+            if self._stop() or (self._until is not None and steps >= self._until):
+                self._save_checkpoint()
+                raise KeyboardInterrupt if self._stop() else PausedError
 
     def _on_training_end(self) -> None:
         if self.model.num_timesteps > self._begun:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium
@@ -13,11 +14,12 @@ from stable_baselines3.common.utils import set_random_seed
 from fieldagents.learned.checkpoint import load_checkpoint
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.imitation import imitate
-from fieldagents.learned.recorder import Recorder
+from fieldagents.learned.recorder import PausedError, Recorder
 from fieldagents.learned.run import Run
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
 from fieldgym import TASKS
+from fieldmodels.engine import stop_between
 
 
 class DivergedError(ValueError):
@@ -27,14 +29,25 @@ class DivergedError(ValueError):
         super().__init__(f"training diverged at step {steps}: try a lower learner.learning_rate")
 
 
-def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
+def run_training(config: TrainConfig, folder: Path, report: Report, until: int | None = None) -> None:
     """Train to the end, from the folder's last checkpoint if it has one.
 
     Args:
         config: What to train.
         folder: The run's folder.
         report: Shown the progress.
+        until: Pause after the first round with as many steps.
+
+    Raises:
+        KeyboardInterrupt: If the process was asked to stop; a checkpoint is kept after the round at hand.
     """
+    with stop_between() as stop:
+        _run_training(config, folder, report, until, stop)
+
+
+def _run_training(
+    config: TrainConfig, folder: Path, report: Report, until: int | None, stop: Callable[[], bool]
+) -> None:
     torch.set_num_threads(1)  # small networks: more threads only wait, and sums keep their order
     set_random_seed(config.seed)
     shares = np.array_split(np.arange(config.num_envs), len(config.environments))
@@ -54,12 +67,20 @@ def run_training(config: TrainConfig, folder: Path, report: Report) -> None:
         checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
         if checkpoints:
             run.restore(load_checkpoint(checkpoints[-1]))
-        recorder = Recorder(run, folder, report, resumed=bool(checkpoints))
+        recorder = Recorder(run, folder, report, bool(checkpoints), until, stop)
         if config.imitate is not None and not checkpoints:
-            imitate(run, report)
+
+            def still_wanted(stage: str, part: float) -> None:
+                if stop():
+                    raise KeyboardInterrupt
+                report(stage, part)
+
+            imitate(run, still_wanted)
             recorder.init_callback(run.model)
             recorder.after_imitation()
         run.learn(config.steps - run.model.num_timesteps, recorder, fresh=not checkpoints)
+    except PausedError:
+        return
     except ValueError as error:
         if "of distribution" not in str(error):  # torch's words for actions that cannot be drawn
             raise

@@ -51,24 +51,20 @@ def train(
         TrainingError: If the folder does not fit.
     """
     require_extra()
-    config = _self_contained(config)
+    config = self_contained(config)
     if resume is not None and out is not None:
         raise TrainingError("a resumed run stays in its folder: give either --resume or --out")
     folder = resume or out or Path("runs") / config.task / f"{config.name}-{config.hash}"
     if resume is not None and not (resume / "config.yaml").is_file():
         raise TrainingError(f"{resume}: not a run's folder (it has no config.yaml)")
-    if (folder / "config.yaml").is_file():
-        _check_same(config, folder)
-        if (folder / "run.json").is_file():
-            print(f"{folder}: this config is trained already", file=sys.stderr)
-            return folder
-        if resume is None:
-            raise TrainingError(
-                f"{folder}: an unfinished run of this config; go on with --resume {folder}, or delete it"
-            )
-    else:
-        save_yaml(config.model_dump(mode="json"), folder / "config.yaml")
-        write_text(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
+    begun = (folder / "config.yaml").is_file()
+    if not prepare(config, folder):
+        print(f"{folder}: this config is trained already", file=sys.stderr)
+        return folder
+    if begun and resume is None:
+        raise TrainingError(
+            f"{folder}: an unfinished run of this config; go on with --resume {folder}, or delete it"
+        )
 
     from fieldagents.learned.session import run_training
 
@@ -81,7 +77,24 @@ def train(
     return folder
 
 
-def _self_contained(config: TrainConfig) -> TrainConfig:
+def prepare(config: TrainConfig, folder: Path) -> bool:
+    """Begin a run's folder, or make sure that it is of this very config.
+
+    Returns:
+        Whether training is left.
+
+    Raises:
+        TrainingError: If it is another config's.
+    """
+    if (folder / "config.yaml").is_file():
+        _check_same(config, folder)
+        return not (folder / "run.json").is_file()
+    save_yaml(config.model_dump(mode="json"), folder / "config.yaml")
+    write_text(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
+    return True
+
+
+def self_contained(config: TrainConfig) -> TrainConfig:
     """The config with the content of an ``extended.yaml`` in place of its path, which may change."""
     environment = config.environment
     if not isinstance(environment.reality, str):

@@ -62,10 +62,17 @@ class Done:
 
 
 class JobsFailedError(RuntimeError):
-    """Some jobs failed; the results of the others are kept."""
+    """Some jobs failed; the results of the others are kept.
+
+    Attributes:
+        done: What became of all.
+        exit_code: Of a command that ends with it.
+    """
+
+    exit_code = 1
 
     def __init__(self, done: Iterable[Done]) -> None:
-        done = list(done)
+        self.done = done = list(done)
         failed = [one for one in done if one.error]
         lines = [f"{one.job.label}: {one.error}" for one in failed]
         super().__init__(

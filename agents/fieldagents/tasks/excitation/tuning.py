@@ -74,6 +74,12 @@ def _best_constant(settings: ExcitationSettings, reality: Any, options: Grid) ->
     return np.asarray(grid[np.argmin(tuning.ending_errors(settings, grid[:, None], seeds, reality))])
 
 
+def constant_command(settings: Mapping[str, Any], *, first: float, second: float, third: float) -> Schedule:
+    """One command for the whole experiment as a search tries it, in the action's units."""
+    del settings
+    return Schedule("constant_command", CONSTANT, [[first, second, third]])
+
+
 TUNERS = (
     Tuner("schedule", SCHEDULE, Search, schedule),
     Tuner("best_constant", CONSTANT, Grid, constant),

@@ -76,6 +76,12 @@ def _walks(settings: HeelStrikeSettings, reality: Any, options: Walks) -> search
     return tuning.recorded(settings, TUNING_SEEDS[: options.walks], reality)
 
 
+def fixed_gains(settings: Mapping[str, Any], *, early: float, late: float, reset: float) -> FixedGains:
+    """Fixed gains as a search tries them: S_MS early and late in the stride, and S_HR."""
+    del settings
+    return FixedGains("fixed_gains", FIXED_TUNED, (early, late, reset))
+
+
 TUNERS = (
     Tuner("gated_tuned", GATED_TUNED, Search, gated),
     Tuner("fixed_tuned", FIXED_TUNED, Walks, fixed),

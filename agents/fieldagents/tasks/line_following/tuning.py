@@ -74,6 +74,11 @@ def lqg(settings: Mapping[str, Any], reality: Any, options: Walks) -> Lqg:
     return make(*min(tuning.LQG_CHOICES, key=lambda choice: tuning.agent_loss(make(*choice), trials)))
 
 
+def regulator(settings: Mapping[str, Any], *, bend: float, effort: float) -> Lqg:
+    """The regulator with the line's bend and the turns' cost as a search tries them."""
+    return Lqg("lqg", TITLES["lqg"], settings, bend, effort)
+
+
 def _trials(candidates: int, settings: Mapping[str, Any], reality: Any, options: Walks) -> tuning.Trials:
     own = read_settings(dict(settings), LineFollowingSettings)
     seeds = TUNING_SEEDS[: options.walks]

@@ -1,0 +1,1 @@
+"""Many training runs: a grid of them, or a search of hyper-parameters."""

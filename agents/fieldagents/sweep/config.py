@@ -1,0 +1,191 @@
+"""What `fieldgym sweep` reads."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from fieldagents.config import (
+    Config,
+    ConfigError,
+    EnvironmentConfig,
+    Name,
+    ProblemsError,
+    check_environment,
+    check_task,
+    load_config,
+)
+from fieldagents.learned.config import VALIDATION_SEEDS, TrainConfig
+from fieldmodels.sampling import Normal, Sampler, read_sampler
+
+GridRun = tuple[str, dict[str, Any], TrainConfig]
+"""A run's base config by name, what it differs in, and its whole config."""
+
+
+class SweepConfig(Config):
+    """Training runs of every combination of some values.
+
+    Attributes:
+        name: Name of the result folder.
+        train: Configs of training, files or names of shipped ones such as ``heel_strike/ppo``.
+        change: Keys of these configs (``learner.gamma``) to the value that all runs have.
+        grid: Keys to the values that runs differ in: seeds, hyper-parameters, settings, realities.
+    """
+
+    name: Name
+    train: tuple[str, ...] = Field(min_length=1)
+    change: dict[str, Any] = Field(default_factory=dict)
+    grid: dict[str, list[Any]] = Field(default_factory=dict, validate_default=True)
+
+    @field_validator("grid")
+    @classmethod
+    def _all_can_be_trained(cls, grid: dict[str, list[Any]], info: ValidationInfo) -> dict[str, list[Any]]:
+        if {"train", "change"} <= set(info.data):
+            _expanded(info.data["train"], info.data["change"], grid)
+        return grid
+
+    @cached_property
+    def runs(self) -> tuple[GridRun, ...]:
+        """Each run of the grid."""
+        return _expanded(self.train, self.change, self.grid)
+
+
+class StudyConfig(Config):
+    """A search: of a learner's hyper-parameters, or of a reference agent's numbers.
+
+    Attributes:
+        train: Config of training that is varied; or
+        agent: ``module:function`` that makes an agent of settings and, by keyword, of what is searched.
+        change: Keys of the training config to the value that all trials have.
+        search: Keys to the samplers ``uniform``, ``log_uniform`` or ``choice``.
+        seeds: Training runs of each trial, whose mean counts.
+    """
+
+    train: str | None = None
+    agent: str | None = None
+    change: dict[str, Any] = Field(default_factory=dict)
+    search: dict[str, Any] = Field(min_length=1)
+    seeds: int = Field(default=1, ge=1, le=20)
+
+    @property
+    def space(self) -> dict[str, Sampler]:
+        """What is searched."""
+        return {key: read_sampler(value, key) for key, value in self.search.items()}
+
+    @field_validator("search")
+    @classmethod
+    def _can_be_searched(cls, search: dict[str, Any]) -> dict[str, Any]:
+        for key, value in search.items():
+            if isinstance(read_sampler(value, key), Normal):
+                raise ValueError(f"{key}: a search needs ends: uniform, log_uniform or choice")
+        return search
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> StudyConfig:
+        if (self.train is None) == (self.agent is None):
+            raise ValueError("a study varies either a config (train) or an agent (agent)")
+        if self.agent is not None:
+            try:
+                resolve_name(self.agent)
+            except (ImportError, AttributeError, ValueError) as error:
+                raise ValueError(f"agent {self.agent!r} cannot be imported: {error}") from None
+        return self
+
+
+class TuneConfig(Config):
+    """Searches with equal budgets, by the task's first metric on tuning seeds.
+
+    Attributes:
+        name: Name of the result folder.
+        task: Name of the task.
+        environment: Where all are trained and scored.
+        budget: Environment steps of each study, beside those of scoring a learner; no trial begins that could
+            exceed it.
+        episodes: Tuning episodes that score a trial.
+        batch: Trials that are drawn at once and done side by side. The result depends on it, and never on who
+            does them or how fast.
+        rungs: Parts of a training run after which the trials of a batch may be pruned.
+        pruner: ``halving``, ``median`` or ``none``.
+        sampler: ``tpe`` or ``random``.
+        seed: Of the sampler.
+        studies: A name of one's own to each search.
+    """
+
+    name: Name
+    task: str
+    environment: EnvironmentConfig = EnvironmentConfig()
+    budget: int = Field(ge=1)
+    episodes: int = Field(default=32, ge=1, le=len(VALIDATION_SEEDS))
+    batch: int = Field(default=4, ge=1, le=1000)
+    rungs: tuple[float, ...] = (0.25, 0.5)
+    pruner: Literal["halving", "median", "none"] = "halving"
+    sampler: Literal["tpe", "random"] = "tpe"
+    seed: int = Field(default=0, ge=0)
+    studies: dict[Name, StudyConfig] = Field(min_length=1)
+
+    @field_validator("task")
+    @classmethod
+    def _task_exists(cls, task: str) -> str:
+        return check_task(task)
+
+    @field_validator("environment")
+    @classmethod
+    def _environment_fits(cls, environment: EnvironmentConfig, info: ValidationInfo) -> EnvironmentConfig:
+        if "task" in info.data:
+            check_environment(info.data["task"], environment)
+        return environment
+
+    @field_validator("rungs")
+    @classmethod
+    def _rungs_rise(cls, rungs: tuple[float, ...]) -> tuple[float, ...]:
+        if list(rungs) != sorted(set(rungs)) or any(not 0 < rung < 1 for rung in rungs):
+            raise ValueError("parts between 0 and 1, each larger than the one before")
+        return rungs
+
+    @field_validator("studies")
+    @classmethod
+    def _studies_fit(cls, studies: dict[str, StudyConfig], info: ValidationInfo) -> dict[str, StudyConfig]:
+        problems: list[tuple[tuple[str | int, ...], str]] = []
+        for name, study in studies.items():
+            if study.train is None or "task" not in info.data:
+                continue
+            typical = {key: sampler.typical for key, sampler in study.space.items()}
+            try:
+                task = changed(study.train, study.change | typical).task
+            except ValueError as error:
+                problems.append(((name,), str(error)))
+                continue
+            if task != info.data["task"]:
+                problems.append(((name, "train"), f"trains {task}, not {info.data['task']}"))
+        if problems:
+            raise ProblemsError(problems)
+        return studies
+
+
+def _expanded(
+    train: Sequence[str], change: Mapping[str, Any], grid: Mapping[str, list[Any]]
+) -> tuple[GridRun, ...]:
+    combinations = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+    return tuple(
+        (base, differs, changed(base, {**change, **differs})) for base in train for differs in combinations
+    )
+
+
+def changed(base: str, changes: Mapping[str, Any]) -> TrainConfig:
+    """A training config with some of its keys changed.
+
+    Raises:
+        ValueError: With every mistake.
+    """
+    try:
+        overrides = [f"{key}={json.dumps(value)}" for key, value in changes.items()]
+        return load_config(Path(base), TrainConfig, overrides)
+    except ConfigError as error:
+        raise ValueError("; ".join(error.problems)) from None
