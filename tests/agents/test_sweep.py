@@ -128,12 +128,16 @@ def test_a_search_keeps_equal_budgets_and_prunes(searched):
     assert len(stored["studies"]["ppo"]) == len(found["ppo"])
 
 
-def test_a_search_repeats_in_processes_and_goes_on_from_what_there_is(searched, tmp_path):
+def test_a_search_goes_on_from_what_there_is(searched):
     found, out = searched
-    assert tune(search(), tmp_path, engine=Engine(workers=2)) == found
     times = {path: path.stat().st_mtime_ns for path in out.rglob("policy.onnx")}
     assert tune(search(), out) == found
     assert {path: path.stat().st_mtime_ns for path in out.rglob("policy.onnx")} == times
+
+
+def test_a_search_gives_the_same_in_processes(tmp_path):
+    config = search(budget=4800, rungs=[0.5])
+    assert tune(config, tmp_path / "there", engine=Engine(workers=2)) == tune(config, tmp_path / "here")
 
 
 def test_a_search_finds_better_gains_than_it_began_with(tmp_path):
