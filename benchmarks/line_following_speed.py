@@ -48,9 +48,9 @@ def strides() -> None:
     walks = Walks(BATCH, Scene(oval()))
     walks.restart(range(BATCH), [np.random.default_rng(i) for i in range(BATCH)])
     commands, actions = np.zeros(BATCH), np.zeros((BATCH, 1), np.float32)
-    native = gym.make_vec("fieldgym/LineFollowing-v0", num_envs=BATCH, settings=forever)
-    pixels = gym.make_vec("fieldgym/LineFollowingPixels-v0", num_envs=16, settings=forever)
-    single = gym.make("fieldgym/LineFollowing-v0", settings=forever)
+    native = gym.make_vec("fieldgym/LineFollowing-v1", num_envs=BATCH, settings=forever)
+    pixels = gym.make_vec("fieldgym/LineFollowingPixels-v1", num_envs=16, settings=forever)
+    single = gym.make("fieldgym/LineFollowing-v1", settings=forever)
     body = Body()
     for env in (native, pixels, single):
         env.reset(seed=0)

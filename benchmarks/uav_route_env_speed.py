@@ -17,7 +17,7 @@ from steppers import ACTIONS, Stepper, native, scalar, steps_a_second
 
 from fieldmodels.machines.uav_route.batch import Flights, Rules
 
-OURS, THEIRS = "fieldgym/UavRoute-v0", "CartPole-v1"
+OURS, THEIRS = "fieldgym/UavRoute-v1", "CartPole-v1"
 
 
 def kernel(count: int) -> Stepper:

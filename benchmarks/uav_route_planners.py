@@ -160,7 +160,7 @@ def gaps(count: int) -> None:
 
 def planning_agents(count: int) -> None:
     """What the planning agents need for one of the environment's random layouts."""
-    envs = gymnasium.make_vec("fieldgym/UavRoute-v0", num_envs=count, vectorization_mode="vector_entry_point")
+    envs = gymnasium.make_vec("fieldgym/UavRoute-v1", num_envs=count, vectorization_mode="vector_entry_point")
     _, info = envs.reset(seed=TUNING_SEEDS[0])
     drawn = layouts_of(info)
     envs.close()

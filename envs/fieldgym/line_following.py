@@ -55,7 +55,7 @@ TRAIL = 400
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class LineFollowingSettings(WalkRules, Noise, Lighting):
-    """What can be set in ``fieldgym/LineFollowing-v0`` and ``fieldgym/LineFollowingPixels-v0``."""
+    """What can be set in ``fieldgym/LineFollowing-v1`` and ``fieldgym/LineFollowingPixels-v1``."""
 
     track: Annotated[
         str,
@@ -81,7 +81,7 @@ class LineFollowingSettings(WalkRules, Noise, Lighting):
     reward_limit: Annotated[
         float,
         Setting("Largest loss of a stride; each stride that a failed episode lacks costs it.", above=0),
-    ] = 3.0
+    ] = 1.0
 
     def scene(self, images: bool, track: Track | None = None) -> Scene:
         """What the walks walk on and see with; ``images`` asks for images whatever ``sight`` says.
@@ -344,7 +344,7 @@ class LineFollowingEnv(TaskEnv):
     straight on over the outer feet, and 0.35 m along the same heading over the inner feet, which turn it.
     Each episode has a hidden steering bias.
 
-    `fieldgym/LineFollowingPixels-v0` is the same task observed as the camera's image.
+    `fieldgym/LineFollowingPixels-v1` is the same task observed as the camera's image.
 
     ## Action Space
 
@@ -406,12 +406,12 @@ class LineFollowingEnv(TaskEnv):
     import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/LineFollowing-v0",
+        "fieldgym/LineFollowing-v1",
         settings={"track": "s", "plant": "pymunk", "friction": 0.2},
         reality={"steering_bias": {"turn": 0.01}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/LineFollowing-v0", num_envs=64)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/LineFollowing-v1", num_envs=64)  # native: one kernel, same bits
     ```
 
     - `settings`: a `LineFollowingSettings` or a mapping of some of its fields; unknown keys are refused.
@@ -437,6 +437,7 @@ class LineFollowingEnv(TaskEnv):
 
     ## Version History
 
+    - v1: `reward_limit` is 1 by default; with 3 a lost line costs 300, beside which PPO did not learn the S
     - v0: first version
     """
 
@@ -472,7 +473,7 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
     ## Description
 
-    The task of `fieldgym/LineFollowing-v0`, observed as the camera sees it. Where the centroid of one band
+    The task of `fieldgym/LineFollowing-v1`, observed as the camera sees it. Where the centroid of one band
     mixes up offset, heading and curvature, the image holds all three.
 
     ## Action Space
@@ -488,15 +489,15 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
     ## Rewards
 
-    As `fieldgym/LineFollowing-v0`, with the same `info`.
+    As `fieldgym/LineFollowing-v1`, with the same `info`.
 
     ## Starting State
 
-    As `fieldgym/LineFollowing-v0`: equal seeds give the same walk and the same noise.
+    As `fieldgym/LineFollowing-v1`: equal seeds give the same walk and the same noise.
 
     ## Episode End
 
-    As `fieldgym/LineFollowing-v0`; the line is lost where the firmware does not find it in the image.
+    As `fieldgym/LineFollowing-v1`; the line is lost where the firmware does not find it in the image.
 
     ## Arguments
 
@@ -504,16 +505,17 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
     import gymnasium as gym
     import fieldgym  # registers the environments
 
-    gym.make("fieldgym/LineFollowingPixels-v0", settings={"light": 0.5}, render_mode="rgb_array")
-    gym.make_vec("fieldgym/LineFollowingPixels-v0", num_envs=16)
+    gym.make("fieldgym/LineFollowingPixels-v1", settings={"light": 0.5}, render_mode="rgb_array")
+    gym.make_vec("fieldgym/LineFollowingPixels-v1", num_envs=16)
     ```
 
     ## Matches, deviates, assumed
 
-    As `fieldgym/LineFollowing-v0`. The source sends no images to the robot, only the centroid.
+    As `fieldgym/LineFollowing-v1`. The source sends no images to the robot, only the centroid.
 
     ## Version History
 
+    - v1: `reward_limit` is 1 by default; with 3 a lost line costs 300, beside which PPO did not learn the S
     - v0: first version
     """
 

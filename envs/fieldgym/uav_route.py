@@ -114,7 +114,7 @@ class UavLayout:
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
-    """What can be set in ``fieldgym/UavRoute-v0``: aircraft, radars, legs, and three more."""
+    """What can be set in ``fieldgym/UavRoute-v1``: aircraft, radars, legs, and three more."""
 
     layout: Annotated[
         Literal["random", "example"] | UavLayout,
@@ -570,12 +570,12 @@ class UavRouteEnv(TaskEnv):
     import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/UavRoute-v0",
+        "fieldgym/UavRoute-v1",
         settings={"radars": 3, "lock_loss": False, "threshold": 0.6},
         reality={"wind": {"north": 20.0, "east": 0.0}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/UavRoute-v0", num_envs=1024)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/UavRoute-v1", num_envs=1024)  # native: one kernel, same bits
     ```
 
     - `settings`: a `UavRouteSettings` or a mapping of some of its fields; unknown keys are refused.
@@ -602,6 +602,8 @@ class UavRouteEnv(TaskEnv):
 
     ## Version History
 
+    - v1: default rewards that can be learned without lock loss too: progress is measured around the circle,
+      and progress, length and arrival count 4, 2 and 3 times as much
     - v0: first version
     """
 

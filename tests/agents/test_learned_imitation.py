@@ -1,6 +1,7 @@
 """A policy that imitates acts as its teacher does, from what it may see alone."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 pytest.importorskip("stable_baselines3")
@@ -55,7 +56,14 @@ def test_a_memory_makes_up_for_what_the_student_is_not_told(tmp_path):
             num_envs=32,
             stack=stack,
             environment={"settings": {"track": "oval"}},
-            imitate={"teacher": "ceiling", "rounds": 10, "steps": 60, "epochs": 6, "batch_size": 256},
+            imitate={
+                "teacher": "ceiling",
+                "rounds": 10,
+                "steps": 60,
+                "epochs": 6,
+                "batch_size": 256,
+                "learning_rate": 3e-3,
+            },
             validation={"episodes": 100},
         )
         run = train(config, progress=False, out=tmp_path / str(stack))
@@ -73,3 +81,21 @@ def test_what_cannot_imitate_is_refused(tmp_path):
     recurrent = TrainConfig(**STUDENT, algorithm="recurrent_ppo", policy="MlpLstmPolicy")
     with pytest.raises(SpaceError, match="not by recurrence"):
         train(recurrent, progress=False, out=tmp_path / "run")
+
+
+def test_the_critic_learns_before_the_policy_moves(tmp_path):
+    """After imitation the first updates do not change what the policy would do, and the later ones do."""
+    config = TrainConfig(
+        **{
+            **STUDENT,
+            "steps": 16 * 8 * 4,
+            "imitate": {**STUDENT["imitate"], "rounds": 1, "epochs": 1, "critic_updates": 3},
+            "learner": {"n_steps": 8, "batch_size": 64, "n_epochs": 4},
+            "validation": {"every": 4, "episodes": 4},
+        }
+    )
+    curve = pd.read_csv(train(config, progress=False, out=tmp_path / "run") / "curve.csv")
+    moved = curve["approx_kl"].to_numpy()[1:]
+    assert (moved[:3] == 0).all()
+    assert moved[3] > 0
+    assert curve["explained_variance"].to_numpy()[4] > curve["explained_variance"].to_numpy()[1]

@@ -66,6 +66,10 @@ RUNS = {
         "policy": "MlpLstmPolicy",
         "network": {"hidden": [8], "more": {"lstm_hidden_size": 6, "n_lstm_layers": 2}},
     },
+    "annealed": {
+        "learner": {**ON_POLICY, "stds": [0.3, 0.03]},
+        "algorithm": "fieldagents.learned.annealed:AnnealedPPO",
+    },
     "sac": {"learner": OFF_POLICY, "round_updates": 8},
     "td3": {"learner": OFF_POLICY, "round_updates": 8},
     "tqc": {"learner": OFF_POLICY, "round_updates": 8, "algorithm": "sb3_contrib.tqc.tqc:TQC"},

@@ -458,7 +458,7 @@ def test_stock_effects_are_recorded_and_flown_from_a_file(tmp_path):
 
     assert error(model, truth.vector(model)) < 0.02  # the tracker's noise
     assert error(nominal, nominal.nominal) > 0.04
-    env = gymnasium.make("fieldgym/LineFollowing-v0", reality=str(extended)).unwrapped
+    env = gymnasium.make("fieldgym/LineFollowing-v1", reality=str(extended)).unwrapped
     env.reset(seed=0)
     assert env.reality.effects["steering_lag"]["time_constant"] == 0.5
     config.write_text(config.read_text().replace("steering_lag", "steering_lak"))

@@ -119,6 +119,6 @@ def test_the_reality_on_the_page_of_realities_can_be_flown():
     (block,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "realities.md").read_text(), re.DOTALL)
     reality = YAML(typ="safe", pure=True).load(block)["reality"]
     check_environment("line_following", EnvironmentConfig(reality=reality))
-    assert gymnasium.make("fieldgym/LineFollowing-v0", reality=reality).reset(seed=0)[1]["privileged"][
+    assert gymnasium.make("fieldgym/LineFollowing-v1", reality=reality).reset(seed=0)[1]["privileged"][
         "reality"
     ]

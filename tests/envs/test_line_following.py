@@ -10,7 +10,7 @@ from fieldmodels.machines.line_following.firmware import line_position
 from fieldmodels.machines.line_following.parameters import Camera
 from fieldmodels.model import ModelError
 
-CENTROID, PIXELS = "fieldgym/LineFollowing-v0", "fieldgym/LineFollowingPixels-v0"
+CENTROID, PIXELS = "fieldgym/LineFollowing-v1", "fieldgym/LineFollowingPixels-v1"
 QUIET = {"sensor": 0.0, "yaw": 0.0, "lateral": 0.0, "bias": 0.0}
 
 
@@ -48,7 +48,8 @@ def test_the_law_keeps_the_robot_on_the_line(track, plant):
 def test_walking_straight_on_loses_the_line_and_pays_for_what_is_missing():
     envs = vector(track="oval", num_envs=16)
     _, total = drive(envs, lambda observation: np.zeros((len(observation), 1), dtype=np.float32))
-    assert (total < -200).all()  # most of 100 strides at the largest loss of 3
+    assert (total >= -100).all()
+    assert (total < -70).all()  # most of 100 strides at the largest loss of 1
 
 
 def test_an_episode_fails_after_as_many_lost_strides_as_set():
@@ -191,4 +192,4 @@ def test_a_broken_snapshot_is_refused_and_changes_nothing(key):
 def test_settings_whose_rewards_would_not_be_numbers_are_refused(name, value):
     """An infinite ``reward_limit`` or ``effort_weight`` times nothing was no number."""
     with pytest.raises(SettingsError, match=f"{name}: Input should be (less|greater) than .*given: {value}"):
-        gym.make("fieldgym/LineFollowing-v0", settings={name: value})
+        gym.make("fieldgym/LineFollowing-v1", settings={name: value})

@@ -18,7 +18,7 @@ RANDOM = {
         "gyro_delay": {"delay": {"choice": [0.0, 0.013]}},
         "parameters": {"length": {"uniform": [0.9, 1.1]}},
     },
-    "fieldgym/LineFollowing-v0": {
+    "fieldgym/LineFollowing-v1": {
         "steering_bias": {"turn": {"uniform": [-0.05, 0.05]}},
         "parameters": {"camera_height": {"uniform": [0.8, 1.2]}, "stride": {"choice": [0.6, 0.7, 0.8]}},
     },
@@ -26,14 +26,14 @@ RANDOM = {
         "actuator_lag": {"time_constant": {"choice": [0.0, 0.05, 0.2]}},
         "heading_bias": {"angle": {"choice": [0.0, 0.1]}},
     },
-    "fieldgym/UavRoute-v0": {
+    "fieldgym/UavRoute-v1": {
         "wind": {"north": {"uniform": [-40.0, 40.0]}, "east": {"uniform": [-40.0, 40.0]}},
         "sensor_bias": {"north": {"choice": [0.0, 3000.0]}},
     },
 }
-RANDOM["fieldgym/LineFollowingPixels-v0"] = RANDOM["fieldgym/LineFollowing-v0"]
+RANDOM["fieldgym/LineFollowingPixels-v1"] = RANDOM["fieldgym/LineFollowing-v1"]
 STOCK = {
-    "fieldgym/LineFollowing-v0": {
+    "fieldgym/LineFollowing-v1": {
         "steering_lag": {"time_constant": {"uniform": [0.0, 1.0]}},
         "steering_delay": {"delay": {"choice": [0.0, 0.7, 1.9]}},
         "steering_play": {"width": {"uniform": [0.0, 0.05]}},
@@ -41,7 +41,7 @@ STOCK = {
         "line_bend": {"curvature": {"uniform": [-0.5, 0.5]}},
         "stride_drift": {"rate": {"uniform": [-0.002, 0.002]}},
     },
-    "fieldgym/LineFollowingPixels-v0": {
+    "fieldgym/LineFollowingPixels-v1": {
         "steering_curve": {
             "low": -0.15,
             "high": 0.15,
@@ -60,7 +60,7 @@ STOCK = {
         "y_quantisation": {"step": {"uniform": [0.0, 0.05]}},
         "track_drift": {"rate": {"uniform": [0.0, 0.005]}},
     },
-    "fieldgym/UavRoute-v0": {
+    "fieldgym/UavRoute-v1": {
         "to_north_play": {"width": {"uniform": [0.0, 20e3]}},
         "to_east_gain": {"gain": {"uniform": [0.9, 1.1]}},
         "north_bend": {"curvature": {"uniform": [0.0, 1e-7]}},
@@ -202,14 +202,14 @@ def test_snapshots_restore_what_was_drawn_and_what_will_be(env_id, reality):
 
 
 SETTINGS = {
-    "fieldgym/LineFollowing-v0": {
+    "fieldgym/LineFollowing-v1": {
         "limit": {"choice": [0.1, 0.2]},
         "latency_strides": {"choice": [0, 1]},
         "offset": {"uniform": [0.0, 0.4]},
     },
-    "fieldgym/LineFollowingPixels-v0": {"light": {"uniform": [0.5, 1.0]}, "tape": {"choice": ["gaffer"]}},
+    "fieldgym/LineFollowingPixels-v1": {"light": {"uniform": [0.5, 1.0]}, "tape": {"choice": ["gaffer"]}},
     "fieldgym/PoseReaching-v0": {"max_speed": {"uniform": [0.5, 1.5]}, "max_rate": {"choice": [2.0, 4.0]}},
-    "fieldgym/UavRoute-v0": {"speed": {"uniform": [0.15, 0.4]}, "engage": {"choice": [10.0, 1e6]}},
+    "fieldgym/UavRoute-v1": {"speed": {"uniform": [0.15, 0.4]}, "engage": {"choice": [10.0, 1e6]}},
     "fieldgym/HeelStrike-v0": {
         "process": [0.05, {"uniform": [0.2, 0.9]}],
         "push_off": {"uniform": [0.4, 0.9]},
@@ -322,7 +322,7 @@ def test_settings_are_drawn_too():
 
 def test_drawn_capture_and_number_of_legs_end_each_flight():
     settings = {"capture": {"uniform": [5.0, 80.0]}, "max_legs": {"uniform": [2, 6]}}
-    env = gym.make_vec("fieldgym/UavRoute-v0", num_envs=24, settings=settings)
+    env = gym.make_vec("fieldgym/UavRoute-v1", num_envs=24, settings=settings)
     _, info = env.reset(seed=3)
     told = info["privileged"]["settings"]
     assert set(told["max_legs"]) == {2, 3, 4, 5, 6}
@@ -331,7 +331,7 @@ def test_drawn_capture_and_number_of_legs_end_each_flight():
     steps = [env.step(action) for action in actions]
     for i in range(24):
         own = {name: told[name][i].item() for name in settings}
-        twin = gym.make("fieldgym/UavRoute-v0", settings=own).unwrapped
+        twin = gym.make("fieldgym/UavRoute-v1", settings=own).unwrapped
         twin.reset(seed=3 + i)
         for action, step in zip(actions, steps, strict=True):
             one = twin.step(action[i])
@@ -369,7 +369,7 @@ def test_settings_that_cannot_be_drawn_are_named(settings, words):
 def test_a_wind_that_could_not_be_flown_in_is_refused_before_anything_runs():
     with pytest.raises(ModelError, match="wind is as fast"):
         gym.make(
-            "fieldgym/UavRoute-v0",
+            "fieldgym/UavRoute-v1",
             reality={"wind": {"north": {"uniform": [0, 70]}}},
             settings={"speed": 0.05},
         )

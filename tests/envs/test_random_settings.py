@@ -301,7 +301,7 @@ def test_each_camera_photographs_its_own_light():
     """Rows of images are the scalar environments' of what was drawn for them, also where one number is."""
     settings = {"dark_corner": [5.0, 0.0, {"uniform": [0.5, 5.0]}, 0.0], "light": {"choice": [0.5, 1.0]}}
     settings |= {"track": "straight"}
-    envs = gym.make_vec("fieldgym/LineFollowingPixels-v0", num_envs=ROWS, settings=settings)
+    envs = gym.make_vec("fieldgym/LineFollowingPixels-v1", num_envs=ROWS, settings=settings)
     images, info = envs.reset(seed=7)
     told = info["privileged"]["settings"]
     assert len(np.unique(told["dark_corner"][:, 2])) == ROWS
@@ -310,7 +310,7 @@ def test_each_camera_photographs_its_own_light():
     steps = [envs.step(action) for _ in range(3)]
     for i in range(ROWS):
         own = {"dark_corner": tuple(told["dark_corner"][i].tolist()), "light": float(told["light"][i])}
-        twin = gym.make("fieldgym/LineFollowingPixels-v0", settings=settings | own).unwrapped
+        twin = gym.make("fieldgym/LineFollowingPixels-v1", settings=settings | own).unwrapped
         np.testing.assert_array_equal(twin.reset(seed=7 + i)[0], images[i])
         for step in steps:
             np.testing.assert_array_equal(twin.step(action[i])[0], step[0][i])

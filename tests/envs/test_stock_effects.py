@@ -52,7 +52,7 @@ def play(env_id, actions, reality=None, seed=3, **settings):
     return np.array([o for o, _ in steps], dtype=np.float64), [i for _, i in steps]
 
 
-LINE, UAV = "fieldgym/LineFollowing-v0", "fieldgym/UavRoute-v0"
+LINE, UAV = "fieldgym/LineFollowing-v1", "fieldgym/UavRoute-v1"
 STRIDE = LineFollowing().gait.stride_time
 TURNS = 0.7 * np.diff(np.random.default_rng(1).uniform(-1.0, 1.0, 31))
 ENDLESS = {"lost_strides": 1000, "lost_offset": 100.0}
@@ -162,7 +162,7 @@ def test_a_parameter_that_jumps_between_windows_is_predicted():
     [
         (LINE, {"offset_gain": {"gain": 1.1}}, "the commands steering; the sensors line"),
         (LINE, {"curvature_lag": {"time_constant": 1.0}}, "a robot steers"),
-        ("fieldgym/LineFollowingPixels-v0", {"line_gain": {"gain": 1.1}}, "it observes images"),
+        ("fieldgym/LineFollowingPixels-v1", {"line_gain": {"gain": 1.1}}, "it observes images"),
         (UAV, {"to_north_lag": {"time_constant": 1.0}}, "only what takes no time"),
         (UAV, {"bank_gain": {"gain": 1.1}}, "the sensors north, east"),
         (

@@ -13,7 +13,7 @@ from fieldmodels.machines.uav_route.parameters import EXAMPLE, INSTANT_KILL
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.model import ModelError
 
-ENV = "fieldgym/UavRoute-v0"
+ENV = "fieldgym/UavRoute-v1"
 SAFE = safe_route(EXAMPLE)
 
 
@@ -55,7 +55,7 @@ def test_a_safe_route_arrives_unseen_where_the_straight_line_is_hit_at_once():
 
 def test_the_straight_line_of_the_example_is_hit_after_200_s_of_detection():
     """Lock loss as in the source's example: launched after 150 s, hit 50 s later."""
-    (info,), (reward,) = fly(vector(1, layout="example"), [EXAMPLE.start, EXAMPLE.goal])
+    (info,), (reward,) = fly(vector(1, layout="example", progress="straight"), [EXAMPLE.start, EXAMPLE.goal])
     assert info["damaged"][0] == 1
     assert 200 <= info["time_over"][0] <= 205  # the hit is found at the end of a step of 5 s
     lose, engage, launch = info["timers"][0, 0]
@@ -64,7 +64,7 @@ def test_the_straight_line_of_the_example_is_hit_after_200_s_of_detection():
     assert launch == pytest.approx(engage - 150)
     flown = info["path_length"][0]
     came = math.hypot(10, 125) - info["remaining"][0]
-    assert reward[0] == pytest.approx(-1.5 - 0.01 * flown + 0.01 * came)
+    assert reward[0] == pytest.approx(-1.5 - 0.02 * flown + 0.04 * came)
 
 
 @pytest.mark.parametrize("radars", [1, 3])
@@ -110,7 +110,7 @@ def test_damage_costs_what_the_settings_say():
 def test_reward_is_what_the_page_says():
     """Length, progress, and what detection costs; without a leg left, the cost of being late."""
     prices = {"length_cost": 0.02, "progress_reward": 0.03, "detection_cost": 0.001, "sighting_cost": 0.25}
-    envs = vector(32, max_legs=4, late_cost=0.7, engage=1e9, **prices)
+    envs = vector(32, max_legs=4, late_cost=0.7, engage=1e9, progress="straight", **prices)
     _, before = envs.reset(seed=2)
     envs.action_space.seed(0)
     for leg in range(4):
@@ -128,10 +128,10 @@ def test_reward_is_what_the_page_says():
 
 def test_progress_around_the_circle_is_a_potential():
     """Its rewards sum up to a difference of distances, whatever way is flown; a safe route loses little."""
-    envs = vector(1, layout="example", progress="around", length_cost=0.0, lock_loss=False)
+    envs = vector(1, layout="example", length_cost=0.0, lock_loss=False)
     _, rewards = fly(envs, SAFE)
-    potential = rewards.sum() - 1.0  # less the arrival
-    away = vector(1, layout="example", progress="around", length_cost=0.0, engage=1e9)
+    potential = rewards.sum() - 3.0  # less the arrival
+    away = vector(1, layout="example", length_cost=0.0, engage=1e9)
     detour = [EXAMPLE.start, (400.0, 150.0), (420.0, 40.0), (330.0, 5.0), (345.0, 0.0)]
     infos, rewards = fly(away, detour)
     assert infos[-1]["success"][0] == 1
@@ -140,8 +140,8 @@ def test_progress_around_the_circle_is_a_potential():
         for place in (EXAMPLE.start, SAFE[2] * 345 / 340, infos[-1]["place"][0])
     ]
     assert left[0] == pytest.approx(139.14, abs=0.6)  # tangent, arc and spiral of the lower bound
-    assert potential == pytest.approx(0.01 * (left[0] - left[1]), abs=1e-4)
-    assert rewards.sum() - 1.0 == pytest.approx(0.01 * (left[0] - left[2]), abs=1e-4)
+    assert potential == pytest.approx(0.04 * (left[0] - left[1]), abs=1e-4)
+    assert rewards.sum() - 3.0 == pytest.approx(0.04 * (left[0] - left[2]), abs=1e-4)
 
 
 def test_distance_around_is_at_least_straight_and_has_no_jumps():

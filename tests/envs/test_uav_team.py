@@ -24,7 +24,7 @@ from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.machines.uav_route.team import Team
 from fieldmodels.model import ModelError
 
-ENV = "fieldgym/UavRoute-v0"
+ENV = "fieldgym/UavRoute-v1"
 SPEED = 0.25
 
 
@@ -229,7 +229,7 @@ def test_reward_is_the_sum_over_the_aircraft():
         "radars": [(0.0, 0.0)],
         "others": [{"start": (350.0, 100.0), "goal": (350.0, -100.0)}],
     }
-    env = vector(1, aircraft=2, layout=layout)
+    env = vector(1, aircraft=2, layout=layout, progress="straight")
     _, info = env.reset(seed=0)
     start, total, over = info["each"]["remaining"][0], 0.0, [False]
     while not over[0]:
@@ -240,8 +240,8 @@ def test_reward_is_the_sum_over_the_aircraft():
     each = info["each"]
     assert each["success"].tolist() == [[1, 0]]
     assert each["damaged"].tolist() == [[0, 1]]
-    way = 0.01 * (start - each["remaining"][0] - each["path_length"][0])
-    assert total == pytest.approx(1.0 - 1.5 + way.sum())
+    way = 0.04 * (start - each["remaining"][0]) - 0.02 * each["path_length"][0]
+    assert total == pytest.approx(3.0 - 1.5 + way.sum())
 
 
 def test_random_layouts_leave_every_aircraft_an_unseen_way_past_common_radars():

@@ -115,7 +115,7 @@ def test_environment(effects: Effects, track: str) -> None:
     quiet = dict.fromkeys(("sensor", "yaw", "lateral", "bias"), 0.0)
     settings: dict[str, Any] = {"track": track, "offset": 0.03, "misalignment": 0.02, "lost_offset": 9.0}
     reality = effects | {"parameters": BASE}
-    env = gym.make("fieldgym/LineFollowing-v0", settings=settings | quiet, reality=reality)
+    env = gym.make("fieldgym/LineFollowing-v1", settings=settings | quiet, reality=reality)
     observation, info = env.reset(seed=2)
     told = info["privileged"]
     start = told["offset"], told["heading"]

@@ -152,7 +152,7 @@ def test_environment(effects: Effects, detection: str) -> None:
     """The environment in this reality tells of the flights that the oracle makes."""
     rules = {"lose": 17.0, "engage": 61.0}
     settings: dict[str, Any] = {"layout": LAYOUT, "capture": 1e-3, "detection": detection, "target": 1e9}
-    env = gym.make("fieldgym/UavRoute-v0", settings=settings | rules, reality=effects)
+    env = gym.make("fieldgym/UavRoute-v1", settings=settings | rules, reality=effects)
     start, radars = 1e3 * complex(*LAYOUT["start"]), tuple(1e3 * complex(*r) for r in LAYOUT["radars"])
     change = np.zeros(4)
     for plan in PLANS:

@@ -78,6 +78,9 @@ class ImitationConfig(Config):
     """Times that a round goes through all data."""
     batch_size: PositiveInt = 512
     learning_rate: PositiveFloat = 1e-3
+    critic_updates: Annotated[int, Field(ge=0)] = 5
+    """First updates of an on-policy algorithm that move its critic alone, which has learned nothing yet: its
+    errors would lead the policy away from what was imitated."""
 
 
 class TrainConfig(Config):
@@ -183,11 +186,14 @@ class TrainConfig(Config):
         return find_algorithm(self.algorithm)
 
     @property
+    def update_steps(self) -> int:
+        """Environment steps between two updates."""
+        return int(self.argument("n_steps" if is_on_policy(self.kind) else "train_freq", 1)) * self.num_envs
+
+    @property
     def round_steps(self) -> int:
         """Environment steps of a round: what a row of the learning curve stands for."""
-        if is_on_policy(self.kind):
-            return int(self.argument("n_steps")) * self.num_envs * (self.round_updates or 1)
-        return int(self.argument("train_freq", 1)) * self.num_envs * (self.round_updates or 100)
+        return self.update_steps * (self.round_updates or (1 if is_on_policy(self.kind) else 100))
 
     def argument(self, key: str, otherwise: Any = None) -> Any:
         """An argument of the learner, given or the library's default."""

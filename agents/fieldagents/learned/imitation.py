@@ -41,6 +41,8 @@ def imitate(run: Run, report: Report) -> None:
     teachers = Teachers(run)
     rng = np.random.default_rng(run.config.seed)
     optimiser = torch.optim.Adam(run.policy.parameters(), lr=config.learning_rate)
+    # what the last rounds fit, they fit to all data: the rate falls to a twentieth by then
+    rate = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.05, config.rounds * config.epochs)
     raw: list[Floats] = []
     wanted: list[Floats] = []
     run.normaliser.reset()
@@ -52,7 +54,9 @@ def imitate(run: Run, report: Report) -> None:
         wanted.append(said)
         inputs = torch.as_tensor(run.normaliser.normalize_obs(np.concatenate(raw)))
         targets = _as_the_network_gives_them(run, torch.as_tensor(np.concatenate(wanted)))
-        _fit(run, optimiser, inputs, targets, config.epochs, config.batch_size, rng)
+        for _ in range(config.epochs):
+            _fit(run, optimiser, inputs, targets, config.batch_size, rng)
+            rate.step()
 
 
 class Teachers:
@@ -127,18 +131,16 @@ def _fit(
     optimiser: torch.optim.Optimizer,
     inputs: torch.Tensor,
     targets: torch.Tensor,
-    epochs: int,
     batch_size: int,
     rng: np.random.Generator,
 ) -> None:
-    """Least squares from observations to the teacher's actions."""
+    """Least squares from observations to the teacher's actions, once through all of them."""
     run.policy.set_training_mode(True)
-    for _ in range(epochs):
-        for part in np.array_split(rng.permutation(len(inputs)), max(1, len(inputs) // batch_size)):
-            rows = torch.as_tensor(part)
-            outputs = run.policy._predict(inputs[rows], deterministic=True)
-            loss = torch.nn.functional.mse_loss(outputs.reshape(targets[rows].shape), targets[rows])
-            optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
+    for part in np.array_split(rng.permutation(len(inputs)), max(1, len(inputs) // batch_size)):
+        rows = torch.as_tensor(part)
+        outputs = run.policy._predict(inputs[rows], deterministic=True)
+        loss = torch.nn.functional.mse_loss(outputs.reshape(targets[rows].shape), targets[rows])
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
     run.policy.set_training_mode(False)

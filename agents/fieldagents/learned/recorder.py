@@ -72,6 +72,7 @@ class Recorder(BaseCallback):
             if self._stop() or (self._until is not None and steps >= self._until):
                 self._save_checkpoint()
                 raise KeyboardInterrupt if self._stop() else PausedError
+        self._run.let_learn()
 
     def _on_training_end(self) -> None:
         if self.model.num_timesteps > self._begun:

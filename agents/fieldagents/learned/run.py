@@ -118,6 +118,15 @@ class Run:
         """The policy that is being trained."""
         return self.model.policy
 
+    def let_learn(self) -> None:
+        """Let the next update move all of the policy, or after imitation its critic alone."""
+        config = self.config
+        if config.imitate is None or not is_on_policy(config.kind):
+            return
+        held = self.model.num_timesteps < config.imitate.critic_updates * config.update_steps
+        for name, weights in self.policy.named_parameters():
+            weights.requires_grad_(not held or "value" in name or "critic" in name)
+
     def learn(self, steps: int, recorder: Any, fresh: bool) -> None:
         """Train for some more steps.
 

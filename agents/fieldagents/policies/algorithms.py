@@ -123,8 +123,11 @@ def is_on_policy(kind: type[BaseAlgorithm]) -> bool:
 
 def default_of(kind: type[BaseAlgorithm], key: str, otherwise: Any = None) -> Any:
     """The library's default of a learner's argument; ``otherwise`` if there is none."""
-    parameter = inspect.signature(kind).parameters.get(key)
-    return otherwise if parameter is None or parameter.default is parameter.empty else parameter.default
+    for one in kind.__mro__:  # what a class hands on by **kwargs is an argument of its base
+        parameter = inspect.signature(one).parameters.get(key)
+        if parameter is not None and parameter.default is not parameter.empty:
+            return parameter.default
+    return otherwise
 
 
 def wrong_arguments(kind: type[BaseAlgorithm], given: Mapping[str, Any]) -> list[tuple[str, str]]:

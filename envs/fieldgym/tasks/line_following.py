@@ -6,5 +6,6 @@ TASK = Task(
     name="line_following",
     title="Line following",
     description="Steer a biped along a taped line from the line's place in its camera.",
+    version=1,
     operator=True,
 )

@@ -6,5 +6,6 @@ TASK = Task(
     name="uav_route",
     title="UAV route",
     description="Fly to a goal past radars that see an aircraft's sides, leg by leg.",
+    version=1,
     model_reads=("place", "course", "radial", "path_length", "layout", "leg_left"),
 )

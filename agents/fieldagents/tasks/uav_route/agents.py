@@ -24,6 +24,7 @@ from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of, lower_bound, moved_goal
 from fieldagents.tasks.uav_route.plan import Plan, Search, make_plan
 from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
+from fieldagents.tasks.uav_route.rollout import TITLE, RolloutSearch
 from fieldagents.tasks.uav_route.straight import straight_plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
@@ -391,5 +392,6 @@ AGENTS = (
         sight=SIGHT,
         advance=ADVANCE,
     ),
+    ReferenceAgent("rollout_search", "model", TITLE, RolloutSearch),
 )
 """The reference agents, in the order of presentation."""

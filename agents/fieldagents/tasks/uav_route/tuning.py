@@ -139,7 +139,7 @@ class Replanner(Planner):
             "capture": 1e-3,  # to the end of the plan
         }
         env: Any = gymnasium.make_vec(
-            "fieldgym/UavRoute-v0",
+            "fieldgym/UavRoute-v1",
             num_envs=1,
             vectorization_mode="vector_entry_point",
             settings=settings,

@@ -247,18 +247,19 @@ class LegRules:
     max_legs: Annotated[int, Setting("Legs in an episode.", least=1, most=10_000)] = 60
     least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
     longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, most=20_000, fixed=SCALE)] = 500.0
-    length_cost: Annotated[float, Setting("Cost of a kilometre flown.", least=0)] = 0.01
+    length_cost: Annotated[float, Setting("Cost of a kilometre flown.", least=0)] = 0.02
     progress_reward: Annotated[
         float, Setting("Reward of a kilometre by which the goal has come nearer.", least=0)
-    ] = 0.01
+    ] = 0.04
     progress: Annotated[
         Literal["straight", "around"],
         Setting(
             "How far the goal is, for that reward: `straight`, or `around` the circle in which the radar "
-            "next to the goal sees an aircraft's side."
+            "next to the goal sees an aircraft's side; the straight line leads into that circle, where "
+            "nothing is learned about a goal behind it."
         ),
-    ] = "straight"
-    arrival_reward: Annotated[float, Setting("Reward of arriving.", least=0)] = 1.0
+    ] = "around"
+    arrival_reward: Annotated[float, Setting("Reward of arriving.", least=0)] = 3.0
     damage_cost: Annotated[float, Setting("Cost of being hit.", least=0)] = 1.5
     late_cost: Annotated[float, Setting("Cost of running out of legs.", least=0)] = 1.0
     detection_cost: Annotated[float, Setting("Cost of a second of being detected.", least=0)] = 0.0

@@ -105,7 +105,7 @@ def test_matrices_of_the_regulator_are_the_walk(latency, reality):
         "offset": 0.01,
         "misalignment": 0.005,
     }
-    env = gymnasium.make("fieldgym/LineFollowing-v0", settings=settings, reality=reality)
+    env = gymnasium.make("fieldgym/LineFollowing-v1", settings=settings, reality=reality)
     observation, info = env.reset(seed=3)
     model = LineFollowing()
     plant = as_plants(read_reality(reality, model).vector(model))
@@ -127,7 +127,7 @@ def test_the_filter_learns_the_bias_that_it_is_not_told():
     settings = {"track": "straight", "bias": 0.04}
     agent = Lqg("", "", settings, tuned()["lqg"]["bend"], tuned()["lqg"]["effort"])
     envs = gymnasium.make_vec(
-        "fieldgym/LineFollowing-v0", num_envs=40, vectorization_mode="vector_entry_point", settings=settings
+        "fieldgym/LineFollowing-v1", num_envs=40, vectorization_mode="vector_entry_point", settings=settings
     )
     observation, info = envs.reset(seed=5)
     agent.begin_episodes(np.ones(40, dtype=bool))

@@ -74,7 +74,7 @@ def test_a_plan_is_flown_as_planned() -> None:
     settings = NO_LOCK_LOSS | {"layout": "example"}
     agent = get_task("uav_route").agents["legs"].make(settings)
     envs = gymnasium.make_vec(
-        "fieldgym/UavRoute-v0", num_envs=2, vectorization_mode="vector_entry_point", settings=settings
+        "fieldgym/UavRoute-v1", num_envs=2, vectorization_mode="vector_entry_point", settings=settings
     )
     observation, info = envs.reset(seed=3)
     agent.begin_episodes(np.ones(2, dtype=np.bool_))
