@@ -8,7 +8,7 @@ export OMP_NUM_THREADS ?= 1
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check exam mutants bench docs build clean help
+.PHONY: demo test check exam mutants bench docs build audit clean help
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -40,6 +40,10 @@ docs: $(READY)  ## the docs site, in site/
 
 build: $(READY)  ## wheel and source distribution, in dist/
 	$(BIN)/python -m build
+
+audit: $(READY)  ## known weaknesses of the pinned dependencies (asks the network)
+	$(BIN)/pip install --quiet pip-audit
+	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement requirements.lock
 
 clean:  ## remove compiled kernels, what was built, and the virtual environment
 	-$(BIN)/python -c 'import shutil; from fieldmodels.compiled import cache_folder as f; shutil.rmtree(f() or "", True)'

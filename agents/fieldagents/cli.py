@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 import warnings
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
     from fieldmodels.engine import Engine
 
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EFBIG)
+"""Errors of a disk, whoever met them."""
 OURS = ("fieldmodels", "fieldgym", "fieldagents")
 
 
@@ -54,8 +57,8 @@ def _message(error: Exception) -> str | None:
         return "\n".join([f"{len(error.problems)} mistakes:", *error.problems])
     if type(error).__module__.split(".")[0] in OURS:
         return str(error)
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and (error.filename is not None or error.errno in DISK):
+        return f"{error.filename or 'writing'}: {error.strerror}"
     return None
 
 
@@ -578,7 +581,7 @@ def exam(
         list[str] | None,
         typer.Option(
             help="`nothing`, `single`, `pair`, `triple`, `unlisted`, `growing` or `log`; repeatable "
-            "(default: all)."
+            "(default: all). Or `degenerate`: hostile and unlucky input to every command."
         ),
     ] = None,
     cases: Annotated[
@@ -607,7 +610,12 @@ def exam(
         fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
 
         fieldgym exam --cases 600 --publish docs/exam.md
+
+        fieldgym exam --kind degenerate --cases 300
     """
+    if kind == ["degenerate"]:
+        _degenerate(cases or 1000, workers, out, publish, as_json)
+        return
     from fieldmodels.engine import Engine
     from fieldmodels.exam import table
     from fieldmodels.exam.cases import cases_of, examined
@@ -625,6 +633,25 @@ def exam(
     else:
         print(written["exam.md"].read_text(encoding="utf-8"))
         _done({name: str(path) for name, path in written.items()})
+
+
+def _degenerate(count: int, workers: int, out: Path | None, publish: Path | None, as_json: bool) -> None:
+    """Examine what becomes of hostile and unlucky input."""
+    from fieldagents import degenerate as faults
+
+    folder = _into(out or Path("results") / "exam-degenerate")
+    with progress() as report:
+        rows = faults.run_cases(faults.cases_of(count), folder, workers=workers, progress=report)
+    written, found = faults.write(rows, folder), faults.summary(rows)
+    if publish is not None:
+        faults.publish(found, publish)
+    if as_json:
+        _print_json(found)
+    else:
+        print(written["exam.md"].read_text(encoding="utf-8"))
+        _done({name: str(path) for name, path in written.items()})
+    if found["faults"]:
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -193,6 +194,46 @@ def test_a_killed_run_resumes_bit_for_bit(finished_each, algorithm, tmp_path, mo
     monkeypatch.setattr(recorder, "save_checkpoint", save_checkpoint)
     train(tiny(algorithm), progress=False, resume=run)
     assert_equal_runs(finished_each, run)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_that_is_asked_to_stop_keeps_a_checkpoint(finished, tmp_path, monkeypatch, capsys, number):
+    from fieldagents.learned.checkpoint import checkpoints
+    from fieldagents.learned.recorder import Recorder
+
+    validate = Recorder._validate
+
+    def asked_meanwhile(recorder):
+        os.kill(os.getpid(), number)
+        return validate(recorder)
+
+    monkeypatch.setattr(Recorder, "_validate", asked_meanwhile)
+    with pytest.raises(KeyboardInterrupt):
+        train(tiny(), progress=False, out=tmp_path / "run")
+    assert f"go on with --resume {tmp_path / 'run'}" in capsys.readouterr().err
+    assert len(checkpoints(tmp_path / "run" / "checkpoints")) == 3
+    monkeypatch.setattr(Recorder, "_validate", validate)
+    assert_equal_runs(finished, train(tiny(), progress=False, resume=tmp_path / "run"))
+
+
+def test_a_damaged_file_of_a_run_is_named(tmp_path):
+    save_yaml(tiny().model_dump(mode="json"), tmp_path / "config.yaml")
+    (tmp_path / "versions.json").write_text("{half")
+    with pytest.raises(TrainingError, match=r"versions\.json: damaged"):
+        train(tiny(), progress=False, resume=tmp_path)
+    (tmp_path / "versions.json").unlink()
+    save_checkpoint({"steps": 16}, tmp_path / "checkpoints" / "000000000016.pt")
+    with pytest.raises(CheckpointError, match="not checkpoints of this config: KeyError: 'networks'"):
+        train(tiny(), progress=False, resume=tmp_path)
+
+
+def test_a_damaged_learning_curve_is_named(finished, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    (run / "run.json").unlink()
+    (run / "curve.csv").write_text("steps\nmany\n")
+    with pytest.raises(CheckpointError, match=r"curve\.csv: not the learning curve of this run"):
+        train(tiny(), progress=False, resume=run)
 
 
 def test_a_run_killed_before_its_first_checkpoint_begins_anew(finished, tmp_path):

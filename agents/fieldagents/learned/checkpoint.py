@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import random
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,35 @@ class CheckpointError(ValueError):
 
 def save_checkpoint(state: dict[str, Any], path: Path) -> None:
     """Write a checkpoint; it appears whole or not at all."""
-    with replacing(path) as temporary:
-        torch.save({"schema": SCHEMA, **{key: to_plain(value) for key, value in state.items()}}, temporary)
+    whole = {"schema": SCHEMA, **{key: to_plain(value) for key, value in state.items()}}
+    with replacing(path) as temporary, temporary.open("wb") as file:  # Python's own errors, as of a full disk
+        torch.save(whole, file)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """The checkpoints of a folder, oldest first; what is being written, or was never finished, is none."""
+    return sorted(folder.glob("[0-9]*.pt"))
+
+
+def latest_checkpoint(folder: Path, unreadable: Callable[[str], None]) -> dict[str, Any] | None:
+    """The newest checkpoint that can be read; None if the folder has none.
+
+    Args:
+        folder: Of the checkpoints.
+        unreadable: Told of each newer one that cannot be read.
+
+    Raises:
+        CheckpointError: If there are some, but none can be read.
+    """
+    found = checkpoints(folder)
+    for path in reversed(found):
+        try:
+            return load_checkpoint(path)
+        except CheckpointError as error:
+            if path == found[0]:
+                raise
+            unreadable(f"{error}; going on from the one before")
+    return None
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

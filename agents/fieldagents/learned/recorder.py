@@ -17,7 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import safe_mean
 
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.learned.checkpoint import save_checkpoint
+from fieldagents.learned.checkpoint import CheckpointError, checkpoints, save_checkpoint
 from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.run import Best, Run
@@ -59,8 +59,13 @@ class Recorder(BaseCallback):
         self._curve: list[dict[str, Any]] = []
         path = folder / "curve.csv"
         if resumed and path.is_file():
-            rows = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8")))
-            self._curve = [row for row in rows if int(row["steps"]) <= self._begun]
+            try:
+                rows = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8")))
+                self._curve = [row for row in rows if int(row["steps"]) <= self._begun]
+            except (KeyError, TypeError, ValueError) as error:
+                raise CheckpointError(
+                    f"{path}: not the learning curve of this run ({error!r}); delete it to go on without"
+                ) from None
 
     def _on_step(self) -> bool:
         return True
@@ -143,7 +148,7 @@ class Recorder(BaseCallback):
     def _save_checkpoint(self) -> None:
         folder = self._folder / "checkpoints"
         save_checkpoint(self._run.state(), folder / f"{self.model.num_timesteps:012d}.pt")
-        for old in sorted(folder.glob("*.pt"))[:-CHECKPOINTS_KEPT]:
+        for old in checkpoints(folder)[:-CHECKPOINTS_KEPT]:
             old.unlink()
 
 

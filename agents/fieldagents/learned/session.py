@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -11,7 +13,7 @@ import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 
-from fieldagents.learned.checkpoint import load_checkpoint
+from fieldagents.learned.checkpoint import CheckpointError, latest_checkpoint
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.imitation import imitate
 from fieldagents.learned.recorder import PausedError, Recorder
@@ -64,11 +66,11 @@ def _run_training(
     run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed))
     try:
         run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-        checkpoints = sorted((folder / "checkpoints").glob("*.pt"))
-        if checkpoints:
-            run.restore(load_checkpoint(checkpoints[-1]))
-        recorder = Recorder(run, folder, report, bool(checkpoints), until, stop)
-        if config.imitate is not None and not checkpoints:
+        state = latest_checkpoint(folder / "checkpoints", lambda problem: print(problem, file=sys.stderr))
+        if state is not None:
+            _restore(run, state, folder)
+        recorder = Recorder(run, folder, report, state is not None, until, stop)
+        if config.imitate is not None and state is None:
 
             def still_wanted(stage: str, part: float) -> None:
                 if stop():
@@ -78,7 +80,7 @@ def _run_training(
             imitate(run, still_wanted)
             recorder.init_callback(run.model)
             recorder.after_imitation()
-        run.learn(config.steps - run.model.num_timesteps, recorder, fresh=not checkpoints)
+        run.learn(config.steps - run.model.num_timesteps, recorder, fresh=state is None)
     except PausedError:
         return
     except ValueError as error:
@@ -87,3 +89,12 @@ def _run_training(
         raise DivergedError(run.model.num_timesteps) from error
     finally:
         run.environment.close()
+
+
+def _restore(run: Run, state: dict[str, Any], folder: Path) -> None:
+    try:
+        run.restore(state)
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+        raise CheckpointError(
+            f"{folder / 'checkpoints'}: not checkpoints of this config: {type(error).__name__}: {error}"
+        ) from error

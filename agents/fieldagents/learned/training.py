@@ -16,7 +16,7 @@ from fieldagents.policies.algorithms import require_extra
 from fieldagents.progress import progress as showing_progress
 from fieldgym import TASKS
 from fieldmodels.drivers.named import flown
-from fieldmodels.files import write_text
+from fieldmodels.files import claimed, write_text
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
 
@@ -57,23 +57,24 @@ def train(
     folder = resume or out or Path("runs") / config.task / f"{config.name}-{config.hash}"
     if resume is not None and not (resume / "config.yaml").is_file():
         raise TrainingError(f"{resume}: not a run's folder (it has no config.yaml)")
-    begun = (folder / "config.yaml").is_file()
-    if not prepare(config, folder):
-        print(f"{folder}: this config is trained already", file=sys.stderr)
-        return folder
-    if begun and resume is None:
-        raise TrainingError(
-            f"{folder}: an unfinished run of this config; go on with --resume {folder}, or delete it"
-        )
+    with claimed(folder):
+        begun = (folder / "config.yaml").is_file()
+        if not prepare(config, folder):
+            print(f"{folder}: this config is trained already", file=sys.stderr)
+            return folder
+        if begun and resume is None:
+            raise TrainingError(
+                f"{folder}: an unfinished run of this config; go on with --resume {folder}, or delete it"
+            )
 
-    from fieldagents.learned.session import run_training
+        from fieldagents.learned.session import run_training
 
-    try:
-        with showing_progress(quiet=not progress) as report:
-            run_training(config, folder, report)
-    except KeyboardInterrupt:
-        print(f"stopped; go on with --resume {folder}", file=sys.stderr)
-        raise
+        try:
+            with showing_progress(quiet=not progress) as report:
+                run_training(config, folder, report)
+        except KeyboardInterrupt:
+            print(f"stopped; go on with --resume {folder}", file=sys.stderr)
+            raise
     return folder
 
 
@@ -89,8 +90,8 @@ def prepare(config: TrainConfig, folder: Path) -> bool:
     if (folder / "config.yaml").is_file():
         _check_same(config, folder)
         return not (folder / "run.json").is_file()
-    save_yaml(config.model_dump(mode="json"), folder / "config.yaml")
     write_text(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
+    save_yaml(config.model_dump(mode="json"), folder / "config.yaml")  # last: now it is a run
     return True
 
 
@@ -130,6 +131,16 @@ def _commit() -> str | None:
         return None
 
 
+def _versions_of(path: Path) -> dict[str, Any]:
+    try:
+        then = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        then = error
+    if not isinstance(then, dict):
+        raise TrainingError(f"{path}: damaged ({then}); delete it to go on without knowing the versions")
+    return then
+
+
 def _check_same(config: TrainConfig, folder: Path) -> None:
     """Raise unless the folder's run has this very config; warn of other versions."""
     if load_config(folder / "config.yaml", TrainConfig) != config:
@@ -138,7 +149,7 @@ def _check_same(config: TrainConfig, folder: Path) -> None:
             f" fieldgym train {folder / 'config.yaml'} --resume {folder}"
         )
     path = folder / "versions.json"
-    then = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    then = _versions_of(path) if path.is_file() else {}
     now = versions()
     changed = [name for name in ("python", *VERSIONED) if then.get(name) != now[name]]
     if changed:

@@ -7,6 +7,7 @@ be trained in several scenarios, as the reference agents are tuned in each; the 
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -55,7 +56,7 @@ class Training:
     def agents(self) -> tuple[OnnxAgent, ...]:
         """The policies of all training runs, in the order of `seeds`."""
         return tuple(
-            OnnxAgent(self.folder / run["policy"], name=self.name, title=self.card["title"])
+            OnnxAgent(_intact(self.folder / run["policy"], run), name=self.name, title=self.card["title"])
             for run in self.card["runs"]
         )
 
@@ -67,6 +68,21 @@ class Training:
 
     def __str__(self) -> str:
         return f"{self.task}/{self.name}/{self.folder.name}"
+
+
+def _intact(path: Path, run: Mapping[str, Any]) -> Path:
+    """The file of a policy, which is that of its card.
+
+    Raises:
+        ZooError: If it is missing or another one.
+    """
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ZooError(f"{path}: cannot be read: {error.strerror}") from None
+    if digest != run.get("sha256"):
+        raise ZooError(f"{path}: not the policy that its card describes (checksum); install fieldgym anew")
+    return path
 
 
 @dataclass(frozen=True)

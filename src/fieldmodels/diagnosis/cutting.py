@@ -18,7 +18,7 @@ HELD_OUT = 4  # without test data every fourth block is kept for the gain
 
 
 def check_range(model: Model, recordings: Sequence[Recording]) -> None:
-    """Reject values that no sensor can measure, such as those of a diverged simulation.
+    """Reject values that no sensor can measure, such as those of a diverged simulation, and dead sensors.
 
     Raises:
         RecordingError: With the recording and the signal.
@@ -33,6 +33,20 @@ def check_range(model: Model, recordings: Sequence[Recording]) -> None:
                     raise RecordingError(
                         f"{place}: {values[wrong[0]]:g} cannot have been measured; cut such values out"
                     )
+    _check_motion(model, recordings)
+
+
+def _check_motion(model: Model, recordings: Sequence[Recording]) -> None:
+    """Refuse outputs of which none ever changes: they say nothing about any simulation."""
+    shown = [s.name for s in model.outputs if any(s.name in r for r in recordings)]
+    if any(s.event for s in model.outputs if s.name in shown):
+        return
+    values = [r[name] for name in shown for r in recordings if name in r]
+    if shown and not any(np.nanmax(v, initial=-np.inf) > np.nanmin(v, initial=np.inf) for v in values):
+        raise RecordingError(
+            f"{recordings[0].source}: {' and '.join(shown)} never change{'s' if len(shown) == 1 else ''}, "
+            "whatever is commanded; is the sensor connected, and does the machine move?"
+        )
 
 
 def in_all(

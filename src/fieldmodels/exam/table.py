@@ -330,10 +330,15 @@ def markdown(found: Mapping[str, Any]) -> str:
 
 
 def publish(found: Mapping[str, Any], page_path: Path) -> None:
-    """Put the rates into a page, in place of those that stand there.
+    """Put the rates into a page; see `put`."""
+    put(markdown(found), page_path)
+
+
+def put(result: str, page_path: Path) -> None:
+    """Put a result into a page, in place of the one that stands there.
 
     Args:
-        found: The summary.
+        result: As Markdown.
         page_path: A page of Markdown with the lines ``BEGIN`` and ``END``.
 
     Raises:
@@ -344,7 +349,7 @@ def publish(found: Mapping[str, Any], page_path: Path) -> None:
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise ModelError(f"{page_path}: no place for the result: it needs the lines {BEGIN!r} and {END!r}")
-    write_text(page_path, f"{before}{BEGIN}\n{markdown(found)}{END}{after}")
+    write_text(page_path, f"{before}{BEGIN}\n{result}{END}{after}")
 
 
 def _line(cells: Sequence[str]) -> str:

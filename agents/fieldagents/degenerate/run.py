@@ -1,0 +1,161 @@
+"""Running the cases as a user would, each in a process of its own with limits, and judging what is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from fieldagents.degenerate.cases import HONEST, Case
+from fieldmodels.files import PART
+
+PROCESSOR_S, MEMORY = 120, 6 << 30
+"""A case that takes more processor time hangs [s]; memory that it may have [bytes]."""
+FAULTS = ("traceback", "hang", "false name", "torn file", "died")
+Row = dict[str, Any]
+
+
+def run_cases(
+    cases: Sequence[Case], out: Path, *, workers: int, progress: Callable[[str, float], None]
+) -> list[Row]:
+    """Run the cases, or what is left of them; ``cases.jsonl`` has a line for each.
+
+    Args:
+        cases: The cases.
+        out: Result folder.
+        workers: Cases at a time.
+        progress: Shown the progress.
+    """
+    log = out / "cases.jsonl"
+    done: dict[str, Row] = {}
+    if log.exists():
+        for line in log.read_text(encoding="utf-8").splitlines():
+            try:
+                row = json.loads(line)
+                done[row["key"]] = row
+            except (ValueError, KeyError, TypeError):
+                continue  # cut off by an interruption
+    left = [case for case in cases if case.key not in done]
+    _warm()
+    running: dict[int, tuple[Case, Path, float]] = {}
+    with log.open("a", encoding="utf-8") as lines:
+        while left or running:
+            while left and len(running) < workers:
+                case, folder = left.pop(0), Path(tempfile.mkdtemp(prefix="fieldgym-fault-"))
+                running[_started(case, folder)] = case, folder, time.time()
+            pid, status, used = os.wait4(-1, 0)
+            if pid not in running:
+                continue
+            case, folder, _ = running.pop(pid)
+            done[case.key] = judged(case, folder, status, used.ru_utime + used.ru_stime)
+            shutil.rmtree(folder, ignore_errors=True)
+            lines.write(json.dumps(done[case.key]) + "\n")
+            lines.flush()
+            progress(case.kind, len(done) / len(cases))
+    return [done[case.key] for case in cases]
+
+
+def _warm() -> None:
+    """Import before the forks what every case needs."""
+    import fieldmodels.contract
+    import fieldmodels.diagnosis.report  # noqa: F401
+
+
+def _started(case: Case, folder: Path) -> int:
+    """Start a case in a child; its process id."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    child = os.fork()
+    if child:
+        return child
+    code = 70
+    try:
+        os.setpgid(0, 0)
+        words = case.make(folder)
+        os.chdir(folder)
+        sys.path.insert(0, str(folder))
+        resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_S, PROCESSOR_S + 5))
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+        for number, name in ((1, "stdout"), (2, "stderr")):
+            os.dup2(os.open(folder / f".{name}", os.O_WRONLY | os.O_CREAT), number)
+        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
+        from fieldagents.cli import app
+
+        try:
+            app([*words, "--out", str(folder / "out"), "--json"])
+            code = 0
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+        except BaseException:
+            traceback.print_exc()
+            code = 1
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def judged(case: Case, folder: Path, status: int, seconds: float) -> Row:
+    """The outcome of a case: ``answered``, ``refused``, or one of `FAULTS`."""
+    said = (folder / ".stderr").read_text(errors="replace") if (folder / ".stderr").exists() else ""
+    result = (folder / ".stdout").read_text(errors="replace") if (folder / ".stdout").exists() else ""
+    code = os.waitstatus_to_exitcode(status)
+    row: Row = {"key": case.key, "kind": case.kind, "code": code, "seconds": round(seconds, 2)}
+    last = next((line for line in reversed(said.splitlines()) if line.strip()), "")
+    if torn := _torn(folder / "out"):
+        return row | {"outcome": "torn file", "said": torn}
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        return row | {"outcome": "hang", "said": last[:300]}
+    if "Traceback (most recent call last)" in said:
+        return row | {"outcome": "traceback", "said": _where(said)}
+    if code < 0 or code not in (0, 2):
+        return row | {"outcome": "died", "said": f"exit code {code}: {last[:300]}"}
+    if code == 2:
+        return row | {"outcome": "refused" if "Error" in said else "died", "said": last[:300]}
+    try:
+        answer = json.loads(result)
+    except ValueError:
+        return row | {"outcome": "torn file", "said": f"standard output is not JSON: {result[:200]!r}"}
+    names = [cause["effect"] for cause in answer.get("causes", ())]
+    if names and case.kind in HONEST and answer.get("verdict") in ("named", "ambiguous"):
+        return row | {"outcome": "false name", "said": ", ".join(names)}
+    return row | {"outcome": "answered", "said": str(answer.get("verdict", "")), "named": names}
+
+
+def _torn(out: Path) -> str:
+    """A file that is left half written, or whose own kind cannot read it; empty if there is none."""
+    if not out.is_dir():
+        return ""
+    for path in out.rglob("*"):
+        if PART in path.name:
+            return f"{path.name} was left"
+        try:
+            if path.suffix == ".json":
+                json.loads(path.read_text(encoding="utf-8"))
+            elif path.suffix == ".html" and "</html>" not in path.read_text(encoding="utf-8"):
+                return f"{path.name} has no end"
+            elif path.suffix == ".parquet":
+                import pyarrow.parquet as pq
+
+                pq.read_metadata(path)
+        except (OSError, ValueError) as error:
+            return f"{path.name}: {error}"
+    return ""
+
+
+def _where(said: str) -> str:
+    """The last place of ours in a traceback, and the error."""
+    lines = said.splitlines()
+    ours = [line.strip() for line in lines if "/field" in line and line.strip().startswith("File")]
+    place = ours[-1].split("/")[-1] if ours else ""
+    return f"{lines[-1][:200]} ({place})"

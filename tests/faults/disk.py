@@ -1,0 +1,89 @@
+"""Run a command again and again on a disk whose n-th operation fails; a line of JSON for each run.
+
+``python disk.py FOLDER ERRNO EVERY COMMAND...``, with ``disk.c`` preloaded; a word may hold ``{out}``.
+Each run is a fork of this process, so that imports and compiled kernels are paid once.
+"""
+
+import contextlib
+import ctypes
+import hashlib
+import io
+import itertools
+import json
+import os
+import sys
+import traceback
+from pathlib import Path
+
+VOLATILE = (
+    "tensorboard",
+    "run.json",
+    "summary.json",
+    "report.html",
+    "diagnosis.json",
+    "cases.jsonl",
+    "exam.json",
+)
+"""Files that hold a clock's time: compared by being there."""
+
+
+def main(base: Path, error: int, every: int, words: list[str]) -> None:
+    import torch  # noqa: F401 - before the forks
+
+    import fieldagents.evaluation
+    import fieldagents.learned.session  # noqa: F401
+    import fieldmodels.diagnosis.report  # noqa: F401
+
+    clean, operations = _run(base / "warm", words, 0, 0)[0], 0
+    clean, operations = _run(base / "clean", words, 0, 0)
+    print(json.dumps({"at": 0, "operations": operations, **clean}), flush=True)
+    for at in itertools.islice(range(1, operations + 1), 0, None, every):
+        out = base / f"at{at}"
+        first, _ = _run(out, words, at, error)
+        second, _ = _run(out, _resumed(words, out), 0, 0)
+        print(json.dumps({"at": at, "first": first, "second": second}), flush=True)
+
+
+def _resumed(words: list[str], out: Path) -> list[str]:
+    return [*words, "--resume", str(out)] if words[0] == "train" and (out / "config.yaml").exists() else words
+
+
+def _run(out: Path, words: list[str], at: int, error: int) -> tuple[dict, int]:
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(read)
+        lines = io.StringIO()
+        disk = ctypes.CDLL(None)
+        resumed = "--resume" in words
+        given = [word.format(out=out) for word in words if not (resumed and word in ("--out", "{out}"))]
+        code: object = 0
+        disk.disk_fails(str(out).encode(), ctypes.c_long(at), error)
+        with contextlib.redirect_stdout(lines), contextlib.redirect_stderr(lines):
+            try:
+                from fieldagents.cli import app
+
+                app(given, standalone_mode=True)
+            except SystemExit as end:
+                code = end.code or 0
+            except BaseException:
+                code = 1
+                traceback.print_exc()
+        count = disk.disk_operations()
+        disk.disk_fails(b"-", ctypes.c_long(-1), 0)
+        os.write(write, json.dumps([code, lines.getvalue()[-3000:], count]).encode())
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        code, said, count = json.loads(pipe.read())
+    os.waitpid(child, 0)
+    files = {}
+    for path in sorted(p for p in out.rglob("*") if p.is_file()):
+        name = str(path.relative_to(out))
+        data = path.read_bytes() if not name.startswith(VOLATILE) else b""
+        files[name] = hashlib.sha256(data).hexdigest()[:12]
+    return {"code": code, "said": said, "files": files}, count
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])
