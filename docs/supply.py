@@ -1,8 +1,8 @@
 """What fieldgym is built on: pins with hashes, a bill of materials, and everybody's licence.
 
-``python docs/supply.py`` reads ``constraints.txt`` and the metadata of what is installed, asks the package index
-for hashes by ``pip install --dry-run --report``, and writes ``requirements.lock``, ``sbom.cdx.json`` (CycloneDX
-1.6, which the wheel carries) and ``docs/licences.md``. ``--offline`` keeps the lock file and rewrites the rest.
+``python docs/supply.py`` reads ``constraints.txt`` and the metadata of what is installed, asks the package
+index for hashes by ``pip install --dry-run --report``, and writes ``requirements.lock``, ``sbom.cdx.json``
+(CycloneDX 1.6, which the wheel carries) and ``docs/licences.md``. ``--offline`` keeps the lock file.
 """
 
 import json
@@ -46,13 +46,13 @@ def licences() -> dict[str, tuple[str, str]]:
 
 def page(found: dict[str, tuple[str, str]]) -> str:
     """The page of licences."""
-    rows = [f"| {name} | {version} | {terms.replace('|', '/')} |" for name, (version, terms) in found.items()]
+    rows = [f"| {name} | {one[0]} | {one[1].replace('|', '/')} |" for name, one in found.items()]
     shared = [f"{name} ({terms})" for name, (_, terms) in found.items() if COPYLEFT.search(terms)]
     return "\n".join([
         "# Licences",
         "",
-        "fieldgym is under the MIT licence and ships no code of others. What it runs with, made from the packages'",
-        "metadata by `python docs/supply.py`:",
+        "fieldgym is under the MIT licence and ships no code of others. What it runs with, from the",
+        "packages' own metadata (`python docs/supply.py`):",
         "",
         f"Weak copyleft, each used as a library of its own that can be replaced: {'; '.join(shared)}.",
         "",
@@ -70,7 +70,7 @@ def sbom(found: dict[str, tuple[str, str]]) -> str:
             "type": "library",
             "name": name,
             "version": version,
-            "purl": f"pkg:pypi/{name.lower().replace('_', '-')}@{version}",
+            "purl": f"pkg:pypi/{re.sub(r'[-_.]+', '-', name).lower()}@{version}",
             "licenses": [{"license": {"name": terms}}],
         }
         for name, (version, terms) in found.items()
@@ -99,7 +99,7 @@ def lock() -> str:
 def locked(report: dict) -> str:
     """The lock file of pip's report."""
     lines = [
-        "# Made by `python docs/supply.py` for this platform; pip install --require-hashes -r requirements.lock"
+        "# Made by `python docs/supply.py`, for this platform: pip install --require-hashes -r <this file>"
     ]
     for one in sorted(report["install"], key=lambda one: one["metadata"]["name"].lower()):
         digest = one["download_info"]["archive_info"]["hashes"]["sha256"]

@@ -641,7 +641,7 @@ def _degenerate(count: int, workers: int, out: Path | None, publish: Path | None
 
     folder = _into(out or Path("results") / "exam-degenerate")
     with progress() as report:
-        rows = faults.run_cases(faults.cases_of(count), folder, workers=workers, progress=report)
+        rows = faults.run_cases(faults.cases_of(count), folder, app, workers=workers, progress=report)
     written, found = faults.write(rows, folder), faults.summary(rows)
     if publish is not None:
         faults.publish(found, publish)

@@ -25,13 +25,19 @@ Row = dict[str, Any]
 
 
 def run_cases(
-    cases: Sequence[Case], out: Path, *, workers: int, progress: Callable[[str, float], None]
+    cases: Sequence[Case],
+    out: Path,
+    command: Callable[[list[str]], Any],
+    *,
+    workers: int,
+    progress: Callable[[str, float], None],
 ) -> list[Row]:
     """Run the cases, or what is left of them; ``cases.jsonl`` has a line for each.
 
     Args:
         cases: The cases.
         out: Result folder.
+        command: The command line, called with its words.
         workers: Cases at a time.
         progress: Shown the progress.
     """
@@ -51,7 +57,7 @@ def run_cases(
         while left or running:
             while left and len(running) < workers:
                 case, folder = left.pop(0), Path(tempfile.mkdtemp(prefix="fieldgym-fault-"))
-                running[_started(case, folder)] = case, folder, time.time()
+                running[_started(case, folder, command)] = case, folder, time.time()
             pid, status, used = os.wait4(-1, 0)
             if pid not in running:
                 continue
@@ -70,7 +76,7 @@ def _warm() -> None:
     import fieldmodels.diagnosis.report  # noqa: F401
 
 
-def _started(case: Case, folder: Path) -> int:
+def _started(case: Case, folder: Path, command: Callable[[list[str]], Any]) -> int:
     """Start a case in a child; its process id."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -89,10 +95,8 @@ def _started(case: Case, folder: Path) -> int:
         for number, name in ((1, "stdout"), (2, "stderr")):
             os.dup2(os.open(folder / f".{name}", os.O_WRONLY | os.O_CREAT), number)
         sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
-        from fieldagents.cli import app
-
         try:
-            app([*words, "--out", str(folder / "out"), "--json"])
+            command([*words, "--out", str(folder / "out"), "--json"])
             code = 0
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1

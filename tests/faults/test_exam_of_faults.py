@@ -1,0 +1,68 @@
+"""The exam of faults judges what it is there to judge: each outcome is told from the others."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from fieldagents.degenerate import KINDS, Case, cases_of, run_cases, summary
+from fieldagents.degenerate import run as room
+
+
+def said(stdout="", stderr="", code=0, files=()):
+    """A command that behaves so."""
+
+    def command(words):
+        out = Path(words[words.index("--out") + 1])
+        out.mkdir()
+        for name, text in files:
+            (out / name).write_text(text)
+        os.write(1, stdout.encode())
+        os.write(2, stderr.encode())
+        if code == "loop":
+            while True:
+                pass
+        raise SystemExit(code)
+
+    return command
+
+
+NAMED = json.dumps({"verdict": "named", "causes": [{"effect": "backlash"}]})
+OUTCOMES = {
+    "answered": said(json.dumps({"verdict": "consistent", "causes": []})),
+    "refused": said(stderr="Error: log.csv: no", code=2),
+    "traceback": said(stderr="Traceback (most recent call last):\n  File x\nKeyError: 1", code=1),
+    "false name": said(NAMED),
+    "torn file": said("{}", files=[("diagnosis.json", "{half")]),
+    "died": said(code=7),
+    "hang": said(code="loop"),
+}
+
+
+@pytest.mark.parametrize("outcome", OUTCOMES)
+def test_an_outcome_is_what_it_is(tmp_path, monkeypatch, outcome):
+    monkeypatch.setattr(room, "PROCESSOR_S", 1)
+    monkeypatch.setattr(room, "_warm", lambda: None)
+    rows = run_cases([Case("dead", 0)], tmp_path, OUTCOMES[outcome], workers=1, progress=lambda *_: None)
+    assert [row["outcome"] for row in rows] == [outcome]
+    assert len(summary(rows)["faults"]) == (outcome not in ("answered", "refused"))
+    again = run_cases([Case("dead", 0)], tmp_path, said(code=9), workers=1, progress=lambda *_: None)
+    assert again == rows  # it goes on where it stopped
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_case_is_made_from_its_number_alone(tmp_path, kind):
+    made = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        words = Case(kind, 3).make(tmp_path / name)
+        files = sorted(
+            (p.name, p.read_bytes().replace(name.encode(), b"")) for p in (tmp_path / name).iterdir()
+        )
+        made.append(([word.replace(str(tmp_path / name), "") for word in words], files))
+    assert made[0] == made[1]
+
+
+def test_a_sample_has_every_kind():
+    assert {case.kind for case in cases_of(len(KINDS))} == set(KINDS)
