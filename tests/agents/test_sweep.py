@@ -136,7 +136,10 @@ def test_a_search_goes_on_from_what_there_is(searched):
 
 
 def test_a_search_gives_the_same_in_processes(tmp_path):
-    config = search(budget=4800, rungs=[0.5])
+    whole = search(budget=4800, rungs=[0.5])
+    config = whole.model_copy(
+        update={"studies": {"ppo": whole.studies["ppo"]}}
+    )  # few batches: each starts processes
     assert tune(config, tmp_path / "there", engine=Engine(workers=2)) == tune(config, tmp_path / "here")
 
 
