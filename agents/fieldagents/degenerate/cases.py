@@ -265,7 +265,7 @@ class Mine(Agent):
         pass
 
     def act(self, observation, info):
-        action = np.zeros((len(observation), 1))
+        action = np.zeros((len(observation), 3))
         self.calls += 1
         if self.calls > {calls}:
             {what}

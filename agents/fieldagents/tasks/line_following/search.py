@@ -34,6 +34,10 @@ LQG_CHOICES = tuple(product((0.003, 0.01, 0.02, 0.04), (0.03, 0.1, 0.3, 1.0, 3.0
 PLACES, TURNS, FAR = (0, 1, 2, 3), (4, 5, 6, 7), (9, 10, 11, 12)
 
 
+REWARD_LIMIT = 3.0
+"""Of the reward by which weights are judged: strides far from the line count more than in training."""
+
+
 class Trials:
     """Walks on all tracks for a number of candidates at once, all of them on the same seeds.
 
@@ -58,7 +62,7 @@ class Trials:
                 TASKS["line_following"].env_id,
                 num_envs=len(self._seeds),
                 vectorization_mode="vector_entry_point",
-                settings={**settings, "track": track},
+                settings={"reward_limit": REWARD_LIMIT, **settings, "track": track},
                 reality=reality,
             )
             for track in tracks
