@@ -405,7 +405,7 @@ def test_diagnose_reads_what_record_wrote_and_finds_what_it_hid(rig_config, tmp_
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     # Hysteresis over a tiny distance is Coulomb friction: what would distinguish them may be planned.
     planned = ["next_input.csv", "next_record.yaml"] if diagnosis["next_measurement"] else []
-    assert names == sorted(["diagnosis.json", "extended.yaml", "report.html", *planned])
+    assert names == sorted(["diagnosis.json", "extended.yaml", "figures", "report.html", *planned])
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text()) == diagnosis
 
 
