@@ -165,7 +165,9 @@ def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser,
         _until(browser, lambda _b: find("columns").is_displayed())
         assert find("column-angle").get_attribute("value") == "Winkel [deg]:deg"
         assert find("column-t").get_attribute("value") == "Zeit [ms]:ms"
-        find("column-torque").send_keys(Keys.HOME, "-")  # the sign is the user's to correct
+        # The sign is proposed from the data; what is typed counts.
+        assert find("column-torque").get_attribute("value") == "-Moment [N m]:N m"
+        find("column-torque").send_keys(Keys.HOME, Keys.DELETE, "-1*")
         find("diagnose").send_keys(Keys.SPACE)
         _until(browser, lambda _b: find("try").is_displayed() or find("trouble").text)
         assert not find("trouble").text
