@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldmodels.files import write_text
+from fieldmodels.files import OutputError, write_text
 from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def catalogue() -> dict[str, Any]:
         kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         return kept
     found = _gathered()
-    with suppress(OSError):
+    with suppress(OSError, OutputError):
         for old in home.glob("catalogue-*.json"):
             old.unlink()
         write_text(path, json.dumps(found))

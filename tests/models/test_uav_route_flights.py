@@ -235,7 +235,8 @@ def test_observation_does_not_depend_on_where_north_is():
 
 
 def test_safe_route_arrives_and_scores():
-    flights = make(1, Rules(layout=EXAMPLE, longest_leg=500.0))
+    rewards = {"progress": "straight", "progress_reward": 0.01, "length_cost": 0.01, "arrival_reward": 1.0}
+    flights = make(1, Rules(layout=EXAMPLE, longest_leg=500.0, **rewards))
     route, total = safe_route(EXAMPLE), 0.0
     for waypoint in route[1:]:
         leg = flights.fly_to([waypoint])

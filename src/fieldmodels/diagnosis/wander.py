@@ -26,7 +26,7 @@ LEFT = 1e-4
 
 
 FORCE = -1
-"""In an output's place: the generalised force, where noise of the inputs or of nature drives the machine."""
+"""In an output's place: the generalised force, where noise of the inputs drives the machine."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class _Walks:
             shown = project(fitted, own[:, :, None], start[:, None])[:, :, 0]
             if np.sum(shown**2) > LEFT * np.sum((own @ fitted.whitener.T) ** 2):
                 self.shown[int(j)] = shown
-        if problem.model.noisy_inputs or problem.model.random_force:
+        if problem.model.noisy_inputs:  # a random force is another one each moment: a steady one is a fault
             self.shown[FORCE] = _pushed(problem, fitted)
         self._columns = np.concatenate(
             [fitted.residual[:, :, None], fitted.jacobian[:, :, fitted.active]], axis=2
