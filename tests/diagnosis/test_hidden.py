@@ -210,8 +210,12 @@ UNLISTED = [
     ("pose_reaching", "weak_left", 1.29),
     ("pose_reaching", "tracker_scale", 3.65),
     ("line_following", "weak_left", 2.89),
+    ("line_following", "limp", 5.84),
     ("uav_route", "map_scale", 0.75),
+    ("uav_route", "wind_shear", 0.6),
+    ("uav_route", "clutter", 1.0),
     ("excitation", "one_way_spring", 1.89),
+    ("excitation", "arm_cubic", 1.5),
     ("servo", "force_step", 0.11),
 ]
 """Machine, a fault that it does not list, its size."""
@@ -221,13 +225,20 @@ OFTEN = {"payload", "actuator_lag", "accelerometer_gain"}
 """The shaken vehicle's diagnoses take long: those of its effects that are always asked for."""
 
 
-SLOW_ERROR = pytest.mark.xfail(reason="a slow error of the place passes for a sensor that wanders")
+SLOW_ERROR = pytest.mark.xfail(
+    strict=True, reason="a slow error of the place passes for a sensor that wanders"
+)
 MISSED = {
     ("uav_route", "radar_position"): pytest.mark.xfail(
-        reason="few readings change, where the aircraft seldom passes the radar's edge"
+        strict=True, reason="few readings change, where the aircraft seldom passes the radar's edge"
     ),
     ("uav_route", "map_scale"): SLOW_ERROR,
     ("servo", "force_step"): SLOW_ERROR,
+    ("line_following", "limp"): pytest.mark.xfail(
+        strict=True, reason="named steering_bias, as its mean is one"
+    ),
+    ("uav_route", "wind_shear"): SLOW_ERROR,
+    ("uav_route", "clutter"): pytest.mark.xfail(strict=True, reason="too few readings change to be seen"),
 }
 """What the diagnosis does not find."""
 
@@ -279,11 +290,21 @@ def test_a_hidden_effect_is_found_with_its_size(machine: str, effect: str, seed:
             assert error < max(5.0 * estimate.std, 0.2 * abs(true[parameter.name] - neutral)), parameter.name
 
 
-@pytest.mark.parametrize("machine", PAIRS)
-def test_two_hidden_effects_are_both_found(machine: str):
-    sizes = {effect: SIZES[machine][effect] for effect in PAIRS[machine]}
+@pytest.mark.parametrize(
+    ("machine", "pair"),
+    [
+        *PAIRS.items(),
+        pytest.param(
+            "uav_route",
+            ("turn_speed_loss", "radar_position"),
+            marks=MISSED["uav_route", "radar_position"],
+        ),
+    ],
+)
+def test_two_hidden_effects_are_both_found(machine: str, pair: tuple[str, ...]):
+    sizes = {effect: SIZES[machine][effect] for effect in pair}
     found, answer = diagnosed(get_bench(machine), sizes, SECOND)
-    assert of_listed(answer, PAIRS[machine]) in RIGHT, found.summary()
+    assert of_listed(answer, pair) in RIGHT, found.summary()
 
 
 @pytest.mark.parametrize(
@@ -294,8 +315,7 @@ def test_where_nothing_is_hidden_nothing_is_named(machine: str, seed: int):
     """Every other record has noise that wanders, which is easily taken for a cause."""
     noise = "autoregressive" if seed % 2 else "white"
     found, _ = diagnosed(get_bench(machine), {}, seed, Conditions(noise=noise))
-    assert not found.causes, found.summary()
-    assert noise != "white" or found.verdict == "consistent", found.summary()
+    assert found.verdict == "consistent", found.summary()
 
 
 @pytest.mark.parametrize(("machine", "fault", "size"), some(UNLISTED))

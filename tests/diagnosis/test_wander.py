@@ -118,14 +118,16 @@ def test_what_a_free_column_explains_is_no_walk():
             "pose_reaching",
             1050,
             marks=pytest.mark.xfail(
-                reason="a curve of sideways speed over speed beats a heading that wanders"
+                strict=True, reason="a curve of sideways speed over speed beats a heading that wanders"
             ),
         ),
         ("line_following", 1036),  # the start of a window is what a wandering sensor shows
         pytest.param(
             "line_following",
             1010,
-            marks=pytest.mark.xfail(reason="a curve of the steering beats a camera that wanders"),
+            marks=pytest.mark.xfail(
+                strict=True, reason="a curve of the steering beats a camera that wanders"
+            ),
         ),
     ],
 )
