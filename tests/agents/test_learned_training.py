@@ -508,6 +508,8 @@ def test_config_mistakes_come_all_at_once_with_their_lines(tmp_path):
     ]
     with pytest.raises(ValueError, match=r"48 does not divide the 64 steps"):
         tiny(learner={"n_steps": 16, "batch_size": 48})
+    with pytest.raises(ValueError, match="groups of 3 twins in 1 environments do not divide num_envs, 4"):
+        tiny(twins=3)
     with pytest.raises(ValueError, match="stride"):
         tiny(environment={"settings": {"stride": 9}})
 

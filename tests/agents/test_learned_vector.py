@@ -110,3 +110,32 @@ def test_parts_are_the_rows_one_after_the_other():
     pose = gymnasium.make_vec("fieldgym/PoseReaching-v0", 2, vectorization_mode="vector_entry_point")
     with pytest.raises(ValueError, match="need equal spaces"):
         NativeVecEnv(make("ar1", 2), pose, seed=0)
+
+
+def test_twins_meet_the_same_walk_and_are_rewarded_by_what_they_do_better():
+    """Groups see what single environments of the group's seed see; their rewards are those less the mean."""
+    env_id, settings = fieldgym.TASKS["heel_strike"].env_id, {"strides": 7}
+
+    def make(n):
+        return gymnasium.make_vec(env_id, n, vectorization_mode="vector_entry_point", settings=settings)
+
+    groups = NativeVecEnv(make(6), seed=4, twins=3)
+    alone = [gymnasium.make(env_id, settings=settings) for _ in range(6)]
+    first = [one.reset(seed=4 + i // 3)[0] for i, one in enumerate(alone)]
+    np.testing.assert_array_equal(groups.reset(), first)
+    rng = np.random.default_rng(0)
+    total = np.zeros(6)
+    for _ in range(7):
+        actions = rng.uniform(-1, 1, (6, 3)).astype(np.float32)
+        observation, reward, done, infos = groups.step(actions)
+        steps = [one.step(action) for one, action in zip(alone, actions, strict=True)]
+        own = np.array([step[1] for step in steps])
+        total += own
+        np.testing.assert_allclose(reward, own - np.repeat([own[:3].mean(), own[3:].mean()], 3), atol=1e-12)
+        assert np.abs(reward).max() > 1e-3  # twins that act alike would teach nothing
+        np.testing.assert_array_equal(observation[:3], observation[[0, 0, 0]])
+        assert done.all() or not np.array_equal(observation[0], observation[3])  # another group, another walk
+    assert done.all()
+    np.testing.assert_allclose([info["episode"]["r"] for info in infos], total)
+    with pytest.raises(ValueError, match="groups of 4 twins do not divide"):
+        NativeVecEnv(make(6), seed=0, twins=4)

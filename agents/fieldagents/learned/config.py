@@ -98,6 +98,10 @@ class TrainConfig(Config):
     steps: Annotated[int, Field(ge=0)]
     """Environment steps; training ends with the update that reaches them. 0: imitation alone."""
     num_envs: Annotated[int, Field(ge=1, le=ENVIRONMENTS_MOST)] = 64
+    twins: PositiveInt = 1
+    """Rows in a group that meets the same episodes and is rewarded by how much each does better than their
+    mean; the score of a policy is that of the task. Only where noise does not depend on actions, and
+    observations neither, is nothing lost by it."""
     stack: Annotated[int, Field(ge=1, le=100)] = 1
     """Observations that the policy is given at once, the latest last; zeros before an episode's first."""
     round_updates: PositiveInt | None = None
@@ -105,7 +109,7 @@ class TrainConfig(Config):
     checkpoint_every: PositiveInt = 10
     """Rounds between two checkpoints."""
     environment: EnvironmentConfig = EnvironmentConfig()
-    also: tuple[EnvironmentConfig, ...] = ()
+    also: tuple[EnvironmentConfig, ...] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
     learner: dict[str, Any] = Field(default_factory=dict, validate_default=True)
@@ -142,8 +146,13 @@ class TrainConfig(Config):
                     problems += [((i, *at), message) for at, message in error.problems]
             if problems:
                 raise ProblemsError(problems)
-        if len(also) >= info.data.get("num_envs", len(also) + 1):
+        rows, twins = info.data.get("num_envs", len(also) + 1), info.data.get("twins", 1)
+        if len(also) >= rows:
             raise ValueError(f"{len(also) + 1} environments need as many rows at least: raise num_envs")
+        if twins > 1 and rows % (twins * (len(also) + 1)):
+            raise ValueError(
+                f"groups of {twins} twins in {len(also) + 1} environments do not divide num_envs, {rows}"
+            )
         return also
 
     @field_validator("algorithm")

@@ -53,7 +53,7 @@ class Recorder(BaseCallback):
         self._until, self._stop = until, stop
         self._run, self._folder, self._report = run, folder, report
         self._begun = run.model.num_timesteps
-        self._clock = time.monotonic()
+        self._clock, self._processor = time.monotonic(), time.process_time()
         self._metric = get_task(run.config.task).metrics[0].name
         self._columns = ("steps", "training_return", *run.logged, "validation_return")
         self._curve: list[dict[str, Any]] = []
@@ -89,6 +89,7 @@ class Recorder(BaseCallback):
             "best_steps": best.steps,
             "validation_return": best.mean_return,
             "seconds": round(time.monotonic() - self._clock, 1),
+            "processor_seconds": round(time.process_time() - self._processor, 1),
         }
         write_text(self._folder / "run.json", json.dumps(result, indent=2) + "\n")
 

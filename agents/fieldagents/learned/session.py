@@ -63,7 +63,7 @@ def _run_training(
         )
         for environment, share in zip(config.environments, shares, strict=True)
     ]
-    run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed))
+    run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed, twins=config.twins))
     try:
         run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         state = latest_checkpoint(folder / "checkpoints", lambda problem: print(problem, file=sys.stderr))

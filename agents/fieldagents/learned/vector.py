@@ -26,7 +26,10 @@ class NativeVecEnv(VecEnv):
     Args:
         parts: Vector environments of fieldgym, or others whose rows are reset from outside
             (``AutoresetMode.DISABLED``); of equal spaces, their rows one after the other.
-        seed: Of the first reset; row i is seeded with ``seed + i``.
+        seed: Of the first reset; row i is seeded with ``seed + i // twins``.
+        twins: Rows in a group that meets the same starts, truths and noise, and is rewarded for what it does
+            better than the group's mean. Where noise does not depend on actions, what luck does to all of
+            them says nothing about any of their actions.
 
     Attributes:
         rows: Which rows each part has.
@@ -37,7 +40,7 @@ class NativeVecEnv(VecEnv):
         ValueError: If the rows of a part cannot be reset one by one, or the spaces differ.
     """
 
-    def __init__(self, *parts: VectorEnv[Any, Any, Any], seed: int) -> None:
+    def __init__(self, *parts: VectorEnv[Any, Any, Any], seed: int, twins: int = 1) -> None:
         for part in parts:
             mode = part.metadata.get("autoreset_mode")
             if mode != AutoresetMode.DISABLED and not isinstance(part.unwrapped, TaskVectorEnv):
@@ -49,11 +52,16 @@ class NativeVecEnv(VecEnv):
         for word in ("single_observation_space", "single_action_space"):
             if any(getattr(part, word) != getattr(first, word) for part in parts):
                 raise ValueError(f"environments that train one policy need equal spaces: {word} differs")
+        if any(part.num_envs % twins for part in parts):
+            raise ValueError(
+                f"groups of {twins} twins do not divide {[part.num_envs for part in parts]} rows"
+            )
         ends = np.cumsum([part.num_envs for part in parts]).tolist()
         self.parts = parts
         self.rows = [slice(end - part.num_envs, end) for part, end in zip(parts, ends, strict=True)]
         self.infos: list[dict[str, Any]] = [{} for _ in parts]
         self._seed: int | None = seed
+        self._twins = twins
         self._returns = np.zeros(ends[-1])
         self._lengths = np.zeros(ends[-1], dtype=np.int64)
         self._actions: NDArray[Any] | None = None
@@ -63,8 +71,9 @@ class NativeVecEnv(VecEnv):
         """Begin new episodes everywhere; the first time from the seed handed in."""
         observations = []
         for i, (part, rows) in enumerate(zip(self.parts, self.rows, strict=True)):
-            seed = None if self._seed is None else self._seed + rows.start
-            observation, self.infos[i] = part.reset(seed=seed)
+            numbers = (np.arange(rows.start, rows.stop) // self._twins).tolist()
+            seeds: Any = None if self._seed is None else [self._seed + number for number in numbers]
+            observation, self.infos[i] = part.reset(seed=seeds)
             observations.append(observation)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -95,6 +104,9 @@ class NativeVecEnv(VecEnv):
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
         self._returns[ended], self._lengths[ended] = 0.0, 0
+        if self._twins > 1:
+            groups = reward.reshape(-1, self._twins)
+            reward = (groups - groups.mean(axis=1, keepdims=True)).reshape(-1)
         return observation, reward, ended, infos
 
     def _step(self, i: int, actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
