@@ -52,8 +52,11 @@ def test_a_card_holds_the_whole_config_and_the_curve_of_every_run(training):
     for run in card["runs"]:
         assert run["steps"] >= config.steps
         own = curve[curve["seed"] == run["seed"]].set_index("steps")
-        assert own["validation_return"].idxmax() == run["best_steps"]
-        assert own["validation_return"].max() == run["validation_return"]
+        assert own["validation_return"][run["best_steps"]] == run["validation_return"]
+        first = get_task(training.task).metrics[0]
+        score = own[f"validation_{first.name}"] * (-1 if first.lower_is_better else 1)
+        chosen_by = own["validation_return"] if config.validation.by == "return" else score
+        assert chosen_by[run["best_steps"]] == chosen_by.max()
 
 
 @pytest.mark.parametrize("training", [one for one in TRAININGS if one.task == "heel_strike"], ids=str)
