@@ -1,4 +1,4 @@
-"""Write the page and the picture of every environment.
+"""Write the page and the film of every environment.
 
     python docs/environments.py
 
@@ -8,17 +8,14 @@ A page is the class docstring of the environment, followed by its settings as a 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import matplotlib.image
 import numpy as np
-from numpy.typing import NDArray
+from PIL import Image
 
-from fieldagents.agent import Agent
 from fieldagents.evaluation.agents import make_agent
 from fieldagents.task import get_task
 from fieldagents.watch import Episode
@@ -28,7 +25,7 @@ from fieldmodels.registry import get_model
 from fieldmodels.settings import declared
 
 FOLDER = Path(__file__).parent / "environments"
-STEPS_BEFORE_THE_PICTURE = 60
+MOST_STEPS, FRAMES, SIZE = 160, 48, (640, 360)
 
 
 def page(task: Task) -> str:
@@ -37,7 +34,7 @@ def page(task: Task) -> str:
     text = inspect.cleandoc(environment.__doc__ or "")
     settings = "\n".join(f"| `{n}` | `{d}` | {r} | {m} |" for n, d, r, m in settings_of(task.settings))
     return (
-        f"# {task.title}\n\n`{task.env_id}`\n\n![The task while it runs]({task.name}.png)\n\n{text}\n\n"
+        f"# {task.title}\n\n`{task.env_id}`\n\n![The task while it runs]({task.name}.webp)\n\n{text}\n\n"
         f"## Settings\n\n`{task.settings.__name__}`\n\n"
         f"| Setting | Default | Range | Meaning |\n|---|---|---|---|\n{settings}\n\n"
         f"## Stock effects\n\n{stock_effects(task)}\n"
@@ -75,38 +72,26 @@ def settings_of(kind: type[Any]) -> list[tuple[str, Any, str, str]]:
     return rows
 
 
-class Middle(Agent):
-    """Takes the actions in the middle of their range."""
-
-    name = "middle"
-
-    def __init__(self, space: gym.spaces.Box) -> None:
-        self._action = (space.low + space.high) / 2
-
-    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
-        """See ``Agent.act``."""
-        return np.repeat(self._action[None], len(observation), axis=0)
-
-
-def picture(task: Task, path: Path) -> None:
-    """Save a frame of the task while an agent is at work, before the episode's end."""
-    env = gym.make(task.env_id, render_mode="rgb_array", disable_env_checker=True).unwrapped
-    name = get_task(task.name).picture
-    agent = make_agent(name, task.name, {}).runs[0] if name else Middle(env.action_space)
-    episode = Episode(task.name, env, agent, seed=3)
-    frame = None
-    for _ in islice(episode.steps(), STEPS_BEFORE_THE_PICTURE):
-        if not episode.over:
-            frame = env.render()
+def film(task: Task, path: Path) -> None:
+    """Film a reference agent at work, small enough for a page."""
+    env = task.make(render_mode="rgb_array", disable_env_checker=True).unwrapped
+    known = get_task(task.name)
+    name = known.picture or next(one for one, agent in known.agents.items() if not agent.estimator)
+    episode = Episode(task.name, env, make_agent(name, task.name, {}).runs[0], seed=3)
+    frames = [env.render() for _ in islice(episode.steps(), MOST_STEPS)]
+    chosen = np.unique(np.linspace(0, len(frames) - 1, FRAMES).astype(int))
+    small = [Image.fromarray(frames[i]).resize(SIZE, Image.Resampling.LANCZOS) for i in chosen]
     with replacing(path) as temporary:
-        matplotlib.image.imsave(temporary, frame)
+        small[0].save(
+            temporary, save_all=True, append_images=small[1:], duration=90, loop=0, quality=40, method=6
+        )
 
 
 def main() -> None:
-    """Write all pages and pictures."""
+    """Write all pages and films."""
     for task in TASKS.values():
         write_text(FOLDER / f"{task.name}.md", page(task))
-        picture(task, FOLDER / f"{task.name}.png")
+        film(task, FOLDER / f"{task.name}.webp")
         print(FOLDER / f"{task.name}.md")
 
 

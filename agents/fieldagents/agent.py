@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import Space
 from numpy.typing import NDArray
 
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.guard import guard, located
 
 Sees = Literal["observation", "model", "privileged"]
@@ -186,5 +186,5 @@ def visible(info: Mapping[str, Any], sees: Sees, task: str) -> Mapping[str, Any]
     """
     if sees == "privileged":
         return info
-    allowed = TASKS[task].model_reads if sees == "model" else ()
+    allowed = find_task(task).model_reads if sees == "model" else ()
     return {key: value for key, value in info.items() if key.removeprefix("_") in allowed}

@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from fieldagents.progress import progress
+from fieldmodels.extras import words
 from fieldmodels.files import claimed, write_text
 
 if TYPE_CHECKING:
@@ -55,6 +56,8 @@ def _message(error: Exception) -> str | None:
 
     if isinstance(error, ConfigError) and len(error.problems) > 1:
         return "\n".join([f"{len(error.problems)} mistakes:", *error.problems])
+    if isinstance(error, ModuleNotFoundError):
+        return words(error) or None
     if type(error).__module__.split(".")[0] in OURS:
         return str(error)
     if isinstance(error, OSError) and (error.filename is not None or error.errno in DISK):
@@ -244,9 +247,9 @@ def evaluate(
         fieldgym evaluate benchmark --workers 2
     """
     from fieldagents.config import has_key, load_config
-    from fieldagents.evaluation import evaluate as run
-    from fieldagents.evaluation import show
     from fieldagents.evaluation.config import EvaluateConfig
+    from fieldagents.evaluation.evaluate import evaluate as run
+    from fieldagents.evaluation.report import show
     from fieldmodels.engine import Engine
 
     if has_key(config, "suite"):
@@ -527,14 +530,8 @@ def open_(
 
         fieldgym open bench.csv
     """
-    from fieldagents.config import ConfigError
+    from fieldagents.app.server import serve
 
-    try:
-        from fieldagents.app.server import serve
-    except ModuleNotFoundError as error:
-        if error.name not in ("starlette", "uvicorn", "anyio"):
-            raise
-        raise ConfigError([f"the page needs {error.name}: pip install 'fieldgym[app]'"]) from None
     say = (lambda address: _print_json({"address": address})) if as_json else print
     serve(logs or [], _into(out), port, browser=not no_browser, say=say)
 

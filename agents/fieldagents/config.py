@@ -80,11 +80,12 @@ def check_environment(task: str, environment: EnvironmentConfig) -> None:
     Raises:
         ProblemsError: With every unknown key, wrong value and unknown effect.
     """
-    from fieldgym import TASKS
+    from fieldgym import find_task
     from fieldgym.settings import take_samplers
 
     problems: list[tuple[Location, str]] = []
-    kind = TASKS[task].settings
+    declared = find_task(task)
+    kind = declared.settings
     fixed, _, wrong = take_samplers(environment.settings, kind)
     problems += [(("settings", name), message) for name, message in wrong]
     try:
@@ -92,7 +93,7 @@ def check_environment(task: str, environment: EnvironmentConfig) -> None:
     except ValidationError as error:
         problems += [(("settings", *at), message) for at, message in readable(error, kind)]
     try:
-        check_reality(TASKS[task].model, environment.reality, TASKS[task].channels)
+        check_reality(declared.model, environment.reality, declared.channels)
     except ProblemsError as error:
         problems += [(("reality", *at), message) for at, message in error.problems]
     if problems:
@@ -137,16 +138,37 @@ def _parts(reality: Any, effects: Collection[str]) -> Iterator[tuple[Location, A
             yield (name,), {name: values}
 
 
-def check_task(name: str) -> str:
-    """Return the task's name.
+def check_task(name: str, said: Collection[str] | None = ()) -> str:
+    """Return the name by which a task is found.
+
+    Args:
+        name: Of a task; or of a machine that is to follow a reference, its Python file, or a ``bench.yaml``
+            or ``extended.yaml`` that names it.
+        said: What the command line says: a Python file is run only if ``task=FILE`` is among it.
 
     Raises:
         ValueError: If there is no such task.
     """
     from fieldgym import TASKS
+    from fieldmodels.drivers.named import model_named_in
+    from fieldmodels.machine import Machine
+    from fieldmodels.model_files import is_model_file
+    from fieldmodels.registry import get_model, model_names
 
-    if name not in TASKS:
-        raise ValueError(f"there is no task {name!r}{did_you_mean(name, TASKS)}")
+    if name in TASKS:
+        return name
+    if name.endswith((".yaml", ".yml")):
+        try:
+            name = model_named_in(name)
+        except YamlError as error:
+            raise ValueError(str(error)) from None
+    if is_model_file(name) and f"task={name}" not in (said or ()):
+        raise ValueError(f"a Python file is run only if the command line names it: --set task={name}")
+    if not is_model_file(name) and name not in model_names():
+        machines = [one for one in model_names() if one not in TASKS]
+        raise ValueError(f"there is no task {name!r}{did_you_mean(name, [*TASKS, *machines])}")
+    if not isinstance(get_model(name), Machine):
+        raise ValueError(f"model {name!r} is no Machine; only those can be stepped one by one")
     return name
 
 
@@ -216,7 +238,7 @@ def environment_of(task: str, overrides: Sequence[str] = ()) -> EnvironmentConfi
     """
     places: dict[Location, str] = {(): "--set"}
     try:
-        check_task(task)
+        check_task(task, (f"task={task}",))
     except ValueError as error:
         raise ConfigError([str(error)]) from None
     environment = _checked({}, places, EnvironmentConfig, overrides)

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation import evaluate, lead, report_section
 from fieldagents.evaluation.agents import agent_names
 from fieldagents.evaluation.config import EvaluateConfig
+from fieldagents.evaluation.evaluate import evaluate
+from fieldagents.evaluation.report import lead, report_section
 from fieldagents.progress import Report
 from fieldagents.task import get_task
 from fieldmodels import html
@@ -110,7 +111,7 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
             "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
             "estimator's gains under noise whose level it does not know. The score is the error in the "
             "foot's height at heel strike. All agents meet the same noise on the same episodes.</p>",
-            html.figure(_picture(), "The task as it is rendered: the leg, its traces and the strike errors."),
+            html.figure(_picture, "The task as it is rendered: the leg, its traces and the strike errors."),
             _below(report_section(summary)),
             "<h2>Where things are</h2>",
             "<p>Beside this page: <code>heel_strike/</code> holds every episode (Parquet), the summary and "
@@ -147,7 +148,7 @@ def find_bench(pendulum: Model) -> Bench:
     return Bench(train, test, about, real=True)
 
 
-def _picture() -> object:
+def _picture(width: float) -> object:
     """A frame of the task, as a matplotlib figure."""
     import gymnasium as gym
     from matplotlib.figure import Figure
@@ -160,7 +161,7 @@ def _picture() -> object:
         env.step(np.zeros(env.action_space.shape, dtype=np.float32))
     frame = np.asarray(env.render())
     env.close()
-    figure = Figure(figsize=(9.6, 9.6 * frame.shape[0] / frame.shape[1]), dpi=100)
+    figure = Figure(figsize=(width, width * frame.shape[0] / frame.shape[1]), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.imshow(frame)
     axes.set_axis_off()

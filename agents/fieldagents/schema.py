@@ -16,6 +16,7 @@ from fieldagents.config import Config, shipped_configs
 from fieldgym import TASKS
 from fieldmodels.files import write_text
 from fieldmodels.names import did_you_mean
+from fieldmodels.registry import model_names
 from fieldmodels.settings import declared
 
 KINDS = {
@@ -57,7 +58,8 @@ def schema(kind: str) -> dict[str, Any]:
         if "description" in model:
             model["description"] = inspect.cleandoc(model["description"]).split("\n")[0]
     if "task" in found["properties"]:
-        found["properties"]["task"]["enum"] = list(TASKS)
+        names = {"enum": sorted({*TASKS, *model_names()})}
+        found["properties"]["task"]["anyOf"] = [names, {"pattern": r"\.(yaml|yml|py)(:\w+)?$"}]
         found["allOf"] = [_of_task(name, found["properties"]) for name in TASKS]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 

@@ -8,13 +8,15 @@ and ``claims.py`` with ``CLAIMS`` (`fieldagents.claim.Claim`), which say what th
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from pkgutil import iter_modules
+from pathlib import Path
+from pkgutil import iter_modules, resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from fieldagents.agent import Agent, Sees
@@ -22,11 +24,11 @@ from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.config import Config
 from fieldagents.operator import Operator
 from fieldmodels.code import reached_code
+from fieldmodels.model_files import is_model_file, split_class
 from fieldmodels.names import did_you_mean
+from fieldmodels.registry import model_names
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy as np
     import pandas as pd
     from matplotlib.figure import Figure
@@ -278,12 +280,15 @@ def task_names() -> tuple[str, ...]:
 
 @cache
 def get_task(name: str) -> TaskDefinition:
-    """A task by its name.
+    """A task by its name, or that of a machine (see ``fieldgym.find_task``).
 
     Raises:
-        TaskError: If it has no folder; the message says which have.
+        TaskError: If there is neither; the message says which tasks there are.
     """
     if name not in (known := task_names()):
+        if name in model_names() or is_model_file(name):
+            bench: TaskDefinition = resolve_name("fieldagents.bench:definition")(name)
+            return bench
         raise TaskError(f"{FOLDERS} has no folder {name!r}{did_you_mean(name, known)}")
     task: TaskDefinition = import_module(f"{FOLDERS}.{name}.task").TASK
     if task.name != name:
@@ -311,5 +316,9 @@ def code_of(task: str, *also: str) -> str:
         task: Name of the task.
         also: Further modules.
     """
+    if is_model_file(task):
+        text = Path(split_class(task)[0]).read_bytes()
+        return f"{reached_code(('fieldagents.bench', *also))}-{hashlib.sha256(text).hexdigest()[:16]}"
     own = (f"{FOLDERS}.{task}", f"fieldmodels.machines.{task}", f"fieldgym.{task}", f"fieldgym.tasks.{task}")
-    return reached_code((*own, *also), (f"{FOLDERS}.{task}.claims",))
+    bench = () if task in task_names() else ("fieldagents.bench",)
+    return reached_code((*own, *bench, *also), (f"{FOLDERS}.{task}.claims",))

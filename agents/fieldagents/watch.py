@@ -9,7 +9,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +18,7 @@ from fieldagents.evaluation.agents import agent_names, keep_drives, known_agent,
 from fieldagents.operator import Operator
 from fieldagents.progress import Report
 from fieldagents.task import Drives, get_task
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldgym.film import check_ending, write_film
 
 SLICES = 10
@@ -102,15 +101,18 @@ def watch(
     if film is None:
         _check_screen()
     actor = make_agent(name, task, environment.settings, trust_pickle).runs[0]
-    env = gymnasium.make(
-        TASKS[task].env_id,
-        render_mode="human" if film is None else "rgb_array",
-        disable_env_checker=True,
-        settings={**environment.settings, **actor.settings},
-        reality=environment.reality,
-    ).unwrapped
+    env = (
+        find_task(task)
+        .make(
+            render_mode="human" if film is None else "rgb_array",
+            disable_env_checker=True,
+            settings={**environment.settings, **actor.settings},
+            reality=environment.reality,
+        )
+        .unwrapped
+    )
     drives = None if save is None else keep_drives(task, save, environment.settings)
-    operator = Operator() if film is None and TASKS[task].operator else None
+    operator = Operator() if film is None and find_task(task).operator else None
     if operator is not None and drives is not None:
         operator.switch()
     episode = Episode(task, env, actor, seed, operator, drives)

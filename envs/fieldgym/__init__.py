@@ -5,13 +5,10 @@ from gymnasium.envs.registration import registry
 
 from fieldgym.film import RecordVideo
 from fieldgym.settings import SettingsError
-from fieldgym.task import Task
-from fieldgym.tasks import TASKS
+from fieldgym.task import BENCH, Task
+from fieldgym.tasks import TASKS, find_task
 
-BENCH = "fieldgym/Bench-v0"
-"""A diagnosed bench of one's own: ``gymnasium.make(BENCH, config="extended.yaml")``."""
-
-__all__ = ["BENCH", "TASKS", "RecordVideo", "SettingsError", "Task", "register"]
+__all__ = ["BENCH", "TASKS", "RecordVideo", "SettingsError", "Task", "find_task", "register"]
 
 
 def register() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -14,7 +14,6 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.randomisation import Drawn
-from fieldgym.rendering.canvas import Frame
 from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
 from fieldmodels.drivers.named import flown, model_named_in
@@ -22,6 +21,9 @@ from fieldmodels.machine import Machine
 from fieldmodels.names import did_you_mean
 from fieldmodels.registry import get_model
 from fieldmodels.settings import Setting
+
+if TYPE_CHECKING:
+    from fieldgym.rendering.canvas import Frame
 
 WAVES = 3
 """Sines that make up a reference."""
@@ -164,7 +166,11 @@ class BenchTask(BatchTask):
             truncated=(self.elapsed >= self.steps) & ~escaped,
             info={
                 "error": error,
+                "cost": cost,
+                "distance": np.abs(error) / self.reach,
                 "command": actions * self.command,
+                "effort": np.mean(np.abs(actions), axis=1),
+                "escaped": escaped.astype(np.float64),
                 "privileged": {"states": self.driver.states.copy(), **self.drawn.info},
             },
         )
@@ -241,23 +247,28 @@ def as_env(
 
 
 def make_bench(
-    config: str | Path,
+    config: str | Path = "",
     machine: str = "",
     settings: BenchSettings | Mapping[str, Any] | None = None,
+    reality: RealityLike = None,
     render_mode: str | None = None,
     num_envs: int | None = None,
 ) -> TaskEnv | TaskVectorEnv:
-    """A diagnosed bench as a task, in the simulation that has learned: ``fieldgym/Bench-v0``.
+    """A bench as a task, ``fieldgym/Bench-v0``: a machine, nominal or as a diagnosis has found it.
 
     Args:
-        config: ``extended.yaml`` of a diagnosis.
-        machine: Python file of the machine, where it is one's own; by default ``config`` names it.
+        config: ``extended.yaml`` of a diagnosis; empty for the nominal machine, or for that of ``reality``.
+        machine: Name or Python file of the machine; by default ``config`` names it.
         settings: See ``BenchSettings``.
+        reality: See ``as_env``; by default what ``config`` holds.
         render_mode: As for ``gymnasium.make``.
         num_envs: As for ``gymnasium.make_vec``.
 
     Raises:
-        SettingsError: As ``as_env``.
+        SettingsError: As ``as_env``; also if neither a machine nor a file is given.
         ModelError: As ``as_env``; also if the file names no model.
     """
-    return as_env(machine or model_named_in(config), settings, config, render_mode, num_envs)
+    if not (config or machine):
+        raise SettingsError('which bench? give machine="pendulum", or config="extended.yaml" of a diagnosis')
+    learned = reality if reality is not None else config or None
+    return as_env(machine or model_named_in(config), settings, learned, render_mode, num_envs)

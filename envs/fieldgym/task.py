@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+import gymnasium
+
 from fieldmodels.names import class_name
 
 if TYPE_CHECKING:
     from fieldmodels.drivers.stepped import Channels
+
+BENCH = "fieldgym/Bench-v0"
+"""A bench of one's own: ``gymnasium.make(BENCH, config="extended.yaml")``, or ``machine="pendulum"``."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +75,8 @@ class Task:
         return f"fieldgym.{self.module}:{self.class_name}VectorEnv"
 
     @property
-    def channels(self) -> Channels:
-        """Which of its model's signals it commands and measures, imported when asked for."""
+    def channels(self) -> Channels | None:
+        """Which of its model's signals it commands and measures, imported when asked for; None for all."""
         found: Channels = resolve_name(self.entry_point).batch_task.channels
         return found
 
@@ -80,3 +85,36 @@ class Task:
         """The class of its settings, imported when asked for."""
         found: type[Any] = resolve_name(f"fieldgym.{self.module}:{self.settings_name}")
         return found
+
+    def make(self, **options: Any) -> Any:
+        """Its environment, by ``gymnasium.make`` with these options."""
+        return gymnasium.make(self.env_id, **options)
+
+    def make_vec(self, count: int, **options: Any) -> Any:
+        """Its native vector environment of so many rows, by ``gymnasium.make_vec`` with these options."""
+        return gymnasium.make_vec(
+            self.env_id, num_envs=count, vectorization_mode="vector_entry_point", **options
+        )
+
+
+@dataclass(frozen=True)
+class BenchTask(Task):
+    """A machine as a task: its output is to follow a reference, in ``Bench-v0``; see `fieldgym.bench`."""
+
+    @property
+    def env_id(self) -> str:
+        """The identifier that all machines share."""
+        return BENCH
+
+    @property
+    def channels(self) -> None:
+        """All of its signals."""
+        return None
+
+    def make(self, **options: Any) -> Any:
+        """See ``Task.make``."""
+        return super().make(machine=self.model, **options)
+
+    def make_vec(self, count: int, **options: Any) -> Any:
+        """See ``Task.make_vec``."""
+        return super().make_vec(count, machine=self.model, **options)

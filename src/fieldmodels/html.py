@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import base64
+import csv
 import html
 import io
 import re
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fieldmodels.files import write_bytes, write_text
 
-if TYPE_CHECKING:
-    import pandas as pd
-
+Numbers = Mapping[str, Sequence[Any]]
+"""Columns by name, all of one length."""
 INK, BEFORE, AFTER = "#1c2430", "#d55e00", "#0072b2"  # the last two by Okabe and Ito: for every kind of eye
 WIDE, NARROW = 9.6, 4.4  # inches: for a screen and for a phone
 HEAVY = 1_000_000  # bytes of an SVG above which pixels are lighter
@@ -45,7 +45,7 @@ class Picture:
     draw: Callable[[float], Any]
     caption: str
     says: str
-    numbers: pd.DataFrame | None = None
+    numbers: Numbers | None = None
 
     def fragment(self, folder: str = "") -> str:
         """As HTML, for a screen and for a phone, with links to its files.
@@ -53,10 +53,7 @@ class Picture:
         Args:
             folder: Where ``save`` has put the files, as the page sees it; "" for no links.
         """
-        content = "".join(
-            f'<div class="{kind}">{_svg(self.draw(width), self.says)}</div>'
-            for kind, width in (("wide", WIDE), ("narrow", NARROW))
-        )
+        content = _twice(self.draw, self.says)
         names = [f"{self.name}.png", *([f"{self.name}.csv"] if self.numbers is not None else [])]
         links = " ".join(f'<a href="{text(f"{folder}/{n}")}" download>{n[-3:].upper()}</a>' for n in names)
         below = f'{text(self.caption)} <span class="files">{links if folder else ""}</span>'
@@ -70,8 +67,17 @@ class Picture:
         write_bytes(paths[0], stream.getvalue())
         if self.numbers is not None:
             paths.append(folder / f"{self.name}.csv")
-            write_text(paths[1], self.numbers.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
+            lines = io.StringIO()
+            rows = zip(*self.numbers.values(), strict=True)
+            cells = ([f"{c:.9g}" if isinstance(c, float) else c for c in row] for row in rows)
+            csv.writer(lines, lineterminator="\n").writerows([list(self.numbers), *cells])
+            write_text(paths[1], lines.getvalue())
         return paths
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> Numbers:
+    """Columns by name out of rows that have the same names."""
+    return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
 
 
 def page(title: str, body_html: str) -> str:
@@ -100,16 +106,25 @@ def plain(fragment: str) -> list[str]:
     return [html.unescape(re.sub("<[^>]+>", "", line)) for line in fragment.split("<br>")]
 
 
+def _twice(draw: Callable[[float], Any], says: str) -> str:
+    """A figure for a screen and for a phone."""
+    sizes = (("wide", WIDE), ("narrow", NARROW))
+    return "".join(f'<div class="{kind}">{_svg(draw(width), says)}</div>' for kind, width in sizes)
+
+
 def figure(drawing: Any, caption: str = "", says: str = "") -> str:
-    """Return a figure of one width as an HTML fragment.
+    """Return a figure as an HTML fragment.
 
     Args:
-        drawing: A matplotlib figure: inline SVG in the page's colours, or a PNG where that would exceed 1 MB.
+        drawing: A matplotlib figure, or what draws one so many inches wide, once for a screen and once for a
+            phone: inline SVG in the page's colours, or a PNG where that would exceed 1 MB.
         caption: Plain text below the figure.
         says: What it shows, for who does not see it; by default the caption.
     """
     below = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
-    return f"<figure>{_svg(drawing, says or caption or 'figure')}{below}</figure>"
+    words = says or caption or "figure"
+    drawn = _twice(drawing, words) if callable(drawing) else _svg(drawing, words)
+    return f"<figure>{drawn}{below}</figure>"
 
 
 def facts(rows: Iterable[tuple[str, str]]) -> str:

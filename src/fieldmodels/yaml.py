@@ -108,11 +108,11 @@ def _check_size(events: Iterable[Any], source: str) -> None:
             raise YamlError(f"{where}: more than {MOST_NODES:,} values, aliases written out")
 
 
-def save_yaml(data: Any, path: Path) -> None:
+def save_yaml(data: Any, path: str | Path) -> None:
     """Write plain data as YAML; the file appears whole or not at all."""
     stream = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.dump(data, stream)
-    write_text(path, stream.getvalue())
+    write_text(Path(path), stream.getvalue())

@@ -11,11 +11,11 @@ import pytest
 
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig, load_config
-from fieldagents.evaluation import EvaluationError, evaluate, report_section
 from fieldagents.evaluation import play as plays
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import run_episodes
-from fieldagents.evaluation.evaluate import check_pairs
+from fieldagents.evaluation.evaluate import EvaluationError, check_pairs, evaluate
+from fieldagents.evaluation.report import report_section
 from fieldagents.evaluation.suite import SuiteConfig, evaluate_suite
 from fieldagents.evaluation.summary import Labels, summarise_scenario
 from fieldagents.seeds import TEST_SEEDS

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation import report_section, show
 from fieldagents.evaluation.episodes import MetricError, Tally, play_episodes
+from fieldagents.evaluation.report import report_section, show
 from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Metric, TaskDefinition

@@ -23,9 +23,9 @@ from fieldagents.learned.checkpoint import CheckpointError, load_checkpoint, sav
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.publish import publish
 from fieldagents.learned.training import TrainingError, train
-from fieldagents.policies.algorithms import MissingExtraError
 from fieldagents.policies.policy import OnnxAgent, PolicyError
 from fieldagents.policies.zoo import ZooError, list_zoo
+from fieldmodels.extras import MissingExtraError
 from fieldmodels.yaml import save_yaml
 
 TINY = {

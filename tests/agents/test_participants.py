@@ -8,10 +8,10 @@ import pytest
 
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation import evaluate
 from fieldagents.evaluation.agents import AgentError, make_agent
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.evaluation.evaluate import evaluate
 from fieldagents.policies.policy import OnnxAgent, PolicyError
 from fieldagents.seeds import TEST_SEEDS
 

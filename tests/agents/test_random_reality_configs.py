@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from fieldagents.config import ConfigError, load_config
-from fieldagents.evaluation import evaluate
 from fieldagents.evaluation.config import EvaluateConfig
+from fieldagents.evaluation.evaluate import evaluate
 from fieldagents.record.config import RecordConfig
 from fieldagents.record.make import record
 from fieldmodels.reality import read_reality

@@ -9,8 +9,8 @@ import pytest
 from fieldagents import demo
 from fieldagents.claim import Claim, Ours
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation import evaluate
 from fieldagents.evaluation.config import EvaluateConfig
+from fieldagents.evaluation.evaluate import evaluate
 from fieldagents.reproduce import ledger as books
 from fieldagents.reproduce import reproduce
 from fieldagents.reproduce.pages import write_page

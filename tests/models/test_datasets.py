@@ -1,10 +1,12 @@
 """Public recordings are found, checked, and read with their own column names."""
 
 import hashlib
+import io
 import re
 import shutil
 
 import numpy as np
+import platformdirs
 import pytest
 
 from fieldmodels.recording import RecordingError, RecordingWarning, datasets
@@ -24,15 +26,13 @@ DDP = "dfki_simple_pendulum/ddp"
 @pytest.fixture
 def offline(monkeypatch, tmp_path):
     """No local data, an empty cache, no network."""
-    import pooch
-
     monkeypatch.delenv("FIELDGYM_DATA", raising=False)
-    monkeypatch.setattr(pooch, "os_cache", lambda _name: tmp_path / "cache")
+    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda _name: str(tmp_path / "cache"))
 
     def unreachable(*_args, **_more):
         raise ConnectionError("no network")
 
-    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", unreachable)
+    monkeypatch.setattr(datasets, "urlopen", unreachable)
 
 
 def test_every_entry_is_whole():
@@ -138,8 +138,6 @@ def test_out_of_reach_says_where_to_put_it(offline):
 
 
 def test_fetched_once_then_taken_from_the_cache(offline, monkeypatch, tmp_path):
-    import pooch
-
     content = b"time,position,velocity,torque\n"
     fake = datasets.Dataset(
         DDP,
@@ -151,28 +149,21 @@ def test_fetched_once_then_taken_from_the_cache(offline, monkeypatch, tmp_path):
         "",
         url="https://example.org/b",
     )
-    monkeypatch.setitem(datasets._BY_NAME, DDP, fake)
+    monkeypatch.setitem(datasets.datasets(), DDP, fake)
     asked = []
 
-    def download(_self, url, output, _pooch):
+    def download(url, timeout):
         asked.append(url)
-        with open(output, "wb") as file:  # noqa: PTH123
-            file.write(content)
+        return io.BytesIO(content)
 
-    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", download)
+    monkeypatch.setattr(datasets, "urlopen", download)
     assert fetch(DDP).read_bytes() == content
     assert fetch(DDP) == tmp_path / "cache" / "a" / "b.csv"
     assert asked == ["https://example.org/b"]
 
 
 def test_a_download_of_other_content_is_refused(offline, monkeypatch):
-    import pooch
-
-    def download(_self, _url, output, _pooch):
-        with open(output, "wb") as file:  # noqa: PTH123
-            file.write(b"<html>moved</html>")
-
-    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", download)
+    monkeypatch.setattr(datasets, "urlopen", lambda _url, timeout: io.BytesIO(b"<html>moved</html>"))
     with pytest.raises(DatasetError, match="is not the published file"):
         fetch(DDP)
 

@@ -42,8 +42,8 @@ class EvaluateConfig(Config):
 
     @field_validator("task")
     @classmethod
-    def _task_exists(cls, task: str) -> str:
-        return check_task(task)
+    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
+        return check_task(task, info.context)
 
     @field_validator("environments")
     @classmethod

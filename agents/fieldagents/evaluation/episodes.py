@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from fieldagents.agent import Agent, checked_actions, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.task import Metric, get_task
-from fieldgym import TASKS
+from fieldgym import find_task
 
 
 @dataclass(frozen=True)
@@ -118,14 +117,7 @@ def _environments(
 ) -> tuple[dict[str, Any], Any]:
     """Settings as this agent needs them, and a vector environment with them."""
     settings = {**environment.settings, **agent.settings}
-    envs = gymnasium.make_vec(
-        TASKS[task].env_id,
-        num_envs=count,
-        vectorization_mode="vector_entry_point",
-        settings=settings,
-        reality=environment.reality,
-    )
-    return settings, envs
+    return settings, find_task(task).make_vec(count, settings=settings, reality=environment.reality)
 
 
 class Tally:

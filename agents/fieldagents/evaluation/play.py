@@ -17,7 +17,7 @@ from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.zoo import ZOO
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import code_of, get_task
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.drivers.named import flown
 from fieldmodels.engine import Job
 from fieldmodels.engine.job import Report
@@ -135,5 +135,5 @@ def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
 
 
 def _plain(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
-    _, truth = flown(get_model(TASKS[task].model), environment.reality)
+    _, truth = flown(get_model(find_task(task).model), environment.reality)
     return truth.plain()

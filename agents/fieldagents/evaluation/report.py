@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,13 +41,13 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         episodes: The episodes' table; with it, each figure also shows the single episodes.
     """
     first, *others = _of_agents(summary)
-    parts = [f'<p class="lead">{lead(summary)}</p>']
+    parts = [f'<p class="lead">{lead(summary)}</p>', html.facts(_facts(summary))]
     for scenario, rows in summary.scenarios.items():
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
         parts += [
             f"<h3>{html.text(scenario)}</h3>",
             f"<p>{html.text(_conditions(summary.environments[scenario]))}</p>",
-            html.figure(_figure(rows, summary, first, own), _caption(first, own is not None)),
+            html.figure(partial(_figure, rows, summary, first, own), _caption(first, own is not None)),
             html.table(*_table(rows, summary, first, summary.decision_ms[scenario]), _explained(first)),
         ]
         parts.append(_among_all(rows, summary.pairs[scenario], first, own))
@@ -55,12 +56,25 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         for metric in others:
             parts += [
                 f"<details><summary>{html.text(metric.title)}</summary>",
-                html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
+                html.figure(partial(_figure, rows, summary, metric, own), _caption(metric, own is not None)),
                 html.table(*_table(rows, summary, metric), _explained(metric)),
                 "</details>",
             ]
     parts.append(_notes(summary))
     return "\n".join(parts)
+
+
+def _facts(summary: Summary) -> list[tuple[str, str]]:
+    """What was compared, how sure it is, and what to do where it is not."""
+    pairs = [pair for found in summary.pairs.values() for pair in found]
+    told = sum(pair.verdict in ("better", "worse") for pair in pairs)
+    agents = {row.agent for rows in summary.scenarios.values() for row in rows}
+    more = f"More episodes tell more: <code>--set episodes={4 * summary.episodes}</code>"
+    return [
+        ("Compared", f"{len(agents)} agents on the same {summary.episodes} episodes of each scenario"),
+        ("How sure", f"{told} of {len(pairs)} pairs are told apart at 95 %, corrected for their number"),
+        ("Next", more if told < len(pairs) and summary.episodes < 2500 else ""),
+    ]
 
 
 def show(summary: Summary, console: Console) -> None:
@@ -239,7 +253,7 @@ def _among_all(
         better = "left" if metric.lower_is_better else "right"
         parts.append(
             html.figure(
-                _profiles(rows, metric, episodes),
+                partial(_profiles, rows, metric, episodes),
                 f"Performance profiles: part of all episodes with at most this {metric.label}; further "
                 f"{better} is better.",
             )
@@ -262,11 +276,12 @@ def _among_all(
     return "\n".join(parts)
 
 
-def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame) -> Any:
+def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame, width: float) -> Any:
     """Empirical distribution of every agent's episodes."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4))
+    wide = width == html.WIDE
+    figure = Figure(figsize=(width, 4.0 if wide else 3.2 + 0.1 * len(rows)))
     axes = figure.subplots()
     for number, row in enumerate(rows):
         values = np.sort(episodes.loc[episodes["agent"] == row.agent, metric.name].dropna().to_numpy())
@@ -281,7 +296,10 @@ def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame) -> 
     axes.set_ylabel("part of the episodes")
     axes.set_ylim(0, 1)
     axes.grid(color="#d9dee6", linewidth=0.8)
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+    if wide:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+    else:
+        axes.legend(loc="upper left", bbox_to_anchor=(-0.15, -0.2), ncols=2, frameon=False, fontsize=8)
     figure.tight_layout()
     return figure
 
@@ -316,7 +334,7 @@ def _capital(words: str) -> str:
 def _caption(metric: Metric, single: bool) -> str:
     dots = " Faint dots: single episodes." if single and not metric.binary else ""
     return (
-        f"Left: {metric.label}, mean and 95 % interval.{dots} Right: difference to the baseline on the same "
+        f"First: {metric.label}, mean and 95 % interval.{dots} Then: difference to the baseline on the same "
         "episodes. Blue: sees the observation; purple: also the settings; red: privileged; grey: an "
         "estimator outside the action space."
     )
@@ -364,12 +382,17 @@ def _colour(row: Row) -> str:
     return COLOURS["estimator" if row.kind.startswith("estimator") else row.kind]
 
 
-def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None) -> Any:
-    """Left each agent's mean, right its difference to the baseline."""
+def _figure(
+    rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None, width: float
+) -> Any:
+    """Each agent's mean, and its difference to the baseline: beside it, on a phone below it."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 1.2 + 0.36 * len(rows)))
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    wide, height = width == html.WIDE, 1.2 + 0.36 * len(rows)
+    figure = Figure(figsize=(width, height if wide else 2 * height))
+    left, right = (
+        figure.subplots(1, 2, sharey=True, width_ratios=(3, 2)) if wide else figure.subplots(2, sharey=True)
+    )
     scale = 100.0 if metric.binary else 1.0
     percent = _in_percent(rows, metric)
     for y, row in enumerate(rows):

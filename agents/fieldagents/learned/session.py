@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
@@ -20,7 +19,7 @@ from fieldagents.learned.recorder import PausedError, Recorder
 from fieldagents.learned.run import Run
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.engine import stop_between
 
 
@@ -54,12 +53,8 @@ def _run_training(
     set_random_seed(config.seed)
     shares = np.array_split(np.arange(config.num_envs), len(config.environments))
     parts = [
-        gymnasium.make_vec(
-            TASKS[config.task].env_id,
-            num_envs=len(share),
-            vectorization_mode="vector_entry_point",
-            settings=environment.settings,
-            reality=environment.reality,
+        find_task(config.task).make_vec(
+            len(share), settings=environment.settings, reality=environment.reality
         )
         for environment, share in zip(config.environments, shares, strict=True)
     ]

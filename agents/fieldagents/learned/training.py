@@ -14,7 +14,7 @@ from fieldagents.config import load_config
 from fieldagents.learned.config import TrainConfig
 from fieldagents.policies.algorithms import require_extra
 from fieldagents.progress import progress as showing_progress
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.drivers.named import flown
 from fieldmodels.files import claimed, write_text
 from fieldmodels.registry import get_model
@@ -54,7 +54,7 @@ def train(
     config = self_contained(config)
     if resume is not None and out is not None:
         raise TrainingError("a resumed run stays in its folder: give either --resume or --out")
-    folder = resume or out or Path("runs") / config.task / f"{config.name}-{config.hash}"
+    folder = resume or out or Path("runs") / find_task(config.task).name / f"{config.name}-{config.hash}"
     if resume is not None and not (resume / "config.yaml").is_file():
         raise TrainingError(f"{resume}: not a run's folder (it has no config.yaml)")
     with claimed(folder):
@@ -100,7 +100,7 @@ def self_contained(config: TrainConfig) -> TrainConfig:
     environment = config.environment
     if not isinstance(environment.reality, str):
         return config
-    _, reality = flown(get_model(TASKS[config.task].model), environment.reality)
+    _, reality = flown(get_model(find_task(config.task).model), environment.reality)
     plain = environment.model_copy(update={"reality": reality.plain()})
     return config.model_copy(update={"environment": plain})
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PositiveFloat, PositiveInt, TypeAdapter, ValidationError
 
+from fieldmodels.extras import needed
 from fieldmodels.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -54,19 +55,10 @@ TYPES: dict[str, Any] = {
 """Types of arguments that mean the same in every algorithm; further ones are the algorithm's own business."""
 
 
-class MissingExtraError(ImportError):
-    """A package that only training needs is not installed."""
-
-
 def require_extra() -> None:
     """Raise MissingExtraError unless all that training needs is installed."""
-    for module in ("torch", *LIBRARIES, "tensorboard", "onnx"):
-        try:
-            importlib.import_module(module)
-        except ImportError:
-            raise MissingExtraError(
-                f"training needs {module}, which is not installed: pip install 'fieldgym[train]'"
-            ) from None
+    for package in ("torch", *LIBRARIES, "tensorboard", "onnx"):
+        needed(package)
 
 
 @cache

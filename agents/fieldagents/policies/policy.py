@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, AgentError, checked_actions
+from fieldmodels.extras import needed
 
 FORMS = (
     (["observation"], ["action"]),
@@ -51,6 +51,7 @@ class OnnxAgent(Agent):
             if not path.is_file():
                 raise PolicyError(f"{path}: no such policy file")
             policy = path.read_bytes()
+        onnxruntime = needed("onnxruntime")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3

@@ -17,7 +17,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from fieldagents.policies.policy import OnnxAgent
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.names import did_you_mean
 
 ZOO = Path(__file__).parent.parent / "zoo"
@@ -62,7 +62,7 @@ class Training:
 
     def distance(self, settings: Mapping[str, Any]) -> int:
         """How many of the task's settings differ from those of the training."""
-        kind = TypeAdapter(TASKS[self.task].settings)
+        kind = TypeAdapter(find_task(self.task).settings)
         mine, asked = (kind.dump_python(kind.validate_python(dict(one))) for one in (self.settings, settings))
         return sum(mine[key] != asked[key] for key in mine)
 

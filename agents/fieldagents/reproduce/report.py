@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -39,11 +40,16 @@ def write(what: str, result: Reproduction, out: Path) -> None:
         figure.savefig(stream, format="png", dpi=120, bbox_inches="tight")
         write_bytes(out / f"{name}.png", stream.getvalue())
     header, rows = cells(result)
-    body = [claims_html(result.decided)] if result.decided else []
+    counts = Counter(one.verdict for one in result.decided)
+    said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    first = f"Claims of the source: {said}." if said else next(iter(result.remarks), "")
+    body = [f'<p class="lead">{html.text(first)}</p>'] if first else []
+    body += [html.figure(figure) for figure in list(result.figures.values())[:1]]
+    body += [claims_html(result.decided)] if result.decided else []
     if result.remarks:
         items = "".join(f"<li>{html.text(remark)}</li>" for remark in result.remarks)
         body.append(f"<h2>What agrees, what does not</h2><ul>{items}</ul>")
-    body += [html.figure(figure) for figure in result.figures.values()]
+    body += [html.figure(figure) for figure in list(result.figures.values())[1:]]
     body.append(html.table(header, rows))
     body.append(f'<p class="soft">Source: {html.text(result.source)}</p>')
     body.append(f'<p class="soft">Made by <code>fieldgym reproduce {html.text(what)}</code>.</p>')

@@ -13,9 +13,10 @@ from fieldagents.retune.config import RetuneConfig
 from fieldagents.retune.loop import FILES, retune
 from fieldagents.retune.report import show
 from fieldagents.retune.result import Retuning
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.model import Model
+from fieldmodels.registry import get_model
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,8 +29,8 @@ def load_loop(path: Path, model: Model) -> RetuneConfig:
         ConfigError: With every mistake, or if the loop's task has another model.
     """
     config = load_config(path, RetuneConfig)
-    needed = TASKS[config.task].model
-    if needed != model.name:
+    needed = find_task(config.task).model
+    if get_model(needed).name != model.name:
         raise ConfigError(
             [f"{path}: task: {config.task} needs --model {needed}, and --model names {model.name}"]
         )

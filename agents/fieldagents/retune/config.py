@@ -18,7 +18,7 @@ from fieldagents.config import (
     readable,
 )
 from fieldagents.task import all_tasks, get_task
-from fieldgym import TASKS
+from fieldgym import find_task
 from fieldmodels.names import did_you_mean
 
 
@@ -53,8 +53,8 @@ class RetuneConfig(Config):
 
     @field_validator("task")
     @classmethod
-    def _task_exists(cls, task: str) -> str:
-        if not get_task(check_task(task)).tuners:
+    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
+        if not get_task(task := check_task(task, info.context)).tuners:
             others = ", ".join(one.name for one in all_tasks() if one.tuners)
             raise ValueError(f"no agent of {task} can be tuned anew; tasks: {others}")
         return task
@@ -94,7 +94,7 @@ class RetuneConfig(Config):
     @classmethod
     def _hidden_fits(cls, hidden: Any, info: ValidationInfo) -> Any:
         if "task" in info.data:
-            check_reality(TASKS[info.data["task"]].model, hidden)
+            check_reality(find_task(info.data["task"]).model, hidden)
         return hidden
 
     @field_validator("metric")

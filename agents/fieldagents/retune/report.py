@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,22 +26,22 @@ def write_report(result: Retuning, episodes: pd.DataFrame, path: Path) -> None:
     """Write a self-contained page."""
     body = [
         f'<p class="lead">{html.text(result.sentence())}</p>',
-        f"<p>Tuned in each simulation: {html.text(result.title)}.</p>",
-        html.figure(draw(result, episodes), _caption(result)),
+        html.figure(partial(draw, result, episodes), _caption(result)),
+        html.facts(_facts(result)),
         f"<h2>Every agent in every simulation</h2>{report_section(result.evaluation, episodes)}",
         f"<h2>What the share means</h2>{_notes(result)}",
     ]
     write_text(path, html.page(f"Re-tuned: {result.name}", "\n".join(body)))
 
 
-def draw(result: Retuning, episodes: pd.DataFrame) -> Figure:
+def draw(result: Retuning, episodes: pd.DataFrame, width: float = html.WIDE) -> Figure:
     """Each agent's mean score, with its interval, in each simulation."""
     from matplotlib.figure import Figure
 
     metric = result.metric
     scale = 100.0 if metric.binary else 1.0
     places = list(reversed(result.evaluation.scenarios))
-    figure = Figure(figsize=(8.4, 3.6))
+    figure = Figure(figsize=(width, 3.6))
     axes = figure.subplots()
     for offset, agent in enumerate(result.agents):
         own = episodes[episodes["agent"] == agent]
@@ -58,9 +59,29 @@ def draw(result: Retuning, episodes: pd.DataFrame) -> Figure:
     axes.margins(y=0.12)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="y", color="#e3e6ea")
-    axes.legend(frameon=False, title="tuned in", loc="upper left", bbox_to_anchor=(1, 1))
+    if width == html.WIDE:
+        axes.legend(frameon=False, title="tuned in", loc="upper left", bbox_to_anchor=(1, 1))
+    else:
+        axes.tick_params(axis="x", labelsize=7)
+        axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
     figure.tight_layout()
     return figure
+
+
+def _facts(result: Retuning) -> list[tuple[str, str]]:
+    """What was tuned, how sure the share is, what to do next."""
+    sure = ""
+    if result.recovered is not None:
+        ends = result.recovered.ci95
+        sure = (
+            f"{100 * ends[0]:.0f} to {100 * ends[1]:.0f} % at 95 %"
+            if ends
+            else "no interval: too few episodes"
+        )
+    return [
+        ("Tuned", html.text(f"{result.title}; {sum(result.tuning_seconds.values()):.0f} s in all")),
+        ("How sure", sure),
+    ]
 
 
 def show(result: Retuning, console: Console) -> None:
@@ -91,7 +112,7 @@ def _caption(result: Retuning) -> str:
     return (
         f"{result.metric.label}, mean and 95 % interval over the same {result.evaluation.episodes} episodes; "
         f"{better} is better. The grey agent in the nominal simulation is what was predicted; what counts is "
-        f"on the right."
+        f"in the hidden reality."
     )
 
 

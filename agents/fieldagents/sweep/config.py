@@ -132,8 +132,8 @@ class TuneConfig(Config):
 
     @field_validator("task")
     @classmethod
-    def _task_exists(cls, task: str) -> str:
-        return check_task(task)
+    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
+        return check_task(task, info.context)
 
     @field_validator("environment")
     @classmethod

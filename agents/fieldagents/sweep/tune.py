@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from fieldagents.learned.config import TrainConfig
-from fieldagents.policies.algorithms import MissingExtraError
 from fieldagents.progress import Report
 from fieldagents.sweep.config import StudyConfig, TuneConfig, changed
 from fieldagents.sweep.jobs import score_job, train_job
 from fieldagents.task import get_task
 from fieldmodels.engine import HERE, Done, Engine, Job, JobsFailedError, run_jobs
+from fieldmodels.extras import needed
 from fieldmodels.files import write_text
 from fieldmodels.sampling import Choice, LogUniform
 from fieldmodels.yaml import save_yaml
@@ -73,12 +73,7 @@ def tune(
         MissingExtraError: Without Optuna.
         JobsFailedError: If some trials failed; the others are kept.
     """
-    try:
-        import optuna
-    except ImportError:
-        raise MissingExtraError(
-            "a search needs optuna, which is not installed: pip install 'fieldgym[tune]'"
-        ) from None
+    optuna = needed("optuna")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     found = {}
     for name, study in config.studies.items():

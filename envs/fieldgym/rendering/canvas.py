@@ -13,9 +13,11 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmodels.extras import needed
+
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # keeps standard output for results
 
-import pygame
+pygame = needed("pygame")
 
 Color = tuple[int, int, int]
 Point = tuple[float, float]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
 
-from fieldgym.task import Task
+from fieldgym.task import BenchTask, Task
+from fieldmodels.model_files import split_class
 
 
 def _declared(name: str) -> Task:
@@ -22,3 +24,17 @@ def _declared(name: str) -> Task:
 
 TASKS: dict[str, Task] = {name: _declared(name) for name in sorted(m.name for m in iter_modules(__path__))}
 """By name."""
+
+
+def find_task(name: str) -> Task:
+    """A task, or a bench of one's own as a task; nothing is imported or run for it.
+
+    Args:
+        name: Of ``TASKS``; or else of a machine, as ``fieldmodels.registry.get_model`` takes it.
+    """
+    if name in TASKS:
+        return TASKS[name]
+    stem = Path(split_class(name)[0]).stem
+    return BenchTask(
+        stem, stem, "Follow a reference.", module="bench", settings_name="BenchSettings", model=name
+    )

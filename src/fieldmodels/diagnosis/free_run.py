@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import predict
@@ -52,13 +51,13 @@ class FreeRun:
             return float("nan")
         return float(100 * (1 - np.linalg.norm(y[known] - simulated[known]) / spread))
 
-    def table(self) -> pd.DataFrame:
-        """Time, commands, and every output: measured, before, after."""
+    def table(self) -> dict[str, FloatArray]:
+        """Columns by name: time, commands, and every output measured, before, after."""
         columns = {"t": self.measured.time} | {name: self.measured[name] for name in self.inputs}
         for name in self.outputs:
             columns |= {name: self.measured[name]}
             columns |= {f"{name}_{run}": self.simulated[run][name] for run in RUNS}
-        return pd.DataFrame(columns)
+        return columns
 
 
 def first_stretch(recording: Recording, horizon: float) -> Recording:

@@ -102,7 +102,12 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict and the numbers."""
-        numbers: str = self.to_dataframe().to_html(index=False, float_format="{:.4g}".format)
+        rows = [
+            (kind, effect, name, f"{e.value:.4g}", f"{e.std:.2g}", e.unit)
+            for effect, (kind, values) in self._groups().items()
+            for name, e in values.items()
+        ]
+        numbers = html.table(("kind", "effect", "parameter", "value", "std", "unit"), rows)
         return f"<p><b>{self.verdict.capitalize()}.</b> {escape(self.summary())}</p>{numbers}"
 
     def to_dataframe(self) -> pd.DataFrame:

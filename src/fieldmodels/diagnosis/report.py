@@ -8,14 +8,12 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
 from fieldmodels import html
 from fieldmodels.diagnosis import answer, figures
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.files import write_text
-from fieldmodels.html import Picture, details, table
+from fieldmodels.html import Numbers, Picture, columns_of, details, table
 from fieldmodels.recording.files import save_recording
 from fieldmodels.rounding import percent, with_error, words
 from fieldmodels.yaml import save_yaml
@@ -188,8 +186,8 @@ def _gains(diagnosis: Diagnosis) -> str:
     return table(header, rows) + note
 
 
-def _horizon_numbers(diagnosis: Diagnosis) -> pd.DataFrame:
-    return pd.DataFrame([
+def _horizon_numbers(diagnosis: Diagnosis) -> Numbers:
+    return columns_of([
         {"signal": name, "window_s": row.horizon, "windows": row.windows, "rmse_before": row.rmse_before,
          "rmse_after": row.rmse_after, "gain_percent": row.gain.percent, "low": row.gain.ci95[0],
          "high": row.gain.ci95[1]}
@@ -197,8 +195,8 @@ def _horizon_numbers(diagnosis: Diagnosis) -> pd.DataFrame:
     ])  # fmt: skip
 
 
-def _curve_numbers(curves: Sequence[MissingCurve]) -> pd.DataFrame:
-    return pd.DataFrame([
+def _curve_numbers(curves: Sequence[MissingCurve]) -> Numbers:
+    return columns_of([
         {"curve": curve.direction, "at": at, "at_unit": curve.over_unit, "value": value, "error": error,
          "unit": curve.unit}
         for curve in curves for at, value, error in curve.curve

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Estimate
+from fieldmodels.extras import needed
 from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, Windows
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,8 @@ class Simulation:
             if output.name in recording:
                 table[output.name] = measured[:, :, j].ravel()
                 table[f"{output.name}_predicted"] = run[:, :, j].ravel()
-        return pd.DataFrame(table)
+        made: pd.DataFrame = needed("pandas").DataFrame(table)
+        return made
 
 
 def table(groups: Mapping[str, tuple[str, Mapping[str, Estimate]]]) -> pd.DataFrame:
@@ -109,8 +114,9 @@ def table(groups: Mapping[str, tuple[str, Mapping[str, Estimate]]]) -> pd.DataFr
     Args:
         groups: Effect to its kind and its numbers.
     """
-    return pd.DataFrame([
+    made: pd.DataFrame = needed("pandas").DataFrame([
         {"kind": kind, "effect": effect, "parameter": name, "value": e.value, "std": e.std, "unit": e.unit}
         for effect, (kind, values) in groups.items()
         for name, e in values.items()
     ])  # fmt: skip
+    return made

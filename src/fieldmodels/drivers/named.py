@@ -20,6 +20,7 @@ from fieldmodels.effects import actuators, changes, sensors
 from fieldmodels.effects.curves import SIZE, Curve, curve
 from fieldmodels.effects.stock import Stock
 from fieldmodels.model import Model, ModelError
+from fieldmodels.model_files import is_model_file
 from fieldmodels.names import did_you_mean
 from fieldmodels.reality import Reality, parse_reality, read_reality
 from fieldmodels.recording import Windows
@@ -196,15 +197,17 @@ def flown(
 
 
 def model_named_in(path: str | Path) -> str:
-    """The model that an ``extended.yaml`` is about.
+    """The model that an ``extended.yaml`` or a ``bench.yaml`` is about.
 
     Raises:
-        ModelError: If the file names none.
+        ModelError: If the file names none, or a Python file, which only its user may run.
     """
     data = load_yaml(Path(path))
     name = data.get("model") if isinstance(data, Mapping) else None
     if not isinstance(name, str) or not name:
         raise ModelError(f"{path}: names no model; is it the extended.yaml of a diagnosis?")
+    if is_model_file(name):
+        raise ModelError(f"{path}: names the Python file {name}, which is run only if you name it yourself")
     return name
 
 

@@ -9,16 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.model import ModelError
+from fieldmodels.extras import needed
 
-try:
-    from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
-except ModuleNotFoundError as error:
-    if error.name is None or not error.name.startswith("filterpy"):
-        raise
-    raise ModelError(
-        "reference filters need the library filterpy, which is not installed: pip install 'fieldgym[filters]'"
-    ) from None
+_kalman = needed("filterpy.kalman")
+ExtendedKalmanFilter, IMMEstimator = _kalman.ExtendedKalmanFilter, _kalman.IMMEstimator
+KalmanFilter = _kalman.KalmanFilter
 
 __all__ = ["ExtendedKalmanFilter", "FilterpyFilter", "IMMEstimator"]
 

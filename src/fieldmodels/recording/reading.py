@@ -6,6 +6,7 @@ import difflib
 from importlib import import_module
 from pathlib import Path
 
+from fieldmodels.extras import words
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import SHOWN, Table
 from fieldmodels.recording.text import TextTable
@@ -31,7 +32,6 @@ _SUFFIXES = {
     ".ndjson": "json_files", ".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5", ".mf4": "mdf", ".mdf": "mdf",
     ".bag": "ros", ".db3": "ros", ".mcap": "ros",
 }  # fmt: skip
-_EXTRAS = {"hdf5": "hdf5", "ros": "ros", "mdf": "mdf"}
 FORMATS = ("text (CSV and its kin, also .gz)", *sorted(_SUFFIXES))
 
 
@@ -64,12 +64,9 @@ def read_table(path: str | Path) -> Table:
             return TextTable(path)
         table: Table = import_module(f"fieldmodels.recording.readers.{kind}").read(path)
     except ModuleNotFoundError as error:
-        if kind not in _EXTRAS:
+        if not (said := words(error)):
             raise
-        raise RecordingError(
-            f"{path}: needs {error.name}: pip install 'fieldgym[{_EXTRAS[kind]}]', "
-            "or export the signals as CSV or Parquet"
-        ) from None
+        raise RecordingError(f"{path}: {said}, or export the signals as CSV or Parquet") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from None
     return table

@@ -11,7 +11,6 @@ import numpy as np
 
 from fieldmodels.recording import Recording
 from fieldmodels.recording.reading import read_table
-from fieldmodels.recording.tables import Problem
 from fieldmodels.recording.units import si_unit
 
 NUMBER = "#"
@@ -45,47 +44,24 @@ def load_windows(path: Path, layout: Layout) -> Recording:
     groups are left out, their time with them.
 
     Args:
-        path: A .csv or .parquet file.
+        path: The published file, known by its checksum.
         layout: How it holds its windows.
 
     Returns:
         One episode a window, numbered by the table's rows from 0; values in SI units.
-
-    Raises:
-        RecordingError: If columns are missing or a value is; names the file and the place.
     """
     table = read_table(path)
     signals: dict[str, tuple[list[str], float, str]] = {}
-    problems = []
     for signal, spec in layout.columns.items():
         pattern, _, stated = spec.rpartition(":")
-        before, after = pattern.split(NUMBER)
-        found = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
+        found = re.compile(re.escape(pattern).replace(re.escape(NUMBER), r"(\d+)"))
         matches = [m for name in table.header if (m := found.fullmatch(name))]
-        numbered = sorted(matches, key=lambda m: int(m[1]))
-        if [int(m[1]) for m in numbered] != list(range(len(numbered))) or not numbered:
-            problems.append(Problem(f"columns {pattern!r} must be numbered from 0 without a gap"))
         unit, scale = si_unit(stated)
-        signals[signal] = [m[0] for m in numbered], scale, unit
-    counts = {len(names) for names, _, _ in signals.values()}
-    if not problems and len(counts) > 1:
-        problems.append(Problem(f"signals have different numbers of samples a window: {sorted(counts)}"))
-    if layout.group not in table.header:
-        problems.append(Problem(f"column {layout.group!r} is missing"))
-    if problems:
-        raise table.fail(problems)
-    wanted = [name for names, _, _ in signals.values() for name in names]
-    values = table.read([layout.group, *wanted])
-    missing = [
-        Problem("a missing value", name, int(bad[0]))
-        for name, column in values.items()
-        if len(bad := np.flatnonzero(~np.isfinite(column)))
-    ]
-    if missing:
-        raise table.fail(missing)
+        signals[signal] = [m[0] for m in sorted(matches, key=lambda m: int(m[1]))], scale, unit
+    values = table.read([layout.group, *(name for names, _, _ in signals.values() for name in names)])
     group = values[layout.group]
     rows = np.flatnonzero((group % 2 == layout.part) if layout.part is not None else group == group)
-    samples = counts.pop()
+    samples = len(next(iter(signals.values()))[0])
     episode = np.repeat(rows, samples)
     return Recording(
         time=np.asarray((episode * samples + np.tile(np.arange(samples), len(rows))) * layout.step),

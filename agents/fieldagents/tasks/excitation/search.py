@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.excitation.agents import to_command
 from fieldagents.tasks.excitation.criteria import forecast, relative_error
-from fieldagents.tasks.heel_strike.search import TuningError
 from fieldgym.excitation import ExcitationSettings
 from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.extras import needed
 from fieldmodels.files import write_text
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import CONSTANT
@@ -219,12 +219,9 @@ def evolve(
         evaluations: How many candidates to try.
 
     Raises:
-        TuningError: Without the package ``cma``.
+        MissingExtraError: Without the package ``cma``.
     """
-    try:
-        import cma
-    except ImportError:
-        raise TuningError("tuning needs the package cma: pip install 'fieldgym[train]'") from None
+    cma = needed("cma")
     search = cma.CMAEvolutionStrategy(
         np.clip(start, -0.95, 0.95).ravel(),
         width,

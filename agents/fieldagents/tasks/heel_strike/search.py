@@ -22,6 +22,7 @@ from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.agents import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
 from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.extras import needed
 from fieldmodels.files import write_text
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.search import Walks, record_walks, score_gains
@@ -38,10 +39,6 @@ RESULT = Path(__file__).with_name("tuned.json")
 PAPER_DECAYS = np.arange(33.0, 634.0, 50.0)  # section 2.6.1 and Fig 2.12: S_FD from 33 to 633
 PAPER_RATIOS = np.linspace(0.0, 1.0, 21)  # section 2.5.3: S_MS from 0 to 1 by 0.05
 PAPER_RESETS = np.linspace(0.0, 1.0, 11)  # section 2.6.1: S_HR from 0 to 1, by 0.1 (assumed)
-
-
-class TuningError(ImportError):
-    """A package that only tuning needs is not installed."""
 
 
 def tune(settings: HeelStrikeSettings, log: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
@@ -278,12 +275,9 @@ def _cma(scores: Callable[[Floats], Floats], start: Floats, evaluations: int) ->
         evaluations: How many candidates to try.
 
     Raises:
-        TuningError: Without the package ``cma``.
+        MissingExtraError: Without the package ``cma``.
     """
-    try:
-        import cma
-    except ImportError:
-        raise TuningError("tuning needs the package cma: pip install 'fieldgym[train]'") from None
+    cma = needed("cma")
     search = cma.CMAEvolutionStrategy(
         start, 0.3, {"seed": 1, "popsize": 24, "maxfevals": evaluations, "verbose": -9}
     )

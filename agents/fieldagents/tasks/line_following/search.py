@@ -18,6 +18,7 @@ from fieldagents.agent import Agent, visible
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.line_following.agents import TUNED, Linear, Lqg, Privileged
 from fieldgym import TASKS
+from fieldmodels.extras import needed
 from fieldmodels.files import write_text
 
 Floats = NDArray[np.float64]
@@ -115,8 +116,7 @@ def random_search(rng: np.random.Generator) -> dict[int, float]:
 
 def evolve(loss: Callable[[Floats], Floats], start: Sequence[float], spread: float, rounds: int) -> Floats:
     """Minimise by CMA-ES (the package ``cma``), all candidates of a round at once."""
-    import cma
-
+    cma = needed("cma")
     search = cma.CMAEvolutionStrategy(list(start), spread, {"seed": 1, "verbose": -9, "popsize": CANDIDATES})
     for _ in range(rounds):
         asked = search.ask()

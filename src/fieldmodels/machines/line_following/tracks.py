@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
@@ -230,13 +229,13 @@ def read_track(source: str | Path) -> Track:
     if not path.is_file():
         raise ModelError(f"{path}: there is no such track file")
     try:
-        table = pd.read_csv(path)
-    except (ValueError, UnicodeDecodeError) as error:
+        table = np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True, encoding="utf-8-sig"))
+    except (ValueError, IndexError) as error:
         raise ModelError(f"{path}: not a CSV table ({error})") from None
-    missing = [name for name in ("x", "y") if name not in table]
+    missing = [name for name in ("x", "y") if name not in (table.dtype.names or ())]
     if missing:
         raise ModelError(f"{path}: column {missing[0]!r} is missing; a track has columns x and y in metres")
-    points = table[["x", "y"]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    points = np.column_stack([table["x"], table["y"]])
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise ModelError(f"{path}: line {bad[0] + 2} holds no pair of numbers")
