@@ -1,6 +1,6 @@
 """Write the page and the film of every environment.
 
-    python docs/environments.py
+    python docs/environments.py [TASK...]
 
 A page is the class docstring of the environment, followed by its settings as a table.
 """
@@ -8,6 +8,7 @@ A page is the class docstring of the environment, followed by its settings as a 
 from __future__ import annotations
 
 import inspect
+import sys
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -88,8 +89,10 @@ def film(task: Task, path: Path) -> None:
 
 
 def main() -> None:
-    """Write all pages and films."""
+    """Write the pages and films of the tasks that are named, or of all."""
     for task in TASKS.values():
+        if len(sys.argv) > 1 and task.name not in sys.argv[1:]:
+            continue
         write_text(FOLDER / f"{task.name}.md", page(task))
         film(task, FOLDER / f"{task.name}.webp")
         print(FOLDER / f"{task.name}.md")

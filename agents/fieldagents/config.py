@@ -14,6 +14,7 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
 )
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, SequenceNode
@@ -171,6 +172,21 @@ def check_task(name: str, said: Collection[str] | None = ()) -> str:
         raise ValueError(f"model {name!r} is no Machine; only those can be stepped one by one")
     return name
 
+
+def _task(name: str, info: ValidationInfo) -> str:
+    return check_task(name, info.context)
+
+
+def _fitting(environment: EnvironmentConfig, info: ValidationInfo) -> EnvironmentConfig:
+    if "task" in info.data:
+        check_environment(info.data["task"], environment)
+    return environment
+
+
+TaskName = Annotated[str, AfterValidator(_task)]
+"""A config's task."""
+TaskEnvironment = Annotated[EnvironmentConfig, AfterValidator(_fitting)]
+"""An environment of the config's task, which must come first."""
 
 C = TypeVar("C", bound=BaseModel)
 

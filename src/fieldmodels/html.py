@@ -15,7 +15,7 @@ from typing import Any
 
 from fieldmodels.files import write_bytes, write_text
 
-Numbers = Mapping[str, Sequence[Any]]
+Numbers = Mapping[str, Iterable[Any]]
 """Columns by name, all of one length."""
 INK, BEFORE, AFTER = "#1c2430", "#d55e00", "#0072b2"  # the last two by Okabe and Ito: for every kind of eye
 WIDE, NARROW = 9.6, 4.4  # inches: for a screen and for a phone

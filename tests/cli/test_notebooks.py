@@ -26,4 +26,5 @@ def test_a_notebook_runs_and_shows_what_it_says(path, tmp_path):
     for text in (fresh, kept):
         missing = [said for said in SHOWN[path.stem] if said not in text]
         assert not missing, text
+    assert (PLACE.parent / "pictures" / f"{path.stem}-1.png").stat().st_size > 5000
     assert not (path.parent / "bench.yaml").exists()  # it has written into its own folder

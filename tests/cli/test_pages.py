@@ -41,8 +41,13 @@ def check_page(browser, *, figures: int) -> str:
         ".filter(e => e.getBoundingClientRect().height > 60).length"
     )
     assert shown >= figures
-    width = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
-    assert width[0] <= width[1], "the page scrolls sideways"
+    for phone in (False, True):
+        size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": False}
+        if phone:
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        width = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
+        assert width[0] <= width[1], f"the page scrolls sideways{' on a phone' if phone else ''}"
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     words = browser.find_element("tag name", "body").text
     for broken in ("nan", "NaN", "undefined", "{{", "None"):
         assert broken not in words.split(), f"the page says {broken!r}"

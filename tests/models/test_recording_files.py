@@ -289,7 +289,7 @@ def test_a_record_shorter_than_the_horizon(write):
 
 def test_milliseconds_are_recognised(write):
     path = write(table(**bench(step=10)))
-    refused(path, "one row every 10 s", "looks like milliseconds: declare it as 't=t:ms'")
+    refused(path, "one row every 10 s", "looks like ms: declare it as 't=t:ms'")
     assert load_recording(path, RIG, {"t": "t:ms"}).step == pytest.approx(0.01)
     with pytest.warns(RecordingWarning, match="'t=t:ms'"):
         load_recording(path)
@@ -363,7 +363,7 @@ def test_a_rate_in_another_unit_is_suspected_also_in_noise_at_10_khz(write, unit
 
 def test_microseconds_are_recognised(write):
     path = write(table(**bench(step=10_000)))
-    refused(path, "looks like microseconds: declare it as 't=t:us'")
+    refused(path, "looks like us: declare it as 't=t:us'")
     assert load_recording(path, RIG, {"t": "t:us"}).step == pytest.approx(0.01)
 
 

@@ -54,9 +54,9 @@ CASES = [
 def test_the_even_grid_shows_the_truth_with_no_more_noise_than_the_sensor_s(kind, jitter, missing, note):
     log, truth = logged(kind, jitter, missing, seed=3)
     result = evened(log, RIG)
-    assert note in result.note
-    assert ("are missing and were filled" in result.note) == (missing > 0)
-    even = result.recording
+    assert note in result.notes[-1]
+    assert ("are missing and were filled" in result.notes[-1]) == (missing > 0)
+    even = result
     assert even.step == pytest.approx(STEP, rel=1e-4)
     rows = np.minimum(np.round(even.time / TICK).astype(int), len(truth) - 1)
     for name, noise in NOISE.items():
@@ -68,7 +68,7 @@ def test_the_even_grid_shows_the_truth_with_no_more_noise_than_the_sensor_s(kind
 
 @pytest.mark.parametrize(("kind", "jitter", "missing"), [("taken", 0.3, 0.02), ("wander", 0.3, 0.02)])
 def test_the_diagnosis_of_an_uneven_log_is_that_of_an_even_one(kind, jitter, missing):
-    train, test = (evened(logged(kind, jitter, missing, seed)[0], RIG).recording for seed in (5, 6))
+    train, test = (evened(logged(kind, jitter, missing, seed)[0], RIG) for seed in (5, 6))
     found = diagnose(RIG, [train], [test])
     assert [cause.effect for cause in found.causes] == ["coulomb_friction"]
     assert found.causes[0].parameters["force"].value == pytest.approx(0.3, abs=0.02)
@@ -80,7 +80,7 @@ def test_held_commands_keep_their_impulse():
     time = np.array([0.0, 0.012, 0.02, 0.031, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09])
     force = np.array([1.0, -2.0, 4.0, 0.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0])
     log = Recording(time, {"force": force, "position": np.zeros(10)})
-    even = evened(log, RIG).recording
+    even = evened(log, RIG)
     # Of each grid step the mean of what was held, summed on a grid ten thousand times finer.
     fine = even.time[0] + even.step * (np.arange(10_000 * len(even)) + 0.5) / 10_000
     held = force[np.searchsorted(time, fine, side="right") - 1].reshape(len(even), -1).mean(axis=1)
@@ -92,27 +92,27 @@ def test_repeated_rows_are_dropped_and_late_ones_sorted():
     rows = np.r_[np.arange(100), 99, 99, np.arange(100, 200), 201, 200, np.arange(202, 500)]
     mixed = Recording(log.time[rows], {name: values[rows] for name, values in log.signals.items()})
     result = evened(mixed, RIG)
-    assert "2 repeated rows dropped" in result.note
-    np.testing.assert_allclose(result.recording.time, log.time, atol=1e-9)
-    np.testing.assert_allclose(result.recording["position"], log["position"], atol=1e-9)
+    assert "2 repeated rows dropped" in result.notes[-1]
+    np.testing.assert_allclose(result.time, log.time, atol=1e-9)
+    np.testing.assert_allclose(result["position"], log["position"], atol=1e-9)
 
 
 def test_a_coarse_clock_is_replaced_by_counting_rows():
     log, _ = logged("taken", 0.0, duration=10.0)
     coarse = Recording(np.floor(log.time / 0.0156) * 0.0156, log.signals)  # the usual clock of a PC
     result = evened(coarse, RIG)
-    assert "rows are counted" in result.note
-    assert result.recording.step == pytest.approx(STEP, rel=2e-3)
-    np.testing.assert_allclose(result.recording["position"], log["position"], atol=1e-15)
+    assert "rows are counted" in result.notes[-1]
+    assert result.step == pytest.approx(STEP, rel=2e-3)
+    np.testing.assert_allclose(result["position"], log["position"], atol=1e-15)
 
 
 def test_a_long_gap_starts_a_new_episode_and_a_short_one_is_filled():
     log, truth = logged("taken", 0.0, duration=10.0)
     keep = np.r_[np.arange(300), np.arange(303, 600), np.arange(640, 1000)]
     result = evened(Recording(log.time[keep], {k: v[keep] for k, v in log.signals.items()}), RIG)
-    assert "1 long gap start" in result.note
-    assert result.recording.bounds.tolist() == [[0, 600], [600, 960]]
-    filled = result.recording["position"][300:303]
+    assert "1 long gap start" in result.notes[-1]
+    assert result.bounds.tolist() == [[0, 600], [600, 960]]
+    filled = result["position"][300:303]
     np.testing.assert_allclose(filled, truth["position"][300 * FINE : 303 * FINE : FINE], atol=1e-3)
 
 

@@ -6,12 +6,11 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from fieldagents.config import (
     Config,
-    EnvironmentConfig,
     Location,
     Name,
     ProblemsError,
-    check_environment,
-    check_task,
+    TaskEnvironment,
+    TaskName,
 )
 from fieldagents.evaluation.agents import known_agent
 from fieldmodels.names import did_you_mean
@@ -33,32 +32,12 @@ class EvaluateConfig(Config):
     """
 
     name: Name
-    task: str
-    environments: dict[Name, EnvironmentConfig] = Field(min_length=1)
+    task: TaskName
+    environments: dict[Name, TaskEnvironment] = Field(min_length=1)
     agents: list[str] = Field(min_length=1)
     baseline: str
     trust_pickle: bool = False
     episodes: int = Field(default=100, ge=2, le=10_000)
-
-    @field_validator("task")
-    @classmethod
-    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
-        return check_task(task, info.context)
-
-    @field_validator("environments")
-    @classmethod
-    def _environments_fit(
-        cls, environments: dict[str, EnvironmentConfig], info: ValidationInfo
-    ) -> dict[str, EnvironmentConfig]:
-        problems: list[tuple[Location, str]] = []
-        for name, environment in environments.items() if "task" in info.data else ():
-            try:
-                check_environment(info.data["task"], environment)
-            except ProblemsError as error:
-                problems += [((name, *at), message) for at, message in error.problems]
-        if problems:
-            raise ProblemsError(problems)
-        return environments
 
     @field_validator("agents")
     @classmethod

@@ -14,8 +14,9 @@ from fieldagents.config import (
     Location,
     Name,
     ProblemsError,
+    TaskEnvironment,
+    TaskName,
     check_environment,
-    check_task,
 )
 from fieldagents.evaluation.agents import known_agent
 from fieldagents.policies.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
@@ -88,7 +89,7 @@ class TrainConfig(Config):
 
     name: Name
     """Name of the run; its folder is ``runs/<task>/<name>-<hash of this config>``."""
-    task: str
+    task: TaskName
     """Name of the task, as ``fieldgym list`` prints it."""
     algorithm: str = "ppo"
     """Of Stable-Baselines3 or sb3-contrib (``ppo``, ``sac``, ``recurrent_ppo``), or ``module:Class``."""
@@ -108,7 +109,7 @@ class TrainConfig(Config):
     """Updates in a round, which is a row of the learning curve; 1 on-policy, 100 off-policy unless given."""
     checkpoint_every: PositiveInt = 10
     """Rounds between two checkpoints."""
-    environment: EnvironmentConfig = EnvironmentConfig()
+    environment: TaskEnvironment = EnvironmentConfig()
     also: tuple[EnvironmentConfig, ...] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
@@ -119,18 +120,6 @@ class TrainConfig(Config):
     network: NetworkConfig = NetworkConfig()
     normalise: NormaliseConfig = NormaliseConfig()
     validation: ValidationConfig = ValidationConfig()
-
-    @field_validator("task")
-    @classmethod
-    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
-        return check_task(task, info.context)
-
-    @field_validator("environment")
-    @classmethod
-    def _environment_fits(cls, environment: EnvironmentConfig, info: ValidationInfo) -> EnvironmentConfig:
-        if "task" in info.data:
-            check_environment(info.data["task"], environment)
-        return environment
 
     @field_validator("also")
     @classmethod

@@ -12,9 +12,9 @@ from fieldagents.config import (
     Name,
     ProblemsError,
     RealityConfig,
+    TaskName,
     check_environment,
     check_reality,
-    check_task,
     readable,
 )
 from fieldagents.task import all_tasks, get_task
@@ -38,7 +38,7 @@ class RetuneConfig(Config):
     """
 
     name: Name
-    task: str
+    task: TaskName
     agent: str
     options: dict[str, Any] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
@@ -53,8 +53,8 @@ class RetuneConfig(Config):
 
     @field_validator("task")
     @classmethod
-    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
-        if not get_task(task := check_task(task, info.context)).tuners:
+    def _task_has_tuners(cls, task: str) -> str:
+        if not get_task(task).tuners:
             others = ", ".join(one.name for one in all_tasks() if one.tuners)
             raise ValueError(f"no agent of {task} can be tuned anew; tasks: {others}")
         return task

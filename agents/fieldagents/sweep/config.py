@@ -18,8 +18,8 @@ from fieldagents.config import (
     EnvironmentConfig,
     Name,
     ProblemsError,
-    check_environment,
-    check_task,
+    TaskEnvironment,
+    TaskName,
     load_config,
 )
 from fieldagents.learned.config import VALIDATION_SEEDS, TrainConfig
@@ -119,8 +119,8 @@ class TuneConfig(Config):
     """
 
     name: Name
-    task: str
-    environment: EnvironmentConfig = EnvironmentConfig()
+    task: TaskName
+    environment: TaskEnvironment = EnvironmentConfig()
     budget: int = Field(ge=1)
     episodes: int = Field(default=32, ge=1, le=len(VALIDATION_SEEDS))
     batch: int = Field(default=4, ge=1, le=1000)
@@ -129,18 +129,6 @@ class TuneConfig(Config):
     sampler: Literal["tpe", "random"] = "tpe"
     seed: int = Field(default=0, ge=0)
     studies: dict[Name, StudyConfig] = Field(min_length=1)
-
-    @field_validator("task")
-    @classmethod
-    def _task_exists(cls, task: str, info: ValidationInfo) -> str:
-        return check_task(task, info.context)
-
-    @field_validator("environment")
-    @classmethod
-    def _environment_fits(cls, environment: EnvironmentConfig, info: ValidationInfo) -> EnvironmentConfig:
-        if "task" in info.data:
-            check_environment(info.data["task"], environment)
-        return environment
 
     @field_validator("rungs")
     @classmethod

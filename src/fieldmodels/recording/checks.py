@@ -9,7 +9,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording
-from fieldmodels.recording.evidence import DEGREES, slope, spins
+from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins
 from fieldmodels.recording.tables import SHOWN, Problem
 from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
 
@@ -81,18 +81,13 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     """Check that at least one window of the horizon fits, with enough samples in it."""
     step = recording.step
     longest = max(float(recording.time[b - 1] - recording.time[a]) for a, b in recording.bounds)
-    fits = (u for u in ("ms", "us", "ns") if (MIN_SAMPLES - 1) * step * other_units("s")[u] <= horizon)
-    unit = next(fits, "") if step >= LEAST_COUNTED else ""
-    name = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}.get(unit)
-    slow = "if the bench is so slow, state its clock as 't=t:s'"
-    hint = (
-        f"; the time column looks like {name}: declare it as 't=t:{unit}'; or {slow}"
-        if name
-        else f", or {slow}"
-    )
+    unit = clock_unit(recording.time, horizon)[0] if step >= LEAST_COUNTED else "s"
+    hint = "if the bench is so slow, state its clock as 't=t:s'"
+    if unit != "s":
+        hint = f"the time column looks like {unit}: declare it as 't=t:{unit}'; or {hint}"
     if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
         message = (
-            f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster{hint}"
+            f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster; {hint}"
         )
         return [Problem(message)]
     if longest < horizon * (1 - MAX_JITTER):

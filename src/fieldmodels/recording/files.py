@@ -298,10 +298,8 @@ def _checked(
     """
     problems = [Problem(p.message, p.column or clock.name, p.row) for p in check_time(recording)]
     if not problems:
-        notes = []
         if not is_even(recording):
-            even = evened(recording, model)
-            recording, notes = even.recording, [even.note]
+            recording = evened(recording, model)
         if horizon is None and model is not None and model.horizons:
             # A slow bench is predicted over longer times; but a clock in ms looks like one.
             slow = clock.unit and len(recording) >= LEAST_SCALED
@@ -310,7 +308,7 @@ def _checked(
             problems = [Problem(p.message, clock.name) for p in check_length(recording, horizon)]
     if problems:
         raise table.fail(problems)
-    notes += suspicions(recording, model, stated)
+    notes = [*recording.notes, *suspicions(recording, model, stated)]
     for note in notes:
         warnings.warn(f"{recording.source}: {note}", RecordingWarning, stacklevel=3)
     return replace(recording, notes=tuple(notes))

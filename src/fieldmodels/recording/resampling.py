@@ -9,7 +9,7 @@ measured value, shifted along a cubic through its neighbours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,20 +34,7 @@ _BEAT = 5.0  # least height of the spectral line of even rows, relative to chanc
 _BLOCK = 100_000  # grid points at once
 
 
-@dataclass(frozen=True)
-class Evened:
-    """A recording on an even grid, with a description of the resampling.
-
-    Attributes:
-        recording: The result; episodes are renumbered where gaps have split them.
-        note: What was found and done, in one sentence.
-    """
-
-    recording: Recording
-    note: str
-
-
-def evened(recording: Recording, model: Model | None) -> Evened:
+def evened(recording: Recording, model: Model | None) -> Recording:
     """Resample a recording to an even grid of its own usual step.
 
     Commands are held from row to row, so a grid step gets their mean over it; measured values are shifted as
@@ -58,6 +45,10 @@ def evened(recording: Recording, model: Model | None) -> Evened:
         recording: Within an episode time may decrease by at most one step.
         model: Declares which signals are commands, and which are angles that may wrap; None takes every
             signal as measured.
+
+    Returns:
+        The recording on its grid, with a note of what was found and done; episodes are renumbered where gaps
+        have split them.
 
     Raises:
         RecordingError: If too many rows are missing, or their times vary too much.
@@ -101,15 +92,15 @@ def evened(recording: Recording, model: Model | None) -> Evened:
         else "",
     ]
     note = f"time steps are uneven; put on an even step of {step:.6g} s: {'; '.join(w for w in what if w)}"
-    joined = Recording(
+    return Recording(
         time=np.concatenate([g.time for g in grids]),
         signals={n: np.concatenate([g[n] for g in grids]) for n in recording.signals},
         units=recording.units,
         episode=np.repeat(np.arange(len(grids)), [len(g) for g in grids]),
         source=recording.source,
         known=recording.known,
+        notes=(*recording.notes, note),
     )
-    return Evened(joined, note)
 
 
 def _rows(recording: Recording, rows: IntArray) -> Recording:

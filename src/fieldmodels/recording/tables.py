@@ -7,7 +7,8 @@ header in row 1, as editors and spreadsheets show them.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,22 @@ class SeriesTable(Table):
             return np.array(values, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             raise self.fail([Problem("holds text, not numbers", name)]) from None
+
+
+@contextmanager
+def readable(path: Path, kind: str) -> Iterator[None]:
+    """Say of whatever a format's library raises that the file is no such one.
+
+    Raises:
+        RecordingError: In its place; what is one already, and a missing library, pass.
+    """
+    try:
+        yield
+    except (RecordingError, ModuleNotFoundError):
+        raise
+    except Exception as error:  # libraries raise their own, struct's, zlib's, NumPy's and plain ones
+        said = str(error).splitlines() or [type(error).__name__]
+        raise RecordingError(f"{path}: not a readable {kind} ({said[0]})") from None
 
 
 def check_size(path: Path, rows: int, columns: int) -> None:

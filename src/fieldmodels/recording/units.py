@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldmodels.names import did_you_mean
+from fieldmodels.yaml import load_yaml
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -18,44 +20,11 @@ if TYPE_CHECKING:
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s^2], exact (CGPM 1901)."""
 
-# SI unit -> other unit of the same quantity -> what pint calls it. Keyed by quantity, so that "g" is a gram
-# for a mass and the acceleration of gravity for an acceleration, and "Hz" turns a second for a rate.
-_UNITS: dict[str, dict[str, str]] = {
-    "s": {"ms": "ms", "us": "us", "ns": "ns", "min": "minute", "h": "hour"},
-    "rad": {"mrad": "mrad", "deg": "degree", "rev": "turn"},
-    "rad/s": {"mrad/s": "mrad/s", "deg/s": "degree/s", "rpm": "turn/minute", "rev/s": "turn/s",
-              "Hz": "turn/s"},
-    "rad/s^2": {"deg/s^2": "degree/s^2"},
-    "m": {"um": "um", "mm": "mm", "cm": "cm", "km": "km", "in": "inch", "ft": "foot"},
-    "m/s": {"mm/s": "mm/s", "cm/s": "cm/s", "km/h": "km/hour", "mph": "mile/hour"},
-    "m/s^2": {"mm/s^2": "mm/s^2", "g": "standard_gravity"},
-    "kg": {"g": "gram", "t": "metric_ton"},
-    "N": {"mN": "mN", "kN": "kN", "kgf": "kgf", "lbf": "lbf"},
-    "N m": {"mN m": "mN*m", "N cm": "N*cm", "N mm": "N*mm", "kN m": "kN*m"},
-    "Pa": {"hPa": "hPa", "kPa": "kPa", "bar": "bar"},
-    "V": {"mV": "mV"},
-    "A": {"mA": "mA"},
-    "W": {"mW": "mW", "kW": "kW"},
-    "1": {"%": "0.01"},
-}  # fmt: skip
-
-# Other spellings, after dots, stars and spaces have been unified.
-_SPELLINGS = {
-    "": "1", "-": "1", "prozent": "%", "percent": "%", "pct": "%",
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s", "secondes": "s",
-    "segundos": "s", "secondi": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms", "µs": "us",
-    "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns",
-    "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "gradi": "deg", "grados": "deg",
-    "degrés": "deg", "radians": "rad", "radian": "rad", "turn": "rev", "turns": "rev",
-    "umdr": "rev", "U": "rev", "tr": "rev", "°/s": "deg/s", "dps": "deg/s", "deg/sec": "deg/s",
-    "grad/s": "deg/s",
-    "rad/sec": "rad/s", "rps": "rev/s", "1/min": "rpm", "RPM": "rpm", "U/min": "rpm", "rev/min": "rpm",
-    "tr/min": "rpm", "giri/min": "rpm", "min^-1": "rpm", "r/min": "rpm", "tr/s": "rev/s", "U/s": "rev/s",
-    "kmh": "km/h", "kph": "km/h", "µm": "um", "μm": "um", "m/sec": "m/s", "m s^-1": "m/s",
-    "Nm": "N m", "mNm": "mN m", "Ncm": "N cm", "Nmm": "N mm", "kNm": "kN m", "Volt": "V", "volts": "V",
-    "Ampere": "A", "amps": "A", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "rad/s2": "rad/s^2",
-    "rad/s²": "rad/s^2", "deg/s2": "deg/s^2", "°/s²": "deg/s^2",
-}  # fmt: skip
+_TABLES = load_yaml(Path(__file__).with_name("units.yaml"))
+_UNITS: dict[str, dict[str, str]] = _TABLES["units"]
+_SPELLINGS: dict[str, str] = {
+    other: unit for unit, others in _TABLES["spellings"].items() for other in others
+}
 _UNSCALED = ("counts", "count", "ticks", "tick", "lsb", "inc", "inkremente", "digits", "raw", "steps")
 _ANGLES = ("radian", "degree", "turn", "arcminute", "arcsecond", "grade")
 _WRITTEN = re.compile(r"[\w µμ°%/*^().²³-]{1,40}")

@@ -14,16 +14,8 @@ from fieldmodels.yaml import load_yaml
 
 _SHORT = 4  # letters from which a word counts within a longer one (Sollmoment)
 _QUANTITIES = (
-    "acceleration",
-    "velocity",
-    "heading",
-    "torque",
-    "force",
-    "current",
-    "voltage",
-    "angle",
-    "position",
-)
+    "acceleration", "velocity", "heading", "torque", "force", "current", "voltage", "angle", "position",
+)  # fmt: skip
 _BY_UNIT = {
     "s": "time", "rad": "angle", "m": "position", "rad/s": "velocity", "m/s": "velocity", "N": "force",
     "N m": "torque", "A": "current", "V": "voltage", "rad/s^2": "acceleration", "m/s^2": "acceleration",

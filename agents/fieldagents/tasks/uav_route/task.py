@@ -88,5 +88,5 @@ TASK = TaskDefinition(
         ),
     ),
     recorder=Recorder(("uav_route",), ("step", "episodes", "noise"), record),
-    picture="two_legs",
+    picture="receding",
 )

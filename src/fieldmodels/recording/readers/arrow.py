@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import unit_of
-from fieldmodels.recording.tables import LARGEST, Problem, Table, check_size, collect
+from fieldmodels.recording.tables import LARGEST, Problem, Table, check_size, collect, readable
 
 _BLOCK = 1 << 20  # bytes
 _BATCH = 1 << 17  # rows decoded at once
@@ -22,13 +22,8 @@ def read(path: Path) -> Table:
     """Open a file by what it is, whatever its name."""
     with path.open("rb") as file:
         kind = _Feather if file.read(6) == b"ARROW1" else _Parquet
-    try:
+    with readable(path, f"{kind.__name__.strip('_')} file"):
         return kind(path)
-    except (pa.ArrowException, ValueError, OSError) as error:
-        word = kind.__name__.strip("_")
-        raise RecordingError(
-            f"{path}: not a readable {word} file ({str(error).splitlines()[0]}); write it again"
-        ) from None
 
 
 class _ArrowTable(Table):
@@ -65,15 +60,10 @@ class _ArrowTable(Table):
             if name not in self.numbers():
                 kind = self._schema.field(self.header.index(name)).type
                 raise self.fail([Problem(f"holds {kind}, not numbers; write numbers", name)])
-        try:
+        with readable(self.path, "file: damaged data"):
             expected = self._rows(names)
             check_size(self.path, expected, len(names))
             return collect(self.path, self._batches(names), names, expected, rows)
-        except (pa.ArrowException, ValueError, OSError) as error:
-            if isinstance(error, RecordingError):
-                raise
-            said = str(error).splitlines()[0]
-            raise RecordingError(f"{self.path}: damaged data ({said}); write the file again") from None
 
 
 class _Parquet(_ArrowTable):

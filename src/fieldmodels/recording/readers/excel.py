@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import unit_of
-from fieldmodels.recording.tables import Series, SeriesTable
+from fieldmodels.recording.tables import Series, SeriesTable, readable
 from fieldmodels.recording.units import is_unit
 
 _LARGEST = 1 << 30  # bytes of unpacked XML
@@ -20,18 +20,16 @@ _LARGEST = 1 << 30  # bytes of unpacked XML
 
 def read(path: Path) -> SeriesTable:
     """Read the sheet with most rows."""
-    from python_calamine import CalamineError, CalamineWorkbook
+    from python_calamine import CalamineWorkbook
 
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             size = sum(part.file_size for part in archive.infolist())
         if size > _LARGEST:
             raise RecordingError(f"{path}: unpacks to {1e-9 * size:.1f} GB; save the sheet as CSV")
-    try:
+    with readable(path, "workbook"):
         book = CalamineWorkbook.from_path(str(path))
         sheets = [book.get_sheet_by_name(name).to_python() for name in book.sheet_names]
-    except (CalamineError, OSError, ValueError) as error:
-        raise RecordingError(f"{path}: not a readable workbook ({error})") from None
     return SeriesTable(path, _columns(path, max(sheets, key=len, default=[])))
 
 

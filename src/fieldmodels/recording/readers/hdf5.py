@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.readers.nested import flattened
-from fieldmodels.recording.tables import Series, SeriesTable, check_size
+from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT")
 
@@ -35,13 +34,8 @@ def read(path: Path) -> SeriesTable:
         units[key] = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
 
     sizes: list[int] = []
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(visit)
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise RecordingError(f"{path}: not a readable HDF5 file ({str(error).splitlines()[0]})") from None
+    with readable(path, "HDF5 file"), h5py.File(path, "r") as file:
+        file.visititems(visit)
     found = flattened(_nested(arrays))
     return SeriesTable(path, {
         name: Series(s.load, s.rows, units.get(name.partition("[")[0]) or s.unit or unit_of(name), s.clock)

@@ -9,7 +9,7 @@ from typing import Any
 
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.readers.nested import flattened
-from fieldmodels.recording.tables import SeriesTable
+from fieldmodels.recording.tables import SeriesTable, readable
 
 _LARGEST = 1 << 28  # bytes: Python's objects take ten times as many
 
@@ -18,7 +18,7 @@ def read(path: Path) -> SeriesTable:
     """Read a JSON document, or a JSON record a line."""
     if path.stat().st_size > _LARGEST:
         raise RecordingError(f"{path}: JSON of more than {_LARGEST >> 20} MB; save it as CSV or Parquet")
-    try:
+    with readable(path, "JSON file"):
         text = path.read_text(encoding="utf-8-sig")
         try:
             data = json.loads(text)
@@ -27,10 +27,6 @@ def read(path: Path) -> SeriesTable:
                 raise
             data = [json.loads(line) for line in text.splitlines() if line.strip()]
         return SeriesTable(path, flattened(_columns(data)))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise RecordingError(f"{path}: not readable as JSON ({error})") from None
 
 
 def _columns(data: Any) -> Any:

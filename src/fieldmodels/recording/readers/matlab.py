@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.readers.nested import flattened
-from fieldmodels.recording.tables import SeriesTable, check_size
+from fieldmodels.recording.tables import SeriesTable, check_size, readable
 
 _COMPRESSED = 15
 
@@ -19,16 +18,10 @@ _COMPRESSED = 15
 def read(path: Path) -> SeriesTable:
     """Read the variables of a file, structures by their fields."""
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
-    try:
+    with readable(path, "MATLAB file"):
         check_size(path, _unpacked(path) // 8, 1)
         data = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except RecordingError:
-        raise
-    except (MatReadError, ValueError, TypeError, OSError, LookupError, ArithmeticError, NotImplementedError,
-            zlib.error, struct.error) as error:  # fmt: skip
-        raise RecordingError(f"{path}: not a readable MATLAB file ({error})") from None
     return SeriesTable(path, flattened({k: _plain(v) for k, v in data.items() if not k.startswith("__")}))
 
 

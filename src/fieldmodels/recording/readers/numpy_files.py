@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.readers.nested import flattened
-from fieldmodels.recording.tables import SeriesTable, check_size
+from fieldmodels.recording.tables import SeriesTable, check_size, readable
 
 
 def read(path: Path) -> SeriesTable:
     """Read a structured or plain array, or an archive of arrays."""
-    try:
+    with readable(path, "NumPy file without pickled objects"):
         if zipfile.is_zipfile(path):
             with zipfile.ZipFile(path) as archive:
                 check_size(path, sum(part.file_size for part in archive.infolist()) // 8, 1)
@@ -23,10 +22,4 @@ def read(path: Path) -> SeriesTable:
                 found: Any = {name: arrays[name] for name in arrays.files}
         else:
             found = np.load(path, allow_pickle=False, mmap_mode="r")
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, KeyError, SyntaxError) as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise RecordingError(
-            f"{path}: not a readable NumPy file without pickled objects ({str(error).splitlines()[0]})"
-        ) from None
     return SeriesTable(path, flattened(found))

@@ -15,7 +15,7 @@ _MOST = 32  # numbers of one array of a message; longer ones are pictures and sc
 
 def read(path: Path) -> SeriesTable:
     """Read all topics; a column is ``/topic.field``, its clock ``/topic.t`` the message's stamp."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     topics: dict[str, list[tuple[float, dict[str, float]]]] = {}
@@ -40,13 +40,8 @@ def read(path: Path) -> SeriesTable:
     except RecordingError:
         raise
     except Exception as error:  # of the reader, of SQLite, zstd and of broken messages
-        if (
-            not isinstance(error, (AnyReaderError, OSError, ValueError, KeyError, AssertionError))
-            and not topics
-        ):
-            raise RecordingError(f"{path}: not a readable bag ({type(error).__name__}: {error})") from None
         if not topics:
-            raise RecordingError(f"{path}: not a readable bag ({error})") from None
+            raise RecordingError(f"{path}: not a readable bag ({type(error).__name__}: {error})") from None
     return SeriesTable(
         path, {k: s for topic, rows in topics.items() for k, s in _series(topic, rows).items()}
     )
