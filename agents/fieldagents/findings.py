@@ -43,6 +43,7 @@ SENTENCES = {
     "named": "The simulation lacks what is listed below.",
     "ambiguous": "The simulation lacks something that these data cannot distinguish.",
     "unknown": "The simulation lacks something that no listed effect explains; nothing is named.",
+    "unrelated": "There is no relation between command and response; nothing can be judged.",
 }
 
 

@@ -233,7 +233,7 @@ def test_a_result_is_read_with_its_curves_and_values():
         alternatives=("velocity_curve", "hysteresis"),
         parameters={"force": SimpleNamespace(value=1.3, std=0.1)},
     )
-    seen = [SimpleNamespace(place=p, target="position", size=s) for p, s in (("sensor", 0.3), ("force", 9.0))]
+    seen = [SimpleNamespace(errors=e) for e in ({"position": 0.3}, {"position": 0.2}, {})]
     found: Any = SimpleNamespace(
         verdict="ambiguous", causes=[cause], unknown=None, summary=lambda: "words",
         gain={"position": SimpleNamespace(rmse_before=2.0, rmse_with_curves=1.0, horizons=())},

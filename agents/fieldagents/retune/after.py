@@ -41,7 +41,7 @@ def nothing_to_retune(diagnosis: Diagnosis) -> str | None:
     """Why there is nothing to tune anew with, or None if there is."""
     if diagnosis.verdict == "consistent":
         return "Nothing to re-tune with: nothing significant is missing in the nominal simulation."
-    if diagnosis.verdict == "unknown" and not diagnosis.curve_effects:
+    if diagnosis.verdict in ("unknown", "unrelated") and not diagnosis.curve_effects:
         return (
             "Nothing to re-tune with: what is missing has no name, and no curve that the machine can be run "
             "with, so there is no extended simulation to tune an agent in."

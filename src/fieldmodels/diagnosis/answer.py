@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 from fieldmodels import html
 from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import Cause, SignalGain
 from fieldmodels.html import text
 from fieldmodels.rounding import listed, percent, with_error, words
 
-TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad"}
+TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad", "unrelated": "bad"}
 SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
 """How a p-value reads, by its upper end."""
 
@@ -24,6 +25,8 @@ def headline(diagnosis: Diagnosis) -> str:
         if diagnosis.above_noise:
             return "Something is missing, but no listed effect helps."
         return "The simulation explains these data; nothing significant is missing."
+    if diagnosis.verdict == "unrelated":
+        return "There is no relation between command and response."
     if diagnosis.verdict == "unknown":
         curve = diagnosis.unknown
         where = f": it depends on {words(curve.direction)}" if curve and curve.certain else ""
@@ -70,7 +73,7 @@ def most_improved(diagnosis: Diagnosis) -> str | None:
 def how_sure(diagnosis: Diagnosis) -> str:
     """How certain the answer is, in a sentence or two."""
     if diagnosis.verdict == "consistent":
-        shown = listed([v.words() for v in diagnosis.seen])
+        shown = listed([v.words() for v in diagnosis.seen if v.errors])
         return f"Larger than this would have been seen: {shown}." if shown else ""
     parts = []
     for cause in diagnosis.causes:
@@ -97,6 +100,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
         return [
             "Correct the column (<code>--column</code>), then diagnose again; nothing is named before that."
         ]
+    if diagnosis.verdict == "unrelated":
+        return [f"{REMEDY[0].upper()}{REMEDY[1:]}; then diagnose again."]
     if diagnosis.next_measurement:
         steps.append(text(diagnosis.next_measurement.why))
     if len(diagnosis.runs) > 1:

@@ -201,10 +201,16 @@ class Curves:
 
     def called_for(self, candidate: Candidate, scored: Scored) -> bool:
         """Whether a curve improves a candidate significantly, whichever of all curves it is."""
+        return self.convinces(candidate, scored) and self.outdoes_noise(candidate, scored)
+
+    def convinces(self, candidate: Candidate, scored: Scored) -> bool:
+        """Whether a curve brings what the best of all curves must, on held-out windows."""
         least = max(self.needed, self.options.least_share * float(candidate.loss.sum()))
         rare = scored.total > self.options.rare_gain and scored.p_value < 4 * self.options.curve_level
-        if scored.total <= least or not (scored.p_value < self.options.curve_level or rare):
-            return False
+        return scored.total > least and (scored.p_value < self.options.curve_level or rare)
+
+    def outdoes_noise(self, candidate: Candidate, scored: Scored) -> bool:
+        """Whether it still does beside sensors whose zero wanders."""
         if scored.curve.place == "odds":
             return True
         gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fieldmodels import html
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.free_run import FreeRun, free_run
+from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import (
     Cause,
     Estimate,
@@ -43,7 +44,7 @@ class Diagnosis:
     Attributes:
         model: Name of the model.
         machine: The model itself, with scales that suit the data.
-        verdict: "consistent", "named", "ambiguous" or "unknown".
+        verdict: "consistent", "named", "ambiguous", "unknown", or "unrelated": the command explains nothing.
         causes: The named causes, in the order in which they were found.
         mistaken: What is wrong with the columns (a reversed sign, two swapped); nothing is named then.
         misfit: Tests that the refitted nominal simulation fails.
@@ -253,7 +254,7 @@ class Diagnosis:
                 for name, times in self.above_noise.items()
             )
             text += f" Errors remain above the sensors' noise: {rest}."
-        if self.undetermined and not self.mistaken:
+        if self.undetermined and not self.mistaken and self.verdict != "unrelated":
             names = " and ".join(name.replace("_", " ") for name in self.undetermined)
             text += (
                 f" Caution: these data hardly determine {names}, so the verdict is weak; "
@@ -272,11 +273,13 @@ class Diagnosis:
             if self.above_noise:
                 return "No listed effect helps significantly."
             text = "Nothing significant is missing: the refitted simulation explains these data."
-            if self.seen:
-                text += f" They would have shown (root mean square) {listed([v.words() for v in self.seen])}."
+            if shown := [v.words() for v in self.seen if v.errors]:
+                text += f" They would have shown (root mean square) {listed(shown)}."
             return text
         if self.mistaken:
             return f"First check the columns: {self.mistaken}. Nothing is named before that."
+        if self.verdict == "unrelated":
+            return f"There is no relation between command and response: {REMEDY}."
         if self.verdict == "unknown":
             shape = ""
             if self.unknown:

@@ -1,6 +1,17 @@
-"""What these data would have shown: the smallest curve at each place that would have been found."""
+"""What these data would have shown: the smallest curve at each place that would have been found.
+
+A curve is added to the residuals as it would change them: what the free parameters and the initial states
+absorb of it taken out, and the errors weighed anew, since a curve that nobody sees counts as noise. Then the
+decision is made as for the data themselves. The size at which it falls is where half of all noise would show
+the curve; stated is the size that four of five would show, by the normal approximation to a likelihood
+ratio's non-central distribution (Wald 1943; Kay 1998, section 6.5).
+"""
 
 from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from scipy.linalg import eigh
@@ -8,43 +19,125 @@ from scipy.linalg import eigh
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.curves import Curve, Curves
-from fieldmodels.diagnosis.linearisation import stacked
+from fieldmodels.diagnosis.held_out import held_out_loss
+from fieldmodels.diagnosis.linearisation import reweighed, stacked
+from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Visible
+from fieldmodels.diagnosis.whitening import covariance_whitener
 
-SMALLEST = 1e-9  # of the largest information: below it a shape is absorbed by the free parameters
+SMALLEST = 1e-9
+"""Of the largest information: below it a shape is absorbed by the free parameters."""
+POWER_QUANTILE = 0.8416
+"""Of the normal distribution, for a curve that is found in four of five."""
+GROWTH, TRIES = 1.3, 16
+"""Ratio of the sizes that are tried, and how many."""
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A curve of a certain shape, of one unit (root mean square over the data)."""
+
+    curve: Curve
+    added: FloatArray
+    """What it adds to the errors that remain after a fit, shape (windows, features)."""
+    least: float
+    """Size at which it would bring the needed nats if no error changed its weight."""
 
 
 def visible(candidate: Candidate, curves: Curves) -> tuple[Visible, ...]:
     """The smallest curves that these data would have shown beside a fit, one a place.
 
-    A curve's expected gain is half its squared response in units of the noise, free parameters and states
-    projected out. Of a table's shapes half need less than stated and half need more; of the variables that
-    were tried at a place the hardest one counts.
+    Of the variables that were tried at a place the hardest one counts, in the median of its shapes.
 
     Args:
         candidate: The fit.
         curves: What was tried beside it.
     """
-    active = stacked(candidate.fit.jacobian[:, :, candidate.fit.active])
-    basis = np.linalg.qr(active)[0]
-    sizes: dict[tuple[str, str], Visible] = {}
-    for curve in curves.all:
-        if curve.formula or curve.shapes.shape[1] == 1:
+    found = []
+    basis = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))[0]
+    tables = [c for c in curves.all if not c.formula and c.shapes.shape[1] > 1]
+    for (place, target), group in groupby(sorted(tables, key=_place), _place):
+        shapes = [s for s in (_median_shape(c, curves, basis) for c in group) if s is not None]
+        if not shapes:
             continue
-        size = _size(curve, curves.response(curve), basis, curves.needed)
-        key = curve.place, curve.target
-        if np.isfinite(size) and (key not in sizes or size > sizes[key].size):
-            sizes[key] = Visible(curve.place, curve.target, curve.over, size, curve.unit)
-    return tuple(sizes.values())
+        hardest = max(shapes, key=lambda s: s.least)
+        size = _smallest(hardest, candidate, curves)
+        errors = _errors(curves.problem, size * hardest.added) if np.isfinite(size) else {}
+        found.append(Visible(place, target, hardest.curve.over, size, hardest.curve.unit, errors))
+    return tuple(found)
 
 
-def _size(curve: Curve, columns: FloatArray, basis: FloatArray, needed: float) -> float:
-    """Root mean square of the curve, over the data, that brings the needed nats in the median shape."""
+def _place(curve: Curve) -> tuple[str, str]:
+    return curve.place, curve.target
+
+
+def _median_shape(curve: Curve, curves: Curves, basis: FloatArray) -> _Shape | None:
+    """The shape of a table that half of its shapes are easier to see than; None if all are absorbed."""
+    columns = curves.response(curve)
     flat = stacked(columns)
     own = flat - basis @ (basis.T @ flat)
     information = own.T @ own
     values = curve.values.reshape(-1, curve.values.shape[-1])
     weight = values.T @ values / len(values)
-    gained = eigh(information, weight + 1e-12 * np.trace(weight) * np.eye(len(weight)), eigvals_only=True)
-    seen = gained[gained > SMALLEST * gained.max()]
-    return float(np.sqrt(2.0 * needed / np.median(seen))) if len(seen) and gained.max() > 0 else float("nan")
+    weight += 1e-12 * np.trace(weight) * np.eye(len(weight))
+    gained, shapes = eigh(information, weight)
+    seen = np.flatnonzero(gained > SMALLEST * gained.max())
+    if not len(seen) or gained.max() <= 0:
+        return None
+    k = seen[(len(seen) - 1) // 2]  # eigenvalues rise, and shapes have unit size
+    fitted = curves.fitted
+    rows = (own @ shapes[:, k]).reshape(columns.shape[:2])[:, : len(fitted.whitener)]
+    added = np.linalg.solve(fitted.whitener, rows.T).T
+    if fitted.weight is not None:
+        added = np.where(fitted.weight > 0, added / np.where(fitted.weight > 0, fitted.weight, 1.0), 0.0)
+    return _Shape(curve, added, float(np.sqrt(2.0 * curves.needed / gained[k])))
+
+
+def _smallest(shape: _Shape, candidate: Candidate, curves: Curves) -> float:
+    """The smallest size at which four of five would be found; infinite if the data show none."""
+    convinced = False
+    for size in shape.least * GROWTH ** np.arange(TRIES):
+        trials = [_Trial(shape, sign * size, candidate, curves) for sign in (1.0, -1.0)]
+        convinced = convinced or all(trial.convinces for trial in trials)
+        if convinced and trials[0].found:
+            return float(size * (1.0 + POWER_QUANTILE / np.sqrt(2.0 * trials[0].gain)))
+    return float("inf")
+
+
+class _Trial:
+    """What a diagnosis would say if a curve of a size were in the data."""
+
+    def __init__(self, shape: _Shape, size: float, candidate: Candidate, curves: Curves) -> None:
+        problem = curves.problem
+        moved = replace(candidate.fit, raw=candidate.fit.raw + size * shape.added)
+        fitted = reweighed(problem, moved, covariance_whitener(problem, moved))
+        self.candidate = replace(candidate, fit=fitted, loss=held_out_loss(fitted, problem.folds))
+        self.curves = copy(curves)
+        self.curves.fitted = fitted
+        self.scored = next(iter(self.curves.judge(self.candidate, [shape.curve])), None)
+
+    @property
+    def gain(self) -> float:
+        """Nats that the curve brings."""
+        return self.scored.total if self.scored else 0.0
+
+    @property
+    def convinces(self) -> bool:
+        return self.scored is not None and self.curves.convinces(self.candidate, self.scored)
+
+    @property
+    def found(self) -> bool:
+        return (
+            self.scored is not None
+            and self.convinces
+            and self.curves.outdoes_noise(self.candidate, self.scored)
+        )
+
+
+def _errors(problem: Problem, added: FloatArray) -> dict[str, float]:
+    """Root mean square by output."""
+    outputs = problem.model.outputs
+    return {
+        outputs[j].name: float(np.sqrt(np.mean(added[:, problem.outputs == j] ** 2)))
+        for j in np.unique(problem.outputs)
+    }

@@ -34,6 +34,7 @@ from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.power import visible
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.relation import is_unrelated
 from fieldmodels.diagnosis.residuals import failed_tests
 from fieldmodels.diagnosis.result import (
     Cause,
@@ -204,6 +205,7 @@ class _Found:
 
     Attributes:
         mistaken: What is wrong with the columns; empty if nothing is.
+        unrelated: Whether the command explains nothing of the response.
         selection: The search's outcome, without what the test data contradict.
         judged: What stands after unlisted curves have competed.
         causes: What is named.
@@ -215,6 +217,7 @@ class _Found:
     """
 
     mistaken: str
+    unrelated: bool
     selection: Selection
     judged: Judgement
     causes: tuple[Cause, ...]
@@ -237,7 +240,11 @@ def _found(
     selection = select(candidates, report)
     report("measuring the gain", 0.8)
     path = path_to(candidates, selection.base, selection.chosen)
-    path = path[: 1 if mistaken else confirmed(path, testing)]
+    fits = (selection.base.fit, path[-1].fit)
+    unrelated = not mistaken and is_unrelated(
+        candidates.problem, testing, fits[: len(path)], candidates.options.level
+    )
+    path = path[: 1 if mistaken or unrelated else confirmed(path, testing)]
     selection = replace(
         selection,
         chosen=path[-1],
@@ -264,11 +271,11 @@ def _found(
     if not scored and beyond_noise:
         far = far_from_noise(testing, steady, bool(causes), options.far)
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False
-    unknown = bool(mistaken) or (not causes and bool(scored))
-    causes = (*causes, *(() if unknown else quantisation_found(train, testing, after)))
-    return _Found(
-        mistaken, selection, judged, causes, possible, () if mistaken else scored, certain, before, after
-    )
+    if mistaken or unrelated:
+        scored = ()
+    elif causes or not scored:
+        causes = (*causes, *quantisation_found(train, testing, after))
+    return _Found(mistaken, unrelated, selection, judged, causes, possible, scored, certain, before, after)
 
 
 def _stated(
@@ -284,13 +291,17 @@ def _stated(
     extension = extend(training, kept, found.curves)
     curves = tuple(s.shown(found.certain) for s in (extension.curves if extension else found.curves))
     whole = extension.predict(testing) if extension else found.after
-    verdict: Verdict = "unknown" if found.mistaken else verdict_of(found.causes, curves)
+    verdict: Verdict = (
+        "unknown" if found.mistaken else "unrelated" if found.unrelated else verdict_of(found.causes, curves)
+    )
     final = extension.fit if extension else kept.fit
     base = base_estimates(
         replace(training, model=extension.model) if extension else training, final, model, fixed
     )
     # A curve that is certain leaves no two names to tell apart.
-    answered = bool(found.mistaken) or (verdict == "unknown" and bool(curves) and found.certain)
+    answered = (
+        bool(found.mistaken) or found.unrelated or (verdict == "unknown" and bool(curves) and found.certain)
+    )
     machine = model.inner if isinstance(model, WholeRecords) else model
     effects, not_runnable = runnable(machine, curves)
     lacks = candidates.budget.lacks
@@ -308,7 +319,7 @@ def _stated(
         possible=found.possible,
         curve_effects=effects,
         not_runnable=not_runnable,
-        seen=() if model.random_force else visible(kept, found.judged.tried),
+        seen=visible(kept, found.judged.tried) if verdict == "consistent" else (),
         next_measurement=None
         if answered or lacks("the next measurement")
         else next_measurement(candidates, selection, verdict, rng),

@@ -235,10 +235,13 @@ def _compared(diagnosis: Diagnosis) -> str:
 def _seen(diagnosis: Diagnosis) -> str:
     if not diagnosis.seen:
         return ""
-    rows = [(v.what, with_error(v.size, unit=v.unit), v.over) for v in diagnosis.seen]
+    rows = [
+        (v.what, with_error(v.size, unit=v.unit) if v.errors else "nothing", v.over) for v in diagnosis.seen
+    ]
     note = (
-        '<p class="soft">Root mean square, over these data, of the smallest curve that would have been '
-        "found, over the variable where it is hardest to see. What is smaller may be missing unseen.</p>"
+        '<p class="soft">Root mean square, over these data, of the smallest curve of which four in five '
+        "would have been found, over the variable where it is hardest to see. What is smaller may be missing "
+        "unseen, and so may what is no curve of one variable.</p>"
     )
     return table(("what", "from", "over"), rows) + note
 

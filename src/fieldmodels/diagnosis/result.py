@@ -12,7 +12,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording import Recording
 
-Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
+Verdict = Literal["consistent", "named", "ambiguous", "unknown", "unrelated"]
 
 
 @dataclass(frozen=True)
@@ -233,6 +233,7 @@ class Visible:
         over: The variable over which it is hardest to see.
         size: Its root mean square over the data.
         unit: Of the size.
+        errors: What it adds to each output's error (root mean square) after a refit, in the output's unit.
     """
 
     place: str
@@ -240,6 +241,7 @@ class Visible:
     over: str
     size: float
     unit: str
+    errors: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -249,6 +251,7 @@ class Visible:
             "over": self.over,
             "size": number(self.size),
             "unit": self.unit,
+            "errors": {name: number(error) for name, error in self.errors.items()},
         }
 
     @property

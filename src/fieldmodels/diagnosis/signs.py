@@ -13,6 +13,8 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.curved import Curved, FreeCurve
+from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import noise_floor, predict
 from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.problem import Problem, build
@@ -21,6 +23,8 @@ from fieldmodels.recording import Recording, RecordingError
 
 FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
 ENOUGH = 6_000  # samples of windows that suffice for the decision
+ALIKE = 1.02  # times the best hypothesis: one that is as good is said, too
+STEPS = 20  # of the fit with the sensors' zeros
 BETTER = 0.5  # of the error that right columns leave; wrong ones leave a tenth or less on every bench
 
 
@@ -38,20 +42,24 @@ def mistaken_columns(
     """
     if model.random_force:
         return ""
-    present, far = _error(training, start, fixed)
+    if not _error(training, start, fixed)[1]:
+        return ""
+    present, far = _error(training, start, fixed, offsets=True)
     if not far:
         return ""
-    best, words = BETTER, ""
+    errors: dict[str, float] = {}
     for changes, said in _hypotheses(model, train):
         changed = [_changed(r, changes) for r in train]
         try:
             problem = build(model.scaled_to(changed), changed, training.horizon, training)
         except RecordingError:
             continue
-        error, _ = _error(problem, start, fixed)
-        if error < best * present:
-            best, words = error / present, said
-    return words
+        errors[said], _ = _error(problem, start, fixed, offsets=True)
+    best = min(errors.values(), default=present)
+    if not best < BETTER * present:
+        return ""
+    # A reversed sensor and a reversed command are often the same.
+    return ", or ".join(said for said, error in errors.items() if error < ALIKE * best)
 
 
 def _hypotheses(
@@ -77,14 +85,32 @@ def _changed(recording: Recording, changes: Mapping[str, tuple[str, float]]) -> 
     return replace(recording, signals={**recording.signals, **signals})
 
 
-def _error(problem: Problem, start: FloatArray, fixed: frozenset[str]) -> tuple[float, bool]:
-    """Error of the refitted base by the spread of the signals, and whether it is far from the noise."""
+def _error(
+    problem: Problem, start: FloatArray, fixed: frozenset[str], offsets: bool = False
+) -> tuple[float, bool]:
+    """Error of the refitted base by the spread of the signals, and whether it is far from the noise.
+
+    Args:
+        problem: The windows.
+        start: Parameter vector with the fixed values.
+        fixed: Names of parameters that are not fitted.
+        offsets: Whether the sensors' zeros are fitted, too: a reversed sensor may have one.
+    """
     problem, _ = evenly(problem, ENOUGH)
     candidates = Candidates(
         problem=problem, start=start, fixed=fixed, folds=problem.folds,
         whitener=np.diag(1 / problem.output_scale),
     )  # fmt: skip
-    prediction = predict(problem, candidates.base().fit.parameters)
+    fitted = candidates.base().fit
+    if offsets:
+        shown = {problem.model.outputs[j].name for j in np.unique(problem.outputs[~problem.events])}
+        zeros = [FreeCurve("sensor", name, "time", np.array([0.0, 1.0]), np.ones((2, 1))) for name in shown]
+        problem = replace(problem, model=Curved(problem.model, zeros))
+        count = len(fitted.parameters)
+        first = np.concatenate([fitted.parameters, np.zeros(len(zeros))])
+        free = np.concatenate([fitted.free, np.arange(count, len(first))])
+        fitted = fit(problem, first, free, fitted.whitener, fitted.states, STEPS)
+    prediction = predict(problem, fitted.parameters)
     rmse, logs, far = prediction.rmse(), [], False
     for j in np.unique(problem.outputs[~problem.events]):
         floor = noise_floor(problem, prediction, int(j))

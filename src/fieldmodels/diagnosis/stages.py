@@ -35,7 +35,7 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
         return parts[0]
     first = parts[0]
     found = [part.verdict for part in parts]
-    order: tuple[Verdict, ...] = ("ambiguous", "named", "unknown", "consistent")
+    order: tuple[Verdict, ...] = ("unrelated", "ambiguous", "named", "unknown", "consistent")
     return Diagnosis(
         model=model.name,
         machine=model,

@@ -26,7 +26,7 @@ class Answer:
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
-        seen: The smallest error of each output's sensor that it says it would have seen.
+        seen: Of each output, the largest error that a curve may add of which it says it would just be seen.
         seconds: Processor time of one thread.
         summary: In its own words.
     """
@@ -72,5 +72,9 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             output: tuple((row.horizon, row.rmse_before, row.rmse_after) for row in gain.horizons)
             for output, gain in found.gain.items()
         },
-        seen={one.target: one.size for one in found.seen if one.place == "sensor"},
+        seen={
+            output: max(one.errors[output] for one in found.seen if one.errors)
+            for output in found.gain
+            if any(one.errors for one in found.seen)
+        },
     )

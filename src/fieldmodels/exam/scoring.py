@@ -92,9 +92,9 @@ def _matched(sets: Sequence[set[str]], hidden: Sequence[str]) -> int:
 def of_silence(answer: Answer, attainable: Mapping[str, Any] | None) -> float | None:
     """How large a fault that stays unseen is, in the smallest one that the answer says it would have seen.
 
-    Both are errors of the output that suffers most: the root mean square that the fault adds to windows of
-    the refitted nominal machine, and the smallest error of its sensor that is stated. Above one the answer
-    contradicts its own statement.
+    Both are what is added to the error of the output that suffers most, on windows of the refitted nominal
+    machine: by the fault, and by the smallest curve at that place where most is needed. Above one the answer
+    contradicts its own statement, wherever the fault acts.
 
     Args:
         answer: The answer.
