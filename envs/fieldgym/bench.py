@@ -16,7 +16,7 @@ from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEn
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
-from fieldmodels.drivers.named import flown, model_named_in
+from fieldmodels.drivers.named import flown, model_named_in, without_followed
 from fieldmodels.machine import Machine
 from fieldmodels.names import did_you_mean
 from fieldmodels.registry import get_model
@@ -67,7 +67,7 @@ class BenchTask(BatchTask):
         """Make a batch; see ``BatchTask``."""
         del drawing
         self.settings, samplers = read_random_settings(settings, BenchSettings)
-        machine, self.reality = flown(self.machine, reality)
+        machine, self.reality = without_followed(*flown(self.machine, reality))
         assert isinstance(machine, Machine)
         self.machine = machine
         self.drawn = Drawn(batch, machine, self.reality, self.settings, samplers)

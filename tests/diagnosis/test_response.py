@@ -4,7 +4,8 @@ import numpy as np
 
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.response import SEGMENTS, responses
+from fieldmodels.diagnosis.response import responses
+from fieldmodels.drivers.variables import SEGMENTS
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -23,7 +23,7 @@ def missing(over: str) -> MissingCurve:
 
 
 def test_a_velocity_times_the_size_of_a_position_runs_as_scipy_says():
-    effects, left = runnable(RIG, [missing("velocity times size of position")])
+    effects, left = runnable(RIG, [missing("velocity times size of position")], 0.2)
     assert not left
     reality = {name: {key: e.value for key, e in values.items()} for name, values in effects.items()}
     force = 8.0 * np.sign(np.sin(np.arange(200) * 0.05))
@@ -44,6 +44,6 @@ def test_a_velocity_times_the_size_of_a_position_runs_as_scipy_says():
 
 
 def test_a_curve_of_an_acceleration_does_not_run_and_says_why():
-    effects, left = runnable(RIG, [missing("rate of velocity")])
+    effects, left = runnable(RIG, [missing("rate of velocity")], 0.2)
     assert not effects
     assert left == ("rate of velocity (rate of velocity is neither a state nor an input nor the time)",)

@@ -20,16 +20,26 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
-from fieldmodels.diagnosis.curved import FreeCurve
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import averaged, odds_responses, offsets, responses, segments
-from fieldmodels.diagnosis.result import MissingCurve, direction_of
+from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.selection import block_p_value
-from fieldmodels.diagnosis.variables import MEMORY, PLAY, SHARE, TIMES, given, remembering, variable
 from fieldmodels.diagnosis.wander import beside
+from fieldmodels.drivers.curved import FreeCurve
+from fieldmodels.drivers.variables import (
+    CHANGE,
+    MEMORY,
+    PLAY,
+    SHARE,
+    TIMES,
+    direction_of,
+    given,
+    remembering,
+    variable,
+)
 from fieldmodels.model import Combination, Signal
 
 Place = Literal["force", "sensor", "parameter", "odds"]
@@ -39,7 +49,6 @@ ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the v
 OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
 FINE = 129  # points of a known function
 MULTIPLIED = 7  # signals whose products are tried
-CHANGE = "change of "
 LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
 NO_FACTORS = ("time", CHANGE, "rate of ")
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.curved import Curved
 from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.drivers.curved import Curved
 
 STEPS = 20
 

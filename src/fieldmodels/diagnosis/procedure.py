@@ -303,7 +303,7 @@ def _stated(
         bool(found.mistaken) or found.unrelated or (verdict == "unknown" and bool(curves) and found.certain)
     )
     machine = model.inner if isinstance(model, WholeRecords) else model
-    effects, not_runnable = runnable(machine, curves)
+    effects, not_runnable = runnable(machine, curves, training.horizon)
     lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,

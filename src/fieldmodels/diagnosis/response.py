@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
-
-SEGMENTS = 16  # basis segments of a window; the force is constant on each
+from fieldmodels.drivers.variables import SEGMENTS
 
 
 def segments(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:

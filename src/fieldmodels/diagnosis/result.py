@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.variables import direction_of
 from fieldmodels.recording import Recording
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown", "unrelated"]
@@ -161,17 +162,6 @@ class SignalGain:
             "noise_floor": number(self.noise_floor),
             "horizons": [h.to_json() for h in self.horizons],
         }
-
-
-def direction_of(place: str, target: str, over: str) -> str:
-    """What a curve depends on and where it acts, in a few words."""
-    acts = {
-        "force": f", in the {target}" if target else "",
-        "sensor": f", in the sensor of {target}",
-        "parameter": f", in {target.replace('_', ' ')}",
-        "odds": f", in the log-odds of {target}",
-    }
-    return over + acts[place]
 
 
 @dataclass(frozen=True)

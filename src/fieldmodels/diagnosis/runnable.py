@@ -9,7 +9,9 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.result import Estimate, MissingCurve
 from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.followed import followed, followed_name
 from fieldmodels.drivers.named import curve_name
+from fieldmodels.drivers.variables import CHANGE, SEGMENTS
 from fieldmodels.effects.curves import SIZE
 from fieldmodels.model import Model
 
@@ -17,13 +19,14 @@ KNOTS = 17  # odd, so that a curve of a size has one where the sign changes
 
 
 def runnable(
-    model: Model, curves: Sequence[MissingCurve]
+    model: Model, curves: Sequence[MissingCurve], horizon: float
 ) -> tuple[dict[str, dict[str, Estimate]], tuple[str, ...]]:
     """Curves as effects, by name.
 
     Args:
         model: The model that they are to be added to.
         curves: The curves.
+        horizon: Length of the windows that they were fitted on [s].
 
     Returns:
         Values of every effect that can be run, as ``extended.yaml`` has them, and the curves that
@@ -33,6 +36,10 @@ def runnable(
     left = []
     for curve in curves:
         found = _machine_effect(model, curve) if isinstance(model, Declaration) else _signal_effect(curve)
+        if isinstance(found, str):
+            # A force that depends on an acceleration, which follows from it, would make no run settle.
+            implicit = isinstance(model, Declaration) and "rate of " in curve.over
+            found = found if implicit else _followed_effect(model, curve, horizon) or found
         if isinstance(found, str):
             left.append(f"{curve.direction} ({found})")
         else:
@@ -65,6 +72,24 @@ def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Map
         return curve_name(curve.place, target, plain[0]), _values(curve, curve.over_unit, mirrored)
     factors = [v if v == p else f"{SIZE}{p}" for v, p in zip(variables, plain, strict=True)]
     return curve_name(curve.place, target, "*".join(factors)), _values(curve, curve.over_unit, False)
+
+
+def _followed_effect(
+    model: Model, curve: MissingCurve, horizon: float
+) -> tuple[str, Mapping[str, Estimate]] | None:
+    """A curve that is followed along whole runs, as it was fitted; None if it cannot."""
+    over = curve.over
+    if over.startswith(CHANGE):
+        over += f" over {horizon / SEGMENTS:.6g} s"
+    name = followed_name(curve.place, curve.target, over)
+    at, value, error = curve.curve.T
+    places = {f"at_{k + 1}": Estimate(float(x), 0.0, curve.over_unit) for k, x in enumerate(at)}
+    values = {
+        f"value_{k + 1}": Estimate(float(v), float(e), curve.unit)
+        for k, (v, e) in enumerate(zip(value, error, strict=True))
+    }
+    given = {key: e.value for key, e in {**places, **values}.items()}
+    return (name, {**places, **values}) if followed(model, {name: given}) else None
 
 
 def _state(machine: Declaration, variable: str) -> str:

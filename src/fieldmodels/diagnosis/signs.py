@@ -13,11 +13,11 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidates
-from fieldmodels.diagnosis.curved import Curved, FreeCurve
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import noise_floor, predict
 from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.problem import Problem, build
+from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
 

@@ -5,7 +5,9 @@ An effect is named by its signal: ``steering_gain``, ``gyro_bend``, ``length_ste
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,8 +15,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers.around import KINDS, Surrounded
 from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.followed import Followed, followed
 from fieldmodels.drivers.stepped import TAKES_TIME, Channels, Stepped, make_signals, show_all
 from fieldmodels.effects import actuators, changes, sensors
 from fieldmodels.effects.curves import SIZE, Curve, curve
@@ -115,7 +119,13 @@ def with_named(model: Model, effects: Mapping[str, Any]) -> Model:
     if not names:
         return model
     if isinstance(model, Declaration):
-        return with_curves(model, {name: effects[name] for name in names})
+        machine = with_curves(model, {name: effects[name] for name in names})
+        own = {e.name for e in machine.effects}
+        curves = followed(machine, {name: effects[name] for name in names if name not in own})
+        return Followed(machine, curves) if curves else machine
+    curves = followed(model, {name: effects[name] for name in names})
+    if curves:
+        return Followed(with_named(model, {n: v for n, v in effects.items() if n not in curves}), curves)
     known = stock_of(model)
     chosen: list[Stock] = []
     for name in names:
@@ -188,12 +198,33 @@ def flown(
         ModelError: As ``read_reality``; also for a stock effect of a signal that the task does not have.
     """
     reality = parse_reality(source, model)
+    if reality.hold and isinstance(model, Declaration):
+        model = model.held_as("interpolated" if reality.hold == "interpolated" else "held")
     around = with_named(model, reality.effects)
-    if reality.hold and isinstance(around, Declaration):
-        around = around.held_as("interpolated" if reality.hold == "interpolated" else "held")
+    if where is not None:
+        around, reality = without_followed(around, reality)
     if where is not None and isinstance(around, Surrounded):
         where.check(model.name, around.stock)
     return around, read_reality(reality, around)
+
+
+def without_followed(model: Model, reality: Reality) -> tuple[Model, Reality]:
+    """A model that can be stepped, without curves that need the whole run; a warning says which.
+
+    Args:
+        model: As ``with_named`` gives it.
+        reality: Its reality.
+    """
+    if not isinstance(model, Followed):
+        return model, reality
+    names = ", ".join(model.named)
+    warnings.warn(
+        f"model {model.name!r} is stepped without {names}: recordings and free runs have it",
+        ModelWarning,
+        stacklevel=3,
+    )
+    kept = {name: values for name, values in reality.effects.items() if name not in model.named}
+    return model.inner, replace(reality, effects=kept)
 
 
 def model_named_in(path: str | Path) -> str:

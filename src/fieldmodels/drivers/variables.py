@@ -15,18 +15,30 @@ import numpy as np
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.response import SEGMENTS
 from fieldmodels.drivers.windows import Once
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, Windows
 
-MEMORY, PLAY, SHARE = "memory of ", "play of ", "share of "
+SEGMENTS = 16
+"""Of a window, on each of which a force is constant where responses are combined."""
+MEMORY, PLAY, SHARE, CHANGE = "memory of ", "play of ", "share of ", "change of "
 TIMES = (0.125, 0.5, 2.0)
 """Time constants that are tried, in lengths of a window."""
 WIDTHS = (0.1, 0.3)
 """Half widths of play that are tried, in standard deviations of the signal."""
 _KNOWN: Once[dict[str, FloatArray]] = Once(lambda _: {})
 """What remembers a signal along a whole recording, by name."""
+
+
+def direction_of(place: str, target: str, over: str) -> str:
+    """What a curve depends on and where it acts, in a few words."""
+    acts = {
+        "force": f", in the {target}" if target else "",
+        "sensor": f", in the sensor of {target}",
+        "parameter": f", in {target.replace('_', ' ')}",
+        "odds": f", in the log-odds of {target}",
+    }
+    return over + acts[place]
 
 
 def remembering(name: str, duration: float, deviation: float) -> Iterator[str]:
@@ -65,9 +77,11 @@ def variable(model: Model, windows: Windows, out: FloatArray, over: str) -> Floa
     if over.startswith("rate of "):
         return np.gradient(out[:, :, names.index(over.removeprefix("rate of "))], recording.step, axis=1)
     rows = rows_of(windows)
-    if over.startswith("change of "):
-        signal = given(model, recording, over.removeprefix("change of "))
-        lag = max(1, windows.samples // SEGMENTS)
+    if over.startswith(CHANGE):
+        name, _, time = over.removeprefix(CHANGE).partition(" over ")
+        signal = given(model, recording, name)
+        lag = round(float(time[:-2]) / recording.step) if time else windows.samples // SEGMENTS
+        lag = max(1, lag)
         return signal[rows] - signal[np.maximum(rows - lag, 0)]
     return given(model, recording, over)[rows]
 

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.result import direction_of
-from fieldmodels.diagnosis.variables import SHARE, rows_of, variable
-from fieldmodels.model import Effect, Model, Parameter
+from fieldmodels.drivers.variables import SHARE, direction_of, rows_of, variable
+from fieldmodels.model import Effect, Model, ModelError, Parameter
 from fieldmodels.recording import Recording, Windows
 
-REPETITIONS = 2
+REPETITIONS, SETTLED = 2, 1e-12
 FAR = 1e9  # coefficients are of the order of one standard error: no bound
 
 
@@ -50,14 +49,17 @@ class Curved(Model):
     Attributes:
         inner: The model.
         curves: Its curves.
+        repetitions: How often it is run again at most, until nothing changes.
     """
+
+    repetitions = REPETITIONS
 
     def __init__(self, inner: Model, curves: Sequence[FreeCurve]) -> None:
         self.inner, self.curves = inner, tuple(curves)
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
             "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
-            "unbounded_outputs", "measured_inputs",
+            "unbounded_outputs", "wrapped_outputs", "measured_states", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self.effects = (*inner.effects, *(self._effect(k, c) for k, c in enumerate(curves)))
@@ -115,12 +117,20 @@ class Curved(Model):
             (c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place in ("sensor", "odds")
         ]
         out = plain
-        for _ in range(REPETITIONS if forces or changes else 0):
+        for _ in range(self.repetitions if forces or changes else 0):
             pushed = self._pushed(windows, out, forces)
             again = self.inner.simulate(own[None], pushed)[0]
             for curve, a in changes:
                 again = again + self._changed(own, curve, a, pushed, out)
-            out = again
+            moved, out = float(np.nanmax(np.abs(again - out), initial=0.0)), again
+            if moved <= SETTLED * float(np.nanmax(np.abs(out), initial=0.0)):
+                break
+        else:
+            if self.repetitions > REPETITIONS and (forces or changes):
+                raise ModelError(
+                    f"model {self.name!r}: what a curve adds does not settle: "
+                    + ", ".join(direction_of(c.place, c.target, c.over) for c in self.curves)
+                )
         result = out.copy()
         for curve, a in shown:
             j = [s.name for s in self.outputs].index(curve.target)
