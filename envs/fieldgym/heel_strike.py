@@ -17,15 +17,17 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
+from fieldmodels.compiled import compiled
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import CollisionKind, Leg, PushOff, Regimes
 from fieldmodels.machines.heel_strike.strides import CHANNELS, StrideResult, Strides
 from fieldmodels.machines.heel_strike.walker import ESTIMATORS, FEATURES, LIBRARY, TRACES, Walk
-from fieldmodels.settings import Setting, part_of
+from fieldmodels.settings import Setting, code, kernel_rows, part_of
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
@@ -124,7 +126,72 @@ class HeelStrikeSettings(Regimes):
         return self.reward_scale or RANGER_TUNED[self.collision_kind][1]
 
 
+FLOOR_ADDED = code(HeelStrikeSettings, "score", "angle_and_floor")
 SettingsLike = HeelStrikeSettings | Mapping[str, Any] | None
+
+
+def _rules(settings: HeelStrikeSettings, batch: int) -> NDArray[Any]:
+    """Settings as the kernels read them."""
+    return kernel_rows(settings, batch, {"scale_mm": settings.scale_mm})
+
+
+@compiled
+def gains_of(actions: Floats, rules: NDArray[Any]) -> Floats:
+    """S_MS early, S_MS late, S_HR and S_FD that actions mean, shape (batch, 4)."""
+    gains = np.empty((len(actions), 4))
+    for i in range(len(actions)):
+        for k in range(3):
+            gains[i, k] = GAIN_LOW[k] * (1.0 / GAIN_LOW[k]) ** ((actions[i, k] + 1.0) / 2.0)
+        gains[i, 3] = rules[i].decay
+    return gains
+
+
+@compiled
+def observe(walkers: NDArray[Any]) -> NDArray[np.float32]:
+    """The reference filter's features within bounds, shape (batch, 6)."""
+    observed = np.empty((len(walkers), len(FEATURES)), dtype=np.float32)
+    for i in range(len(walkers)):
+        for k in range(len(FEATURES)):
+            observed[i, k] = min(max(walkers[i].features[k], FEATURE_LOW), FEATURE_HIGH)
+    return observed
+
+
+@compiled
+def judge(
+    signed: Floats, columns: NDArray[np.int64], floors: Floats, duration: Floats, fallen: Flags,
+    elapsed: NDArray[np.int64], rules: NDArray[Any],
+) -> tuple[Floats, Flags, Flags, Floats]:  # fmt: skip
+    """Reward the stride that every walker has just made.
+
+    Args:
+        signed: Signed errors of the estimators [mm], shape (batch, estimators).
+        columns: Those that are told of, the agent's first.
+        floors: Height error of the floor [mm], shape (batch,).
+        duration: Time of the stride [s], shape (batch,).
+        fallen: True where the leg did not come to a strike, shape (batch,).
+        elapsed: Strides of each episode, shape (batch,); one is added.
+        rules: Settings of each walker.
+
+    Returns:
+        Reward, terminated, truncated, shape (batch,), and the numbers of ``info``: the agent's error, its
+        cost, the duration, the others' errors; shape (numbers, batch).
+    """
+    batch = len(signed)
+    reward, numbers = np.empty(batch), np.empty((len(columns) + 2, batch))
+    ended, truncated = np.empty(batch, dtype=np.bool_), np.empty(batch, dtype=np.bool_)
+    for i in range(batch):
+        p = rules[i]
+        elapsed[i] += 1
+        added = floors[i] if p.score == FLOOR_ADDED else 0.0
+        for k in range(len(columns)):
+            numbers[k + 2 if k else 0, i] = abs(signed[i, columns[k]] + added)
+        error = numbers[0, i]
+        numbers[1, i] = 1.0 if error > TOLERANCE_MM else 0.0
+        numbers[2, i] = duration[i]
+        reward[i] = -min(error / p.scale_mm, p.reward_limit)
+        ended[i] = fallen[i]
+        truncated[i] = elapsed[i] >= p.strides and not fallen[i]
+    return reward, ended, truncated, numbers
 
 
 class _HeelStrikeTask(BatchTask):
@@ -153,6 +220,12 @@ class _HeelStrikeTask(BatchTask):
         for extreme in (*truth.extremes, truth.typical):
             self.strides.set_reality([0], extreme[None])
         self.elapsed = np.zeros(batch, dtype=np.int64)
+        self._rules = _rules(self.settings, batch)
+        bank = None if self.settings.bank else -1
+        estimators = ESTIMATORS[:bank] + (LIBRARY[:bank] if self.settings.filterpy else ())
+        scored = tuple(f"error_mm_{name}" for name in estimators[1:])
+        self._names = ("error_mm", "cost", "duration", *scored)
+        self._columns = np.array([(*ESTIMATORS, *LIBRARY).index(name) for name in estimators])
         self._tracing = drawing
         self.kept: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
 
@@ -173,6 +246,7 @@ class _HeelStrikeTask(BatchTask):
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
         self.strides.set_walk(row, settings.walk)
+        self._rules[row] = _rules(settings, 1)[0]
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a walk."""
@@ -186,7 +260,7 @@ class _HeelStrikeTask(BatchTask):
 
     def observation(self) -> Observation:
         """The reference filter's features within the bounds of the space, shape (batch, 6)."""
-        return np.clip(self.strides.features, FEATURE_LOW, FEATURE_HIGH).astype(np.float32)
+        return observe(self.strides.walkers)
 
     def reset_info(self) -> dict[str, Any]:
         """The info that ``reset`` returns."""
@@ -195,44 +269,25 @@ class _HeelStrikeTask(BatchTask):
 
     def gains(self, actions: NDArray[Any]) -> Floats:
         """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
-        gains = np.empty((len(actions), 4))
-        gains[:, :3] = GAIN_LOW * (1.0 / GAIN_LOW) ** ((actions + 1.0) / 2.0)
-        gains[:, 3] = self.drawn.column("decay")
-        return gains
+        return gains_of(actions, self._rules)
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every walker through one stride."""
         gains = self.gains(actions)
         result = self.strides.advance(gains, traces=self._tracing)
-        self.elapsed += 1
-        floor_added = self.drawn.column("score") == "angle_and_floor"
-        names: tuple[str, ...] = ESTIMATORS if self.settings.bank else ESTIMATORS[:-1]
-        if self.settings.filterpy:
-            names += LIBRARY if self.settings.bank else LIBRARY[:-1]
-        error = {name: result.error_mm(name, floor_added) for name in names}
+        reward, fallen, truncated, numbers = judge(
+            result.signed_mm, self._columns, result.floor_mm, result.duration, result.fallen, self.elapsed,
+            self._rules,
+        )  # fmt: skip
         if result.traces is not None:
-            self._draw_later(result, gains, error)
-        loss = np.minimum(error["agent"] / self.drawn.column("scale_mm"), self.drawn.column("reward_limit"))
-        return Outcome(
-            observation=self.observation(),
-            reward=-loss,
-            terminated=result.fallen.copy(),
-            truncated=(self.elapsed >= self.drawn.column("strides")) & ~result.fallen,
-            info={
-                "error_mm": error["agent"],
-                **{f"error_mm_{name}": error[name] for name in names[1:]},
-                "cost": (error["agent"] > TOLERANCE_MM).astype(np.float64),
-                "gains": gains,
-                "duration": result.duration,
-                "privileged": {
-                    "levels": result.next_levels,
-                    "previous_levels": result.levels,
-                    "signed_error_mm": result.signed_mm[:, 0].copy(),
-                    "floor_mm": result.floor_mm,
-                    **self.drawn.info,
-                },
-            },
-        )
+            self._draw_later(result, gains, numbers)
+        levels, next_levels, signed = result.levels, result.next_levels, result.signed_mm[:, 0].copy()
+        hidden = {
+            "levels": next_levels, "previous_levels": levels, "signed_error_mm": signed,
+            "floor_mm": result.floor_mm, **self.drawn.info,
+        }  # fmt: skip
+        others = {"gains": gains, "privileged": hidden}
+        return Outcome(self.observation(), reward, fallen, truncated, Info(self._names, numbers, others))
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
@@ -248,7 +303,7 @@ class _HeelStrikeTask(BatchTask):
         for strides in self.kept:
             strides.clear()
 
-    def _draw_later(self, result: StrideResult, gains: Floats, error: Mapping[str, Floats]) -> None:
+    def _draw_later(self, result: StrideResult, gains: Floats, numbers: Floats) -> None:
         """Keep what a picture of this stride needs."""
         from fieldgym.rendering.heel_strike import Stride
 
@@ -261,8 +316,8 @@ class _HeelStrikeTask(BatchTask):
                     time=trace[:, column["time"]] - trace[0, column["time"]] + self.strides.leg.step,
                     angle=trace[:, column["theta"]],
                     estimate=trace[:, column["theta_agent"]],
-                    error_mm=float(error["agent"][i]),
-                    ranger_mm=float(error["ranger"][i]),
+                    error_mm=float(numbers[0, i]),
+                    ranger_mm=float(numbers[self._names.index("error_mm_ranger"), i]),
                     gains=tuple(
                         (name, float(gain), float(low), 1.0)
                         for name, gain, low in zip(GAIN_NAMES, gains[i], GAIN_LOW, strict=False)

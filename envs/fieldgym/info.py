@@ -17,7 +17,7 @@ class Info(NamedTuple):
     Attributes:
         names: Of the numbers.
         numbers: Shape (len(names), batch).
-        others: Further entries, each an array of shape (batch, ...) or a mapping of such arrays.
+        others: Further entries, each an array of shape (batch, ...), an ``Info``, or a mapping of arrays.
     """
 
     names: tuple[str, ...]
@@ -30,6 +30,7 @@ class Info(NamedTuple):
 
 
 InfoLike = Info | dict[str, Any]
+NESTED = (Info, dict)
 
 
 def row(info: InfoLike) -> dict[str, Any]:
@@ -41,7 +42,7 @@ def row(info: InfoLike) -> dict[str, Any]:
         single = {}
     assert type(info) is dict
     for key, value in info.items():
-        if type(value) is dict:
+        if type(value) in NESTED:
             single[key] = row(value)
         else:
             single[key] = value.item(0) if value.ndim == 1 else value[0]
@@ -67,7 +68,7 @@ def complete(info: InfoLike, batch: int) -> dict[str, Any]:
     key = (names, tuple(others), batch)
     form = _FORMS.get(key)
     if form is None:
-        nested = tuple(name for name, value in others.items() if type(value) is dict)
+        nested = tuple(name for name, value in others.items() if type(value) in NESTED)
         form = _FORMS[key] = {"_" + name: every_row(batch) for name in (*names, *others)}, nested
     masks, nested = form
     result: dict[str, Any] = masks.copy()
@@ -95,7 +96,7 @@ def merged(stepped: InfoLike, restarted: InfoLike, begun: Flags) -> dict[str, An
     for key in {**steps, **resets}:
         step, reset = steps.get(key), resets.get(key)
         entry: Any = reset if step is None else step
-        if type(entry) is dict:
+        if type(entry) in NESTED:
             result[key] = merged(step or {}, reset or {}, begun)
         else:
             nothing = np.zeros_like(entry)

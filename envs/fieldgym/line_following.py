@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
+from fieldmodels.compiled import compiled
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.body import Friction, Hardware, MotorTorque
 from fieldmodels.machines.line_following.model import LineFollowing
@@ -33,9 +35,10 @@ from fieldmodels.machines.line_following.parameters import (
     TurnLimit,
     WalkRules,
 )
-from fieldmodels.machines.line_following.tracks import Track, read_track
+from fieldmodels.machines.line_following.plant import MEMORY
+from fieldmodels.machines.line_following.tracks import Track, bend_at, read_track
 from fieldmodels.machines.line_following.walks import CHANNELS, Scene, Walks
-from fieldmodels.settings import Setting, part_of
+from fieldmodels.settings import Setting, kernel_rows, part_of
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
@@ -106,6 +109,95 @@ class LineFollowingSettings(WalkRules, Noise, Lighting):
         )
 
 
+START, OVERSHOOT, DISTANCE, NEAR_STRIDES = range(4)
+"""Tallies of an episode: offset at its start [m], farthest beyond the line [m], summed distance [m], strides
+near the line."""
+NUMBERS = (
+    "offset", "effort", "lost", "failed", "command", "start_offset", "mean_offset", "near", "overshoot",
+)  # fmt: skip
+"""What ``info`` says of a stride."""
+PRIVILEGED = ("offset", "heading", "curvature", "curvature_ahead", "bias")
+"""The hidden truth in ``info["privileged"]``."""
+
+
+@compiled
+def judge(
+    walks: NDArray[Any], elapsed: NDArray[np.int64], tallies: Floats, rules: NDArray[Any]
+) -> tuple[Floats, Flags, Flags, Floats]:
+    """Reward the stride that every walk has just made, and keep the scores of its episode.
+
+    Args:
+        walks: The walks, dtype ``WALK``.
+        elapsed: Strides of each episode, shape (batch,); one is added.
+        tallies: Of each episode, shape (batch, 4); updated.
+        rules: Settings of each walk.
+
+    Returns:
+        Reward, whether the episode failed, whether it has come to its last stride, shape (batch,), and
+        ``NUMBERS``, shape (len(NUMBERS), batch). Strides that a failed episode lacks count as lost.
+    """
+    batch = len(walks)
+    reward, numbers = np.empty(batch), np.empty((9, batch))
+    failed, truncated = np.empty(batch, dtype=np.bool_), np.empty(batch, dtype=np.bool_)
+    for i in range(batch):
+        walk, p, tally = walks[i], rules[i], tallies[i]
+        elapsed[i] += 1
+        distance = abs(walk.offset)
+        change = abs(walk.commands[0] - walk.commands[1])
+        failed[i] = distance > p.lost_offset or walk.lost_strides >= p.lost_strides
+        truncated[i] = elapsed[i] >= p.strides and not failed[i]
+        left = p.strides - elapsed[i] if failed[i] else 0
+        reward[i] = max(1.0 - distance / NEAR, -p.reward_limit) - p.effort_weight * change / EFFORT_SCALE
+        reward[i] -= p.reward_limit * left
+
+        first = min(SETTLED, p.strides - 1)
+        if elapsed[i] > first:
+            tally[DISTANCE] += distance
+            tally[NEAR_STRIDES] += distance <= NEAR
+        taken = max(elapsed[i] - first, 0)
+        total = p.strides - first if left > 0 else taken
+        mean, near = distance, 1.0 if distance <= NEAR else 0.0
+        if total > 0:
+            mean = (tally[DISTANCE] + (total - taken) * p.lost_offset) / total
+            near = tally[NEAR_STRIDES] / total
+        tally[OVERSHOOT] = max(tally[OVERSHOOT], -np.sign(tally[START]) * walk.offset)
+        for k, value in enumerate((
+            distance, change, float(walk.lost[0]), 1.0 if failed[i] else 0.0, walk.commands[0],
+            abs(tally[START]), mean, near, tally[OVERSHOOT],
+        )):  # fmt: skip
+            numbers[k, i] = value
+    return reward, failed, truncated, numbers
+
+
+@compiled
+def observe(walks: NDArray[Any], bands: int, rules: NDArray[Any]) -> NDArray[np.float32]:
+    """The line's last places, the last commands, the lost flags; shape (batch, 4 + 5 bands)."""
+    observed = np.empty((len(walks), 4 + 5 * bands), dtype=np.float32)
+    for i in range(len(walks)):
+        walk, row = walks[i], observed[i]
+        for k in range(MEMORY):
+            row[k] = min(max(walk.lines[0, k] / WIDTH_SCALE, -OBSERVED), OBSERVED)
+            row[MEMORY + k] = min(max(walk.commands[k] / rules[i].limit, -OBSERVED), OBSERVED)
+            if bands == 2:
+                row[9 + k] = min(max(walk.lines[1, k] / WIDTH_SCALE, -OBSERVED), OBSERVED)
+        row[8] = walk.lost[0]
+        if bands == 2:
+            row[13] = walk.lost[1]
+    return observed
+
+
+@compiled
+def hidden(walks: NDArray[Any], bends: Floats, spacing: float, closed: bool, stride: float) -> Floats:
+    """``PRIVILEGED``, shape (5, batch); the arguments but ``walks`` as of ``tracks.bend_at``."""
+    numbers = np.empty((5, len(walks)))
+    for i in range(len(walks)):
+        walk = walks[i]
+        numbers[0, i], numbers[1, i], numbers[4, i] = walk.offset, walk.misalignment, walk.bias
+        numbers[2, i] = bend_at(bends, spacing, closed, walk.arc)
+        numbers[3, i] = bend_at(bends, spacing, closed, walk.arc + stride)
+    return numbers
+
+
 class _LineFollowingTask(BatchTask):
     """The task on a batch of walks."""
 
@@ -121,13 +213,12 @@ class _LineFollowingTask(BatchTask):
         self.reality, self.stock = truth.reality, truth.stock
         self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
         self._track = scene.track
-        self._look_ahead = scene.camera.look_ahead
+        self._bends = scene.track.bends, scene.track.spacing, scene.track.closed
+        self._look_ahead, self._stride = scene.camera.look_ahead, scene.gait.stride
         self.walks = Walks(batch, scene, truth.typical, truth.stock)
+        self._rules = kernel_rows(self.settings, batch)
         self.elapsed = np.zeros(batch, dtype=np.int64)
-        self._start = np.zeros(batch)
-        self._overshoot = np.zeros(batch)
-        self._distance = np.zeros(batch)
-        self._near = np.zeros(batch)
+        self._tallies = np.zeros((batch, 4))
         self._drawing = drawing
         self._trails: list[deque[tuple[float, float, float, float, float]]] = [
             deque(maxlen=TRAIL) for _ in range(batch)
@@ -155,6 +246,7 @@ class _LineFollowingTask(BatchTask):
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
         self.walks.set_scene(row, settings.scene(self.pixels, self._track))
+        self._rules[row] = kernel_rows(settings, 1)[0]
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a walk."""
@@ -164,9 +256,8 @@ class _LineFollowingTask(BatchTask):
         """Begin new episodes of some walks."""
         self.walks.begin(rows)
         self.elapsed[rows] = 0
-        self._start[rows] = self.walks.walks["offset"][rows]
-        for tally in (self._overshoot, self._distance, self._near):
-            tally[rows] = 0.0
+        self._tallies[rows] = 0.0
+        self._tallies[rows, START] = self.walks.walks["offset"][rows]
         if self._drawing:
             for i in rows:
                 self._trails[i].clear()
@@ -178,16 +269,7 @@ class _LineFollowingTask(BatchTask):
             assert self.walks.images is not None
             images = self.walks.images
             return images.copy() if self.settings.colour else images[..., None].copy()
-        walks, bands = self.walks.walks, self.settings.bands
-        parts: list[NDArray[Any]] = [
-            walks["lines"][:, 0] / WIDTH_SCALE,
-            walks["commands"] / self.drawn.column("limit")[:, None],
-        ]
-        parts.append(walks["lost"][:, :1])
-        if bands == 2:
-            parts += [walks["lines"][:, 1] / WIDTH_SCALE, walks["lost"][:, 1:]]
-        observed: NDArray[Any] = np.clip(np.concatenate(parts, axis=1), -OBSERVED, OBSERVED)
-        return observed.astype(np.float32)
+        return observe(self.walks.walks, self.settings.bands, self._rules)
 
     def reset_info(self) -> dict[str, Any]:
         """The hidden truth at the start."""
@@ -195,18 +277,8 @@ class _LineFollowingTask(BatchTask):
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every walk through one stride."""
-        of, walks = self.drawn.column, self.walks.walks
-        before = walks["commands"][:, 0].copy()
-        self.walks.advance(actions[:, 0] * of("limit"))
-        self.elapsed += 1
-        change = np.abs(walks["commands"][:, 0] - before)
-        distance = np.abs(walks["offset"])
-        failed = (distance > of("lost_offset")) | (walks["lost_strides"] >= of("lost_strides"))
-        truncated = (self.elapsed >= of("strides")) & ~failed
-        reward = np.maximum(1.0 - distance / NEAR, -of("reward_limit"))
-        reward -= of("effort_weight") * change / EFFORT_SCALE
-        left = np.where(failed, of("strides") - self.elapsed, 0)
-        reward -= of("reward_limit") * left
+        self.walks.advance(actions[:, 0] * self._rules["limit"])
+        reward, failed, truncated, numbers = judge(self.walks.walks, self.elapsed, self._tallies, self._rules)
         if self._drawing:
             for i in range(len(self.elapsed)):
                 self._trail(i)
@@ -215,53 +287,19 @@ class _LineFollowingTask(BatchTask):
             reward=reward,
             terminated=failed,
             truncated=truncated,
-            info={
-                "offset": distance,
-                "effort": change,
-                "lost": walks["lost"][:, 0].astype(np.float64),
-                "failed": failed.astype(np.float64),
-                "command": walks["commands"][:, 0].copy(),
-                "start_offset": np.abs(self._start),
-                **self._scores(distance, left),
-                "privileged": self._privileged(),
-            },
+            info=Info(NUMBERS, numbers, {"privileged": self._privileged()}),
         )
 
-    def _scores(self, distance: Floats, left: NDArray[np.int64]) -> dict[str, Floats]:
-        """Scores of the episode so far; strides that a failed one lacks count as lost."""
-        strides = self.drawn.column("strides")
-        first = np.minimum(SETTLED, strides - 1)
-        counting = self.elapsed > first
-        self._distance += np.where(counting, distance, 0.0)
-        self._near += counting & (distance <= NEAR)
-        taken = np.maximum(self.elapsed - first, 0)
-        total = np.where(left > 0, strides - first, taken)
-        missing = (total - taken) * self.drawn.column("lost_offset")
-        mean = np.where(total > 0, (self._distance + missing) / np.maximum(total, 1), distance)
-        near = np.where(total > 0, self._near / np.maximum(total, 1), distance <= NEAR)
-        side = np.sign(self._start) * self.walks.walks["offset"]
-        self._overshoot = np.maximum(self._overshoot, -side)
-        return {"mean_offset": mean, "near": near, "overshoot": self._overshoot.copy()}
-
-    def _privileged(self) -> dict[str, Any]:
+    def _privileged(self) -> Info:
         """The hidden truth: place against the line, what the line does ahead, the walk's bias."""
-        walks, track = self.walks.walks, self._track
-        arc = walks["arc"]
-        return {
-            "offset": walks["offset"].copy(),
-            "heading": walks["misalignment"].copy(),
-            "curvature": track.curvature(arc),
-            "curvature_ahead": track.curvature(arc + self.walks.scenes[0].gait.stride),
-            "bias": walks["bias"].copy(),
-            **self.drawn.info,
-        }
+        return Info(PRIVILEGED, hidden(self.walks.walks, *self._bends, self._stride), self.drawn.info)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
         return {
             "walks": self.walks.state().view(np.uint8).reshape(len(self.elapsed), -1).copy(),
             "elapsed": self.elapsed.copy(),
-            "tallies": np.stack([self._start, self._overshoot, self._distance, self._near]),
+            "tallies": self._tallies.T.copy(),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -272,10 +310,7 @@ class _LineFollowingTask(BatchTask):
             raise ValueError("not a snapshot of this environment; get_state makes one")
         self.walks.set_state(walks.view(kind).reshape(-1))
         self.elapsed[:] = state["elapsed"]
-        for tally, own in zip(
-            (self._start, self._overshoot, self._distance, self._near), tallies, strict=True
-        ):
-            tally[:] = own
+        self._tallies[:] = tallies.T
         for i, trail in enumerate(self._trails):
             trail.clear()
             self._trail(i)

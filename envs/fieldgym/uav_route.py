@@ -22,6 +22,7 @@ from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
+from fieldmodels.compiled import compiled
 from fieldmodels.machines.uav_route.batch import (
     CHANNELS,
     Flights,
@@ -31,10 +32,8 @@ from fieldmodels.machines.uav_route.batch import (
     nearest_bearing,
     observed_names,
 )
-from fieldmodels.machines.uav_route.layouts import distance_around
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import (
-    AROUND,
     EXAMPLE,
     INSTANT_KILL,
     PRINTED,
@@ -191,6 +190,38 @@ def actions_towards(
     return actions.reshape(len(actions), -1)
 
 
+@compiled
+def legs_of(actions: Floats, least: float, longest: float) -> Floats:
+    """Heading [rad] and length [km] of the legs that actions mean, shape (batch, 2)."""
+    legs = np.empty_like(actions)
+    for i in range(len(actions)):
+        legs[i, 0] = math.pi * actions[i, 0]
+        legs[i, 1] = least * (longest / least) ** (0.5 * (1.0 + actions[i, 1]))
+    return legs
+
+
+@compiled
+def copies(
+    flights: NDArray[Any], count: int
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
+    """Course [rad], timers, detections, start, goal, place, radars of flights, of shape (batch, ...)."""
+    batch = len(flights)
+    course, timers, detected = np.empty(batch), np.empty((batch, count, 3)), np.empty((batch, count))
+    start, goal, place = np.empty((batch, 2)), np.empty((batch, 2)), np.empty((batch, 2))
+    radars = np.empty((batch, count, 2))
+    for i in range(batch):
+        one = flights[i]
+        course[i] = math.atan2(one.course[1], one.course[0])
+        for k in range(2):
+            start[i, k], goal[i, k], place[i, k] = one.start[k], one.goal[k], one.place[k]
+        for r in range(count):
+            detected[i, r] = one.detected[r]
+            radars[i, r, 0], radars[i, r, 1] = one.radars[r, 0], one.radars[r, 1]
+            for k in range(3):
+                timers[i, r, k] = one.timers[r, k]
+    return course, timers, detected, start, goal, place, radars
+
+
 def model_of(settings: UavRouteSettings) -> UavRoute:
     """The model of what is set: its nominal speed is the settings'."""
     return UavRoute(settings.world)
@@ -285,7 +316,7 @@ class _UavRouteTask(BatchTask):
 
     def observation(self) -> NDArray[Any]:
         """Goal, radars and timers."""
-        observed = np.clip(self.seen.observed, -OBSERVED, OBSERVED)
+        observed = np.minimum(np.maximum(self.seen.observed, -OBSERVED), OBSERVED)
         return observed if self._aircraft == 1 else observed.reshape(-1, self._aircraft * observed.shape[1])
 
     def reset_info(self) -> Info:
@@ -294,24 +325,15 @@ class _UavRouteTask(BatchTask):
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every flight through one leg, or several aircraft on until the first leg ends."""
-        settings, flights = self.settings, self.flights.flights
+        settings = self.settings
         actions = actions if self._aircraft == 1 else actions.reshape(-1, 2)
-        before = flights.copy() if self._drawing else None
-        around = self.flights.records["progress"] == AROUND
-        distance = self._around() if around.any() else None
-        legs = np.empty_like(actions)
-        legs[:, 0] = math.pi * actions[:, 0]
-        spread = settings.longest_leg / settings.least_leg
-        legs[:, 1] = settings.least_leg * spread ** (0.5 * (1.0 + actions[:, 1]))
+        before = self.flights.flights.copy() if self._drawing else None
+        legs = legs_of(actions, settings.least_leg, settings.longest_leg)
         leg = self._seen = self.flights.advance(legs)
         if before is not None:
             for i in np.flatnonzero(before["over"] == FLYING).tolist():
                 self._trace(i, before[i])
-        reward = leg.reward
-        if distance is not None:
-            progress = self.flights.records["progress_reward"] * (distance - self._around())
-            reward = reward + np.where(around, progress, 0.0)
-        terminated = leg.over != FLYING
+        reward, terminated = leg.reward, leg.over != FLYING
         if self._aircraft > 1:
             reward, terminated = (
                 self._by_episode(reward).sum(axis=1),
@@ -325,31 +347,21 @@ class _UavRouteTask(BatchTask):
             info=self._info(leg),
         )
 
-    def _around(self) -> Floats:
-        """Distance to the goal past the circle of its radar [km], shape (batch,)."""
-        flights, rules = self.flights.flights, self.flights.records
-        circle = np.sqrt(np.maximum(rules["side_on"] ** 2 - rules["altitude"] ** 2, 0.0))
-        radars = flights["radars"][:, : self.flights.rules.count]
-        return distance_around(flights["place"], flights["goal"], radars, circle)
-
     def _info(self, leg: Leg) -> Info:
         """The info."""
-        flights, count, each = self.flights.flights, self.flights.rules.count, self._by_episode
-        radars = flights["radars"][:, :count].copy()
+        count, numbers = self.flights.rules.count, leg.numbers
+        known = copies(self.flights.flights, count)
+        radars = known[-1]
+        course, timers, detected, start, goal, place = map(self._by_episode, known[:-1])
         others: dict[str, Any] = {
-            "place": each(leg.places),
-            "course": each(np.arctan2(flights["course"][:, 1], flights["course"][:, 0])),
-            "radial": each(nearest_bearing(leg.places, radars)),
-            "timers": each(flights["timers"][:, :count].copy()),
-            "detected": each(flights["detected"][:, :count].astype(np.float64)),
-            "layout": {
-                "start": each(flights["start"].copy()),
-                "goal": each(flights["goal"].copy()),
-                "radars": radars[:: self._aircraft],
-            },
-            "privileged": {"place": each(flights["place"].copy()), **self.drawn.info},
+            "place": self._by_episode(leg.places),
+            "course": course,
+            "radial": self._by_episode(nearest_bearing(leg.places, radars)),
+            "timers": timers,
+            "detected": detected,
+            "layout": {"start": start, "goal": goal, "radars": radars[:: self._aircraft]},
+            "privileged": {"place": place, **self.drawn.info},
         }
-        numbers = leg.numbers
         if isinstance(self.flights, Team):
             split = numbers.reshape(len(NUMBERS), -1, self._aircraft)
             others["each"] = dict(zip(NUMBERS, split.copy(), strict=True))

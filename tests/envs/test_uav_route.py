@@ -136,12 +136,17 @@ def test_progress_around_the_circle_is_a_potential():
     infos, rewards = fly(away, detour)
     assert infos[-1]["success"][0] == 1
     left = [
-        distance_around(np.array([place]), np.array([EXAMPLE.goal]), np.zeros((1, 1, 2)), 364.06)[0]
+        distance_around(np.array(place), np.array(EXAMPLE.goal), np.zeros((1, 2)), 364.06)
         for place in (EXAMPLE.start, SAFE[2] * 345 / 340, infos[-1]["place"][0])
     ]
     assert left[0] == pytest.approx(139.14, abs=0.6)  # tangent, arc and spiral of the lower bound
     assert potential == pytest.approx(0.04 * (left[0] - left[1]), abs=1e-4)
     assert rewards.sum() - 3.0 == pytest.approx(0.04 * (left[0] - left[2]), abs=1e-4)
+
+
+def around(places, goals):
+    radars = np.zeros((1, 2))
+    return np.array([distance_around(*ends, radars, 364.06) for ends in zip(places, goals, strict=True)])
 
 
 def test_distance_around_is_at_least_straight_and_has_no_jumps():
@@ -152,12 +157,12 @@ def test_distance_around_is_at_least_straight_and_has_no_jumps():
     radius, bearing = rng.uniform(100, 700, n), rng.uniform(-np.pi, np.pi, n)
     places = np.column_stack([radius * np.cos(bearing), radius * np.sin(bearing)])
     moved = places + 0.1 * np.column_stack([np.cos(2 * bearing), np.sin(2 * bearing)])
-    one, other = (distance_around(at, goals, np.zeros((n, 1, 2)), 364.06) for at in (places, moved))
+    one, other = (around(at, goals) for at in (places, moved))
     assert np.abs(one - other).max() < 0.4
     assert (one >= np.hypot(*(goals - places).T) - 1e-9).all()
     outwards = np.column_stack([radius, np.zeros(n)])[radius > goals[:, 0]]
     goals = goals[radius > goals[:, 0]]
-    straight = distance_around(outwards, goals, np.zeros((len(goals), 1, 2)), 364.06)
+    straight = around(outwards, goals)
     np.testing.assert_allclose(straight, outwards[:, 0] - goals[:, 0], atol=1e-9)
 
 

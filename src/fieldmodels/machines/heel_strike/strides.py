@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled
 from fieldmodels.declared import neutral
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.heel_strike.declaration import BASE, EFFECTS, as_plants
@@ -79,6 +80,16 @@ class StrideResult:
         return np.abs(signed + np.where(floor_added, self.floor_mm, 0.0))
 
 
+@compiled
+def levels_of(walkers: NDArray[Any]) -> NDArray[np.int64]:
+    """Regimes of walkers, shape (batch, 3): process, floor, collision."""
+    levels = np.empty((len(walkers), 3), dtype=np.int64)
+    for i in range(len(walkers)):
+        w = walkers[i]
+        levels[i, 0], levels[i, 1], levels[i, 2] = w.process_level, w.floor_level, w.collision_level
+    return levels
+
+
 class Strides:
     """A batch of walkers in one reality (or one reality each), advanced stride by stride.
 
@@ -139,6 +150,7 @@ class Strides:
         self.plants = np.array(np.broadcast_to(plants, (batch,)))
         self.extended = np.array(np.broadcast_to(extended, (batch,)))
         self.bank = bank
+        self._untraced = np.empty((batch, 0, len(TRACES)))
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
         walk = Walk(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
         self._walks = kernel_walk(walk, batch)
@@ -204,7 +216,7 @@ class Strides:
     @property
     def levels(self) -> NDArray[np.int64]:
         """Regime of the stride to come (privileged), shape (batch, 3): process, floor, collision."""
-        return np.stack([self.walkers[f"{name}_level"] for name in ("process", "floor", "collision")], axis=1)
+        return levels_of(self.walkers)
 
     def advance(self, gains: ArrayLike, traces: bool = False) -> StrideResult:
         """Take every walker through one stride.
@@ -225,7 +237,8 @@ class Strides:
             raise ModelError(f"gains must have shape (4,) or ({batch}, 4), not {values.shape}")
         if not self._seeded.all():
             raise ModelError("seed every walker before the first stride")
-        values = np.ascontiguousarray(np.broadcast_to(values, (batch, 4)))
+        if values.ndim == 1:
+            values = np.tile(values, (batch, 1))
         sensors = None
         if self.stock is not None:
             self._change(self.stock)
@@ -235,8 +248,9 @@ class Strides:
         floors = np.empty(batch)
         samples = np.empty(batch, dtype=np.int64)
         fallen = np.empty(batch, dtype=np.bool_)
-        traced = int(self._walks["limit"].max()) if traces or self.library is not None else 0
-        trace = np.full((batch, traced, len(TRACES)), np.nan)
+        trace = self._untraced
+        if traces or self.library is not None:
+            trace = np.full((batch, int(self._walks["limit"].max()), len(TRACES)), np.nan)
         advance(
             self.walkers,
             values,

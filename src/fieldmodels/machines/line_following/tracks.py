@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -56,18 +57,31 @@ class Track:
         x, y, tx, ty = point_at(self.table, self.spacing, self.closed, arc)
         return x, y, math.atan2(ty, tx)
 
-    def curvature(self, arc: ArrayLike) -> FloatArray:
-        """Curvature at arc lengths [1/m], left positive; 0 beyond the ends of an open line."""
+    @cached_property
+    def bends(self) -> FloatArray:
+        """Curvature between each point and the next [1/m], left positive."""
         headings = np.unwrap(np.arctan2(self.table[:, 3], self.table[:, 2]))
         if self.closed:
-            headings = np.append(
-                headings, headings[0] + 2 * np.pi * round((headings[-1] - headings[0]) / 2 / np.pi)
-            )
-        bends = np.diff(headings) / self.spacing
-        index = np.floor(np.asarray(arc, dtype=np.float64) / self.spacing).astype(np.int64)
-        if self.closed:
-            return np.asarray(bends[index % len(bends)])
-        return np.where((index >= 0) & (index < len(bends)), bends[np.clip(index, 0, len(bends) - 1)], 0.0)
+            turns = round((headings[-1] - headings[0]) / 2 / np.pi)
+            headings = np.append(headings, headings[0] + 2 * np.pi * turns)
+        return np.asarray(np.diff(headings) / self.spacing)
+
+    def curvature(self, arc: ArrayLike) -> FloatArray:
+        """Curvature at arc lengths [1/m], left positive; 0 beyond the ends of an open line."""
+        arcs = np.asarray(arc, dtype=np.float64)
+        bends = [bend_at(self.bends, self.spacing, self.closed, one) for one in arcs.ravel()]
+        return np.array(bends).reshape(arcs.shape)
+
+
+@inlined
+def bend_at(bends: FloatArray, spacing: float, closed: bool, arc: float) -> float:
+    """Curvature at an arc length [1/m], left positive; 0 beyond the ends of an open line."""
+    i = math.floor(arc / spacing)
+    if closed:
+        i = i % len(bends)
+    elif i < 0 or i >= len(bends):
+        return 0.0
+    return float(bends[i])
 
 
 @inlined

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import compiled
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.uav_route.declaration import KM, PLANT, as_plants, nominal_plant
 from fieldmodels.machines.uav_route.kernel import advance_all, start_all
@@ -364,12 +365,17 @@ class Flights:
         return leg
 
 
+@compiled
 def nearest_bearing(places: FloatArray, radars: FloatArray) -> FloatArray:
     """Bearing of the radar nearest to each place [rad], shape (batch,)."""
-    towards = radars - places[:, None, :]
-    nearest = np.argmin((towards**2).sum(axis=2), axis=1)
-    chosen = towards[np.arange(len(places)), nearest]
-    bearing: FloatArray = np.arctan2(chosen[:, 1], chosen[:, 0])
+    bearing = np.empty(len(places))
+    for b in range(len(places)):
+        least = np.inf
+        for r in range(radars.shape[1]):
+            north, east = radars[b, r, 0] - places[b, 0], radars[b, r, 1] - places[b, 1]
+            square = north * north + east * east
+            if square < least:
+                least, bearing[b] = square, np.arctan2(east, north)
     return bearing
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.uav_route.aircraft import Attitude, Leg, Phase, heading_of, leg_of, turn_into
-from fieldmodels.machines.uav_route.layouts import draw_layout
+from fieldmodels.machines.uav_route.layouts import distance_around, draw_layout
 from fieldmodels.machines.uav_route.lock_loss import timers_after
 from fieldmodels.machines.uav_route.observation import distance_to_goal, radial, write
 from fieldmodels.machines.uav_route.parameters import ABOVE, AROUND, RADARS, STOCHASTIC, TWO_QUADRANT
@@ -195,11 +195,18 @@ def fly(flight: Any, course: float, length: float, plant: Any, p: Any) -> None:
 
 
 @inlined
-def score(flight: Any, distance: float, path: float, detected: float, p: Any) -> float:
-    """What a leg was worth that began at a distance from the goal [km] with a path behind it [km]."""
-    value: float = -p.length_cost * (flight.path - path)
+def way_left(flight: Any, p: Any) -> float:
+    """Distance to the goal by which progress is measured [km]."""
     if p.progress != AROUND:
-        value += p.progress_reward * (distance - distance_to_goal(flight))
+        return distance_to_goal(flight)
+    circle = math.sqrt(max(p.side_on**2 - p.altitude**2, 0.0))
+    return distance_around(flight.place, flight.goal, flight.radars[: p.radars], circle)
+
+
+@inlined
+def score(flight: Any, way: float, path: float, detected: float, p: Any) -> float:
+    """What a leg was worth that began with a way left [km] and a path behind it [km]."""
+    value: float = -p.length_cost * (flight.path - path) + p.progress_reward * (way - way_left(flight, p))
     if flight.over == ARRIVED:
         value += p.arrival_reward
     elif flight.over == DAMAGED:
@@ -253,9 +260,9 @@ def advance_all(
             if relative:
                 cosine, sine = radial(flight, plant, p.radars)
                 course += math.atan2(sine, cosine)
-            distance, path, seen = distance_to_goal(flight), flight.path, flight.time_over
+            way, path, seen = way_left(flight, p), flight.path, flight.time_over
             fly(flight, course, min(max(actions[b, 1], p.least_leg), p.longest_leg), plant, p)
-            gain = score(flight, distance, path, flight.time_over - seen, p)
+            gain = score(flight, way, path, flight.time_over - seen, p)
         reward[b] = gain
         over[b] = flight.over
         write(flight, plant, b, p, order, observed, numbers, places)

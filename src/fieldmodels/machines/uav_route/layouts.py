@@ -179,9 +179,8 @@ def safe_route(layout: Layout, detection: Detection | None = None) -> FloatArray
     return route
 
 
-def distance_around(
-    places: FloatArray, goals: FloatArray, radars: FloatArray, side_on: FloatArray | float
-) -> FloatArray:
+@inlined
+def distance_around(place: FloatArray, goal: FloatArray, radars: FloatArray, side_on: float) -> float:
     """How far it is to the goal past the circle of the radar next to it, about as an unseen flight goes.
 
     Straight from where the nose points at the radar all the way, a wedge that opens outwards at the goal;
@@ -189,33 +188,39 @@ def distance_around(
     jumps, no certificate: other radars and banks do not count.
 
     Args:
-        places: North and east [km], shape (batch, 2).
-        goals: The same of the goals.
-        radars: The same of the radars, shape (batch, radars, 2).
-        side_on: Radius of each flight's circles on the ground [km], shape (batch,) or ().
+        place: North and east [km], shape (2,).
+        goal: The same of the goal.
+        radars: The same of the radars, shape (radars, 2).
+        side_on: Radius of the radar's circle on the ground [km].
 
     Returns:
-        Distances [km], shape (batch,).
+        Distance [km].
     """
-    rows = np.arange(len(places))
-    nearest = np.argmin(((radars - goals[:, None, :]) ** 2).sum(axis=2), axis=1)
-    place, goal = places - radars[rows, nearest], goals - radars[rows, nearest]
-    straight = np.hypot(*(goal - place).T)
-    outer = np.maximum(np.hypot(*place.T), 1e-9)
-    inner = np.maximum(np.hypot(*goal.T), 1e-9)
-    separation = np.arccos(np.clip((place * goal).sum(axis=1) / (outer * inner), -1.0, 1.0))
-    radius = np.maximum(np.minimum(outer, side_on), inner)  # at which the wedge is entered
-    edge = WEDGE - np.arcsin(math.sin(WEDGE) * inner / radius)  # its bearing there, from the goal's
-    entered = radius * np.sin(edge) / math.sin(WEDGE)  # distance of goal and edge
+    nearest, least = 0, math.inf
+    for r in range(len(radars)):
+        square = (radars[r, 0] - goal[0]) ** 2 + (radars[r, 1] - goal[1]) ** 2
+        if square < least:
+            nearest, least = r, square
+    north, east = place[0] - radars[nearest, 0], place[1] - radars[nearest, 1]
+    goal_north, goal_east = goal[0] - radars[nearest, 0], goal[1] - radars[nearest, 1]
+    straight = math.hypot(goal_north - north, goal_east - east)
+    outer = max(math.hypot(north, east), 1e-9)
+    inner = max(math.hypot(goal_north, goal_east), 1e-9)
+    cosine = (north * goal_north + east * goal_east) / (outer * inner)
+    separation = math.acos(min(max(cosine, -1.0), 1.0))
+    own_edge = WEDGE - math.asin(min(math.sin(WEDGE) * inner / max(outer, inner), 1.0))
+    if outer >= inner and separation <= own_edge:
+        return straight
+    radius = max(min(outer, side_on), inner)  # at which the wedge is entered
+    edge = WEDGE - math.asin(math.sin(WEDGE) * inner / radius)  # its bearing there, from the goal's
     to_edge = separation - edge
-    seen = np.arccos(side_on / np.maximum(outer, side_on))  # from the bearing of the tangent's point
-    direct = np.sqrt(
-        np.maximum(outer**2 + radius**2 - 2.0 * outer * radius * np.cos(np.maximum(to_edge, 0.0)), 0.0)
-    )
-    tangent = np.sqrt(np.maximum(outer**2 - side_on**2, 0.0)) + side_on * (to_edge - seen)
-    inside = np.abs(outer - radius) + side_on * to_edge
-    way = np.where(outer < side_on, inside, np.where(to_edge > seen, tangent, direct)) + entered
-    own_edge = WEDGE - np.arcsin(np.minimum(math.sin(WEDGE) * inner / np.maximum(outer, inner), 1.0))
-    free = (outer >= inner) & (separation <= own_edge)
-    distance: FloatArray = np.where(free, straight, np.maximum(way, straight))
-    return distance
+    seen = math.acos(side_on / max(outer, side_on))  # from the bearing of the tangent's point
+    if outer < side_on:
+        way = abs(outer - radius) + side_on * to_edge
+    elif to_edge > seen:
+        way = math.sqrt(outer * outer - side_on * side_on) + side_on * (to_edge - seen)
+    else:
+        square = outer * outer + radius * radius - 2.0 * outer * radius * math.cos(max(to_edge, 0.0))
+        way = math.sqrt(max(square, 0.0))
+    entered = radius * math.sin(edge) / math.sin(WEDGE)  # distance of goal and edge
+    return max(way + entered, straight)

@@ -20,9 +20,10 @@ from fieldmodels.machines.uav_route.kernel import (
     run_timers,
     scan,
     score,
+    way_left,
 )
 from fieldmodels.machines.uav_route.layouts import draw_further
-from fieldmodels.machines.uav_route.observation import distance_to_goal, radial, write
+from fieldmodels.machines.uav_route.observation import radial, write
 from fieldmodels.machines.uav_route.parameters import ONE, RADARS, STOCHASTIC
 from fieldmodels.machines.uav_route.state import ENGAGE, FLYING
 from fieldmodels.streams import GAMMA, mixed
@@ -215,7 +216,7 @@ def advance_team(
         p = rules[g, 0]
         for a in range(count):
             flight, under, plant, i = flights[g, a], legs[g, a], plants[g, a], g * count + a
-            before[a, 0], before[a, 1], before[a, 2] = distance_to_goal(flight), flight.path, flight.time_over
+            before[a, 0], before[a, 1], before[a, 2] = way_left(flight, p), flight.path, flight.time_over
             reward[i] = 0.0
             if flying and flight.over == FLYING and under.going == 0:
                 cosine, sine = radial(flight, plant, p.radars)
