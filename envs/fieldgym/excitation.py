@@ -7,6 +7,7 @@ module are that paper's.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,10 +18,12 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Box, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.base import BatchTask, Box, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
+from fieldmodels.compiled import compiled
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
 from fieldmodels.machines.excitation.parameters import (
@@ -40,11 +43,10 @@ from fieldmodels.machines.excitation.shaker import (
     VARIANTS,
     Shaken,
     Shakers,
-    average_percent,
-    normalised_percent,
+    error_percent,
 )
 from fieldmodels.model import Model, ModelError
-from fieldmodels.settings import Setting
+from fieldmodels.settings import Setting, code, kernel_rows
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame
@@ -95,6 +97,80 @@ def model_of(settings: ExcitationSettings) -> ExcitationModel:
     return ExcitationModel(settings.preset)
 
 
+RELATIVE = code(ExcitationSettings, "reward", "relative_error")
+DEVIATION = np.sqrt(PRIOR_VARIANCE)
+NUMBERS = (
+    "time", "bits", "bits_naive", "error_percent", "error_normalised", "error_percent_naive",
+    "error_normalised_naive", "reached_20", "time_to_20",
+)  # fmt: skip
+"""What ``info`` says of the experiments as they stand."""
+
+
+def _rules(settings: ExcitationSettings, batch: int) -> NDArray[Any]:
+    """Settings as the kernels read them."""
+    return kernel_rows(settings, batch, {"weight_of_each": weight_of_each(np.array(settings.weights))})
+
+
+@compiled
+def worth(
+    information: Floats, covariance: Floats, nominal: Floats, estimated: Flags, rules: NDArray[Any]
+) -> Floats:
+    """What experiments are worth, by the reward of each, shape (batch,)."""
+    value = np.empty(len(information))
+    for i in range(len(information)):
+        p = rules[i]
+        if p.reward == RELATIVE:
+            value[i] = relative_accuracy(covariance[i], nominal[i], p.weight_of_each, estimated)
+        else:
+            value[i] = bits(information[i], p.weight_of_each)
+    return value
+
+
+@compiled
+def observe(
+    mean: Floats, covariance: Floats, command: Floats, phase: Floats, low: Floats, high: Floats,
+    elapsed: NDArray[np.int64], rules: NDArray[Any],
+) -> NDArray[np.float32]:  # fmt: skip
+    """What is known and where the arm is, shape (batch, 50)."""
+    n = mean.shape[1]
+    observed = np.empty((len(mean), 2 * n + 6), dtype=np.float32)
+    for i in range(len(mean)):
+        row = observed[i]
+        for k in range(n):
+            row[k] = min(max((mean[i, k] - PRIOR_MEAN[k]) / DEVIATION[k], -MEAN_BOUND), MEAN_BOUND)
+            known = math.sqrt(covariance[i, k, k]) / DEVIATION[k]
+            row[n + k] = min(max(math.log(known), LOG_LOW), LOG_HIGH) if known > 0.0 else LOG_LOW
+        for k in range(3):
+            place = 2.0 * (command[i, k] - low[i, k]) / (high[i, k] - low[i, k]) - 1.0
+            row[2 * n + k] = min(max(place, -1.0), 1.0)
+        row[2 * n + 3], row[2 * n + 4] = math.cos(phase[i]), math.sin(phase[i])
+        row[2 * n + 5] = max(1.0 - elapsed[i] / rules[i].decisions, 0.0)
+    return observed
+
+
+@compiled
+def score(
+    mean: Floats, naive: Floats, information: Floats, information_naive: Floats, truth: Floats,
+    counted: Flags, elapsed: NDArray[np.int64], below_since: NDArray[np.int64],
+) -> Floats:  # fmt: skip
+    """``NUMBERS``, shape (9, batch); ``below_since`` follows the average error."""
+    numbers = np.empty((9, len(mean)))
+    for i in range(len(mean)):
+        own, own_naive = error_percent(mean[i], truth[i], counted), error_percent(naive[i], truth[i], counted)
+        if elapsed[i] == 0 or own[0] >= REACHED_PERCENT:
+            below_since[i] = -1
+        elif below_since[i] < 0:
+            below_since[i] = elapsed[i]
+        time, reached = elapsed[i] * DECISION, below_since[i] >= 0
+        values = (
+            time, information[i].sum(), information_naive[i].sum(), own[0], own[1], own_naive[0],
+            own_naive[1], 1.0 if reached else 0.0, below_since[i] * DECISION if reached else time,
+        )  # fmt: skip
+        for k in range(len(values)):
+            numbers[k, i] = values[k]
+    return numbers
+
+
 class _ExcitationTask(BatchTask):
     """The task on a batch of vehicles."""
 
@@ -124,6 +200,7 @@ class _ExcitationTask(BatchTask):
             possible=truth.extremes,
             stock=truth.stock,
         )
+        self._rules = _rules(self.settings, batch)
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self.below_since = np.full(batch, -1, dtype=np.int64)
         self._shaken: Shaken | None = None
@@ -153,6 +230,7 @@ class _ExcitationTask(BatchTask):
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
         self.shakers.set_rules(row, settings)
+        self._rules[row] = _rules(settings, 1)[0]
 
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw what keys a vehicle and its noise."""
@@ -177,74 +255,46 @@ class _ExcitationTask(BatchTask):
 
     def step(self, actions: Floats) -> Outcome:
         """Shake every vehicle for one decision."""
-        before = self._worth(self.shakers.bits, self.shakers.deviations)
+        before = self._worth(self.shaken)
         low, high = self.shakers.ranges
         commands = low + (high - low) * (actions + 1.0) / 2.0
-        shaken = self.shakers.advance(commands, traces=self._traces is not None)
-        self._shaken = shaken
-        reward = self._worth(shaken.bits, self.shakers.deviations) - before
+        shaken = self._shaken = self.shakers.advance(commands, traces=self._traces is not None)
+        reward = self._worth(shaken) - before
         self.elapsed += 1
         if self._traces is not None:
             assert shaken.motion is not None
             assert shaken.bodies is not None
             for i, traces in enumerate(self._traces):
                 traces.append((shaken.motion[i, 1:, 0], shaken.bodies[i]))
-        percent = average_percent(shaken.mean, self.shakers.truth, self.shakers.estimated)
-        below = percent < REACHED_PERCENT
-        since = np.where(self.below_since < 0, self.elapsed, self.below_since)
-        self.below_since[:] = np.where(below, since, -1)
         return Outcome(
             observation=self.observation(),
             reward=reward,
             terminated=np.zeros(len(self.elapsed), dtype=np.bool_),
-            truncated=self.elapsed >= self.drawn.column("decisions"),
+            truncated=self.elapsed >= self._rules["decisions"],
             info=self.reset_info(),
         )
 
-    def _worth(self, information: Floats, deviations: Floats) -> Floats:
+    def _worth(self, shaken: Shaken) -> Floats:
         """What the experiments are worth as they stand, by the settings' reward, shape (batch,)."""
-        weights = weight_of_each(self.drawn.column("weights"))
-        relative = self.drawn.column("reward") == "relative_error"
-        worth = bits(information, weights)
-        if relative.any():
-            accuracy = relative_accuracy(deviations, self.shakers.nominal, weights, self.shakers.estimated)
-            worth = np.where(relative, accuracy, worth)
-        return worth
+        shakers = self.shakers
+        return worth(shaken.bits, shaken.covariance, shakers.nominal, shakers.estimated, self._rules)
 
     def observation(self) -> NDArray[np.float32]:
         """What is known and where the arm is, shape (batch, 50)."""
         shaken = self.shaken
-        deviation = np.sqrt(PRIOR_VARIANCE)
-        own = np.sqrt(np.diagonal(shaken.covariance, axis1=1, axis2=2))
-        with np.errstate(divide="ignore"):
-            logs = np.clip(np.log(own / deviation), LOG_LOW, LOG_HIGH)
-        low, high = self.shakers.ranges
-        return np.hstack(
-            [
-                np.clip((shaken.mean - PRIOR_MEAN) / deviation, -MEAN_BOUND, MEAN_BOUND),
-                logs,
-                np.clip(2.0 * (shaken.command - low) / (high - low) - 1.0, -1.0, 1.0),
-                np.column_stack([np.cos(shaken.phase), np.sin(shaken.phase)]),
-                np.maximum(1.0 - self.elapsed / self.drawn.column("decisions"), 0.0)[:, None],
-            ]
-        ).astype(np.float32)
+        return observe(
+            shaken.mean, shaken.covariance, shaken.command, shaken.phase, *self.shakers.ranges, self.elapsed,
+            self._rules,
+        )  # fmt: skip
 
-    def reset_info(self) -> dict[str, Any]:
+    def reset_info(self) -> Info:
         """The info, the same after ``reset`` as after a step."""
-        shaken = self.shaken
-        truth, counted = self.shakers.truth, self.shakers.estimated
-        time = self.elapsed * DECISION
-        reached = self.below_since >= 0
-        return {
-            "time": time,
-            "bits": shaken.bits.sum(axis=1),
-            "bits_naive": shaken.bits_naive.sum(axis=1),
-            "error_percent": average_percent(shaken.mean, truth, counted),
-            "error_percent_naive": average_percent(shaken.mean_naive, truth, counted),
-            "error_normalised": normalised_percent(shaken.mean, truth, counted),
-            "error_normalised_naive": normalised_percent(shaken.mean_naive, truth, counted),
-            "reached_20": reached.astype(np.float64),
-            "time_to_20": np.where(reached, self.below_since * DECISION, time),
+        shaken, truth = self.shaken, self.shakers.truth
+        numbers = score(
+            shaken.mean, shaken.mean_naive, shaken.bits, shaken.bits_naive, truth, self.shakers.estimated,
+            self.elapsed, self.below_since,
+        )  # fmt: skip
+        others = {
             "noise_draw": self.shakers.draws,
             "information": shaken.bits,
             "estimate": {
@@ -257,8 +307,9 @@ class _ExcitationTask(BatchTask):
             "arm": {"command": shaken.command, "phase": shaken.phase},
             "base": shaken.base,
             "variances": shaken.variances,
-            "privileged": {"truth": truth.copy(), "error": shaken.mean - truth, **self.drawn.info},
+            "privileged": {"truth": truth, "error": shaken.mean - truth, **self.drawn.info},
         }
+        return Info(NUMBERS, numbers, others)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
@@ -316,8 +367,8 @@ class _ExcitationTask(BatchTask):
                 errors=spread * (shaken.mean[i] - truth),
                 errors_naive=spread * (shaken.mean_naive[i] - truth),
                 percent=(
-                    float(average_percent(shaken.mean[i], truth, counted)),
-                    float(average_percent(shaken.mean_naive[i], truth, counted)),
+                    error_percent(shaken.mean[i], truth, counted)[0],
+                    error_percent(shaken.mean_naive[i], truth, counted)[0],
                 ),
             )
         )

@@ -29,9 +29,8 @@ from fieldmodels.machines.excitation.sensors import corrupt, first_draw, full_sc
 from fieldmodels.machines.excitation.shaker import (
     FACTORS,
     Shakers,
-    average_percent,
     drawn_around,
-    normalised_percent,
+    error_percents,
 )
 from fieldmodels.model import ModelError
 
@@ -59,14 +58,15 @@ def test_average_error_of_table_1_as_printed():
     variable = [3.6, 0.14, 0.09, 0.18, 0.01, 0.04, 0.01, 0.01, 0.3, 0.1, 78, 76, 17, 195, 266, 334]
     constant += [1103, 1095, 390, 945, 1950, 2403]
     variable += [979, 1244, 375, 1934, 2394, 2892]
-    assert average_percent([constant, variable], TABLE1, EVERY) == pytest.approx([112.3, 15.7], abs=0.05)
+    printed, truth = np.array([constant, variable]), np.tile(TABLE1, (2, 1))
+    assert error_percents(printed, truth, EVERY)[0] == pytest.approx([112.3, 15.7], abs=0.05)
 
 
 def test_normalised_error_counts_in_ranges():
     mean = TABLE1.copy()
     mean[0] += 1.0  # of a range of 10 kg
-    assert normalised_percent(mean, TABLE1, EVERY) == pytest.approx(10.0 / 22)
-    assert normalised_percent(mean, TABLE1, np.arange(22) == 0) == pytest.approx(10.0)
+    assert error_percents(mean[None], TABLE1[None], EVERY)[1] == pytest.approx([10.0 / 22])
+    assert error_percents(mean[None], TABLE1[None], np.arange(22) == 0)[1] == pytest.approx([10.0])
 
 
 def test_mean_draws_is_that_of_the_noise_at_the_latest_sample():
@@ -154,7 +154,9 @@ def test_noise_in_the_regressor_is_what_misleads_the_naive_filter():
     shakers = started(16)
     for _ in range(25):
         shaken = shakers.advance(np.tile(CONSTANT, (16, 1)))
-    compensated, naive = (average_percent(m, TABLE1, EVERY) for m in (shaken.mean, shaken.mean_naive))
+    compensated, naive = (
+        error_percents(m, np.tile(TABLE1, (len(m), 1)), EVERY)[0] for m in (shaken.mean, shaken.mean_naive)
+    )
     assert (compensated < naive).all()
     assert compensated.mean() < naive.mean() / 3
     # The mass of 3 kg: pulled to half of it, and within the deviations claimed.

@@ -40,7 +40,7 @@ from fieldmodels.machines.excitation.parameters import (
 from fieldmodels.machines.excitation.prediction import Predictor, Situation
 from fieldmodels.machines.excitation.regression import FEATURES
 from fieldmodels.machines.excitation.sensors import FULL, full_scale, variances
-from fieldmodels.machines.excitation.shaker import CHANNELS, FINEST, Shakers, average_percent
+from fieldmodels.machines.excitation.shaker import CHANNELS, FINEST, Shakers, error_percents
 
 Floats = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def ending_errors(
     commands = np.repeat(to_command(repeated(schedules, settings.decisions), limits), len(seeds), axis=0)
     for decision in range(settings.decisions):
         shaken = shakers.advance(commands[:, decision])
-    errors = average_percent(shaken.mean, shakers.truth, shakers.estimated)
+    errors = error_percents(shaken.mean, shakers.truth, shakers.estimated)[0]
     return np.asarray(errors.reshape(len(schedules), len(seeds)).mean(axis=1))
 
 

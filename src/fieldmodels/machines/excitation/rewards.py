@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import inlined
 from fieldmodels.machines.excitation.parameters import CG, DAMPING, INERTIA, MASS, STIFFNESS, UNKNOWNS
 
 GROUPS: Mapping[str, range] = MappingProxyType(
@@ -28,31 +30,34 @@ def weight_of_each(weights: FloatArray) -> FloatArray:
     return np.repeat(weights, [len(group) for group in GROUPS.values()], axis=-1)
 
 
-def bits(information: FloatArray, weights: FloatArray) -> FloatArray:
-    """Weighted sum of the information about each parameter [bits], shape (batch,).
+@inlined
+def bits(information: FloatArray, weights: FloatArray) -> float:
+    """Weighted sum of the information about each parameter [bits]; both of shape (22,)."""
+    total = 0.0
+    for k in range(len(weights)):
+        total += weights[k] * information[k]
+    return total
 
-    Args:
-        information: By the filter [bits], shape (batch, 22).
-        weights: Of each parameter, of that shape.
-    """
-    return np.asarray((weights * information).sum(axis=-1))
 
-
+@inlined
 def relative_accuracy(
-    deviation: FloatArray, nominal: FloatArray, weights: FloatArray, estimated: NDArray[np.bool_]
-) -> FloatArray:
-    """How often 100 % of expected relative error have been halved: -log2 of its mean, shape (batch,).
+    covariance: FloatArray, nominal: FloatArray, weights: FloatArray, estimated: NDArray[np.bool_]
+) -> float:
+    """How often 100 % of expected relative error have been halved: -log2 of its mean.
 
     The expected relative error of a parameter is its standard deviation by the filter over its nominal size,
     as Table I counts errors; parameters that are nominally zero have none. Bits count each halving of each
     parameter alike, the well-known mass like the badly known inertia; here what is known worst counts most.
 
     Args:
-        deviation: Standard deviations of the estimates, shape (batch, 22).
-        nominal: Nominal values, of that shape.
+        covariance: Of the estimates, shape (22, 22).
+        nominal: Nominal values, shape (22,).
         weights: Of each parameter, of that shape.
-        estimated: Which parameters are estimated, shape (22,).
+        estimated: Which parameters are estimated, of that shape.
     """
-    counts = weights * (estimated & (nominal != 0.0))
-    error = deviation / np.where(nominal == 0.0, 1.0, np.abs(nominal))
-    return np.asarray(-np.log2((counts * error).sum(axis=-1) / counts.sum(axis=-1)))
+    total, counted = 0.0, 0.0
+    for k in range(len(weights)):
+        if estimated[k] and nominal[k] != 0.0:
+            total += weights[k] * math.sqrt(covariance[k, k]) / abs(nominal[k])
+            counted += weights[k]
+    return -math.log2(total / counted)

@@ -5,6 +5,7 @@ What environments and evaluations work with.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled, inlined
 from fieldmodels.declared import any_on, as_rows
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
-from fieldmodels.information import fast
+from fieldmodels.information import fast_bits
 from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
 from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS
 from fieldmodels.machines.excitation.kernel import BASE, Around, Experiments, shake
@@ -69,28 +71,46 @@ FINEST = SAMPLE / SUBSTEPS
 VARIANTS: Mapping[str, Variant] = {"full": FULL, "table2": TABLE2}
 
 
-def normalised_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> FloatArray:
-    """Mean |error| in percent of the prior's range, over the parameters that count.
+@inlined
+def error_percent(mean: FloatArray, truth: FloatArray, counted: NDArray[np.bool_]) -> tuple[float, float]:
+    """Average |error| in percent of the true values, as Table I, and of the prior's ranges.
 
     Args:
-        mean: Estimates, shape (..., 22).
+        mean: Estimates, shape (22,).
         truth: True values, of that shape.
-        counted: Which parameters count, shape (22,).
+        counted: Which parameters count, shape (22,); in percent of the true values, those that are not zero.
     """
-    use = np.asarray(counted, dtype=np.bool_)
-    error = 100.0 * np.abs(np.asarray(mean) - np.asarray(truth)) / (UPPER - LOWER)
-    return np.asarray(np.where(use, error, 0.0).sum(axis=-1) / use.sum())
+    average, normalised, used, all_used = 0.0, 0.0, 0, 0
+    for k in range(len(mean)):
+        if counted[k]:
+            error = 100.0 * abs(mean[k] - truth[k])
+            normalised += error / (UPPER[k] - LOWER[k])
+            all_used += 1
+            if truth[k] != 0.0:
+                average += error / abs(truth[k])
+                used += 1
+    return average / max(used, 1), normalised / max(all_used, 1)
 
 
-def average_percent(mean: ArrayLike, truth: ArrayLike, counted: ArrayLike) -> FloatArray:
-    """Average |error| in percent of the true value, as Table I, over the counted that are not zero.
+@compiled
+def error_percents(mean: FloatArray, truth: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
+    """``error_percent`` of each row, shape (2, batch); mean and truth of shape (batch, 22)."""
+    percents = np.empty((2, len(mean)))
+    for i in range(len(mean)):
+        percents[0, i], percents[1, i] = error_percent(mean[i], truth[i], counted)
+    return percents
 
-    Arguments as of ``normalised_percent``.
-    """
-    true = np.asarray(truth, dtype=np.float64)
-    use = np.asarray(counted, dtype=np.bool_) & (true != 0.0)
-    error = np.abs(np.asarray(mean) - true) / np.where(use, np.abs(true), 1.0)
-    return np.asarray(100.0 * np.where(use, error, 0.0).sum(axis=-1) / np.maximum(use.sum(axis=-1), 1))
+
+@compiled
+def information_of(covariance: FloatArray, estimated: NDArray[np.bool_], rules: NDArray[Any]) -> FloatArray:
+    """Information about each parameter [bits], shape (batch, 22); 0 where it is not estimated."""
+    information = np.zeros(covariance.shape[:2])
+    for i in range(len(covariance)):
+        for k in range(len(estimated)):
+            if estimated[k]:
+                deviation = math.sqrt(covariance[i, k, k])
+                information[i, k] = fast_bits(deviation, UPPER[k] - LOWER[k], rules[i].bits)
+    return information
 
 
 FACTORS = 19
@@ -307,12 +327,7 @@ class Shakers:
     @property
     def bits(self) -> FloatArray:
         """Information about each parameter by the chosen filter [bits], shape (batch, 22)."""
-        return self._information(self._filters.covariance[self._estimator])
-
-    @property
-    def deviations(self) -> FloatArray:
-        """Standard deviations of the estimates by the chosen filter, shape (batch, 22)."""
-        return np.asarray(np.sqrt(np.diagonal(self._filters.covariance[self._estimator], axis1=1, axis2=2)))
+        return information_of(self._filters.covariance[self._estimator], self.estimated, self._records)
 
     @property
     def nominal(self) -> FloatArray:
@@ -433,7 +448,7 @@ class Shakers:
             bits=self.bits,
             mean_naive=filters.mean[naive].copy(),
             covariance_naive=filters.covariance[naive].copy(),
-            bits_naive=self._information(filters.covariance[naive]),
+            bits_naive=information_of(filters.covariance[naive], self.estimated, self._records),
             moments=moments,
             noise=noise,
             samples=samples,
@@ -444,14 +459,6 @@ class Shakers:
             motion=motion,
             bodies=bodies,
         )
-
-    def _information(self, covariance: FloatArray) -> FloatArray:
-        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        information = np.empty(sigma.shape)
-        for bits in set(self._records["bits"].tolist()):
-            rows = self._records["bits"] == bits
-            information[rows] = fast(sigma[rows], LOWER, UPPER, bits)
-        return np.where(self.estimated, information, 0.0)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """An exact snapshot: plain arrays by name."""
