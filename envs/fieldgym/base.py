@@ -80,6 +80,9 @@ class BatchTask(ABC):
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one environment."""
 
+    def use_threads(self, threads: int) -> None:  # noqa: B027 - most kernels take less than a thread's start
+        """Let rows advance on threads, side by side and equal to the bit, where that is faster."""
+
     @property
     @abstractmethod
     def most_steps(self) -> int:
@@ -499,11 +502,16 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
         settings: Any = None,
         reality: RealityLike = None,
         render_mode: str | None = None,
+        threads: int = 1,
     ) -> None:
+        """Make the rows; ``threads`` are used where a step is long: by HeelStrike and Excitation."""
+        if threads < 1:
+            raise ValueError(f"threads={threads}: one is the least")
         check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self._task = type(self).batch_task(num_envs, settings, reality, render_mode is not None)
+        self._task.use_threads(threads)
         self.settings, self.reality = self._task.settings, self._task.reality
         self.single_action_space, self.single_observation_space = self._task.spaces()
         self._checked = ActionCheck(num_envs, self.single_action_space)

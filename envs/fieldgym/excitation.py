@@ -208,6 +208,10 @@ class _ExcitationTask(BatchTask):
         if drawing:
             self._traces = [deque(maxlen=self.most_steps) for _ in range(batch)]
 
+    def use_threads(self, threads: int) -> None:
+        """See ``BatchTask.use_threads``."""
+        self.shakers.threads = threads
+
     @property
     def most_steps(self) -> int:
         """See ``BatchTask.most_steps``."""

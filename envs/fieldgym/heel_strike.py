@@ -229,6 +229,10 @@ class _HeelStrikeTask(BatchTask):
         self._tracing = drawing
         self.kept: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
 
+    def use_threads(self, threads: int) -> None:
+        """See ``BatchTask.use_threads``."""
+        self.strides.threads = threads
+
     @property
     def most_steps(self) -> int:
         """See ``BatchTask.most_steps``."""

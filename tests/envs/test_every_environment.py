@@ -429,3 +429,19 @@ def test_a_reset_of_some_rows_begins_these_and_leaves_the_others_as_they_are(env
     for wrong in (mask.astype(int), mask[:3], np.zeros(count, dtype=bool)):
         with pytest.raises(ValueError, match="reset_mask"):
             envs.reset(options={"reset_mask": wrong})
+
+
+@pytest.mark.parametrize("name", ["HeelStrike", "Excitation", "UavRoute"])
+def test_threads_change_no_bit(name):
+    """Five rows on three threads: shares of one, two and two; an episode begins in between."""
+    env_id = next(i for i in gym.registry if i.startswith(f"fieldgym/{name}-v"))
+    short = {"HeelStrike": {"strides": 3}, "Excitation": {"decisions": 3}, "UavRoute": {"max_legs": 3}}[name]
+    one, three = (gym.make_vec(env_id, num_envs=5, settings=short, threads=n) for n in (1, 3))
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(one.reset(seed=0)[0], three.reset(seed=0)[0])
+    for _ in range(6):
+        action = rng.uniform(-1, 1, one.action_space.shape).astype(np.float32)
+        for mine, other in zip(one.step(action)[:4], three.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(mine, other)
+    with pytest.raises(ValueError, match="threads=0"):
+        gym.make_vec(env_id, num_envs=5, threads=0)

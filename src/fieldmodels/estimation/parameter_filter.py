@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.model import ModelError
+from fieldmodels.threads import run_rows
 
 
 class Terms(NamedTuple):
@@ -462,7 +463,10 @@ class ParameterFilters:
     Attributes:
         mean: Estimates by method, each of shape (batch, unknowns).
         covariance: Their covariances by method, each of shape (batch, unknowns, unknowns).
+        threads: On which filters are updated, side by side.
     """
+
+    threads = 1
 
     def __init__(
         self,
@@ -572,11 +576,15 @@ class ParameterFilters:
         if not np.isfinite(y).all() or not np.isfinite(v).all():
             raise ModelError("features and noise must be finite")
         for average in self._moments:
-            _accumulate_all(y, v, average, self._moments[average], self._noise[average])
+            moments, total = self._moments[average], self._noise[average]
+            run_rows(self.threads, batch, _accumulate_all, y, v, average, moments, total)
         self._samples += y.shape[2]
         for name in self.methods:
             method = METHODS[name]
-            _estimate_all(
+            run_rows(
+                self.threads,
+                batch,
+                _estimate_all,
                 self._terms,
                 self._moments[method.average],
                 self._noise[method.average],
@@ -588,6 +596,7 @@ class ParameterFilters:
                 self._passes,
                 self.mean[name],
                 self.covariance[name],
+                whole=(0, 4, 6),
             )
 
     def statistic(self, method: str) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -57,6 +57,7 @@ from fieldmodels.machines.excitation.sensors import (
 )
 from fieldmodels.model import ModelError
 from fieldmodels.settings import kernel_rows
+from fieldmodels.threads import run_rows
 
 CHANNELS = Channels(
     commands=("arm_angle",),
@@ -233,7 +234,10 @@ class Shakers:
         estimated: Which of them are estimated, shape (22,).
         ranges: Smallest and largest command of each, each of shape (batch, 3).
         arm: The arm.
+        threads: On which the rows advance, side by side; in one where there are stock effects.
     """
+
+    threads = 1
 
     def __init__(
         self,
@@ -429,9 +433,11 @@ class Shakers:
             self.stock.clock[:] = self._counts * SAMPLE
             self._change(range(batch), DECISION, self.stock)
         around = self._around
-        shake(
-            self._experiments, self._records, self.arm.row(), around, clipped, features, noise, motion, bodies
-        )
+        self._filters.threads = self.threads
+        run_rows(
+            self.threads if around is None else 1, batch, shake, self._experiments, self._records,
+            self.arm.row(), around, clipped, features, noise, motion, bodies, whole=(2,),
+        )  # fmt: skip
         self._filters.update(features, noise)
         return self._shaken(motion if traces else None, bodies if traces else None)
 

@@ -26,6 +26,7 @@ from fieldmodels.machines.heel_strike.walker import (
     kernel_walk,
 )
 from fieldmodels.model import ModelError
+from fieldmodels.threads import run_rows
 
 if TYPE_CHECKING:
     from fieldmodels.machines.heel_strike.filterpy_filters import LibraryFilters
@@ -102,7 +103,10 @@ class Strides:
         extended: Which of them have an effect, shape (batch,).
         stock: Stock effects around the walkers, or None.
         library: The same Kalman filters by filterpy, or None.
+        threads: On which the rows advance, side by side; in one where stock effects sense.
     """
+
+    threads = 1
 
     def __init__(
         self,
@@ -251,7 +255,10 @@ class Strides:
         trace = self._untraced
         if traces or self.library is not None:
             trace = np.full((batch, int(self._walks["limit"].max()), len(TRACES)), np.nan)
-        advance(
+        run_rows(
+            self.threads if sensors is None else 1,
+            batch,
+            advance,
             self.walkers,
             values,
             self.plants,
