@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fieldmodels.extras import words
 from fieldmodels.files import OutputError, write_text
 from fieldmodels.names import did_you_mean
 
@@ -76,7 +77,6 @@ def _state_of_files() -> str:
 def _gathered() -> dict[str, Any]:
     from fieldagents.evaluation.agents import describe_agents
     from fieldagents.policies.zoo import list_zoo
-    from fieldagents.reproduce import reproducible
     from fieldgym import TASKS
     from fieldmodels.recording.datasets import dataset_names
     from fieldmodels.registry import get_model, model_names
@@ -131,8 +131,19 @@ def _gathered() -> dict[str, Any]:
         "models": models,
         "zoo": [str(entry) for entry in list_zoo()],
         "datasets": list(dataset_names()),
-        "reproductions": list(reproducible()),
+        "reproductions": _reproductions(),
     }
+
+
+def _reproductions() -> list[str]:
+    try:
+        from fieldagents.reproduce import reproducible
+
+        return list(reproducible())
+    except ModuleNotFoundError as error:  # their tables need an extra
+        if not (said := words(error)):
+            raise
+        return [said]
 
 
 def show(found: dict[str, Any], console: Console) -> None:
