@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import sys
 import warnings
@@ -15,12 +16,14 @@ import typer
 from typer.core import TyperGroup
 
 from fieldagents.progress import progress
+from fieldmodels.engine.stopping import interruptible
 from fieldmodels.extras import words
 from fieldmodels.files import claimed, write_text
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fieldagents.plan import Plan
     from fieldmodels.engine import Engine
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EFBIG)
@@ -39,9 +42,16 @@ class _Commands(TyperGroup):
         with warnings.catch_warnings(), ExitStack() as held:
             warnings.showwarning = _show_warning
             _HELD.set(held)
+
+            def leave() -> None:
+                _said("Stopped within a long step; files are whole, and what the command keeps serves again.")
+                held.close()
+
             try:
-                return super().invoke(ctx)
-            except KeyboardInterrupt:
+                with interruptible(leave):
+                    return super().invoke(ctx)
+            except KeyboardInterrupt as stop:
+                _said(": ".join(["Stopped", *map(str, stop.args)]))
                 raise typer.Exit(130) from None
             except Exception as error:
                 message = _message(error)
@@ -66,13 +76,17 @@ def _message(error: Exception) -> str | None:
 
 
 def _fail(message: str, code: int) -> None:
-    print("Error: " + "\n  ".join(message.splitlines()), file=sys.stderr)
+    _said("Error: " + "\n  ".join(message.splitlines()))
     raise typer.Exit(code)
+
+
+def _said(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ImportWarning):
-        print(f"Warning: {message}", file=sys.stderr)
+        _said(f"Warning: {message}")
 
 
 app = typer.Typer(
@@ -87,9 +101,13 @@ gets wrong.
 Start with **fieldgym list**, or with **fieldgym demo** for everything in a few minutes.
 Every command takes **--json**: the result alone on standard output, progress on standard error.
 """,
-    epilog="Exit codes: 0 done, 1 a fault of the program, 2 a mistake in what it was given, 130 stopped.",
+    epilog="Exit codes: 0 done, 1 jobs, cases or claims failed, or a fault of the program, "
+    "2 a mistake in what it was given, 130 stopped.",
 )
 
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Say what would be done and what it takes, do and write nothing.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, alone on standard output.")]
 Settings = Annotated[
     list[str] | None,
@@ -197,6 +215,7 @@ def train(
     out: Annotated[
         Path | None, typer.Option(help="Run folder (default: `runs/<task>/<name>-<hash>`).")
     ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Train a learned agent from a config; needs `pip install 'fieldgym[train]'`.
@@ -212,12 +231,16 @@ def train(
 
         fieldgym train configs/heel_strike/ppo.yaml --resume runs/heel_strike/ppo-1a2b3c4d
     """
+    from fieldagents import plan
     from fieldagents.config import load_config
     from fieldagents.learned.config import TrainConfig
+    from fieldagents.learned.training import run_folder, self_contained
     from fieldagents.learned.training import train as run
 
     overrides = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
-    folder = run(load_config(config, TrainConfig, overrides), resume=resume, progress=not as_json, out=out)
+    checked = self_contained(load_config(config, TrainConfig, overrides))
+    _begin(plan.of_training(checked, run_folder(checked, resume, out)), dry_run, as_json)
+    folder = run(checked, resume=resume, progress=not as_json, out=out)
     _done({"run": str(folder)}, as_json)
 
 
@@ -230,6 +253,7 @@ def evaluate(
     workers: Workers = 0,
     address: Address = "",
     trust_pickle: TrustPickle = False,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Compare agents on the same published episode seeds, with intervals and verdicts.
@@ -246,20 +270,24 @@ def evaluate(
 
         fieldgym evaluate benchmark --workers 2
     """
+    from fieldagents import plan
     from fieldagents.config import has_key, load_config
     from fieldagents.evaluation.config import EvaluateConfig
     from fieldagents.evaluation.evaluate import evaluate as run
     from fieldagents.evaluation.report import show
     from fieldmodels.engine import Engine
 
+    by = Engine(engine, workers, address)
     if has_key(config, "suite"):
-        _evaluate_suite(config, overrides or [], out, Engine(engine, workers, address), as_json)
+        _evaluate_suite(config, overrides or [], out, by, dry_run, as_json)
         return
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
-    folder = _into(out or Path("results") / checked.name)
+    out = out or Path("results") / checked.name
+    _begin(plan.of_evaluation([checked], checked.name, out, by), dry_run, as_json)
+    folder = _into(out)
     with progress() as report:
-        summary = run(checked, folder, report, Engine(engine, workers, address))
+        summary = run(checked, folder, report, by)
     if as_json:
         _print_json(summary.to_json())
     else:
@@ -268,18 +296,21 @@ def evaluate(
 
 
 def _evaluate_suite(
-    config: Path, overrides: list[str], out: Path | None, engine: Engine, as_json: bool
+    config: Path, overrides: list[str], out: Path | None, engine: Engine, dry_run: bool, as_json: bool
 ) -> None:
     """Run several evaluations, and put them into one table."""
     from dataclasses import asdict
 
     from rich.table import Table
 
+    from fieldagents import plan
     from fieldagents.config import load_config
     from fieldagents.evaluation.suite import HEADER, SuiteConfig, cells, evaluate_suite
 
     checked = load_config(config, SuiteConfig, overrides)
-    folder = _into(out or Path("results") / checked.name)
+    out = out or Path("results") / checked.name
+    _begin(plan.of_evaluation(list(checked.members().values()), checked.name, out, engine), dry_run, as_json)
+    folder = _into(out)
     with progress() as report:
         lines = evaluate_suite(checked, folder, report, engine)
     if as_json:
@@ -300,6 +331,7 @@ def sweep(
     engine: EngineName = "local",
     workers: Workers = 1,
     address: Address = "",
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Train a grid of runs, or search hyper-parameters; on this machine or on a Ray cluster.
@@ -313,12 +345,17 @@ def sweep(
 
         fieldgym sweep heel_strike/tune --engine ray --address auto
     """
+    from fieldagents import plan
+    from fieldagents.sweep.run import load, show
     from fieldagents.sweep.run import run as run_sweep
-    from fieldagents.sweep.run import show
     from fieldmodels.engine import Engine
 
+    by, checked = Engine(engine, workers, address), load(config, overrides or [])
+    out = out or Path("results") / checked.name
+    _begin(plan.of_sweep(checked, out, by), dry_run, as_json)
+    folder = _into(out)
     with progress() as report:
-        found = run_sweep(config, overrides or [], out, Engine(engine, workers, address), report)
+        found = run_sweep(checked, folder, by, report)
     if as_json:
         _print_json(found.data)
     else:
@@ -331,6 +368,7 @@ def record(
     config: ConfigPath,
     overrides: Settings = None,
     out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Run a model in a (hidden) reality and save what its sensors measure, as CSV or Parquet.
@@ -344,12 +382,15 @@ def record(
 
         fieldgym record configs/heel_strike/record.yaml --set reality.gyro_bias.rate=0.004 --set seed=3
     """
+    from fieldagents import plan
     from fieldagents.config import load_config
     from fieldagents.record import record as run
     from fieldagents.record.config import RecordConfig
 
     checked = load_config(config, RecordConfig, overrides or [])
-    written = run(checked, _into(out or Path("results") / checked.name))
+    out = out or Path("results") / checked.name
+    _begin(plan.of_recording(checked, out), dry_run, as_json)
+    written = run(checked, _into(out))
     _done({name: str(path) for name, path in written.items()}, as_json)
 
 
@@ -438,6 +479,7 @@ def diagnose(
             help="Then tune an agent in the extended simulation, and test it beside the nominal one.",
         ),
     ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Find from measured data what the simulation gets wrong, and by how much naming it helps.
@@ -462,7 +504,7 @@ def diagnose(
 
         fieldgym diagnose log.csv --model my_bench.py
     """
-    from fieldagents import findings
+    from fieldagents import findings, plan
     from fieldagents.logs import Logs, asked, declared
     from fieldmodels.machine import held_inputs
     from fieldmodels.model_files import is_model_file, load_model_file
@@ -485,7 +527,9 @@ def diagnose(
     from fieldmodels.diagnosis import diagnose as run
     from fieldmodels.diagnosis.report import write_results
 
-    folder = _into(out or Path("results") / f"diagnosis-{chosen.name}")
+    out = out or Path("results") / f"diagnosis-{chosen.name}"
+    _begin(plan.of_diagnosis(chosen, recordings, tests, held, out, loop), dry_run, as_json)
+    folder = _into(out)
     checked: AbstractContextManager[None] = nullcontext()
     if is_model_file(model):
         from fieldmodels.contract import kept
@@ -591,6 +635,7 @@ def exam(
     publish: Annotated[
         Path | None, typer.Option(metavar="PAGE", help="Page of Markdown to put the rates into.")
     ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Hide faults in simulated data and count how often the diagnosis is right.
@@ -610,18 +655,22 @@ def exam(
 
         fieldgym exam --kind degenerate --cases 300
     """
-    if kind == ["degenerate"]:
-        _degenerate(cases or 1000, workers, out, publish, as_json)
-        return
+    from fieldagents import plan
     from fieldmodels.engine import Engine
+
+    if kind == ["degenerate"]:
+        _degenerate(cases or 1000, Engine(workers=workers), out, publish, dry_run, as_json)
+        return
     from fieldmodels.exam import table
     from fieldmodels.exam.cases import cases_of, examined
     from fieldmodels.exam.run import run_cases
 
     chosen = cases_of(which, machine or examined(), kind or (), cases)
-    folder = _into(out or Path("results") / f"exam-{which}")
+    by, out = Engine(engine, workers, address), out or Path("results") / f"exam-{which}"
+    _begin(plan.of_exam([case.machine for case in chosen], out, by), dry_run, as_json)
+    folder = _into(out)
     with progress() as report:
-        rows = run_cases(chosen, folder, engine=Engine(engine, workers, address), progress=report)
+        rows = run_cases(chosen, folder, engine=by, progress=report)
     written = table.write(rows, folder)
     if publish is not None:
         table.publish(table.summary(rows), publish)
@@ -632,13 +681,18 @@ def exam(
         _done({name: str(path) for name, path in written.items()})
 
 
-def _degenerate(count: int, workers: int, out: Path | None, publish: Path | None, as_json: bool) -> None:
+def _degenerate(
+    count: int, engine: Engine, out: Path | None, publish: Path | None, dry_run: bool, as_json: bool
+) -> None:
     """Examine what becomes of hostile and unlucky input."""
     from fieldagents import degenerate as faults
+    from fieldagents import plan
 
-    folder = _into(out or Path("results") / "exam-degenerate")
+    chosen, out = faults.cases_of(count), out or Path("results") / "exam-degenerate"
+    _begin(plan.of_exam(["degenerate"] * count, out, engine), dry_run, as_json)
+    folder = _into(out)
     with progress() as report:
-        rows = faults.run_cases(faults.cases_of(count), folder, app, workers=workers, progress=report)
+        rows = faults.run_cases(chosen, folder, app, workers=engine.workers, progress=report)
     written, found = faults.write(rows, folder), faults.summary(rows)
     if publish is not None:
         faults.publish(found, publish)
@@ -674,6 +728,7 @@ def reproduce(
     engine: EngineName = "local",
     workers: Workers = 0,
     address: Address = "",
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
     """Redo a table or figure of the sources beside ours, or decide all that the sources claim.
@@ -695,15 +750,17 @@ def reproduce(
 
         fieldgym reproduce --all heel_strike
     """
+    from fieldagents import plan
     from fieldagents import reproduce as room
     from fieldagents.reproduce import report as pages
     from fieldmodels.engine import Engine
 
+    by = Engine(engine, workers, address)
     if everything:
         if overrides:
             raise room.ReproductionError("--set goes with a single table or figure, not with --all")
-        folder = _into(out or Path("results") / ("ledger-quick" if quick else "ledger"))
-        _decide_all(what, quick, folder, Engine(engine, workers, address), as_json)
+        out = out or Path("results") / ("ledger-quick" if quick else "ledger")
+        _decide_all(what, quick, out, by, dry_run, as_json)
     elif quick:
         raise room.ReproductionError("--quick goes with --all; a single table or figure takes --set")
     elif what is None:
@@ -714,7 +771,10 @@ def reproduce(
         else:
             pages.show_reproducible(known, _console())
     else:
-        folder = _into(out or Path("results") / "reproduce" / what)
+        out = out or Path("results") / "reproduce" / what
+        took = room.known_entry(what).processor_s
+        _begin(plan.of_reproduction(1, [took[0] if took else None], out, by), dry_run, as_json)
+        folder = _into(out)
         with progress() as report:
             result = room.reproduce(what, folder, overrides or [], report)
         if as_json:
@@ -724,12 +784,16 @@ def reproduce(
             _done(pages.written(result, folder))
 
 
-def _decide_all(task: str | None, quick: bool, out: Path, engine: Engine, as_json: bool) -> None:
+def _decide_all(
+    task: str | None, quick: bool, out: Path, engine: Engine, dry_run: bool, as_json: bool
+) -> None:
     """Decide the claims of all sources, or of one task's."""
+    from fieldagents import plan
     from fieldagents.reproduce import ledger as books
     from fieldagents.reproduce.pages import show_ledger, write_page
 
-    print(books.outlook(out, task, quick), file=sys.stderr)
+    _begin(plan.of_reproduction(*books.left(out, task, quick), out, engine), dry_run, as_json)
+    out = _into(out)
     with progress() as report:
         ledger = books.decide(out, task, quick=quick, engine=engine, progress=report)
     data = books.as_data(ledger) | {"files": {"ledger.html": str(write_page(ledger, out))}}
@@ -861,6 +925,19 @@ def demo(
     _done({"report": str(done.page)}, as_json)
 
 
+def _begin(plan: Plan, dry_run: bool, as_json: bool) -> None:
+    """Say what will be done, refuse what cannot end; end here if nothing more was asked for."""
+    plan.check()
+    if not dry_run:
+        _said(plan.words())
+        return
+    if as_json:
+        _print_json(plan.to_json())
+    else:
+        print(plan.words())
+    raise typer.Exit
+
+
 def _into(folder: Path) -> Path:
     """A result folder that can be written, and that nobody else writes until the command ends."""
     return _HELD.get().enter_context(claimed(folder))
@@ -885,5 +962,8 @@ def _done(written: dict[str, str], as_json: bool = False) -> None:
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; a terminal that lacks a character shows another."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     app()

@@ -109,3 +109,16 @@ def _locked(folder: Path) -> IO[str]:
             lock.close()  # its holder removed it in between
             return _locked(folder)
     return lock
+
+
+def check_writable(folder: Path) -> None:
+    """Make sure that a folder can be made and written, without leaving a trace.
+
+    Raises:
+        OutputError: If it cannot.
+    """
+    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise OutputError(f"{there}: not a folder; name another place for results")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(f"{there}: cannot be written; name another place for results")

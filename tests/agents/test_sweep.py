@@ -21,9 +21,9 @@ from fieldagents.sweep import jobs
 from fieldagents.sweep.config import SweepConfig, TuneConfig, changed
 from fieldagents.sweep.grid import sweep
 from fieldagents.sweep.jobs import train_job, trained
-from fieldagents.sweep.run import run
+from fieldagents.sweep.run import load
 from fieldagents.sweep.tune import tune
-from fieldmodels.engine import HERE, Engine
+from fieldmodels.engine import Engine
 from fieldmodels.engine.job import perform
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -176,7 +176,7 @@ def test_sigterm_keeps_a_checkpoint_and_says_how_to_go_on(tmp_path):
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert f"stopped; go on with --resume {tmp_path / 'run'}" in said
+    assert f"Stopped: go on with --resume {tmp_path / 'run'}" in said
     steps = [int(path.stem) for path in (tmp_path / "run" / "checkpoints").glob("*.pt")]
     assert max(steps) == int(curve.read_text().splitlines()[-1].split(",")[0])  # the very last round
 
@@ -214,9 +214,8 @@ def test_mistakes_are_said_before_anything_runs(text, words, tmp_path):
     path = tmp_path / "bad.yaml"
     path.write_text(f"name: bad\n{text}\n")
     with pytest.raises(ConfigError) as caught:
-        run(path, [], tmp_path / "out", HERE, lambda *_: None)
+        load(path, [])
     assert words in str(caught.value)
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_failed_job_is_listed_and_the_exit_code_says_so(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -47,7 +48,7 @@ def mistake(*arguments: object) -> str:
     assert result.exit_code == 2, result.output
     assert "Traceback" not in result.output
     assert result.stdout == ""
-    assert result.stderr.startswith("Error: ") or "Usage" in result.stderr
+    assert re.search(r"^Error: |Usage", result.stderr, re.MULTILINE)
     return result.stderr
 
 

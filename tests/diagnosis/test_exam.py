@@ -325,7 +325,8 @@ def test_coverage_is_counted_by_machine_and_noise():
 
 def test_a_result_is_published_between_two_lines_of_a_page(tmp_path):
     page, found = tmp_path / "page.md", table.summary(rows(right_alone=19, wrong=1))
-    page.write_text(f"# Title\n{table.BEGIN}\nof another day\n{table.END}\nrest\n")
+    first, last = (f"<!-- result of the exam: {edge} -->" for edge in ("begin", "end"))
+    page.write_text(f"# Title\n{first}\nof another day\n{last}\nrest\n")
     for _ in range(2):  # over an earlier one
         table.publish(found, page)
     text = page.read_text()

@@ -1,8 +1,9 @@
-/* A disk that fails: the n-th write, fsync or rename below a folder gives an error, as the kernel would. */
+/* A disk that fails: the n-th write, fsync or rename below a folder gives an error, or a signal kills there. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/types.h>
@@ -22,6 +23,7 @@ long disk_operations(void) { return seen; }
 static int fails_path(const char *path) {
     if (at < 0 || strncmp(path, folder, strlen(folder)) != 0) return 0;
     if (++seen != at) return 0;
+    if (failure < 0) raise(-failure);
     errno = failure;
     return 1;
 }

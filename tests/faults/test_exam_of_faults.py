@@ -64,4 +64,6 @@ def test_a_case_is_made_from_its_number_alone(tmp_path, kind):
 
 
 def test_a_sample_has_every_kind():
-    assert {case.kind for case in cases_of(len(KINDS))} == set(KINDS)
+    cases = cases_of(108)
+    assert {case.kind for case in cases[:54]} == set(KINDS)
+    assert len({case.key for case in cases}) == 108

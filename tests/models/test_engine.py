@@ -172,7 +172,7 @@ def test_children_end_with_their_parent_and_keep_a_checkpoint(number, work, tmp_
     assert all(int((tmp_path / str(i) / "checkpoint").read_text()) > 0 for i in range(2))
     if number == signal.SIGTERM:
         assert parent.returncode != 0
-        assert "stopped: 0 of 2 jobs are done" in said
+        assert "0 of 2 jobs are done" in said
 
 
 def test_without_ray_the_message_names_the_extra(monkeypatch, work):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -129,10 +130,9 @@ def judged(case: Case, folder: Path, status: int, seconds: float) -> Row:
         return row | {"outcome": "hang", "said": last[:300]}
     if "Traceback (most recent call last)" in said:
         return row | {"outcome": "traceback", "said": _where(said)}
-    if code < 0 or code not in (0, 2):
-        return row | {"outcome": "died", "said": f"exit code {code}: {last[:300]}"}
-    if code == 2:
-        return row | {"outcome": "refused" if "Error" in said else "died", "said": last[:300]}
+    if code != 0:  # 1: of jobs that failed
+        clean = code in (1, 2) and re.search("^Error: |Usage", said, re.MULTILINE)
+        return row | {"outcome": "refused" if clean else "died", "said": f"exit code {code}: {last[:300]}"}
     try:
         answer = json.loads(result)
     except ValueError:

@@ -54,7 +54,7 @@ def train(
     config = self_contained(config)
     if resume is not None and out is not None:
         raise TrainingError("a resumed run stays in its folder: give either --resume or --out")
-    folder = resume or out or Path("runs") / find_task(config.task).name / f"{config.name}-{config.hash}"
+    folder = run_folder(config, resume, out)
     if resume is not None and not (resume / "config.yaml").is_file():
         raise TrainingError(f"{resume}: not a run's folder (it has no config.yaml)")
     with claimed(folder):
@@ -73,9 +73,13 @@ def train(
             with showing_progress(quiet=not progress) as report:
                 run_training(config, folder, report)
         except KeyboardInterrupt:
-            print(f"stopped; go on with --resume {folder}", file=sys.stderr)
-            raise
+            raise KeyboardInterrupt(f"go on with --resume {folder}") from None
     return folder
+
+
+def run_folder(config: TrainConfig, resume: Path | None, out: Path | None) -> Path:
+    """Where a run of a self-contained config is kept."""
+    return resume or out or Path("runs") / find_task(config.task).name / f"{config.name}-{config.hash}"
 
 
 def prepare(config: TrainConfig, folder: Path) -> bool:

@@ -1,5 +1,5 @@
 """Tables and figures of the sources, with ours beside them."""
 
-from fieldagents.reproduce.run import ReproductionError, reproduce, reproducible
+from fieldagents.reproduce.run import ReproductionError, known_entry, reproduce, reproducible
 
-__all__ = ["ReproductionError", "reproduce", "reproducible"]
+__all__ = ["ReproductionError", "known_entry", "reproduce", "reproducible"]

@@ -72,20 +72,15 @@ def needed(claims: Iterable[tuple[str, Claim]], quick: bool) -> list[Run]:
     return list(dict.fromkeys(runs))
 
 
-def outlook(out: Path, task: str | None, quick: bool) -> str:
-    """What deciding will take, in a sentence.
+def left(out: Path, task: str | None, quick: bool) -> tuple[int, list[float | None]]:
+    """How many runs decide the claims, and what each that is not done yet took when recorded [s].
 
     Raises:
         ReproductionError: If there is no such task.
     """
     runs = needed(claims_of(task), quick)
     todo = [run for run in runs if done_before(job_of(run, out, quick)) is None]
-    seconds = [recorded_seconds(run, quick) for run in todo]
-    unknown = f" and {count} that nobody has timed" if (count := seconds.count(None)) else ""
-    return (
-        f"{len(runs)} runs, {len(runs) - len(todo)} of them done before; the others took "
-        f"{sum(s or 0.0 for s in seconds):.0f} s of processor time when recorded{unknown}"
-    )
+    return len(runs), [recorded_seconds(run, quick) for run in todo]
 
 
 def decide(

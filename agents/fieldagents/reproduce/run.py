@@ -43,7 +43,7 @@ def reproduce(
     Raises:
         ReproductionError: If there is no such entry, or it has no such option.
     """
-    return carry_out(what, out, _options(what, _entry(what), overrides), progress)
+    return carry_out(what, out, _options(what, known_entry(what), overrides), progress)
 
 
 def carry_out(what: str, out: Path, options: Mapping[str, Any], progress: Report) -> Reproduction:
@@ -52,7 +52,7 @@ def carry_out(what: str, out: Path, options: Mapping[str, Any], progress: Report
     Raises:
         ReproductionError: If there is no such entry, or it has no such option.
     """
-    entry = _entry(what)
+    entry = known_entry(what)
     for name in options:
         if name not in entry.options:
             raise ReproductionError(f"{what} has no option {name!r}{did_you_mean(name, entry.options)}")
@@ -65,7 +65,7 @@ def carry_out(what: str, out: Path, options: Mapping[str, Any], progress: Report
 def _decided(what: str, options: Mapping[str, Any], result: Reproduction) -> tuple[Decided, ...]:
     """The claims that a run decides, each in those readings whose options it had."""
     task, name = what.split("/")
-    defaults = _entry(what).options
+    defaults = known_entry(what).options
     found = []
     for claim in get_task(task).claims.values():
         differ = {key for ours in claim.readings.values() if ours.run == name for key in ours.options}
@@ -80,7 +80,12 @@ def _decided(what: str, options: Mapping[str, Any], result: Reproduction) -> tup
     return tuple(found)
 
 
-def _entry(what: str) -> Reproducible:
+def known_entry(what: str) -> Reproducible:
+    """What a name stands for.
+
+    Raises:
+        ReproductionError: If it names nothing.
+    """
     if what not in (known := reproducible()):
         raise ReproductionError(
             f"there is nothing to reproduce by the name {what!r}{did_you_mean(what, known)}"

@@ -15,7 +15,6 @@ from fieldagents.sweep.grid import sweep
 from fieldagents.sweep.tune import Trial, tune
 from fieldagents.task import get_task
 from fieldmodels.engine import Engine
-from fieldmodels.files import claimed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,35 +35,38 @@ class Swept:
     rows: tuple[tuple[str, ...], ...]
 
 
-def run(path: Path, overrides: Sequence[str], out: Path | None, engine: Engine, progress: Report) -> Swept:
+def load(path: Path, overrides: Sequence[str]) -> SweepConfig | TuneConfig:
+    """The config of a grid or of searches, as its keys say.
+
+    Raises:
+        ConfigError: With every mistake in it.
+    """
+    if has_key(path, "studies"):
+        return load_config(path, TuneConfig, overrides)
+    return load_config(path, SweepConfig, overrides)
+
+
+def run(config: SweepConfig | TuneConfig, folder: Path, engine: Engine, progress: Report) -> Swept:
     """Do what a config says.
 
     Args:
-        path: The config, or the name of a shipped one.
-        overrides: See ``load_config``.
-        out: Result folder; ``results/<name>`` unless given.
+        config: A grid, or searches.
+        folder: Result folder, which this process holds.
         engine: Who does the jobs.
         progress: Called with what is being done and the part that is done.
 
     Raises:
-        ConfigError: With every mistake in the config.
         JobsFailedError: If some runs failed; the others are kept.
     """
-    if not has_key(path, "studies"):
-        config = load_config(path, SweepConfig, overrides)
-        folder = out or Path("results") / config.name
-        with claimed(folder):
-            table = sweep(config, folder, progress, engine)
+    if isinstance(config, SweepConfig):
+        table = sweep(config, folder, progress, engine)
         rows = [
             tuple(map(str, table.columns)),
             *(tuple(map(_text, row)) for row in table.itertuples(index=False)),
         ]
         data = json.loads(table.to_json(orient="records"))
         return Swept(data, {name: folder / name for name in ("runs.csv", "table.csv")}, tuple(rows))
-    search = load_config(path, TuneConfig, overrides)
-    folder = out or Path("results") / search.name
-    with claimed(folder):
-        studies = tune(search, folder, progress, engine)
+    search, studies = config, tune(config, folder, progress, engine)
     files = {"tune.json": folder / "tune.json"}
     files |= {f"{name}.yaml": folder / f"{name}.yaml" for name, one in search.studies.items() if one.train}
     plain = {name: [asdict(trial) for trial in trials] for name, trials in studies.items()}

@@ -70,6 +70,9 @@ def shared(function: Callable[[Item], Result], items: Sequence[Item], threads: i
     """Results of all items, in their order; compiled kernels leave the interpreter to other threads."""
     if threads == 1 or len(items) < 2:
         return [function(item) for item in items]
-    with ThreadPoolExecutor(min(threads, len(items))) as pool:
+    pool = ThreadPoolExecutor(min(threads, len(items)))
+    try:
         jobs = [pool.submit(copy_context().run, function, item) for item in items]
         return [job.result() for job in jobs]
+    finally:
+        pool.shutdown(cancel_futures=True)  # who interrupts waits for what runs, not for what waits

@@ -2,7 +2,7 @@
 
 from fieldmodels.engine.job import Done, Job, JobsFailedError, done_before
 from fieldmodels.engine.run import HERE, Engine, run_all, run_jobs
-from fieldmodels.engine.stopping import stop_between
+from fieldmodels.engine.stopping import interruptible, stop_between
 
 __all__ = [
     "HERE",
@@ -11,6 +11,7 @@ __all__ = [
     "Job",
     "JobsFailedError",
     "done_before",
+    "interruptible",
     "run_all",
     "run_jobs",
     "stop_between",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -62,11 +61,9 @@ def run_jobs(jobs: Sequence[Job], engine: Engine = HERE, report: Report = lambda
                 yield done
         except KeyboardInterrupt:
             kept = len(before) + count
-            print(
-                f"stopped: {kept} of {len(jobs)} jobs are done; the same command does the others",
-                file=sys.stderr,
-            )
-            raise
+            raise KeyboardInterrupt(
+                f"{kept} of {len(jobs)} jobs are done; the same command does the others"
+            ) from None
 
 
 def run_all(jobs: Sequence[Job], engine: Engine = HERE, report: Report = lambda *_: None) -> list[Done]:

@@ -18,8 +18,6 @@ from fieldmodels.files import write_text
 from fieldmodels.html import page, table, text
 from fieldmodels.model import ModelError
 
-BEGIN, END = "<!-- result of the exam: begin -->", "<!-- result of the exam: end -->"
-"""Between which lines of a page the result is published."""
 NOT_COUNTED = ("out of reach", "skipped")
 QUANTILE = 1.959964
 """Of the normal distribution: intervals are of 95 %."""
@@ -334,22 +332,24 @@ def publish(found: Mapping[str, Any], page_path: Path) -> None:
     put(markdown(found), page_path)
 
 
-def put(result: str, page_path: Path) -> None:
+def put(result: str, page_path: Path, what: str = "result of the exam") -> None:
     """Put a result into a page, in place of the one that stands there.
 
     Args:
         result: As Markdown.
-        page_path: A page of Markdown with the lines ``BEGIN`` and ``END``.
+        page_path: A page of Markdown with two lines, ``<!-- WHAT: begin -->`` and ``<!-- WHAT: end -->``.
+        what: What it is, as the lines say.
 
     Raises:
         ModelError: If the page has no such lines.
     """
     whole = page_path.read_text(encoding="utf-8")
-    before, begin, rest = whole.partition(BEGIN)
-    _, end, after = rest.partition(END)
+    first, last = (f"<!-- {what}: {edge} -->" for edge in ("begin", "end"))
+    before, begin, rest = whole.partition(first)
+    _, end, after = rest.partition(last)
     if not (begin and end):
-        raise ModelError(f"{page_path}: no place for the result: it needs the lines {BEGIN!r} and {END!r}")
-    write_text(page_path, f"{before}{BEGIN}\n{result}{END}{after}")
+        raise ModelError(f"{page_path}: no place for the result: it needs the lines {first!r} and {last!r}")
+    write_text(page_path, f"{before}{begin}\n{result}{end}{after}")
 
 
 def _line(cells: Sequence[str]) -> str:

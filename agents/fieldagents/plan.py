@@ -1,0 +1,310 @@
+"""What a command will do, said before it does it: what it counts, what that takes, whether it can end.
+
+Work is counted in units whose prices ``benchmarks/plan.py`` has recorded in ``prices.json``; one short
+measurement tells how fast this machine is. An estimate is shown and, where it is absurd, refuses the work; no
+result depends on it.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fieldmodels.files import check_writable
+
+if TYPE_CHECKING:
+    from fieldagents.evaluation.config import EvaluateConfig
+    from fieldagents.learned.config import TrainConfig
+    from fieldagents.record.config import RecordConfig
+    from fieldagents.retune.config import RetuneConfig
+    from fieldagents.sweep.config import SweepConfig, TuneConfig
+    from fieldmodels.engine import Engine
+    from fieldmodels.model import Model
+    from fieldmodels.recording import Recording
+
+PRICES = Path(__file__).with_name("prices.json")
+LONGEST = 3e8
+"""Processor time beyond which a command is refused: ten years [s]."""
+PROCESS, LEARNER = 5e8, 9e8
+"""Memory of a process with all that it imports, and of one that trains [bytes]."""
+FITTED = 50_000
+"""Rows of a log whose fits are priced; of a longer one as many are fitted."""
+Work = dict[str, float]
+
+
+class PlanError(ValueError):
+    """Work that cannot end on this machine."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a command will do.
+
+    Attributes:
+        does: In a few words.
+        out: Where results go.
+        work: Units of each kind of work, ``kind:name``.
+        memory: Largest at a time [bytes].
+        notes: What else is known beforehand.
+        workers: Processes that share the work.
+    """
+
+    does: str
+    out: Path
+    work: Work
+    memory: float = PROCESS
+    notes: tuple[str, ...] = ()
+    workers: int = 1
+
+    @property
+    def recorded_s(self) -> float:
+        """Processor time on the machine on which the prices were recorded [s]."""
+        return sum(units * price(kind) for kind, units in self.work.items())
+
+    @property
+    def processor_s(self) -> float:
+        """Processor time on this machine [s]."""
+        return self.recorded_s * slowness()
+
+    def check(self) -> None:
+        """Refuse what cannot be written or cannot end.
+
+        Raises:
+            OutputError: If the results cannot be written.
+            PlanError: If the memory or the time cannot be had.
+        """
+        check_writable(self.out)
+        there = memory_there()
+        if self.memory > there:
+            raise PlanError(
+                f"{self.does} needs about {_bytes(self.memory)} of memory, and {_bytes(there)} are there; "
+                "ask for less at a time (shorter, a coarser step, fewer episodes or workers)"
+            )
+        if self.recorded_s > LONGEST:
+            raise PlanError(f"{self.does} would take about {_time(self.recorded_s)}; ask for less")
+
+    def words(self) -> str:
+        """The plan in a few lines."""
+        shared = f" on {self.workers} processes" if self.workers > 1 else ""
+        timed = {name.partition(":")[0] for name in _recorded()["prices"]}
+        guess = "about" if {name.partition(":")[0] for name in self.work} <= timed else "as a guess"
+        took = f"{guess} {_time(self.processor_s)} of processor time{shared}, {_bytes(self.memory)} of memory"
+        return "\n  ".join([f"Plan: {self.does}, into {self.out}", took, *self.notes])
+
+    def to_json(self) -> dict[str, Any]:
+        """The plan as plain data."""
+        plain = asdict(self) | {"out": str(self.out), "notes": list(self.notes)}
+        return {"schema": 1, **plain, "processor_s": round(self.processor_s, 2)}
+
+
+def _bytes(number: float) -> str:
+    return f"{number / 1e9:.1f} GB" if number >= 1e9 else f"{max(number / 1e6, 1):.0f} MB"
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("years", 31_557_600.0), ("days", 86_400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+@cache
+def _recorded() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(PRICES.read_text(encoding="utf-8"))
+    return found
+
+
+def price(kind: str) -> float:
+    """Recorded processor time of a unit of work [s]; of a name that was not timed, that of the kind."""
+    prices = _recorded()["prices"]
+    first = kind.partition(":")[0]
+    same = [value for name, value in prices.items() if name.partition(":")[0] == first]
+    return float(prices[kind] if kind in prices else median(same or [_recorded()["guessed"][first]]))
+
+
+def measured_s() -> float:
+    """Processor time of a fixed piece of work, interpreted and on arrays [s]: the best of a few."""
+
+    def once() -> float:
+        began, values = time.process_time(), np.linspace(0.0, 1.0, 1000)
+        for _ in range(300):
+            values = np.sin(values) + sum(range(100)) * 1e-9
+        return time.process_time() - began
+
+    return min(once() for _ in range(5))
+
+
+@cache
+def slowness() -> float:
+    """How much slower this machine is than the one on which prices were recorded."""
+    return measured_s() / float(_recorded()["machine_s"])
+
+
+def memory_there() -> float:
+    """Memory that this process can still get [bytes], infinite where nobody says."""
+    there = [float("inf")]
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        there += [1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable")]
+        most, used = (Path(f"/sys/fs/cgroup/memory.{name}").read_text() for name in ("max", "current"))
+        there.append(float(most) - float(used))
+    except (OSError, ValueError):  # no Linux, or no limit
+        pass
+    return min(there)
+
+
+def of_recording(config: RecordConfig, out: Path) -> Plan:
+    """Of ``fieldgym record``."""
+    from fieldmodels.registry import get_model
+
+    model, refined = get_model(config.model), 8
+    rows = config.episodes * config.duration / (config.step or 0.01)
+    columns = 3 * (len(model.inputs) + 2 * len(model.outputs) + len(model.states) + 2)
+    work = {"start:record": 1.0, "kernels:any": 1.0, f"recorded rows:{model.name}": rows / 1000}
+    counted = "" if config.step is None else f" ({rows:,.0f} rows)"
+    does = f"record {config.episodes * config.duration:g} s of {model.name}{counted}"
+    return Plan(does, out, work, PROCESS + 8.0 * rows * refined * columns)
+
+
+def of_diagnosis(
+    model: Model,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    fixed: Mapping[str, float],
+    out: Path,
+    loop: RetuneConfig | None,
+) -> Plan:
+    """Of ``fieldgym diagnose``."""
+    from fieldmodels.diagnosis.cutting import main_horizon
+    from fieldmodels.diagnosis.pilot import identifiable
+
+    rows = sum(len(one) for one in (*train, *test))
+    horizon = main_horizon(model, train)
+    windows = sum(len(model.windows(one, horizon)) for one in (*train, *test))
+    fitted = min(sum(len(one) for one in train), FITTED)
+    work = {
+        "start:diagnose": 1.0,
+        f"search:{model.name}": 1.0,
+        f"fitted rows:{model.name}": fitted / 1000,
+        "read rows:any": rows / 1000,
+    }
+    notes = [f"{rows:,} rows, {windows:,} windows of {horizon:g} s, {len(model.effects)} listed effects"]
+    notes += identifiable(model, train, fixed)
+    if loop is not None:
+        work[f"tuned:{loop.task}/{loop.agent}"] = 1.0
+        notes.append(f"then {loop.agent} of {loop.task} is tuned anew")
+    columns = len(model.parameters) + len(model.inputs) + 2 * len(model.outputs)
+    memory = PROCESS + 8.0 * (10 * rows * columns + 40 * fitted * columns)
+    return Plan(f"diagnose {model.name}", out, work, memory, tuple(notes))
+
+
+def of_training(config: TrainConfig, out: Path) -> Plan:
+    """Of ``fieldgym train``."""
+    work = {"start:train": 1.0, **_trained(config)}
+    updates = config.steps // max(config.update_steps, 1)
+    notes = (f"{config.steps:,} steps of {config.num_envs} environments, {updates:,} updates",)
+    buffer = 8.0 * 64 * int(config.argument("buffer_size", 0) or 0)
+    return Plan(f"train {config.algorithm} on {config.task}", out, work, LEARNER + buffer, notes)
+
+
+def _trained(config: TrainConfig) -> Work:
+    """What a training run counts: steps in environments, and samples and batches that are learned from."""
+    from fieldagents.policies.algorithms import is_on_policy
+
+    steps, task, name = float(config.steps), config.task, config.algorithm
+    if is_on_policy(config.kind):
+        samples = steps * float(config.argument("n_epochs", 1))
+        batches = samples / float(config.argument("batch_size", config.update_steps))
+    else:
+        each = int(config.argument("gradient_steps", 1))
+        batches = steps / config.update_steps * (config.update_steps if each < 0 else each)
+        samples = batches * float(config.argument("batch_size", 256))
+    sizes = (64, *config.network.hidden)
+    weights = 1000.0 + sum(a * b for a, b in pairwise(sizes))
+    rounds = steps / max(config.round_steps, 1)
+    validated = (rounds / config.validation.every + 1) * config.validation.episodes
+    work = {
+        f"steps:{task}": steps / 1000,
+        f"batches:{name}": batches / 1000,
+        f"learned:{task}": samples * weights / 1e9,
+        f"validated:{task}": validated,
+    }
+    if config.imitate is not None:
+        imitated = config.imitate.rounds * config.imitate.steps * config.num_envs
+        epochs = config.imitate.epochs * (config.imitate.rounds + 1) / 2
+        work[f"steps:{task}"] += imitated / 1000
+        work[f"imitated:{task}"] = imitated * epochs * weights / 1e9
+    return work
+
+
+def of_evaluation(configs: Sequence[EvaluateConfig], name: str, out: Path, engine: Engine) -> Plan:
+    """Of ``fieldgym evaluate``, of one evaluation or a suite."""
+    work: Work = {"start:evaluate": 1.0}
+    episodes = 0
+    for config in configs:
+        for agent in config.agents:
+            played = float(config.episodes * len(config.environments))
+            episodes += int(played)
+            _add(work, {f"played:{config.task}/{agent}": played})
+            _add(work, {f"scenarios:{config.task}": float(len(config.environments))})
+    notes = (f"{episodes:,} episodes; what was played before is not played again",)
+    return _jobs(f"evaluate {name}", out, work, notes, engine)
+
+
+def of_sweep(config: SweepConfig | TuneConfig, out: Path, engine: Engine) -> Plan:
+    """Of ``fieldgym sweep``: a grid, or searches."""
+    from fieldagents.sweep.config import SweepConfig, changed
+
+    work: Work = {"start:train": 1.0}
+    if isinstance(config, SweepConfig):
+        for _, _, run in config.runs:
+            _add(work, _trained(run))
+        note = f"{len(config.runs)} training runs"
+    else:
+        for study in config.studies.values():
+            if study.train is None:
+                _add(work, {f"searched steps:{config.task}": config.budget / 1000})
+            else:
+                typical = {key: sampler.typical for key, sampler in study.space.items()}
+                run = changed(study.train, study.change | typical)
+                _add(work, _trained(run.model_copy(update={"steps": config.budget})))
+        note = f"{len(config.studies)} searches of {config.budget:,} steps each"
+    return _jobs(f"sweep {config.name}", out, work, (note, "what is done already is kept"), engine, LEARNER)
+
+
+def of_exam(machines: Sequence[str], out: Path, engine: Engine) -> Plan:
+    """Of ``fieldgym exam``: the machine of each case, or ``degenerate``."""
+    counts = {f"cases:{name}": float(count) for name, count in Counter(machines).items()}
+    work = {"start:diagnose": 1.0, **counts}
+    note = f"{len(machines)} cases; those that are done are kept"
+    return _jobs("examine", out, work, (note,), engine)
+
+
+def of_reproduction(runs: int, left: Sequence[float | None], out: Path, engine: Engine) -> Plan:
+    """Of ``fieldgym reproduce``: how many runs, and what each that is left took when it was recorded [s]."""
+    unknown = f", and nobody has timed {left.count(None)} of the others" if None in left else ""
+    work = {"start:evaluate": 1.0, "seconds:any": sum(s or 0.0 for s in left)}
+    note = f"{runs} runs, {runs - len(left)} of them done before{unknown}"
+    return _jobs("reproduce", out, work, (note,), engine)
+
+
+def _jobs(
+    does: str, out: Path, work: Work, notes: tuple[str, ...], engine: Engine, each: float = PROCESS
+) -> Plan:
+    workers = engine.workers if engine.name == "local" else 0
+    return Plan(does, out, work, PROCESS + each * max(workers, 1), notes, max(workers, 1))
+
+
+def _add(work: Work, more: Mapping[str, float]) -> None:
+    for kind, units in more.items():
+        work[kind] = work.get(kind, 0.0) + units
