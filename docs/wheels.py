@@ -41,7 +41,8 @@ def needed() -> list[str]:
             one = Requirement(text)
             if plain(one.name) in found or (one.marker and not one.marker.evaluate({"extra": extra})):
                 continue
-            found[plain(one.name)] = pins[plain(one.name)]
+            if plain(one.name) in pins:  # else of a platform that the pins do not know
+                found[plain(one.name)] = pins[plain(one.name)]
             waiting += [(one.name, more) for more in one.extras or ("",)]
     return sorted(found.values())
 

@@ -73,7 +73,7 @@ def claimed(folder: Path) -> Iterator[Path]:
     """
     made = not folder.exists()
     with _locked(folder):
-        for left in folder.glob(f".*{PART}*"):
+        for left in folder.rglob(f".*{PART}*"):
             with suppress(OSError):
                 left.unlink()
         try:

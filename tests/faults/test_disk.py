@@ -135,9 +135,11 @@ def test_a_folder_has_one_writer(tmp_path):
 
 def test_what_a_killed_writer_left_is_removed(tmp_path):
     (tmp_path / ".curve.csv.abc.part.csv").write_text("half")
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / ".16.pt.abc.part.pt").write_text("half")
     with claimed(tmp_path):
         write_text(tmp_path / "a.txt", "whole")
-    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a.txt"]
 
 
 @pytest.mark.parametrize("place", ["/dev/null", "/proc/nothing", "/dev/full/x"])

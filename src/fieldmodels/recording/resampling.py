@@ -136,6 +136,7 @@ def _usual(times: Sequence[FloatArray]) -> tuple[float, float]:
     median = float(np.median(steps))
     near = steps[steps < 1.5 * median]
     longest = max(times, key=len)[:_EXAMINED]
+    longest = longest[longest - longest[0] < 4 * len(longest) * median]  # a clock may leap by years
     bins = np.bincount(np.floor((longest - longest[0]) * (_FINE / median)).astype(np.int64))
     size = 1 << int(np.ceil(np.log2(4 * len(bins))))
     frequency = np.arange(size // 2 + 1) * (_FINE / median / size)
