@@ -139,3 +139,12 @@ def test_an_uneven_file_is_read_with_a_warning_and_an_even_one_without(tmp_path,
     again = load_recording(tmp_path / "even.csv", RIG)
     assert not recwarn.list
     np.testing.assert_array_equal(again["position"], even["position"])
+
+
+def test_a_clock_that_leaps_by_years_takes_no_terabytes():
+    rng = np.random.default_rng(3)
+    time = np.arange(600) * 0.01 + 0.002 * rng.random(600)
+    time[300:] += 1e9
+    found = evened(Recording(time=time, signals={"a": rng.random(600)}), None)
+    assert len(found) < 700
+    assert found.step == pytest.approx(0.01, rel=1e-3)

@@ -396,7 +396,8 @@ def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[floa
         return (parameter.nominal,)
     large = sum(p.slots.shape[0] * p.slots.shape[1] for p in problem.parts) > SCANNED
     if parameter.unit == "Hz" and not (large and parameter.starts):
-        duration = max(np.ptp(p.windows.recording.time) for p in problem.parts)
+        recordings = [p.windows.recording for p in problem.parts]
+        duration = max(min(np.ptp(r.time), 4 * len(r) * r.step) for r in recordings)  # a clock may leap
         step = min(p.windows.recording.step for p in problem.parts)
         cycle = problem.model.horizons[min(1, len(problem.model.horizons) - 1)]
         low, high = (share / cycle for share in FREQUENCIES)
