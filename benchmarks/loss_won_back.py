@@ -1,10 +1,11 @@
 """How much of what unknown realities cost does a policy win back that is told what a diagnosis knows?
 
-    python benchmarks/loss_won_back.py RUN... [--episodes 500]
+    python benchmarks/loss_won_back.py RUN... [--blind RUN...] [--episodes 500]
 
 RUN: folders of finished runs of one config with ``told`` (`configs/pose_reaching/ppo_told.yaml`). All meet
 the same random realities on test seeds; the nominal policies are the zoo's ``ppo``, trained on the ideal
-robot. The bound is the same policy, told the truth.
+robot. The bound is the same policy, told the truth. Blind ones met the same realities in training and were
+told nothing (``--set 'told={}'``).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ def main() -> None:
     """Play, and print shares with their intervals."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--blind", nargs="*", type=Path, default=[])
     parser.add_argument("--episodes", type=int, default=500)
     arguments = parser.parse_args()
     config = load_config(arguments.runs[0] / "config.yaml", TrainConfig)
@@ -51,6 +53,8 @@ def main() -> None:
         "told estimates": play(told, random),
         "told the truth": play(sure, random),
     }
+    if arguments.blind:
+        results["blind"] = play([OnnxAgent(run / "policy.onnx") for run in arguments.blind], random)
     for name, (returns, success) in results.items():
         print(f"{name:22} return {returns.mean():8.3f}   arrived {100 * success.mean():6.2f} %")
     three = [results[name][0] for name in ("nominal", "told estimates", "told the truth")]
