@@ -21,6 +21,7 @@ EVEN = 0.5  # share of the blocks that are spread over the record: what nobody h
 LED = 4.0  # horizons of commands before a block, for what lags and delays
 STARTS = 3  # of an effect's many starts, whose information counts
 AT_ONCE = 2_000_000  # simulated samples, which bounds memory
+LOOKED_AT = 300_000  # samples of a long record among which the windows that tell most are looked for
 
 
 def evenly(problem: Problem, rows: int) -> tuple[Problem, str]:
@@ -42,7 +43,8 @@ def informative(candidates: Candidates) -> tuple[Problem, str]:
     Args:
         candidates: The whole problem, with the start of a fit.
     """
-    problem, rows = candidates.problem, candidates.options.rows
+    rows = candidates.options.rows
+    problem = evenly(candidates.problem, max(rows, LOOKED_AT))[0]
     numbers = np.unique(problem.blocks)
     count = _count(problem, rows)
     if count >= len(numbers):
@@ -55,10 +57,13 @@ def informative(candidates: Candidates) -> tuple[Problem, str]:
     kept = _kept(problem, numbers[chosen])
     held = 100.0 * shares[chosen].sum(axis=0)
     said = (
-        f"{len(kept)} of {len(problem)} training windows are fitted: half of them are spread evenly over the "
-        f"record, the others tell most of parameters and listed effects. They hold {held.min():.0f} to "
-        f"{held.max():.0f} % of what all windows tell of each (median {np.median(held):.0f} %)"
+        f"{len(kept)} of {len(candidates.problem)} training windows are fitted: half of them are spread "
+        "evenly over the record, the others tell most of parameters and listed effects. They hold "
+        f"{held.min():.0f} to {held.max():.0f} % of what all windows tell of each "
+        f"(median {np.median(held):.0f} %)"
     )
+    if len(problem) < len(candidates.problem):
+        said += f"; {len(problem)} windows were looked at, spread evenly"
     return kept, said
 
 
