@@ -25,9 +25,9 @@ def native(name: str, count: int, **options: Any) -> Stepper:
     return lambda k: env.step(actions[k % ACTIONS])
 
 
-def scalar(name: str) -> Stepper:
+def scalar(name: str, **options: Any) -> Stepper:
     """A step of a single environment, which restarts at an episode's end."""
-    env = gym.make(name)
+    env = gym.make(name, **options)
     env.reset(seed=0)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(ACTIONS)]

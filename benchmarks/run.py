@@ -1,0 +1,211 @@
+"""What users wait for, each as a ratio within one run, held against the ratios last accepted.
+
+    python benchmarks/run.py             # measure; exit 1 where a ratio is 1.5 times the accepted one
+    python benchmarks/run.py --only step --accept
+
+Each thing is timed in turns with a yardstick of its kind: an environment's step with CartPole's, a command with
+Python's start, a diagnosis and a first step with compiled or plain Python work. Writes ``results.json`` beside
+this file and the page ``docs/speed.md``; ``--accept`` writes ``accepted.json`` as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from diagnosis_speed import RECORDS, record
+from steppers import native, scalar, steps_a_second
+
+import fieldgym
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.files import write_text
+from fieldmodels.registry import get_model
+
+HERE = Path(__file__).parent
+RESULTS, ACCEPTED, PAGE = HERE / "results.json", HERE / "accepted.json", HERE.parent / "docs" / "speed.md"
+WORSE = 1.5
+"""A ratio that has grown by this factor fails."""
+IDS = [task.env_id for task in fieldgym.TASKS.values()]
+THEIRS = "CartPole-v1"
+LONG = {"HeelStrike": {"strides": 1_000_000}, "Excitation": {"decisions": 100_000}}
+"""Settings whose episodes don't end while they are timed."""
+ROWS = {"LineFollowingPixels": 16, "Excitation": 16}
+"""Rows of a vector environment whose step is long; 64 of the others."""
+
+
+class Ratio(NamedTuple):
+    """One line of the page."""
+
+    name: str
+    ratio: float
+    means: str
+
+
+def settings_of(env_id: str) -> dict[str, Any]:
+    """Settings to time an environment with."""
+    return LONG.get(env_id.split("/")[1].split("-")[0], {})
+
+
+def steps() -> Iterator[Ratio]:
+    """Steps of the environments: one alone, and a row of a vector environment."""
+    for env_id in IDS:
+        name = env_id.split("/")[1].split("-")[0]
+        rows, own = ROWS.get(name, 64), settings_of(env_id)
+        rates = steps_a_second({
+            "one": (scalar(env_id, settings=own), 1),
+            "row": (native(env_id, rows, settings=own), rows),
+            "CartPole": (scalar(THEIRS), 1),
+        })  # fmt: skip
+        yield Ratio(f"{name}: a step", rates["CartPole"] / rates["one"], "times a step of CartPole")
+        yield Ratio(
+            f"{name}: a row's step of {rows}", rates["one"] / rates["row"], "times a step of one alone"
+        )
+
+
+def threads() -> Iterator[Ratio]:
+    """Wall time on two threads against one, for the environments whose steps are long."""
+    for name in ("HeelStrike", "Excitation"):
+        env_id = next(i for i in IDS if f"/{name}-" in i)
+        envs = [gym.make_vec(env_id, num_envs=64, settings=LONG[name], threads=n) for n in (1, 2)]
+        for env in envs:
+            env.reset(seed=0)
+        action = np.zeros(envs[0].action_space.shape, np.float32)
+        one, two = in_turns([partial(env.step, action) for env in envs], time.perf_counter, 25)
+        yield Ratio(f"{name}: 64 rows on two threads", two / one, "of the wall time on one")
+
+
+def in_turns(
+    works: list[Callable[[], Any]], clock: Callable[[], float] = time.process_time, rounds: int = 5
+) -> list[float]:
+    """Median time of each of some works, done in turns after once without a clock [s]."""
+    times: list[list[float]] = [[] for _ in works]
+    for i in range(rounds + 1):
+        for work, own in zip(works, times, strict=True):
+            began = clock()
+            work()
+            if i:
+                own.append(clock() - began)
+    return [median(own) for own in times]
+
+
+def additions() -> None:
+    """A yardstick: a million additions in Python."""
+    total = 0.0
+    for i in range(1_000_000):
+        total += i
+
+
+def diagnoses() -> Iterator[Ratio]:
+    """Diagnoses of records of a rig on one thread, and the simulations that they count themselves."""
+    model, options = get_model("rig"), DiagnosisOptions(threads=1)
+    found: dict[str, float] = {}
+    for name in list(RECORDS)[:3]:
+        data = record(*RECORDS[name])
+        own, unit = in_turns([partial(diagnose, model, [data], options=options), additions], rounds=2)
+        found[name] = own / unit
+        yield Ratio(f"diagnosis: {name}", own / unit, "times a million additions in Python")
+        count = diagnose(model, [data], options=options).simulations
+        yield Ratio(f"diagnosis: {name}, simulations", count, "plain simulations of its windows")
+    short, long = list(found.values())[1:3]
+    growth = np.log(long / short) / np.log(1e4 / 3e3)
+    yield Ratio("diagnosis: growth with rows", float(growth), "exponent of processor time against rows")
+
+
+def commands() -> Iterator[Ratio]:
+    """Commands that answer at once, against a start of Python that imports NumPy."""
+
+    def started(*arguments: str) -> Callable[[], None]:
+        return lambda: subprocess.run([sys.executable, *arguments], check=True, capture_output=True) and None
+
+    main = "import sys; from fieldagents.cli import main; sys.argv[0] = 'fieldgym'; main()"
+    works = [started("-c", main, *words) for words in (("--help",), ("list",))]
+    *own, base = in_turns([*works, started("-c", "import numpy")], time.perf_counter)
+    for name, value in zip(("--help", "list"), own, strict=True):
+        yield Ratio(f"fieldgym {name}", value / base, "times a start of Python with NumPy")
+
+
+FIRST = "import gymnasium as g, fieldgym; e = g.make({!r}); e.reset(seed=0); e.step(e.action_space.sample())"
+SMALL = "import numba\n@numba.njit\ndef f(x):\n    return x + 1\nf(1.0)"
+
+
+def first_steps() -> Iterator[Ratio]:
+    """First step on a fresh installation, where nothing is compiled yet, against Numba's smallest kernel."""
+
+    def fresh(code: str) -> float:
+        with tempfile.TemporaryDirectory() as folder:
+            began = time.perf_counter()
+            own = {**os.environ, "NUMBA_CACHE_DIR": folder}
+            subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, env=own)
+            return time.perf_counter() - began
+
+    base = median(fresh(SMALL) for _ in range(3))
+    for env_id in IDS:
+        ratio = fresh(FIRST.format(env_id)) / base
+        yield Ratio(
+            f"{env_id.split('/')[1]}: first step, nothing compiled", ratio, "times Numba's smallest kernel"
+        )
+
+
+GROUPS: dict[str, Callable[[], Iterator[Ratio]]] = {
+    "step": steps, "threads": threads, "diagnosis": diagnoses, "command": commands, "first": first_steps,
+}  # fmt: skip
+
+
+def page(found: dict[str, Any], accepted: dict[str, float]) -> str:
+    """The page of speeds."""
+    rows = [
+        f"| {name} | {one['ratio']:.3g} | {one['means']} | {accepted.get(name, one['ratio']):.3g} |"
+        for name, one in found.items()
+    ]
+    return "\n".join([
+        "# Speed", "",
+        "*What users wait for, each as a ratio within one run: a fast machine and a busy one say the same.*",
+        "", "```", "make bench", "```",
+        f"A ratio that is {WORSE} times the accepted one fails. Less is better.", "",
+        "| what | ratio | unit | accepted |", "|---|---|---|---|", *rows, "",
+    ])  # fmt: skip
+
+
+def main() -> int:
+    """Measure, write, compare; the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--only", choices=GROUPS, nargs="+", default=list(GROUPS), help="some groups")
+    parser.add_argument("--accept", action="store_true", help="take what is measured for the accepted ratios")
+    arguments = parser.parse_args()
+    before = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    accepted = json.loads(ACCEPTED.read_text()) if ACCEPTED.exists() else {}
+    measured: dict[str, Any] = {}
+    for group in arguments.only:
+        for one in GROUPS[group]():
+            limit = WORSE * accepted.get(one.name, float("inf"))
+            verdict = "  WORSE" if one.ratio > limit else ""
+            print(f"{one.name:58s}{one.ratio:12.4g}  {one.means}{verdict}", flush=True)
+            measured[one.name] = {"group": group, "ratio": round(one.ratio, 4), "means": one.means}
+    kept = {name: one for name, one in before.items() if one["group"] not in arguments.only}
+    found = dict(sorted({**kept, **measured}.items(), key=lambda item: list(GROUPS).index(item[1]["group"])))
+    worse = [n for n, one in measured.items() if one["ratio"] > WORSE * accepted.get(n, float("inf"))]
+    if arguments.accept:
+        accepted |= {name: one["ratio"] for name, one in measured.items()}
+        write_text(ACCEPTED, json.dumps(accepted, indent=2) + "\n")
+    write_text(RESULTS, json.dumps(found, indent=2) + "\n")
+    write_text(PAGE, page(found, accepted))
+    for name in worse:
+        print(f"{name}: {measured[name]['ratio']:.3g}, {WORSE} times worse than {accepted[name]:.3g}")
+    return 1 if worse and not arguments.accept else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
