@@ -32,6 +32,15 @@ def test_slow_wheels_are_used():
     assert len(bench.model.stages([bench.recording(log, conditions, 7) for log in logs])) == 2
 
 
+def test_a_straight_drive_tells_nothing_of_a_slip_in_turning():
+    """Its heading moves by the wheels' noise alone, and so the heading's error follows the heading."""
+    bench, conditions = get_bench("differential_drive"), Conditions(commands="straight")
+    logs = [bench.recording(log, conditions, 1074) for log in records(bench, (), conditions, 1074)]
+    motion, drive = bench.model.stages(logs)
+    assert not {"yaw_slip"} & {*motion.effects, *drive.effects}
+    assert diagnose(bench.model, logs[:1], logs[1:]).verdict == "consistent"
+
+
 class Tried:
     """Curves that are scored already."""
 

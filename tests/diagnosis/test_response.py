@@ -2,10 +2,15 @@
 
 import numpy as np
 
+from fieldmodels.diagnosis.curves import Curves
 from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.linearisation import PRIOR
+from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.response import responses
+from fieldmodels.diagnosis.response import offsets, responses
 from fieldmodels.drivers.variables import SEGMENTS
+from fieldmodels.exam.benches import get_bench
+from fieldmodels.exam.benches.base import Conditions
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -28,3 +33,49 @@ def test_a_free_mass_answers_a_unit_force_by_newton_s_law():
             inside = part.slots[0, :, output] == feature
             expected = motion[inside].mean()
             np.testing.assert_allclose(found[:, feature].sum(axis=1), expected, rtol=0.02, atol=1e-5)
+
+
+def walk():
+    """Windows of a leg, fitted nowhere."""
+    bench = get_bench("heel_strike")
+    leg, conditions = bench.model, Conditions(duration=30.0)
+    record = bench.recording(bench.log((), conditions, 1, False), conditions, 1)
+    problem = build(leg, [record], 1.0)
+    none = np.zeros(0, dtype=np.int64)
+    return problem, fit(problem, leg.vector({}), none, np.diag(1 / problem.output_scale), iterations=0)
+
+
+def test_a_gyro_that_shows_more_makes_strides_close_worse():
+    problem, _ = walk()
+    part, gyro, closure = problem.parts[0], 0, 2
+    shifts = offsets(problem, gyro).sum(axis=2)
+    np.testing.assert_allclose(shifts[:, problem.outputs == gyro], 1.0)
+    strikes = np.flatnonzero(part.windows.recording["strike"] > 0.5)
+    seen = 0
+    for window, start in enumerate(part.windows.starts):
+        for sample in np.flatnonzero(part.slots[window, :, closure] >= 0):
+            then = start + sample
+            latest = max(start, strikes[strikes < then].max(initial=-1))
+            turned = (then - latest) * part.windows.recording.step  # of one radian per second too much
+            found = shifts[window, part.slots[window, sample, closure]]
+            np.testing.assert_allclose(found, -turned, rtol=1e-9, atol=1e-12)
+            seen += turned > 0
+    assert seen > 10
+
+
+def test_an_erring_sensor_errs_at_the_start_too():
+    """A bias of the gyro alone is all of the misfit, at the start as later."""
+    problem, fitted = walk()
+    curves = Curves(problem, fitted, DEFAULT)
+    curve = next(
+        c for c in curves.all if c.place == "sensor" and c.target == "gyro" and c.shapes.shape[1] > 2
+    )
+    states = [s.name for s in problem.model.states]
+    expected = np.zeros(len(states))
+    expected[states.index("reading")] = 1 / (PRIOR * problem.state_scale[states.index("reading")])
+    # All of a table's columns together add one everywhere.
+    np.testing.assert_allclose(curves._of_start(curve).sum(axis=2), np.tile(expected, (len(problem), 1)))
+    one = offsets(problem, 0).sum(axis=2)
+    rows = np.concatenate([one @ fitted.whitener.T, np.tile(expected, (len(problem), 1))], axis=1)
+    rows -= np.einsum("wfs,wgs,wg->wf", fitted.basis, fitted.basis, rows)
+    np.testing.assert_allclose(curves.response(curve).sum(axis=2), rows, atol=1e-8)

@@ -139,13 +139,13 @@ def with_alternatives(
 ) -> tuple[Cause, ...]:
     """Add to each cause the effects, or the unlisted curve, that could replace it."""
     chosen = set(selection.chosen.effects)
-    if set(judged.kept.effects) != chosen:
-        return causes
-    twin = [f"curve of {judged.twin.curve.direction}"] if judged.twin else []
+    same = set(judged.kept.effects) == chosen
     result = []
     for cause in causes:
         others: list[str] = []
-        for other in selection.alternatives:
+        curve = judged.varying.get(cause.effect, judged.twin)
+        twin = [f"curve of {curve.curve.direction}"] if curve else []
+        for other in selection.alternatives if same else ():
             removed, added = chosen - set(other.effects), set(other.effects) - chosen
             if cause.effect in removed:
                 others += [name for name in other.effects if name in added and name not in others]

@@ -21,12 +21,18 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import held_out_loss
-from fieldmodels.diagnosis.linearisation import Fit, project, stacked
+from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import averaged, odds_responses, offsets, responses, segments
 from fieldmodels.diagnosis.result import MissingCurve
-from fieldmodels.diagnosis.selection import block_p_value
+from fieldmodels.diagnosis.selection import (
+    RARE_P,
+    block_p_value,
+    dispersed_p_value,
+    dispersion,
+    largest_share,
+)
 from fieldmodels.diagnosis.wander import beside
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
@@ -52,6 +58,9 @@ MULTIPLIED = 7  # signals whose products are tried
 LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
 NO_FACTORS = ("time", CHANGE, "rate of ")
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
+TOLD = (
+    3.0  # times its error that a variable must move where noise drives the machine, as of its measured inputs
+)
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
 
 
@@ -170,14 +179,15 @@ class Curves:
         model = problem.model
         self._segment = [segments(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
         self._force = responses(problem, fitted)
-        self._offset = offsets(problem)
         measured = [int(j) for j in np.unique(problem.outputs)]
         self._odds = {
             model.outputs[j].name: odds_responses(problem, fitted, j)
             for j in measured
             if model.outputs[j].event
         }
-        self._rows = {model.outputs[j].name: problem.outputs == j for j in measured}
+        self._shown = {
+            model.outputs[j].name: offsets(problem, j) for j in measured if not model.outputs[j].event
+        }
         self.signals = self._variables()
         self.all = tuple(self._curves())
 
@@ -208,27 +218,53 @@ class Curves:
                 return scored
         return None
 
-    def called_for(self, candidate: Candidate, scored: Scored) -> bool:
-        """Whether a curve improves a candidate significantly, whichever of all curves it is."""
-        return self.convinces(candidate, scored) and self.outdoes_noise(candidate, scored)
+    def called_for(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
+        """Whether a curve improves a candidate significantly, whichever of all curves it is.
 
-    def convinces(self, candidate: Candidate, scored: Scored) -> bool:
-        """Whether a curve brings what the best of all curves must, on held-out windows."""
-        least = max(self.needed, self.options.least_share * float(candidate.loss.sum()))
-        rare = scored.total > self.options.rare_gain and scored.p_value < 4 * self.options.curve_level
-        return scored.total > least and (scored.p_value < self.options.curve_level or rare)
+        Args:
+            candidate: What it is beside.
+            scored: The curve.
+            among: Of how many curves it is the best; by default of all.
+        """
+        return self.convinces(candidate, scored, among) and self.outdoes_noise(candidate, scored, among)
 
-    def outdoes_noise(self, candidate: Candidate, scored: Scored) -> bool:
+    def convinces(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
+        """Whether a curve brings what the best of so many must, on held-out windows; see ``called_for``."""
+        needed = self._needed_of(among)
+        least = max(needed, self.options.least_share * float(candidate.loss.sum()))
+        if scored.total <= least:
+            return False
+        return scored.p_value < self.options.curve_level or self._in_few_blocks(scored, needed)
+
+    def outdoes_noise(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether it still does beside sensors whose zero wanders."""
+        needed = self._needed_of(among)
         if scored.curve.place == "odds":
             return True
         gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
-        return gain > self.needed + (self.options.same_gain if left > 0.0 else 0.0)
+        return gain > needed + (self.options.same_gain if left > 0.0 else 0.0)
+
+    def _in_few_blocks(self, scored: Scored, needed: float) -> bool:
+        """Whether a curve that acts in few blocks is called for nevertheless; see ``selection.accepted``."""
+        blocks, fitted = self.problem.blocks, scored.candidate.fit
+        if scored.p_value >= RARE_P or scored.total - largest_share(scored.gain, blocks) <= needed:
+            return False
+        step, _ = _solved(fitted)
+        after = replace(fitted, residual=fitted.residual - fitted.jacobian @ step)
+        count = len(scored.coefficients)
+        excess = dispersion(after, np.arange(len(step)) >= len(step) - count, blocks)
+        # Each block tells of the dispersion along each of the curve's columns.
+        freedom = count * (len(np.unique(blocks)) - 1)
+        return bool(dispersed_p_value(scored.total, count, excess, freedom) < np.exp(-needed))
+
+    def _needed_of(self, among: int | None) -> float:
+        """Nats that the best of so many curves must bring, by default of all."""
+        return float(np.log((among or len(self.all)) / self.options.curve_level))
 
     @property
     def needed(self) -> float:
         """Nats that the best of all curves must bring: the logarithm of their number over the level."""
-        return float(np.log(len(self.all) / self.options.curve_level))
+        return self._needed_of(None)
 
     def rivals(self, candidate: Candidate, count: int | None = None) -> list[Scored]:
         """The best curve beside a candidate, then further ones beside both, if the data call for them.
@@ -266,8 +302,17 @@ class Curves:
         elif curve.place == "odds":
             response = self._odds[curve.target]
         else:
-            response = self._offset * self._rows[curve.target][None, :, None]
-        return project(self.fitted, response @ curve.values)
+            response = self._shown[curve.target]
+        return project(self.fitted, response @ curve.values, self._of_start(curve))
+
+    def _of_start(self, curve: Curve) -> FloatArray | None:
+        """What an erring sensor says too much of a window's start, as of ``project``; None if nothing."""
+        model = self.problem.model
+        sources = [model.measured_states.get(s.name, s.name) for s in model.states]
+        same = np.array([curve.place == "sensor" and source == curve.target for source in sources])
+        if self.problem.runs is not None or not same.any():
+            return None
+        return np.asarray((same / (PRIOR * self.problem.state_scale))[:, None] * curve.values[:, :1])
 
     def _scored(
         self, candidate: Candidate, curve: Curve, columns: FloatArray, combination: FloatArray
@@ -324,16 +369,19 @@ class Curves:
         for name in events:
             for curve in (*_tables(signals), *_products(signals)):
                 yield replace(curve, place="odds", target=name, unit="1")
-        if model.random_force:  # what a sensor adds cannot be told from what drives the machine
-            return
-        for name in self._rows:
-            if name not in events:
-                for curve in (*_tables(plain), *_tables(own[name])):
-                    yield replace(curve, place="sensor", target=name, unit=outputs[name])
-        for i in self.fitted.free[self.fitted.free < len(model.parameters)]:
+        # Where chance drives the machine, it is told from a sensor's error alone by what that depends on.
+        chance = model.random_force
+        for name in self._shown:
+            over = (
+                {name: plain[name]} if name in plain and chance else {} if chance else {**plain, **own[name]}
+            )
+            for curve in _tables(over):
+                yield replace(curve, place="sensor", target=name, unit=outputs[name])
+        first = len(model.parameters) if chance else 0
+        for i in self.fitted.free[self.fitted.free >= first]:
             for curve in _window_tables(plain):
-                p = model.parameters[i]
-                yield replace(curve, place="parameter", target=p.name, unit=p.unit)
+                p = model.all_parameters[i]
+                yield replace(curve, place="parameter", target=model.names[i], unit=p.unit)
 
     def _known_functions(self, curve: Curve) -> Iterator[Curve]:
         """Functions that are common in machines, over the variable of a table."""
@@ -381,6 +429,20 @@ class Curves:
                 collected[name] = unit, joined
         return collected
 
+    def _is_told(self, output: int, order: int) -> bool:
+        """Whether an output, or with order one its rate, moves well beyond its error.
+
+        What the noise of measured inputs moves errs by as much, and its error would seem to depend on it.
+        """
+        if not self.problem.model.noisy_inputs:
+            return True
+        own, raw = self.problem.outputs == output, self.fitted.raw
+        powers = []
+        for values in (self.problem.features - raw, raw):
+            changes = np.diff(values[:, own], order, axis=1)
+            powers.append(float(np.nansum((changes - np.nanmean(changes, axis=1, keepdims=True)) ** 2)))
+        return powers[0] > TOLD**2 * powers[1]
+
     def _named(self, runs: Sequence[FloatArray]) -> Iterator[tuple[str, str]]:
         """Names and units of the candidate variables."""
         model, parts = self.problem.model, self.problem.parts
@@ -392,8 +454,9 @@ class Curves:
             values = [out[:, :, j][segment >= 0] for out, segment in zip(runs, self._segment, strict=True)]
             if any(np.isfinite(v).mean() < 0.9 for v in values) or (model.random_force and signal.optional):
                 continue
-            yield signal.name, signal.unit
-            if model.random_force or signal.event:
+            if self._is_told(j, 0):
+                yield signal.name, signal.unit
+            if model.random_force or signal.event or not self._is_told(j, 1):
                 continue  # random forces drive the rates, so that these do not reveal what forces depend on
             if f"{signal.unit}/s" not in units:
                 yield f"rate of {signal.name}", f"{signal.unit}/s"
@@ -440,7 +503,7 @@ def _products(signals: Signals) -> Iterator[Curve]:
 
 
 def _window_tables(signals: Signals) -> Iterator[Curve]:
-    """Tables of the mean and of the size of every signal in a window."""
+    """Tables and lines of the mean and of the size of every signal in a window."""
     for name, (unit, values) in signals.items():
         if name.startswith(CHANGE):
             continue
@@ -450,6 +513,9 @@ def _window_tables(signals: Signals) -> Iterator[Curve]:
         for over, size in sizes.items():
             knots = np.unique(np.quantile(size, OF_PARAMETER))
             if len(knots) >= 4:
+                middle = float(size.mean())
+                line = (knots - middle)[:, None]
+                yield Curve("parameter", "", over, unit, "", (size - middle)[:, None], knots, line)
                 yield Curve("parameter", "", over, unit, "", _hats(size, knots), knots, np.eye(len(knots)))
 
 

@@ -97,8 +97,8 @@ def project(fitted: Fit, columns: FloatArray, prior: FloatArray | None = None) -
     Args:
         fitted: Supplies the states' sensitivities and the whitener.
         columns: Changes of the features, shape (windows, features, columns).
-        prior: Changes of the states' measured values over their prior, shape (states, columns); none by
-            default.
+        prior: Changes of the states' measured values over their prior, shape (states, columns) or (windows,
+            states, columns); none by default.
 
     Returns:
         Columns like those of ``Fit.jacobian``, shape (windows, features + states, columns).

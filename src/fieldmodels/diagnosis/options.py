@@ -35,7 +35,6 @@ class DiagnosisOptions:
             reaches 75, a bang-bang swing-up 3.3 with p = 0.06.
         most: Share of what a curve explains that a name must explain to stay beside a curve of the rest:
             wrong names of a cubic and of a lagging sensor explained 0.6 of it.
-        rare_gain: Nats of a curve that acts in few windows only; then four times the curve level will do.
         most_causes: Effects in a set.
         most_curves: Curves beside each other.
         threads: How many share the fits of candidates, with the same result to the bit; 0 for as many as the
@@ -59,7 +58,6 @@ class DiagnosisOptions:
     likely_p: float = 0.1
     far: float = 6.0
     most: float = 0.75
-    rare_gain: float = 40.0
     most_causes: int = 4
     most_curves: int = 2
     threads: int = 0

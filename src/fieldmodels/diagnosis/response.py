@@ -64,9 +64,23 @@ def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:
     return result
 
 
-def offsets(problem: Problem) -> FloatArray:
-    """Change of the features by an offset of all outputs on each segment, (windows, features, segments)."""
-    return np.stack([problem.average(_on_segment(problem, k, 1.0)) for k in range(SEGMENTS)], axis=-1)
+def offsets(problem: Problem, output: int | None = None) -> FloatArray:
+    """Change of the features by an offset of a sensor on each segment, (windows, features, segments).
+
+    Args:
+        problem: The windows.
+        output: The sensor; by default all at once. What is derived from it errs, too (``Model.derived``).
+    """
+    result = []
+    for part in problem.parts:
+        segment = segments(part.windows.lengths, part.slots.shape[1])
+        true = np.zeros((SEGMENTS, *part.slots.shape))
+        shown = true.copy()
+        own = slice(None) if output is None else slice(output, output + 1)
+        shown[..., own] = (segment == np.arange(SEGMENTS)[:, None, None])[..., None]
+        changed = part.compressed(problem.model.derived(true, shown, part.windows))
+        result.append(np.moveaxis(changed, 0, -1))
+    return np.concatenate(result)
 
 
 def _on_segment(problem: Problem, k: int, size: float) -> list[FloatArray]:

@@ -73,6 +73,11 @@ def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
     return result
 
 
+def largest_share(gain: FloatArray, blocks: IntArray) -> float:
+    """Gain of the block that gains most."""
+    return float(np.bincount(np.unique(blocks, return_inverse=True)[1], weights=gain).max())
+
+
 def accepted(
     parent: Candidate, child: Candidate, blocks: IntArray, options: DiagnosisOptions = DEFAULT
 ) -> bool:
@@ -87,7 +92,7 @@ def accepted(
     p = block_p_value(gain, blocks)
     if p < options.level:
         return True
-    largest = float(np.bincount(np.unique(blocks, return_inverse=True)[1], weights=gain).max())
+    largest = largest_share(gain, blocks)
     single = len(child.effects) == len(parent.effects) + 1 and total - largest > options.least_gain
     return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < STRONG_P
 
@@ -107,8 +112,20 @@ def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) ->
     excess = dispersion(child.fit, new, blocks)
     if child.fit.observations is not None:
         excess = dispersion_of_change(parent.fit, child.fit, blocks)
-    ratio = max(2 * (parent.total - child.total), 0.0) / (count * excess)
-    return float(special.fdtrc(count, max(len(np.unique(blocks)) - count, 1), ratio))
+    freedom = max(len(np.unique(blocks)) - count, 1)
+    return dispersed_p_value(parent.total - child.total, count, excess, freedom)
+
+
+def dispersed_p_value(gain: float, count: int, excess: float, freedom: int) -> float:
+    """p-value of a gain [nats] by some parameters along which errors are overdispersed.
+
+    Args:
+        gain: The gain.
+        count: Number of the parameters.
+        excess: The overdispersion.
+        freedom: Degrees of freedom with which that is known.
+    """
+    return float(special.fdtrc(count, freedom, max(2 * gain, 0.0) / (count * excess)))
 
 
 def dispersion(fitted: Fit, which: NDArray[np.bool_], blocks: IntArray) -> float:

@@ -6,8 +6,8 @@ search has chosen, and unlisted curves beside the base or beside a part of that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +30,7 @@ class Judgement:
         curves: Unlisted curves beside it, the most important first.
         twin: An unlisted curve that explains the data as well as the named effects, if there is one.
         beaten: Effects that the search had chosen and that curves explain better.
+        varying: Of an effect whose value differs between parts of the data, how it does.
     """
 
     kept: Candidate
@@ -37,6 +38,7 @@ class Judgement:
     curves: tuple[Scored, ...] = ()
     twin: Scored | None = None
     beaten: tuple[str, ...] = ()
+    varying: Mapping[str, Scored] = field(default_factory=dict)
 
 
 def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
@@ -72,14 +74,35 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
             return Judgement(
                 base, curves, _with_formulas(curves, base, rivals[:count]), beaten=chosen.effects
             )
-    twin = next((r for r in rivals if _as_good(r.candidate, chosen, burden, problem.blocks, options)), None)
     kept, beaten = _without_the_beaten(candidates, chosen, with_more)
     if beaten:
         beside = Curves(problem, kept.fit, options)
         left = beside.rivals(kept)
     if left and not beside.called_for(kept, left[0]):
         left = []
-    return Judgement(kept, beside, _with_formulas(beside, kept, left), twin if not beaten else None, beaten)
+    twin = next((r for r in rivals if _as_good(r.candidate, chosen, burden, problem.blocks, options)), None)
+    return Judgement(
+        kept,
+        beside,
+        _with_formulas(beside, kept, left),
+        twin if not beaten else None,
+        beaten,
+        _varying(beside, kept),
+    )
+
+
+def _varying(beside: Curves, kept: Candidate) -> dict[str, Scored]:
+    """Named effects whose values do not agree between parts of the data, each with the clearest difference.
+
+    The parts are told apart by the mean and the size of every signal in a window, and by the time.
+    """
+    result = {}
+    for name in kept.effects:
+        own = [c for c in beside.all if c.place == "parameter" and c.target.startswith(f"{name}.")]
+        for best in beside.judge(kept, own)[:1]:
+            if beside.called_for(kept, best, len(own)):
+                result[name] = best
+    return result
 
 
 def most_likely(tried: Curves, kept: Candidate, far: bool, options: DiagnosisOptions) -> tuple[Scored, ...]:

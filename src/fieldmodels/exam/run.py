@@ -187,7 +187,8 @@ def judged(
     fault = bench.fault(case.hidden[0]) if case.hidden else None
     regained = None
     if not case.hidden:
-        allowed = ("sensor_quantisation",) if case.conditions.noise == "quantised" else ()
+        rounding = [e.name for e in bench.model.effects if e.name.endswith("quantisation")]
+        allowed = rounding if case.conditions.noise == "quantised" else ()
         outcome = scoring.of_nothing(answer, allowed)
     elif fault is None:
         truth = {

@@ -37,6 +37,13 @@ DRIVEN_BY_WHEELS = "driven by measured wheels"
 """Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
 
 
+def _moving(speed: FloatArray, noise: float) -> bool:
+    """Whether a measured speed shows much more than its noise: that stated, or the white noise in it."""
+    known = speed[np.isfinite(speed)]
+    white = float(np.std(np.diff(known, 2))) / np.sqrt(6.0)
+    return bool(np.sqrt(np.mean(known**2)) > MOVING * max(noise, white))
+
+
 class PoseReaching(Model):
     """The unicycle of section 5.1.4 as a differential drive, commanded by speed and turn rate.
 
@@ -150,20 +157,14 @@ class PoseReaching(Model):
         if not wheels or self.compared != POSE + WHEELS:
             return (Stage(self, names),)
         motion, drive = (type(self)(self.wheels, compared=group) for group in (POSE, WHEELS))
-        if self._at_rest(recordings):
-            # What reduces the wheels' noise, such as a slip, would be taken for a cause.
+        left, right = (np.concatenate([r[name] for r in recordings]) for name in WHEELS)
+        noise = self.outputs[len(POSE)].noise
+        # What reduces the wheels' noise, such as a slip, would be taken for a cause.
+        if not _moving(left, noise) and not _moving(right, noise):
             return (Stage(drive, before),)
-        return Stage(motion, AFTER_THE_WHEELS), Stage(drive, before)
-
-    def _at_rest(self, recordings: Sequence[Recording]) -> bool:
-        """Whether the measured wheels hardly show more than their noise."""
-        for recording in recordings:
-            for signal in self.outputs[len(POSE) :]:
-                values = recording[signal.name]
-                white = float(np.std(np.diff(values, 2))) / np.sqrt(6.0)
-                if np.sqrt(np.mean(values**2)) > MOVING * max(signal.noise, white):
-                    return False
-        return True
+        turning = _moving(right - left, noise * np.sqrt(2.0))
+        after = tuple(name for name in AFTER_THE_WHEELS if turning or name != "yaw_slip")
+        return Stage(motion, after), Stage(drive, before)
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``; headings are continuous within a window."""
