@@ -3,9 +3,9 @@
     python benchmarks/run.py             # measure; exit 1 where a ratio is 1.5 times the accepted one
     python benchmarks/run.py --only step --accept
 
-Each thing is timed in turns with a yardstick of its kind: an environment's step with CartPole's, a command with
-Python's start, a diagnosis and a first step with compiled or plain Python work. Writes ``results.json`` beside
-this file and the page ``docs/speed.md``; ``--accept`` writes ``accepted.json`` as well.
+Each thing is timed in turns with a yardstick of its kind: an environment's step with CartPole's, a command
+with Python's start, a diagnosis with plain Python work, a first step with Numba's smallest kernel. Writes
+``results.json`` beside this file and ``docs/speed.md``; ``--accept`` writes ``accepted.json`` as well.
 """
 
 from __future__ import annotations

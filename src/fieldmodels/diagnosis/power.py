@@ -87,7 +87,7 @@ def _median_shape(curve: Curve, curves: Curves, basis: FloatArray) -> _Shape | N
     k = seen[(len(seen) - 1) // 2]  # eigenvalues rise, and shapes have unit size
     fitted = curves.fitted
     rows = (own @ shapes[:, k]).reshape(columns.shape[:2])[:, : len(fitted.whitener)]
-    added = np.linalg.solve(fitted.whitener, rows.T).T
+    added = np.asarray(np.linalg.solve(fitted.whitener, rows.T).T, dtype=np.float64)
     if fitted.weight is not None:
         added = np.where(fitted.weight > 0, added / np.where(fitted.weight > 0, fitted.weight, 1.0), 0.0)
     return _Shape(curve, added, float(np.sqrt(2.0 * curves.needed / gained[k])))
