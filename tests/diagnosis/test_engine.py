@@ -470,7 +470,7 @@ def test_real_bang_bang_log_names_nothing():
     assert result.causes == ()
 
 
-def test_a_machine_that_hardly_moves_is_said_to_tell_little():
+def test_a_motion_of_another_frequency_than_the_torque_s_tells_nothing_of_the_inertia():
     rng = np.random.default_rng(4)
     time = np.arange(3000) * 0.01
     recording = Recording(
@@ -482,5 +482,5 @@ def test_a_machine_that_hardly_moves_is_said_to_tell_little():
     )
     found = diagnose(get_model("pendulum"), [recording])
     assert "inertia" in found.undetermined
-    assert "hardly determine" in found.summary()
+    assert found.verdict == "unrelated"
     assert found.to_json()["undetermined"] == list(found.undetermined)

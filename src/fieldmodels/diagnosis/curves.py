@@ -247,6 +247,8 @@ class Curves:
     def _in_few_blocks(self, scored: Scored, needed: float) -> bool:
         """Whether a curve that acts in few blocks is called for nevertheless; see ``selection.accepted``."""
         blocks, fitted = self.problem.blocks, scored.candidate.fit
+        if self.problem.model.random_force:  # chance acts in few blocks as well
+            return False
         if scored.p_value >= RARE_P or scored.total - largest_share(scored.gain, blocks) <= needed:
             return False
         step, _ = _solved(fitted)

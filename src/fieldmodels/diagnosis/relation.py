@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import ttest_1samp
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.coordinates import Coordinates
@@ -20,8 +21,12 @@ from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.selection import block_p_value
 from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.recording import Windows
+from fieldmodels.recording import Recording, Windows
 
+PARTS = 20
+"""Parts of a record in each of which command and response are compared."""
+DOUBT = 0.05
+"""p-value below which they go together: in doubt there is a relation, and what is wrong is not known."""
 REMEDY = (
     "check that both columns are of the same run and on the same clock, that the actuator was connected, and "
     "that the machine was moved well above the noise of its sensors"
@@ -48,7 +53,29 @@ def is_unrelated(training: Problem, testing: Problem, fits: Iterable[Fit], level
         np.ptp(r[s.name]) == 0 for r in recordings for s in model.inputs
     ):
         return False
+    if any(_answers(recording, model) for recording in recordings):
+        return False
     return not any(_gain_is_significant(training, testing, fitted, level) for fitted in fits)
+
+
+def _answers(recording: Recording, model: Declaration) -> bool:
+    """Whether a command goes with a measured signal or its rate: a controller's does, whatever the machine.
+
+    The mean product of both is taken in each of ``PARTS`` parts of the record, and tested against zero.
+    """
+    commands = [s.name for s in model.inputs]
+    tests = []
+    for name in set(recording.signals) - set(commands):
+        signal = np.asarray(recording[name])[:-1]
+        rate = np.diff(recording[name])
+        for command in commands:
+            given = np.asarray(recording[command])[:-1]
+            for shape in (signal, rate, np.sign(rate)):
+                product = (given - np.nanmean(given)) * (shape - np.nanmean(shape))
+                parts = [np.nanmean(part) for part in np.array_split(product, PARTS)]
+                if np.ptp(parts) > 0:
+                    tests.append(float(ttest_1samp(parts, 0.0).pvalue))
+    return bool(tests) and min(tests) * len(tests) < DOUBT
 
 
 def _gain_is_significant(training: Problem, testing: Problem, fitted: Fit, level: float) -> bool:

@@ -73,8 +73,8 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             for output, gain in found.gain.items()
         },
         seen={
-            output: max(one.errors[output] for one in found.seen if one.errors)
+            output: max(one.errors[output] for one in found.seen if output in one.errors)
             for output in found.gain
-            if any(one.errors for one in found.seen)
+            if any(output in one.errors for one in found.seen)
         },
     )
