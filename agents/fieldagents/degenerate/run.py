@@ -22,7 +22,9 @@ from fieldmodels.files import PART
 
 PROCESSOR_S, MEMORY = 120, 6 << 30
 """A case that takes more processor time hangs [s]; memory that it may have [bytes]."""
-FAULTS = ("traceback", "hang", "false name", "torn file", "died")
+FAULTS = ("traceback", "hang", "false name", "consistent", "torn file", "died")
+NO_RELATION = ("unrelated", "noise alone")
+"""Kinds of which no answer may say that the simulation is consistent with them."""
 Row = dict[str, Any]
 
 
@@ -140,6 +142,8 @@ def judged(case: Case, folder: Path, status: int, seconds: float) -> Row:
     names = [cause["effect"] for cause in answer.get("causes", ())]
     if names and case.kind in HONEST and answer.get("verdict") in ("named", "ambiguous"):
         return row | {"outcome": "false name", "said": ", ".join(names)}
+    if case.kind in NO_RELATION and answer.get("verdict") == "consistent":
+        return row | {"outcome": "consistent", "said": "though no command explains the response"}
     return row | {"outcome": "answered", "said": str(answer.get("verdict", "")), "named": names}
 
 
