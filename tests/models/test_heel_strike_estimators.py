@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 
+from fieldmodels.extras import MissingExtraError
 from fieldmodels.machines.heel_strike.estimators import ranger_step
 from fieldmodels.machines.heel_strike.kalman import mix
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
@@ -177,5 +178,5 @@ def test_without_filterpy_the_extra_is_named(monkeypatch):
     ):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setitem(sys.modules, "filterpy.kalman", None)
-    with pytest.raises(ModelError, match=r"fieldgym\[filters\]"):
+    with pytest.raises(MissingExtraError, match=r"fieldgym\[filters\]"):
         Strides(1, filterpy=True)

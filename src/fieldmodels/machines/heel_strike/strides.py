@@ -138,7 +138,8 @@ class Strides:
 
         Raises:
             ModelError: If the reality has the wrong shape, the batch is empty, the gyro's delay holds more
-                samples than a walker remembers, or filterpy is asked for and not installed.
+                samples than a walker remembers.
+            MissingExtraError: If filterpy is asked for and not installed.
         """
         if batch < 1:
             raise ModelError(f"a batch needs at least one walker, not {batch}")
