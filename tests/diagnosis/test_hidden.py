@@ -234,9 +234,6 @@ MISSED = {
     ),
     ("uav_route", "map_scale"): SLOW_ERROR,
     ("servo", "force_step"): SLOW_ERROR,
-    ("line_following", "limp"): pytest.mark.xfail(
-        strict=True, reason="named steering_bias, as its mean is one"
-    ),
     ("uav_route", "wind_shear"): SLOW_ERROR,
     ("uav_route", "clutter"): pytest.mark.xfail(strict=True, reason="too few readings change to be seen"),
 }
