@@ -207,6 +207,6 @@ def test_what_consistent_data_would_have_shown_is_found_when_it_is_there():
 
 def test_thresholds_are_arguments():
     kind = "a bump of force at one place"
-    strict = DiagnosisOptions(level=1e-9, curve_level=1e-9, least_gain=1e6, above=1e9)
+    strict = DiagnosisOptions(level=1e-9, curve_level=1e-9, least_share=10.0, least_gain=1e6, above=1e9)
     logs = [rig(seed, **HIDDEN[kind][0]) for seed in (3, 503)]
     assert diagnose(get_model("rig"), logs[:1], logs[1:], options=strict).verdict == "consistent"

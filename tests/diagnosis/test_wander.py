@@ -122,13 +122,7 @@ def test_what_a_free_column_explains_is_no_walk():
             ),
         ),
         ("line_following", 1036),  # the start of a window is what a wandering sensor shows
-        pytest.param(
-            "line_following",
-            1010,
-            marks=pytest.mark.xfail(
-                strict=True, reason="a curve of the steering beats a camera that wanders"
-            ),
-        ),
+        ("line_following", 1010),
     ],
 )
 def test_a_sensor_that_wanders_is_nothing_missing(machine, seed):

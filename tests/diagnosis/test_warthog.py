@@ -48,7 +48,8 @@ def test_yaw_slip_is_named_for_the_motion_and_lag_for_the_wheels(found):
     assert motion[1]["effect"] == "sideways_slip"
     assert wheels[0]["effect"] == "actuator_lag"
     for first in (motion[0], wheels[0]):
-        assert first["alternatives"] == []
+        # At most its own value may differ from place to place, as it does between kinds of ground.
+        assert all(f"{first['effect'].replace('_', ' ')}." in other for other in first["alternatives"])
         assert first["gain"]["ci95"][0] > 50
     # Skidding, it turns by less than two thirds of what its wheels say.
     assert motion[0]["parameters"]["share"]["value"] == pytest.approx(0.38, abs=0.03)
