@@ -1,7 +1,9 @@
 """Files that are too large, cut, damaged or of a missing extra: a clear error, before memory is taken."""
 
+import gc
 import gzip
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -91,10 +93,17 @@ def test_a_cut_archive_is_a_clear_error(tmp_path):
      ("log.mcap", b"\x89MCAP0\r\n"), ("log.npy", b"\x93NUMPY\x01\x00"), ("log.feather", b"ARROW1\0\0"),
      ("log.json", b'{"a": ['), ("log.db3", b"SQLite format 3\0"), ("log.xlsx", b"PK\x03\x04")],
 )  # fmt: skip
-def test_damaged_files_of_every_format(tmp_path, name, start):
-    path = tmp_path / name
+def test_damaged_files_of_every_format(tmp_path, monkeypatch, name, start):
+    path, left = tmp_path / name, tmp_path / "temporary"
+    left.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(left))
+    late = []
+    monkeypatch.setattr(sys, "unraisablehook", late.append)
     path.write_bytes(start.ljust(128) + np.random.default_rng(0).bytes(4000))
     refused(path, "not ")
+    gc.collect()
+    assert not late
+    assert not list(left.iterdir())
 
 
 def test_pickled_objects_are_not_loaded(tmp_path):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any
 
 from fieldmodels.recording.dialect import unit_of
@@ -10,11 +12,12 @@ from fieldmodels.recording.tables import Series, SeriesTable, check_size, readab
 
 
 def read(path: Path) -> SeriesTable:
-    """Read all channels of numbers; each group has a clock of its own, ``t`` if there is but one group."""
-    from asammdf import MDF
+    """Read all channels of numbers; each group has a clock of its own, ``t`` if there is but one group.
 
+    From memory: of a path, asammdf leaves a copy of an unfinished file in the folder for temporary files.
+    """
     result: dict[str, Series] = {}
-    with readable(path, "MDF file"), MDF(path) as file:
+    with readable(path, "MDF file"), _opened(path) as file:
         groups: list[Any] = list(file.groups)
         several = len(groups) > 1
         for number, group in enumerate(groups):
@@ -32,3 +35,17 @@ def read(path: Path) -> SeriesTable:
                 unit = signal.unit or unit_of(name)
                 result[name] = Series.of(signal.samples, unit, clock if several else "")
     return SeriesTable(path, result)
+
+
+def _opened(path: Path) -> Any:
+    """The file; what asammdf made of a damaged one must not raise again when it is collected."""
+    from asammdf import MDF
+
+    try:
+        return MDF(BytesIO(path.read_bytes()))
+    except Exception as error:
+        for frame, _ in walk_tb(error.__traceback__):
+            half = frame.f_locals.get("self")
+            if hasattr(half, "close"):
+                half.close = lambda: None
+        raise
