@@ -46,6 +46,6 @@ def _opened(path: Path) -> Any:
     except Exception as error:
         for frame, _ in walk_tb(error.__traceback__):
             half = frame.f_locals.get("self")
-            if hasattr(half, "close"):
+            if half is not None and hasattr(half, "close"):
                 half.close = lambda: None
         raise
