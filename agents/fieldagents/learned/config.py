@@ -113,9 +113,6 @@ class TrainConfig(Config):
     also: tuple[EnvironmentConfig, ...] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
-    told: dict[str, PositiveFloat] = Field(default_factory=dict)
-    """Parameters of a random reality, ``effect.parameter``, of which the policy is told an estimate and its
-    standard error beside each observation, as a diagnosis gives them; and the largest standard error."""
     learner: dict[str, Any] = Field(default_factory=dict, validate_default=True)
     """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
     linear`` lets the learning rate fall to zero at the end of training."""
@@ -146,22 +143,6 @@ class TrainConfig(Config):
                 f"groups of {twins} twins in {len(also) + 1} environments do not divide num_envs, {rows}"
             )
         return also
-
-    @field_validator("told")
-    @classmethod
-    def _told_is_random(cls, told: dict[str, float], info: ValidationInfo) -> dict[str, float]:
-        if told and info.data.get("also"):
-            raise ValueError("only a single environment's reality is told: leave out also")
-        reality = getattr(info.data.get("environment"), "reality", None)
-        drawn = {
-            f"{effect}.{name}"
-            for effect, values in (reality.items() if isinstance(reality, dict) else ())
-            for name, value in (values or {}).items()
-            if isinstance(value, dict)
-        }
-        if wrong := [name for name in told if name not in drawn]:
-            raise ProblemsError([((name,), "no sampler of the reality draws it") for name in wrong])
-        return told
 
     @field_validator("algorithm")
     @classmethod

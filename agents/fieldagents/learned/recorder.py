@@ -21,7 +21,6 @@ from fieldagents.learned.checkpoint import CheckpointError, checkpoints, save_ch
 from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.run import Best, Run
-from fieldagents.learned.told import ToldAgent
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.progress import Report
 from fieldagents.task import get_task
@@ -123,8 +122,9 @@ class Recorder(BaseCallback):
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
         policy = to_onnx(run.policy, run.normaliser, note, config.stack)
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
-        agent = ToldAgent(OnnxAgent(policy), config.told) if config.told else OnnxAgent(policy)
-        episodes = pd.concat(run_episodes(agent, config.task, one, seeds) for one in config.environments)
+        episodes = pd.concat(
+            run_episodes(OnnxAgent(policy), config.task, one, seeds) for one in config.environments
+        )
         mean_return = float(episodes["return"].mean())
         scores = {
             "validation_return": mean_return,

@@ -17,7 +17,6 @@ from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.imitation import imitate
 from fieldagents.learned.recorder import PausedError, Recorder
 from fieldagents.learned.run import Run
-from fieldagents.learned.told import Telling
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
 from fieldgym import find_task
@@ -59,8 +58,6 @@ def _run_training(
         )
         for environment, share in zip(config.environments, shares, strict=True)
     ]
-    if config.told:
-        parts = [Telling(part, config.told) for part in parts]
     run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed, twins=config.twins))
     try:
         run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
