@@ -10,6 +10,7 @@ import re
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -116,15 +117,32 @@ def figure(drawing: Any, caption: str = "", says: str = "") -> str:
     """Return a figure as an HTML fragment.
 
     Args:
-        drawing: A matplotlib figure, or what draws one so many inches wide, once for a screen and once for a
-            phone: inline SVG in the page's colours, or a PNG where that would exceed 1 MB.
+        drawing: A matplotlib figure, whose axes are stacked for a phone, or a function that draws one so
+            many inches wide: inline SVG in the page's colours, or a PNG where that would exceed 1 MB.
         caption: Plain text below the figure.
         says: What it shows, for who does not see it; by default the caption.
     """
     below = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
     words = says or caption or "figure"
-    drawn = _twice(drawing, words) if callable(drawing) else _svg(drawing, words)
+    drawn = _twice(drawing if callable(drawing) else partial(_as_wide, drawing), words)
     return f"<figure>{drawn}{below}</figure>"
+
+
+def _as_wide(drawing: Any, width: float) -> Any:
+    """A finished figure: as it is for a screen, its axes one below the other for a phone."""
+    if width == WIDE or any(axes.get_subplotspec() is None for axes in drawing.axes):
+        return drawing
+    heights = []
+    for axes in drawing.axes:  # each keeps its shape, within reason
+        box = axes.get_window_extent()
+        heights.append(min(max(width * box.height / box.width, 1.5), 4.5))
+        axes.tick_params(labelleft=True, labelbottom=True)
+    grid = drawing.add_gridspec(len(heights), 1, height_ratios=heights)
+    for axes, place in zip(drawing.axes, grid, strict=True):
+        axes.set_subplotspec(place)
+    drawing.set_size_inches(width, sum(heights) + 0.5 * len(heights))
+    drawing.set_layout_engine("constrained")
+    return drawing
 
 
 def facts(rows: Iterable[tuple[str, str]]) -> str:
@@ -149,12 +167,15 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], caption: str 
         "<tr>" + "".join(f"<td{k}>{text(c)}</td>" for c, k in zip(row, kind, strict=True)) + "</tr>"
         for row in body
     )
-    above = f"<caption>{text(caption)}</caption>" if caption else ""
-    inner = f"{above}<thead><tr>{head}</tr></thead><tbody>{lines}</tbody>"
-    return f'<div class="scroll" tabindex="0"><table>{inner}</table></div>'
+    above = f'<p class="soft">{text(caption)}</p>' if caption else ""
+    inner = f"<thead><tr>{head}</tr></thead><tbody>{lines}</tbody>"
+    label = f' aria-label="{text(caption)}"' if caption else ""
+    return f'{above}<div class="scroll" tabindex="0"><table{label}>{inner}</table></div>'
 
 
-_NUMBER = re.compile(r"\s*|[-–—]|[<>≤≥~]?\s*[-+−]?[\d.,]+([eE][-+]?\d+)?\s*(%|s|ms|mm|m|rad)?")
+_NUMBER = re.compile(
+    r"\s*|[-–—]|baseline|none|[<>≤≥~]?\s*[-+−]?[\d.,]+([eE][-+]?\d+)?( ± [\d.]+)?\s*(%|s|ms|mm|m|rad)?"
+)
 
 
 def _svg(drawing: Any, says: str) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from fieldagents import demo
 from fieldagents.claim import Claim, Ours
@@ -15,6 +16,7 @@ from fieldagents.reproduce import ledger as books
 from fieldagents.reproduce import reproduce
 from fieldagents.reproduce.pages import write_page
 from fieldagents.task import get_task
+from fieldmodels import html
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
@@ -52,6 +54,32 @@ def check_page(browser, *, figures: int) -> str:
     for broken in ("nan", "NaN", "undefined", "{{", "None"):
         assert broken not in words.split(), f"the page says {broken!r}"
     return words
+
+
+def test_nothing_is_too_wide_for_a_phone(open_page, tmp_path: Path):
+    """Long paths break, wide tables scroll in their own frame, and figures are drawn anew, not shrunk."""
+    drawn = Figure(figsize=(html.WIDE, 4.0))
+    for axes in drawn.subplots(1, 3, sharey=True):
+        axes.plot([0, 1])
+    header = [f"a column {k}" for k in range(20)]
+    body = (
+        f"<p>{'a_long_path/' * 20}</p>{html.facts([('where', 'x' * 200)])}"
+        f"{html.figure(drawn, 'three panels')}"
+        f"{html.table(header, [['1.234 ± 0.012'] * 20], 'words above the table ' * 9)}"
+    )
+    page = tmp_path / "page.html"
+    page.write_text(html.page("Wide", body))
+    browser = open_page(page)
+    check_page(browser, figures=1)
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    widths, letters = browser.execute_script(
+        "return [[...document.querySelectorAll('p')].map(e => e.getBoundingClientRect().right),"
+        " [...document.querySelectorAll('figure .narrow text')].map(e => e.getBoundingClientRect().height)]"
+    )
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert max(widths) <= 390
+    assert min(letters) > 9
 
 
 def test_evaluation_report(open_page, tmp_path: Path):

@@ -47,7 +47,7 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         parts += [
             f"<h3>{html.text(scenario)}</h3>",
             f"<p>{html.text(_conditions(summary.environments[scenario]))}</p>",
-            html.figure(partial(_figure, rows, summary, first, own), _caption(first, own is not None)),
+            html.figure(_figure(rows, summary, first, own), _caption(first, own is not None)),
             html.table(*_table(rows, summary, first, summary.decision_ms[scenario]), _explained(first)),
         ]
         parts.append(_among_all(rows, summary.pairs[scenario], first, own))
@@ -56,7 +56,7 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
         for metric in others:
             parts += [
                 f"<details><summary>{html.text(metric.title)}</summary>",
-                html.figure(partial(_figure, rows, summary, metric, own), _caption(metric, own is not None)),
+                html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
                 html.table(*_table(rows, summary, metric), _explained(metric)),
                 "</details>",
             ]
@@ -67,13 +67,16 @@ def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> st
 def _facts(summary: Summary) -> list[tuple[str, str]]:
     """What was compared, how sure it is, and what to do where it is not."""
     pairs = [pair for found in summary.pairs.values() for pair in found]
-    told = sum(pair.verdict in ("better", "worse") for pair in pairs)
+    decided = sum(pair.verdict in ("better", "worse") for pair in pairs)
     agents = {row.agent for rows in summary.scenarios.values() for row in rows}
-    more = f"More episodes tell more: <code>--set episodes={4 * summary.episodes}</code>"
+    more = f"More episodes would decide more: <code>--set episodes={4 * summary.episodes}</code>"
     return [
         ("Compared", f"{len(agents)} agents on the same {summary.episodes} episodes of each scenario"),
-        ("How sure", f"{told} of {len(pairs)} pairs are told apart at 95 %, corrected for their number"),
-        ("Next", more if told < len(pairs) and summary.episodes < 2500 else ""),
+        (
+            "How sure",
+            f"{decided} of {len(pairs)} differences between two agents are significant at 95 % (Holm)",
+        ),
+        ("Next", more if decided < len(pairs) and summary.episodes < 2500 else ""),
     ]
 
 
@@ -138,7 +141,7 @@ def _table(
             cells += [_mean(metric, paired.difference, paired.ci95, "+"), percent, paired.verdict]
         cells.append(f"{training.n}: {training.verdict}" if training else "")
         gap = row.standing.gap if decision_ms is not None else None
-        cells.append("" if gap is None else f"{100 * gap:.0f} %")
+        cells.append("" if gap is None else f"{round(100 * gap)} %")
         took = (decision_ms or {}).get(row.agent)
         cells += ["", ""] if took is None else [f"{took.batch:.2g}", f"{took.alone:.2g}"]
         body.append(cells)
@@ -208,7 +211,7 @@ def lead(summary: Summary) -> str:
 
 
 def _first(rows: Sequence[Row], summary: Summary, metric: Metric, pairs: tuple[Pair, ...]) -> str:
-    """Who leads some rows, best first: alone only if it is told apart from the second."""
+    """Who leads some rows, best first: alone only if its lead over the second is significant."""
     best = rows[0]
     lead = leading([row.agent for row in rows], pairs)
     unit = "%" if metric.binary else metric.unit.removeprefix("1")
@@ -218,9 +221,9 @@ def _first(rows: Sequence[Row], summary: Summary, metric: Metric, pairs: tuple[P
         versus = html.text(f", {_against(best.against_baseline)} {summary.baseline}")
     name = f"<b>{html.text(best.agent)}</b>"
     if len(lead) == 1:
-        return f"{name} comes first with {score}{versus}"
+        return f"{name} is best with {score}{versus}"
     others = " and ".join(f"<b>{html.text(other)}</b>" for other in lead[1:])
-    return f"{name} has the best mean, {score}{versus}, and is not told apart from {others}"
+    return f"{name} has the best mean, {score}{versus}; its lead over {others} is not significant"
 
 
 def _among_all(
@@ -232,7 +235,7 @@ def _among_all(
             row.agent,
             "none" if row.standing.middle is None else f"{row.standing.middle:.4g}",
             "" if row.standing.improvement is None else f"{100 * row.standing.improvement:.0f} %",
-            "" if row.standing.gap is None else f"{100 * row.standing.gap:.0f} %",
+            "" if row.standing.gap is None else f"{round(100 * row.standing.gap)} %",
         ]
         for row in rows
     ]
@@ -254,7 +257,7 @@ def _among_all(
         parts.append(
             html.figure(
                 partial(_profiles, rows, metric, episodes),
-                f"Performance profiles: part of all episodes with at most this {metric.label}; further "
+                f"Performance profiles: share of the episodes with at most this {metric.label}; further "
                 f"{better} is better.",
             )
         )
@@ -293,7 +296,7 @@ def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame, wid
     if _positive(rows, metric, episodes):
         _logarithmic(axes)
     axes.set_xlabel(metric.label)
-    axes.set_ylabel("part of the episodes")
+    axes.set_ylabel("share of the episodes")
     axes.set_ylim(0, 1)
     axes.grid(color="#d9dee6", linewidth=0.8)
     if wide:
@@ -334,9 +337,9 @@ def _capital(words: str) -> str:
 def _caption(metric: Metric, single: bool) -> str:
     dots = " Faint dots: single episodes." if single and not metric.binary else ""
     return (
-        f"First: {metric.label}, mean and 95 % interval.{dots} Then: difference to the baseline on the same "
-        "episodes. Blue: sees the observation; purple: also the settings; red: privileged; grey: an "
-        "estimator outside the action space."
+        f"First panel: {metric.label}, mean and 95 % interval.{dots} Second: difference from the "
+        "baseline on the same episodes. Blue: sees the observation; purple: also the settings; red: "
+        "privileged; grey: an estimator outside the action space."
     )
 
 
@@ -352,14 +355,14 @@ def _notes(summary: Summary) -> str:
     notes = [
         seeds,
         "Differences are paired, with Student's t interval over episodes; each verdict in the first table "
-        "is about one comparison at 95 %; those of all pairs are corrected for their number, and who comes "
-        f"first is told from the second by these. Below {MIN_EPISODES} episodes there is no interval and no "
+        "is about one comparison at 95 %; those of all pairs are corrected for their number, and decide "
+        f"whether a lead is significant. Below {MIN_EPISODES} episodes there is no interval and no "
         "verdict.",
         "A verdict on a trained agent is about the policies that were scored. About its algorithm only "
         "several training runs can say something (column training runs): below "
         f"{MIN_RUNS} runs they are insufficient.",
         "<i>privileged</i> agents see the hidden truth, <i>estimators</i> do not act but read the same "
-        "sensors on the same episodes: both are bounds, no competitors.",
+        "sensors on the same episodes: both are bounds, not competitors.",
         f"A decision's time is that of a call for the batch of {summary.episodes} episodes, divided by their "
         "number; alone: of a call for a single robot. Medians over an episode's calls, on the machine that "
         "wrote this page.",
@@ -382,17 +385,12 @@ def _colour(row: Row) -> str:
     return COLOURS["estimator" if row.kind.startswith("estimator") else row.kind]
 
 
-def _figure(
-    rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None, width: float
-) -> Any:
-    """Each agent's mean, and its difference to the baseline: beside it, on a phone below it."""
+def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None) -> Any:
+    """Each agent's mean, and beside it the difference from the baseline."""
     from matplotlib.figure import Figure
 
-    wide, height = width == html.WIDE, 1.2 + 0.36 * len(rows)
-    figure = Figure(figsize=(width, height if wide else 2 * height))
-    left, right = (
-        figure.subplots(1, 2, sharey=True, width_ratios=(3, 2)) if wide else figure.subplots(2, sharey=True)
-    )
+    figure = Figure(figsize=(html.WIDE, 1.2 + 0.36 * len(rows)))
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     scale = 100.0 if metric.binary else 1.0
     percent = _in_percent(rows, metric)
     for y, row in enumerate(rows):
@@ -420,7 +418,7 @@ def _figure(
     left.set_xlabel(metric.label)
     right.axvline(0, color="#1c2430", linewidth=1)
     unit = "%" if percent else "percentage points" if metric.binary else metric.unit
-    right.set_xlabel(f"difference to {summary.baseline}" + ("" if unit == "1" else f" [{unit}]"))
+    right.set_xlabel(f"difference from {summary.baseline}" + ("" if unit == "1" else f" [{unit}]"))
     for axes in (left, right):
         axes.grid(axis="x", color="#d9dee6", linewidth=0.8)
         axes.set_axisbelow(True)

@@ -61,7 +61,8 @@ def claims_html(claims: Sequence[Decided]) -> str:
     names = ("verdict", "claim", "printed", "ours, interval at 95 %")
     head = "".join(f"<th>{name}</th>" for name in names)
     rows = "".join(map(_row_html, claims))
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+    inner = f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody>"
+    return f'<div class="scroll"><table class="claims">{inner}</table></div>'
 
 
 def _row_html(one: Decided) -> str:
@@ -72,7 +73,7 @@ def _row_html(one: Decided) -> str:
     where = f'<span class="soft">{html.text("; ".join(one.claim.where))}</span>'
     claim = "<br>".join([where, html.text(one.claim.says), *soft])
     printed, ours = ("<br>".join(map(html.text, lines)) for lines in (_printed(one), numbers(one)))
-    others = "".join(f"<td>{cell}</td>" for cell in (claim, printed, ours))
+    others = f'<td>{claim}</td><td data-label="printed">{printed}</td><td data-label="ours">{ours}</td>'
     return f'<tr><td class="{style}">{html.text(_verdict(one))}</td>{others}</tr>'
 
 

@@ -54,8 +54,8 @@ def by_how_much(diagnosis: Diagnosis) -> str:
 
 def what_is_left(diagnosis: Diagnosis) -> str:
     """The error that remains, by the sensors' noise; empty where that is all."""
-    left = [f"{words(name)} {times:.1f} times" for name, times in diagnosis.above_noise.items()]
-    return f"What is left is above the sensors' noise ({listed(left)} it)." if left else ""
+    left = [f"{words(name)} {times:.1f}" for name, times in diagnosis.above_noise.items()]
+    return f"The remaining error exceeds the sensors' noise ({listed(left)} times)." if left else ""
 
 
 def most_improved(diagnosis: Diagnosis) -> str | None:
@@ -89,7 +89,7 @@ def how_sure(diagnosis: Diagnosis) -> str:
         parts.append(f"Caution: these data hardly determine {names}; excite the machine more.")
     if diagnosis.possible:
         names = listed([words(c.effect) for c in diagnosis.possible])
-        parts.append(f"Possible, but not to be told from none: {names}.")
+        parts.append(f"Possible, but not distinguishable from none: {names}.")
     return " ".join(parts)
 
 
@@ -111,7 +111,7 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
             '<code>gym.make(..., reality="extended.yaml")</code> and <code>fieldgym export</code>.'
         )
     if diagnosis.verdict == "unknown" or diagnosis.above_noise:
-        steps.append("Look at the shape of what is left below; it shows where to look in the machine.")
+        steps.append("Look at the shape of the remaining error below: it shows where in the machine to look.")
     return steps or ["Nothing: go on with this simulation."]
 
 

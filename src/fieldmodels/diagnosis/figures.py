@@ -75,7 +75,8 @@ def free(
                 axis.plot(time, run.simulated[key][name], label=names[key], **LINES[key])
             _limit(axis, values, values)
             axis.set_title(f"fit {_fits(run, name, runs)}", loc="right", fontsize=9)
-        axis.set_ylabel(label + (f" [{unit}]" if unit not in ("", "1") else ""))
+        between = " " if kind == "signal" else "\n"  # a low panel has no room for one line
+        axis.set_ylabel(label + (f"{between}[{unit}]" if unit not in ("", "1") else ""))
     axes[-1, 0].set_xlabel("time [s]")
     labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(*labels, frameon=False, ncols=3, loc="outside upper left")
@@ -130,13 +131,13 @@ def windows(
         )
         for key in runs:
             error, style = trace["measured"] - trace[key], {**LINES[key], "lw": 1.0, **dots}
-            top.plot(*_joined(trace["time"], trace[key], sparse), label=f"simulated {key}", **style)
+            top.plot(*_joined(trace["time"], trace[key], sparse), label=key, **style)
             below.plot(*_joined(trace["time"], error, sparse), **style)
         top.set_ylabel(f"{name} [{gain[name].unit}]")
         below.set_ylabel("error")
         _plain(top)
         _plain(below)
-    axes[0].legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
+    figure.legend(*axes[0].get_legend_handles_labels(), frameon=False, ncols=3, loc="outside upper left")
     axes[-1].set_xlabel("time [s]")
     return figure
 

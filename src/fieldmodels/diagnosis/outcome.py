@@ -262,7 +262,7 @@ class Diagnosis:
             )
         if self.possible:
             names = " and ".join(c.effect.replace("_", " ") for c in self.possible)
-            text += f" Possible, but not to be told from none: {names}."
+            text += f" Possible, but not distinguishable from none: {names}."
         if self.stopped:
             text += f" {self.stopped}"
         return text
