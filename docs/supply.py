@@ -18,6 +18,11 @@ LOCK, SBOM, PAGE = ROOT / "requirements.lock", ROOT / "sbom.cdx.json", ROOT / "d
 COPYLEFT = re.compile(r"\bA?L?GPL|Lesser General|Mozilla|MPL", re.IGNORECASE)
 
 
+def plain(name: str) -> str:
+    """A name as the index writes it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
 def pins() -> dict[str, str]:
     """Name to version of everything in ``constraints.txt``."""
     lines = (ROOT / "constraints.txt").read_text().splitlines()
@@ -87,10 +92,14 @@ def sbom(found: dict[str, tuple[str, str]]) -> str:
 
 
 def lock() -> str:
-    """The pins with the hashes of what pip would install here, for ``pip install --require-hashes``."""
+    """The pins with the hashes of what pip would install here, for ``pip install --require-hashes``.
+
+    Raises:
+        ValueError: If a pin needs a package that is not pinned, with which no installation by hashes ends.
+    """
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
-        command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--no-deps"]
+        command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed"]
         more = ["--quiet", "--report", str(report), "-r", str(ROOT / "constraints.txt")]
         subprocess.run([*command, *more], check=True)
         return locked(json.loads(report.read_text()))
@@ -101,6 +110,10 @@ def locked(report: dict) -> str:
     lines = [
         "# Made by `python docs/supply.py`, for this platform: pip install --require-hashes -r <this file>"
     ]
+    known = {plain(name) for name in pins()}
+    found = {one["metadata"]["name"]: one["metadata"]["version"] for one in report["install"]}
+    if missing := [f"{name}=={version}" for name, version in found.items() if plain(name) not in known]:
+        raise ValueError(f"constraints.txt lacks {', '.join(missing)}")
     for one in sorted(report["install"], key=lambda one: one["metadata"]["name"].lower()):
         digest = one["download_info"]["archive_info"]["hashes"]["sha256"]
         lines.append(f"{one['metadata']['name']}=={one['metadata']['version']} --hash=sha256:{digest}")

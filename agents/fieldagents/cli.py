@@ -6,6 +6,7 @@ import errno
 import io
 import json
 import sys
+import threading
 import warnings
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from contextvars import ContextVar
@@ -42,6 +43,8 @@ class _Commands(TyperGroup):
         with warnings.catch_warnings(), ExitStack() as held:
             warnings.showwarning = _show_warning
             _HELD.set(held)
+            held.callback(setattr, threading, "excepthook", threading.excepthook)
+            threading.excepthook = _thread_failed
 
             def leave() -> None:
                 _said("Stopped within a long step; files are whole, and what the command keeps serves again.")
@@ -58,6 +61,15 @@ class _Commands(TyperGroup):
                 if message is None:
                     raise
                 _fail(message, getattr(error, "exit_code", 2))
+
+
+def _thread_failed(failed: threading.ExceptHookArgs) -> None:
+    """What a thread of a library meets, such as a full disk, is said as any other; who waits for it ends."""
+    message = _message(failed.exc_value) if isinstance(failed.exc_value, Exception) else None
+    if message is None:
+        threading.__excepthook__(failed)
+    else:
+        _said(f"Warning: {message}")
 
 
 def _message(error: Exception) -> str | None:

@@ -1,15 +1,14 @@
 """Run a command again and again on a disk whose n-th operation fails; a line of JSON for each run.
 
-``python disk.py FOLDER ERRNO EVERY COMMAND...``, with ``disk.c`` preloaded; a word may hold ``{out}``. A
-negative ERRNO is a signal that kills there. Each run is a fork of this process, so that imports and compiled
-kernels are paid once.
+``python disk.py FOLDER ERRNO PLACES COMMAND...``, with ``disk.c`` preloaded; a word may hold ``{out}``. A
+negative ERRNO is a signal that kills there. So many places fail, spread evenly over all. Each run is a fork
+of this process, so that imports and compiled kernels are paid once.
 """
 
 import contextlib
 import ctypes
 import hashlib
 import io
-import itertools
 import json
 import os
 import sys
@@ -29,17 +28,17 @@ VOLATILE = (
 """Files that hold a clock's time: compared by being there."""
 
 
-def main(base: Path, error: int, every: int, words: list[str]) -> None:
+def main(base: Path, error: int, places: int, words: list[str]) -> None:
     import torch  # noqa: F401 - before the forks
 
     import fieldagents.evaluation
     import fieldagents.learned.session  # noqa: F401
     import fieldmodels.diagnosis.report  # noqa: F401
 
-    clean, operations = _run(base / "warm", words, 0, 0)[0], 0
+    _run(base / "warm", words, 0, 0)
     clean, operations = _run(base / "clean", words, 0, 0)
     print(json.dumps({"at": 0, "operations": operations, **clean}), flush=True)
-    for at in itertools.islice(range(1, operations + 1), 0, None, every):
+    for at in sorted({1 + k * operations // places for k in range(min(places, operations))}):
         out = base / f"at{at}"
         first, _ = _run(out, words, at, error)
         second, _ = _run(out, _resumed(words, out), 0, 0)

@@ -5,114 +5,84 @@ The disk fails below the program (``disk.c``, preloaded), so no line of the prog
 
 import errno
 import json
-import os
-import shutil
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from fieldagents.cli import app
 from fieldagents.learned.checkpoint import CheckpointError, checkpoints, latest_checkpoint, save_checkpoint
 from fieldmodels.files import OutputError, claimed, write_text
-from fieldmodels.yaml import save_yaml
 
-HERE = Path(__file__).parent
-COMPILER = shutil.which("cc")
-RECORD = {
-    "name": "log", "model": "rig", "reality": {"coulomb_friction": {"force": 0.5}}, "duration": 6,
-    "excitation": {"amplitude": 3},
-}  # fmt: skip
-EVALUATE = {
-    "name": "two", "task": "heel_strike", "environments": {"usual": {"settings": {"strides": 5}}},
-    "agents": ["adaptive", "ranger"], "baseline": "ranger", "episodes": 3,
-}  # fmt: skip
-TRAIN = {
-    "name": "tiny", "task": "heel_strike", "algorithm": "ppo", "seed": 1, "steps": 192, "num_envs": 4,
-    "checkpoint_every": 1, "environment": {"settings": {"strides": 5}}, "network": {"hidden": [4]},
-    "learner": {"n_steps": 16, "batch_size": 32, "n_epochs": 1}, "validation": {"every": 2, "episodes": 2},
-}  # fmt: skip
-SWEEP = {"name": "grid", "grid": {"seed": [1]}}
-EVERY = {"record": 1, "diagnose": 9, "evaluate": 9, "train": 23, "exam": 6, "sweep": 29}
-"""Of how many places one fails; the others are of the same kinds."""
-KILL = -signal.SIGKILL
-SENTENCE = {errno.ENOSPC: "No space left on device", errno.EIO: "Input/output error"}
+sys.path.insert(0, str(Path(__file__).parent))
 
+import matrix
 
-def commands(folder):
-    sweep = SWEEP | {"train": [f"{folder}/train.yaml"]}
-    for name, config in (("record", RECORD), ("evaluate", EVALUATE), ("train", TRAIN), ("sweep", sweep)):
-        save_yaml(config, folder / f"{name}.yaml")
-    return {
-        "record": ["record", f"{folder}/record.yaml", "--out", "{out}"],
-        "diagnose": ["diagnose", f"{folder}/log/log.csv", "--model", "rig", "--out", "{out}", "--json"],
-        "evaluate": ["evaluate", f"{folder}/evaluate.yaml", "--out", "{out}", "--json"],
-        "train": ["train", f"{folder}/train.yaml", "--out", "{out}", "--json"],
-        "sweep": ["sweep", f"{folder}/sweep.yaml", "--out", "{out}", "--workers", "0", "--json"],
-        "exam": [
-            "exam", "--set", "develop", "--machine", "rig", "--kind", "nothing", "--cases", "1",
-            "--workers", "0", "--out", "{out}", "--json",
-        ],
-    }  # fmt: skip
-
-
-def run_on_failing_disk(folder, name, error, every):
-    """A line for the clean run, and one for each place of failure."""
-    library = folder / "disk.so"
-    subprocess.run([COMPILER, "-shared", "-fPIC", "-O1", "-o", library, HERE / "disk.c", "-ldl"], check=True)
-    words = commands(folder)
-    if name == "diagnose":
-        from fieldagents.cli import app
-
-        app(["record", f"{folder}/record.yaml", "--out", f"{folder}/log"], standalone_mode=False)
-    command = [sys.executable, HERE / "disk.py", folder, str(error), str(every), *words[name]]
-    environment = {**os.environ, "LD_PRELOAD": str(library), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return [json.loads(line) for line in done.stdout.splitlines()]
-
-
-def check(lines, error):
-    clean, *rest = lines
-    assert clean["code"] == 0, clean["said"]
-    assert clean["operations"] >= 4  # a write and a rename of two files at least
-    assert rest
-    whole = clean["files"]
-    for line in rest:
-        first, second = line["first"], line["second"]
-        assert "Traceback" not in first["said"], first["said"]
-        if error < 0:
-            assert first["code"] == error
-        elif first["code"] != 0:
-            assert first["code"] in (1, 2), first["said"]  # 1: of a job
-            assert SENTENCE[error] in first["said"]
-        for name, digest in first["files"].items():
-            part = (
-                "checkpoints" in name or "curve.csv" in name or name.endswith(".jsonl")
-            )  # of an earlier step
-            left = ".part" in name or Path(name).name in (".lock", "error.txt")
-            assert part or left or digest == whole.get(name), (line["at"], name)
-        assert second["code"] == 0, second["said"]
-        assert second["files"] == whole, line["at"]
-
-
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
+needs_compiler = pytest.mark.skipif(matrix.COMPILER is None, reason="needs a C compiler")
 
 
 @needs_compiler
-def test_a_recording_survives_every_failure_of_the_disk(tmp_path):
-    check(run_on_failing_disk(tmp_path, "record", errno.ENOSPC, 1), errno.ENOSPC)
+@pytest.mark.parametrize("failure", matrix.FAILURES)
+def test_a_recording_survives_every_failure_of_the_disk(failure):
+    found = matrix.examined("record", matrix.FAILURES[failure], 7)
+    assert found["tried"] >= 4  # a write and a rename of two files at least
+    assert found["faults"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # all places: `python tests/faults/matrix.py`
 @needs_compiler
-@pytest.mark.parametrize("error", [*SENTENCE, KILL])
-@pytest.mark.parametrize("name", EVERY)
-def test_every_command_survives_every_failure_of_the_disk(tmp_path, name, error):
-    lines = run_on_failing_disk(tmp_path, name, error, EVERY[name])
-    print(f"{name}: {len(lines) - 1} of {lines[0]['operations']} places")
-    check(lines, error)
+@pytest.mark.parametrize("failure", matrix.FAILURES)
+@pytest.mark.parametrize("name", matrix.COMMANDS)
+def test_every_command_survives_failures_of_the_disk(name, failure):
+    assert matrix.examined(name, matrix.FAILURES[failure], 5)["faults"] == []
+
+
+def test_the_page_has_what_the_matrix_found():
+    kept = json.loads(matrix.KEPT.read_text())
+    assert {"record", "evaluate", "train"} <= set(kept)
+    page = matrix.PAGE.read_text()
+    for name, row in kept.items():
+        assert set(row) == set(matrix.FAILURES)
+        cells = " | ".join(f"{one['tried']} of {one['places']}" for one in row.values())
+        assert f"| {name} | {cells} |" in page
+
+
+WHOLE = {"a": "1", "b": "2"}
+LINES = {
+    "torn": (
+        {"code": 2, "said": "No space left on device", "files": {"a": "3"}},
+        {"code": 0, "files": WHOLE},
+    ),
+    "traceback": (
+        {"code": 1, "said": "Traceback\nOSError: No space left on device", "files": {}},
+        {"code": 0, "files": WHOLE},
+    ),
+    "does not say": ({"code": 2, "said": "Error: no", "files": {}}, {"code": 0, "files": WHOLE}),
+    "second run differs in b": (
+        {"code": 0, "said": "", "files": {}},
+        {"code": 0, "files": {"a": "1", "b": "3"}},
+    ),
+    "second run ends": ({"code": 0, "said": "", "files": {}}, {"code": 2, "said": "", "files": {}}),
+}
+
+
+@pytest.mark.parametrize("what", LINES)
+def test_the_matrix_sees_what_is_wrong(what):
+    first, second = LINES[what]
+    (found,) = matrix.wrong({"first": first, "second": second}, WHOLE, errno.ENOSPC)
+    assert what in found
+    good = {"code": 2, "said": "No space left on device", "files": {"a": "1", ".b.part": "0"}}
+    assert matrix.wrong({"first": good, "second": {"code": 0, "files": WHOLE}}, WHOLE, errno.ENOSPC) == []
+
+
+@pytest.mark.parametrize("name", matrix.COMMANDS)
+def test_the_second_of_two_writers_is_told(tmp_path, name):
+    words = [*matrix.prepared(tmp_path, name), "--out", str(tmp_path / "out")]
+    with claimed(tmp_path / "out"):
+        told = CliRunner().invoke(app, words)
+    assert (told.exit_code, "another process is writing here" in told.output) == (2, True), told.output
 
 
 def test_a_folder_has_one_writer(tmp_path):
@@ -161,6 +131,14 @@ def test_an_earlier_checkpoint_serves_where_the_newest_is_damaged(tmp_path):
     (tmp_path / "000000000016.pt").write_bytes(b"")
     with pytest.raises(CheckpointError, match="000000000016"):
         latest_checkpoint(tmp_path, said.append)
+
+
+def test_equal_states_are_equal_files(tmp_path):
+    words = ["a b", "".join(["a", " b"])]
+    assert words[0] is not words[1]
+    for name, keys in (("1.pt", words), ("2.pt", words[:1] * 2)):
+        save_checkpoint({"steps": 1, "names": keys}, tmp_path / name)
+    assert (tmp_path / "1.pt").read_bytes() == (tmp_path / "2.pt").read_bytes()
 
 
 def test_a_kill_within_the_first_checkpoint_leaves_none(tmp_path):

@@ -115,6 +115,28 @@ def test_a_killed_command_leaves_nothing_half_written(log, tmp_path):
     assert [name for name in kept if not name.startswith(".")] == []
 
 
+def test_what_a_library_s_thread_meets_is_a_warning(tmp_path):
+    code = """
+import errno, threading, fieldagents.catalogue as room
+from fieldagents.cli import main
+
+def full():
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+def work(*given, **named):
+    thread = threading.Thread(target=full)
+    thread.start()
+    thread.join()
+    return {}
+
+room.catalogue = work
+room.selected = lambda *_: {}
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code, "list", "--json"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "Warning: writing: No space left on device\n")
+
+
 def test_exit_codes_are_those_of_the_page(log, tmp_path):
     page = (DOCS / "cli.md").read_text()
     table = dict(re.findall(r"^\| (\d+) \| (.+) \|$", page, re.MULTILINE))

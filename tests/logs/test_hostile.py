@@ -61,6 +61,13 @@ def test_text_that_is_no_table(tmp_path):
         refused("/dev/zero", "is a device or a pipe")
 
 
+def test_an_integer_without_end_is_refused(tmp_path):
+    path = tmp_path / "log.json"
+    rows = [f'{{"t": {k / 100}, "force": {k % 7}, "position": {k % 5}}}' for k in range(300)]
+    path.write_text(f"[{','.join(rows)}]".replace('"position": 3', '"position": ' + "9" * 400, 1))
+    refused(path, "position", "a number beyond 1e308")
+
+
 def test_a_header_of_many_columns_is_read_whole(tmp_path):
     names = ["t", "force", *(f"c{k}_{'x' * 90}" for k in range(2000)), "position"]
     path = tmp_path / "wide.csv"

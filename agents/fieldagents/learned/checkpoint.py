@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import random
+import sys
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from fieldmodels.files import replacing
+from fieldmodels.files import write_bytes
 
 SCHEMA = 3
 NPY = "npy"
@@ -30,8 +31,9 @@ class CheckpointError(ValueError):
 def save_checkpoint(state: dict[str, Any], path: Path) -> None:
     """Write a checkpoint; it appears whole or not at all."""
     whole = {"schema": SCHEMA, **{key: to_plain(value) for key, value in state.items()}}
-    with replacing(path) as temporary, temporary.open("wb") as file:  # Python's own errors, as of a full disk
-        torch.save(whole, file)
+    stream = io.BytesIO()  # torch's own writer hides the errors of a full disk
+    torch.save(whole, stream)
+    write_bytes(path, stream.getbuffer())
 
 
 def checkpoints(folder: Path) -> list[Path]:
@@ -78,10 +80,13 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
 def to_plain(value: Any) -> Any:
     """Turn nested arrays and NumPy scalars into tensors and Python numbers.
 
-    A structured array, for which torch has no type, becomes the bytes of an ``.npy`` file.
+    A structured array, for which torch has no type, becomes the bytes of an ``.npy`` file. Equal texts become
+    one object: a file refers to what it has written before, and a resumed run's is equal to the last byte.
     """
+    if isinstance(value, str):
+        return sys.intern(value)
     if isinstance(value, dict):
-        return {key: to_plain(item) for key, item in value.items()}
+        return {to_plain(key): to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | deque):
         return [to_plain(item) for item in value]
     if isinstance(value, np.ndarray):

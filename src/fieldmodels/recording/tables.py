@@ -150,12 +150,14 @@ class SeriesTable(Table):
         if values.dtype.kind in "OUS":
             try:
                 return seconds(pa.array(values.ravel().tolist(), pa.string()))
-            except (pa.ArrowException, TypeError):
+            except (pa.ArrowException, TypeError, OverflowError):
                 pass
         try:
             return np.array(values, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             raise self.fail([Problem("holds text, not numbers", name)]) from None
+        except OverflowError:  # JSON's integers have no end
+            raise self.fail([Problem("holds a number beyond 1e308", name)]) from None
 
 
 @contextmanager
