@@ -1,9 +1,9 @@
 """A fuzzer guided by coverage, for what is read from files: configs, realities, bench files, tables.
 
 ``python tests/faults/fuzz.py INPUTS [SEED [DOOR...]]`` hands each door so many inputs, prints what got
-through as anything but an answer or a clear message, and publishes the counts in docs/faults.md. An input that
-reaches a line of the project by a way that none before it took is kept and changed further. Everything is made
-from the seed.
+through as anything but an answer or a clear message, and publishes the counts in docs/faults.md. An input
+that reaches a line of the project by a way that none before it took is kept and changed further. All is
+made from the seed.
 """
 
 import json
