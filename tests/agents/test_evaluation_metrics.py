@@ -1,7 +1,6 @@
 """Episodes' numbers from steps; metrics that an episode may lack; shares; decision times."""
 
 import json
-import time
 
 import numpy as np
 import pandas as pd
@@ -10,6 +9,7 @@ from rich.console import Console
 
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
+from fieldagents.evaluation import episodes
 from fieldagents.evaluation.episodes import MetricError, Tally, play_episodes
 from fieldagents.evaluation.report import report_section, show
 from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise
@@ -54,19 +54,45 @@ def test_values_that_a_metric_does_not_allow_are_refused():
         tallied(Metric("x", "1", "", "x", over="last", binary=True), x=[[0.5, 1]] * 3)
 
 
+class Clock:
+    """A clock that others set forward."""
+
+    now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+
 class Slow(Agent):
     """Takes 4 ms for every call."""
 
     name = "slow"
 
+    def __init__(self, clock):
+        self.clock = clock
+
     def act(self, observation, info):
-        time.sleep(0.004)
+        self.clock.now += 0.004
         return np.zeros((len(observation), 3), dtype=np.float32)
 
 
-def test_decision_time_is_of_the_agent_alone_and_of_one_environment():
-    played = play_episodes(Slow(), "heel_strike", EnvironmentConfig(settings={"strides": 5}), TEST_SEEDS[:4])
-    assert 1.0 <= played.decision_ms < 3.0
+def test_decision_time_is_of_the_agent_alone_and_of_one_environment(monkeypatch):
+    clock = Clock()
+
+    def slowly(function):
+        def call(*arguments):
+            clock.now += 1.0
+            return function(*arguments)
+
+        return call
+
+    monkeypatch.setattr(episodes, "time", clock)
+    for others in ("checked_actions", "visible"):
+        monkeypatch.setattr(episodes, others, slowly(getattr(episodes, others)))
+    environment = EnvironmentConfig(settings={"strides": 5})
+    played = play_episodes(Slow(clock), "heel_strike", environment, TEST_SEEDS[:4])
+    assert clock.now > 10.0
+    assert played.decision_ms == pytest.approx(1.0)
 
 
 TOY = (
