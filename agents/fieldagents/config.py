@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -24,6 +24,8 @@ from fieldmodels.names import did_you_mean
 from fieldmodels.yaml import YamlError, load_yaml, parse_yaml, read_text
 
 Location = tuple[str | int, ...]
+Problems = Iterable[tuple[Location, str]]
+"""What is wrong, and where below the value at hand."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="used as a folder name")]
 
 
@@ -42,9 +44,26 @@ class ConfigError(ValueError):
 class ProblemsError(ValueError):
     """Raised inside a validator to report several problems below the place that is being validated."""
 
-    def __init__(self, problems: Sequence[tuple[Location, str]]) -> None:
+    def __init__(self, problems: Problems) -> None:
         self.problems = tuple(problems)
         super().__init__("; ".join(message for _, message in self.problems))
+
+
+def checked(find: Callable[..., Problems], *others: str) -> AfterValidator:
+    """A validator of a key by other keys before it; where one of these is wrong, that comes first.
+
+    Args:
+        find: Called with the value and those of the others; finds what is wrong, or raises ValueError.
+        others: The other keys.
+    """
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        known = set(others) <= set(info.data)
+        if known and (problems := tuple(find(value, *(info.data[key] for key in others)))):
+            raise ProblemsError(problems)
+        return value
+
+    return AfterValidator(validate)
 
 
 class Config(BaseModel):
@@ -75,56 +94,54 @@ class EnvironmentConfig(Config):
     reality: RealityConfig = None
 
 
-def check_environment(task: str, environment: EnvironmentConfig) -> None:
-    """Check settings and reality against the task.
+def wrong_environment(environment: EnvironmentConfig, task: str) -> Problems:
+    """Every unknown key, wrong value and unknown effect in a task's environment."""
+    from fieldgym import find_task
 
-    Raises:
-        ProblemsError: With every unknown key, wrong value and unknown effect.
-    """
+    declared = find_task(task)
+    for at, message in wrong_settings(environment.settings, task):
+        yield ("settings", *at), message
+    for at, message in wrong_reality(environment.reality, declared.model, declared.channels):
+        yield ("reality", *at), message
+
+
+def wrong_settings(settings: dict[str, Any], task: str) -> Problems:
+    """Every unknown key and wrong value in a task's settings."""
     from fieldgym import find_task
     from fieldgym.settings import take_samplers
 
-    problems: list[tuple[Location, str]] = []
-    declared = find_task(task)
-    kind = declared.settings
-    fixed, _, wrong = take_samplers(environment.settings, kind)
-    problems += [(("settings", name), message) for name, message in wrong]
+    kind = find_task(task).settings
+    fixed, _, wrong = take_samplers(settings, kind)
+    yield from (((name,), message) for name, message in wrong)
+    yield from invalid(fixed, kind)
+
+
+def invalid(value: Any, kind: Any) -> Problems:
+    """What is wrong with a value of a type that pydantic knows."""
     try:
-        TypeAdapter(kind).validate_python(fixed)
+        TypeAdapter(kind).validate_python(value)
     except ValidationError as error:
-        problems += [(("settings", *at), message) for at, message in readable(error, kind)]
-    try:
-        check_reality(declared.model, environment.reality, declared.channels)
-    except ProblemsError as error:
-        problems += [(("reality", *at), message) for at, message in error.problems]
-    if problems:
-        raise ProblemsError(problems)
+        yield from readable(error, kind)
 
 
-def check_reality(model: str, reality: Any, channels: Any = None) -> None:
-    """Check a reality against a model and the stock effects around it.
+def wrong_reality(reality: Any, model: str, channels: Any = None) -> Problems:
+    """Every unknown effect, unknown parameter and value out of bounds in a reality.
 
     Args:
-        model: Name of the model.
         reality: The reality.
+        model: Name of the model; stock effects around it are known too.
         channels: Which of the model's signals a task commands and measures; None for all.
-
-    Raises:
-        ProblemsError: With every unknown effect, unknown parameter and value out of bounds.
     """
     from fieldmodels.drivers.named import flown, stock_of
     from fieldmodels.registry import get_model
 
-    problems: list[tuple[Location, str]] = []
     chosen = get_model(model)
     known = {effect.name for effect in chosen.effects} | set(stock_of(chosen))
     for at, part in _parts(reality, known):
         try:
             flown(chosen, part, channels)
         except (ModelError, YamlError) as error:
-            problems.append((at, str(error)))
-    if problems:
-        raise ProblemsError(problems)
+            yield at, str(error)
 
 
 def _parts(reality: Any, effects: Collection[str]) -> Iterator[tuple[Location, Any]]:
@@ -177,16 +194,11 @@ def _task(name: str, info: ValidationInfo) -> str:
     return check_task(name, info.context)
 
 
-def _fitting(environment: EnvironmentConfig, info: ValidationInfo) -> EnvironmentConfig:
-    if "task" in info.data:
-        check_environment(info.data["task"], environment)
-    return environment
-
-
 TaskName = Annotated[str, AfterValidator(_task)]
 """A config's task."""
-TaskEnvironment = Annotated[EnvironmentConfig, AfterValidator(_fitting)]
-"""An environment of the config's task, which must come first."""
+TaskEnvironment = Annotated[EnvironmentConfig, checked(wrong_environment, "task")]
+TaskSettings = Annotated[dict[str, Any], checked(wrong_settings, "task")]
+"""An environment, or settings, of the config's task, which must come first."""
 
 C = TypeVar("C", bound=BaseModel)
 
@@ -258,12 +270,8 @@ def environment_of(task: str, overrides: Sequence[str] = ()) -> EnvironmentConfi
     except ValueError as error:
         raise ConfigError([str(error)]) from None
     environment = _checked({}, places, EnvironmentConfig, overrides)
-    try:
-        check_environment(task, environment)
-    except ProblemsError as error:
-        raise ConfigError(
-            [f"{_place(at, places)}: {'.'.join(map(str, at))}: {message}" for at, message in error.problems]
-        ) from None
+    if problems := [_written(at, message, places) for at, message in wrong_environment(environment, task)]:
+        raise ConfigError(problems)
     return environment
 
 
@@ -277,8 +285,7 @@ def _checked(data: dict[str, Any], places: dict[Location, str], kind: type[C], o
     try:
         config = kind.model_validate(data, context=overrides)
     except ValidationError as error:
-        for at, message in readable(error, kind):
-            problems.append(f"{_place(at, places)}: {'.'.join(map(str, at))}: {message}")
+        problems += [_written(at, message, places) for at, message in readable(error, kind)]
     if problems:
         raise ConfigError(problems)
     return config
@@ -303,11 +310,12 @@ def _places(path: Path, text: str) -> Iterator[tuple[Location, str]]:
     yield from walk(node, ())
 
 
-def _place(at: Location, places: Mapping[Location, str]) -> str:
-    """Place of the innermost part of a location that is written down somewhere."""
-    while at not in places:
-        at = at[:-1]
-    return places[at]
+def _written(at: Location, message: str, places: Mapping[Location, str]) -> str:
+    """A mistake with the place of the innermost part of its location that is written down somewhere."""
+    inner = at
+    while inner not in places:
+        inner = inner[:-1]
+    return f"{places[inner]}: {'.'.join(map(str, at))}: {message}"
 
 
 def _override(data: dict[str, Any], places: dict[Location, str], text: str) -> str | None:

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldagents.config import EnvironmentConfig, check_environment
+from fieldagents.config import EnvironmentConfig, wrong_environment
 from fieldmodels.effects import actuators, changes, sensors
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -119,7 +119,7 @@ def test_the_example_on_the_page_of_realities_predicts(capsys):
 def test_the_reality_on_the_page_of_realities_can_be_flown():
     (block,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "realities.md").read_text(), re.DOTALL)
     reality = YAML(typ="safe", pure=True).load(block)["reality"]
-    check_environment("line_following", EnvironmentConfig(reality=reality))
+    assert not list(wrong_environment(EnvironmentConfig(reality=reality), "line_following"))
     assert gymnasium.make("fieldgym/LineFollowing-v1", reality=reality).reset(seed=0)[1]["privileged"][
         "reality"
     ]

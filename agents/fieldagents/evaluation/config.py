@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from pydantic import Field, ValidationInfo, field_validator
+from typing import Annotated
 
-from fieldagents.config import (
-    Config,
-    Location,
-    Name,
-    ProblemsError,
-    TaskEnvironment,
-    TaskName,
-)
+from pydantic import Field
+
+from fieldagents.config import Config, Name, Problems, TaskEnvironment, TaskName, checked
 from fieldagents.evaluation.agents import known_agent
 from fieldmodels.names import did_you_mean
+
+
+def _wrong_agents(agents: list[str], task: str) -> Problems:
+    for i, name in enumerate(agents):
+        if name in agents[:i]:
+            yield (i,), f"agent {name!r} is listed twice"
+        elif problem := known_agent(name, task):
+            yield (i,), problem
+
+
+def _not_among(baseline: str, agents: list[str]) -> Problems:
+    if baseline not in agents:
+        yield (), f"{baseline!r} is not among the agents{did_you_mean(baseline, agents)}"
+
+
+def _unknown(baseline: str, task: str) -> Problems:
+    if problem := known_agent(baseline, task):
+        yield (), problem
 
 
 class EvaluateConfig(Config):
@@ -34,30 +47,7 @@ class EvaluateConfig(Config):
     name: Name
     task: TaskName
     environments: dict[Name, TaskEnvironment] = Field(min_length=1)
-    agents: list[str] = Field(min_length=1)
-    baseline: str
+    agents: Annotated[list[str], Field(min_length=1), checked(_wrong_agents, "task")]
+    baseline: Annotated[str, checked(_not_among, "agents"), checked(_unknown, "task")]
     trust_pickle: bool = False
     episodes: int = Field(default=100, ge=2, le=10_000)
-
-    @field_validator("agents")
-    @classmethod
-    def _agents_exist(cls, agents: list[str], info: ValidationInfo) -> list[str]:
-        problems: list[tuple[Location, str]] = []
-        for i, name in enumerate(agents):
-            if name in agents[:i]:
-                problems.append(((i,), f"agent {name!r} is listed twice"))
-            elif "task" in info.data and (problem := known_agent(name, info.data["task"])):
-                problems.append(((i,), problem))
-        if problems:
-            raise ProblemsError(problems)
-        return agents
-
-    @field_validator("baseline")
-    @classmethod
-    def _baseline_takes_part(cls, baseline: str, info: ValidationInfo) -> str:
-        agents = info.data.get("agents")
-        if agents is not None and baseline not in agents:
-            raise ValueError(f"{baseline!r} is not among the agents{did_you_mean(baseline, agents)}")
-        if agents is None and "task" in info.data and (problem := known_agent(baseline, info.data["task"])):
-            raise ValueError(problem)
-        return baseline

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import pandas as pd
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from fieldagents.config import Config, ConfigError, Name, ProblemsError, load_config
+from fieldagents.config import Config, ConfigError, Name, Problems, checked, load_config
 from fieldagents.evaluation.comparison import Interval
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.evaluate import evaluate
@@ -36,6 +37,22 @@ class Member(Config):
     ceiling: str | float = ""
 
 
+def _wrong_members(suite: dict[str, Member]) -> Problems:
+    for name, member in suite.items():
+        try:
+            config = load_config(Path(name), EvaluateConfig)
+        except ConfigError as error:
+            yield from (((name,), one) for one in error.problems)
+            continue
+        metrics = [metric.name for metric in get_task(config.task).metrics]
+        asked = [("metric", member.metric, metrics), ("reference", member.reference, config.agents)]
+        if isinstance(member.ceiling, str):
+            asked.append(("ceiling", member.ceiling, config.agents))
+        for key, value, known in asked:
+            if value and value not in known:
+                yield (name, key), f"there is no {value!r}{did_you_mean(value, known)}"
+
+
 class SuiteConfig(Config):
     """Several evaluations.
 
@@ -46,31 +63,8 @@ class SuiteConfig(Config):
     """
 
     name: Name
-    suite: dict[str, Member] = Field(min_length=1)
+    suite: Annotated[dict[str, Member], Field(min_length=1), checked(_wrong_members)]
     episodes: int | None = Field(default=None, ge=2, le=10_000)
-
-    @field_validator("suite")
-    @classmethod
-    def _members_fit(cls, suite: dict[str, Member]) -> dict[str, Member]:
-        problems: list[tuple[tuple[str | int, ...], str]] = []
-        for name, member in suite.items():
-            try:
-                config = load_config(Path(name), EvaluateConfig)
-            except ConfigError as error:
-                problems += [((name,), one) for one in error.problems]
-                continue
-            metrics = [metric.name for metric in get_task(config.task).metrics]
-            asked = [("metric", member.metric, metrics), ("reference", member.reference, config.agents)]
-            if isinstance(member.ceiling, str):
-                asked.append(("ceiling", member.ceiling, config.agents))
-            problems += [
-                ((name, key), f"there is no {value!r}{did_you_mean(value, known)}")
-                for key, value, known in asked
-                if value and value not in known
-            ]
-        if problems:
-            raise ProblemsError(problems)
-        return suite
 
     def members(self) -> dict[str, EvaluateConfig]:
         """Each evaluation's config."""

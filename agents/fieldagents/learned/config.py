@@ -6,17 +6,17 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
+from pydantic import Field, PositiveFloat, PositiveInt
 
 from fieldagents.config import (
     Config,
     EnvironmentConfig,
-    Location,
     Name,
-    ProblemsError,
+    Problems,
     TaskEnvironment,
     TaskName,
-    check_environment,
+    checked,
+    wrong_environment,
 )
 from fieldagents.evaluation.agents import known_agent
 from fieldagents.policies.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
@@ -84,6 +84,37 @@ class ImitationConfig(Config):
     errors would lead the policy away from what was imitated."""
 
 
+def _wrong_further(
+    also: tuple[EnvironmentConfig, ...], task: str, first: EnvironmentConfig, rows: int, twins: int
+) -> Problems:
+    for i, one in enumerate(also):
+        for at, message in wrong_environment(_filled_up(one, first), task):
+            yield (i, *at), message
+    if len(also) >= rows:
+        yield (), f"{len(also) + 1} environments need as many rows at least: raise num_envs"
+    if twins > 1 and rows % (twins * (len(also) + 1)):
+        yield (), f"groups of {twins} twins in {len(also) + 1} environments do not divide num_envs, {rows}"
+
+
+def _no_algorithm(algorithm: str) -> Problems:
+    find_algorithm(algorithm)
+    return ()
+
+
+def _no_teacher(imitate: ImitationConfig | None, task: str, steps: int) -> Problems:
+    if imitate is None:
+        if steps == 0:
+            yield (), "without steps there must be somebody to imitate"
+    elif problem := known_agent(imitate.teacher, task):
+        yield ("teacher",), problem
+
+
+def _wrong_learner(learner: dict[str, Any], algorithm: str, steps: int, num_envs: int) -> Problems:
+    kind = find_algorithm(algorithm)
+    problems = wrong_arguments(kind, learner) or _sizes_that_do_not_fit(kind, learner, steps, num_envs)
+    return [((key,), message) for key, message in problems]
+
+
 class TrainConfig(Config):
     """A training run, whole."""
 
@@ -91,7 +122,7 @@ class TrainConfig(Config):
     """Name of the run; its folder is ``runs/<task>/<name>-<hash of this config>``."""
     task: TaskName
     """Name of the task, as ``fieldgym list`` prints it."""
-    algorithm: str = "ppo"
+    algorithm: Annotated[str, checked(_no_algorithm)] = "ppo"
     """Of Stable-Baselines3 or sb3-contrib (``ppo``, ``sac``, ``recurrent_ppo``), or ``module:Class``."""
     policy: str = "MlpPolicy"
     """The library's name of a policy."""
@@ -110,68 +141,22 @@ class TrainConfig(Config):
     checkpoint_every: PositiveInt = 10
     """Rounds between two checkpoints."""
     environment: TaskEnvironment = EnvironmentConfig()
-    also: tuple[EnvironmentConfig, ...] = Field(default=(), validate_default=True)
+    also: Annotated[
+        tuple[EnvironmentConfig, ...], checked(_wrong_further, "task", "environment", "num_envs", "twins")
+    ] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
-    learner: dict[str, Any] = Field(default_factory=dict, validate_default=True)
+    learner: Annotated[dict[str, Any], checked(_wrong_learner, "algorithm", "steps", "num_envs")] = Field(
+        default_factory=dict, validate_default=True
+    )
     """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
     linear`` lets the learning rate fall to zero at the end of training."""
-    imitate: ImitationConfig | None = Field(default=None, validate_default=True)
+    imitate: Annotated[ImitationConfig | None, checked(_no_teacher, "task", "steps")] = Field(
+        default=None, validate_default=True
+    )
     network: NetworkConfig = NetworkConfig()
     normalise: NormaliseConfig = NormaliseConfig()
     validation: ValidationConfig = ValidationConfig()
-
-    @field_validator("also")
-    @classmethod
-    def _further_environments_fit(
-        cls, also: tuple[EnvironmentConfig, ...], info: ValidationInfo
-    ) -> tuple[EnvironmentConfig, ...]:
-        if "task" in info.data and "environment" in info.data:
-            problems: list[tuple[Location, str]] = []
-            for i, one in enumerate(also):
-                try:
-                    check_environment(info.data["task"], _filled_up(one, info.data["environment"]))
-                except ProblemsError as error:
-                    problems += [((i, *at), message) for at, message in error.problems]
-            if problems:
-                raise ProblemsError(problems)
-        rows, twins = info.data.get("num_envs", len(also) + 1), info.data.get("twins", 1)
-        if len(also) >= rows:
-            raise ValueError(f"{len(also) + 1} environments need as many rows at least: raise num_envs")
-        if twins > 1 and rows % (twins * (len(also) + 1)):
-            raise ValueError(
-                f"groups of {twins} twins in {len(also) + 1} environments do not divide num_envs, {rows}"
-            )
-        return also
-
-    @field_validator("algorithm")
-    @classmethod
-    def _algorithm_exists(cls, algorithm: str) -> str:
-        find_algorithm(algorithm)
-        return algorithm
-
-    @field_validator("imitate")
-    @classmethod
-    def _teacher_exists(cls, imitate: ImitationConfig | None, info: ValidationInfo) -> ImitationConfig | None:
-        if imitate is None:
-            if info.data.get("steps") == 0:
-                raise ValueError("without steps there must be somebody to imitate")
-        elif "task" in info.data and (problem := known_agent(imitate.teacher, info.data["task"])):
-            raise ProblemsError([(("teacher",), problem)])
-        return imitate
-
-    @field_validator("learner")
-    @classmethod
-    def _arguments_fit(cls, learner: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        if not {"algorithm", "steps", "num_envs"} <= set(info.data):
-            return learner  # what is wrong with these comes first
-        kind = find_algorithm(info.data["algorithm"])
-        problems = wrong_arguments(kind, learner)
-        if not problems:
-            problems = _sizes_that_do_not_fit(kind, learner, info.data["steps"], info.data["num_envs"])
-        if problems:
-            raise ProblemsError([((key,), message) for key, message in problems])
-        return learner
 
     @property
     def environments(self) -> tuple[EnvironmentConfig, ...]:
@@ -227,9 +212,9 @@ def _sizes_that_do_not_fit(
             )
             return [("batch_size", message)]
         return []
-    problems = []
     if not steps:
         return []
+    problems = []
     starts, size = argument("learning_starts", 0), argument("buffer_size", 1_000_000)
     if starts >= steps:
         problems.append(("learning_starts", f"{starts} leaves none of the {steps} steps"))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from fieldagents.config import (
     Config,
-    EnvironmentConfig,
     Name,
+    Problems,
     RealityConfig,
-    check_environment,
-    check_reality,
+    checked,
+    wrong_reality,
+    wrong_settings,
 )
 from fieldagents.task import recorder_of
 from fieldgym import TASKS
@@ -49,6 +50,13 @@ DRIVEN = ("excitation", "input", "step", "episodes", "noise")
 """Keys of a recording of a model with a commanded input."""
 
 
+def _wrong_settings(settings: dict[str, Any] | None, model: str) -> Problems:
+    recorder = recorder_of(model)
+    if settings is None or recorder is None or "settings" not in recorder.keys:
+        return ()
+    return wrong_settings(settings, next(task.name for task in TASKS.values() if task.model == model))
+
+
 class RecordConfig(Config):
     """What `fieldgym record` reads: a model in a (hidden) reality, measured for a while.
 
@@ -71,11 +79,11 @@ class RecordConfig(Config):
 
     name: Name
     model: str
-    reality: RealityConfig = None
+    reality: Annotated[RealityConfig, checked(wrong_reality, "model")] = None
     excitation: ExcitationConfig | None = None
     input: Path | None = None
     walk: WalkConfig | None = None
-    settings: dict[str, Any] | None = None
+    settings: Annotated[dict[str, Any] | None, checked(_wrong_settings, "model")] = None
     duration: float = Field(gt=0, le=36_000)
     step: float | None = Field(default=None, gt=0, le=1)
     episodes: int = Field(default=1, ge=1, le=1000)
@@ -91,13 +99,6 @@ class RecordConfig(Config):
         get_model(model)
         return model
 
-    @field_validator("reality")
-    @classmethod
-    def _reality_fits(cls, reality: Any, info: ValidationInfo) -> Any:
-        if "model" in info.data:
-            check_reality(info.data["model"], reality)
-        return reality
-
     @field_validator("excitation", "input", "walk", "settings", "step", "episodes", "noise")
     @classmethod
     def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
@@ -107,7 +108,4 @@ class RecordConfig(Config):
         recorder = recorder_of(model)
         if info.field_name not in (recorder.keys if recorder else DRIVEN):
             raise ValueError(f"model {model!r} does not take this key; leave it out")
-        if info.field_name == "settings" and value is not None:
-            task = next(task.name for task in TASKS.values() if task.model == model)
-            check_environment(task, EnvironmentConfig(settings=value))
         return value

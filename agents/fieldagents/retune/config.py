@@ -2,24 +2,52 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator
+from pydantic import Field
 
 from fieldagents.config import (
     Config,
-    EnvironmentConfig,
     Name,
-    ProblemsError,
+    Problems,
     RealityConfig,
     TaskName,
-    check_environment,
-    check_reality,
-    readable,
+    TaskSettings,
+    checked,
+    invalid,
+    wrong_reality,
 )
 from fieldagents.task import all_tasks, get_task
 from fieldgym import find_task
 from fieldmodels.names import did_you_mean
+
+
+def _without_tuners(task: str) -> Problems:
+    if not get_task(task).tuners:
+        others = ", ".join(one.name for one in all_tasks() if one.tuners)
+        yield (), f"no agent of {task} can be tuned anew; tasks: {others}"
+
+
+def _unknown_agent(agent: str, task: str) -> Problems:
+    if agent not in (known := get_task(task).tuners):
+        hint = did_you_mean(agent, known)
+        yield (), f"no agent {agent!r} can be tuned anew{hint}; there are {', '.join(known)}"
+
+
+def _wrong_options(options: dict[str, Any], task: str, agent: str) -> Problems:
+    return invalid(options, get_task(task).tuners[agent].options)
+
+
+def _wrong_hidden(hidden: Any, task: str) -> Problems:
+    return wrong_reality(hidden, find_task(task).model)
+
+
+def _does_not_count(metric: str | None, task: str) -> Problems:
+    known = {one.name: one for one in get_task(task).metrics if not one.common}
+    if metric is not None and metric not in known:
+        yield (), f"there is no metric {metric!r}{did_you_mean(metric, known)}"
+    elif metric is not None and known[metric].may_miss:
+        yield (), f"{metric!r} has no value in some episodes; choose a metric that has one in all"
 
 
 class RetuneConfig(Config):
@@ -38,73 +66,15 @@ class RetuneConfig(Config):
     """
 
     name: Name
-    task: TaskName
-    agent: str
-    options: dict[str, Any] = Field(default_factory=dict)
-    settings: dict[str, Any] = Field(default_factory=dict)
-    hidden: RealityConfig = None
-    metric: str | None = None
+    task: Annotated[TaskName, checked(_without_tuners)]
+    agent: Annotated[str, checked(_unknown_agent, "task")]
+    options: Annotated[dict[str, Any], checked(_wrong_options, "task", "agent")] = Field(default_factory=dict)
+    settings: TaskSettings = Field(default_factory=dict)
+    hidden: Annotated[RealityConfig, checked(_wrong_hidden, "task")] = None
+    metric: Annotated[str | None, checked(_does_not_count, "task")] = None
     episodes: int = Field(default=100, ge=2, le=10_000)
 
     @property
     def counted(self) -> str:
         """Name of the metric that the loss is counted in."""
         return self.metric or get_task(self.task).metrics[0].name
-
-    @field_validator("task")
-    @classmethod
-    def _task_has_tuners(cls, task: str) -> str:
-        if not get_task(task).tuners:
-            others = ", ".join(one.name for one in all_tasks() if one.tuners)
-            raise ValueError(f"no agent of {task} can be tuned anew; tasks: {others}")
-        return task
-
-    @field_validator("agent")
-    @classmethod
-    def _agent_exists(cls, agent: str, info: ValidationInfo) -> str:
-        if "task" in info.data and agent not in (known := get_task(info.data["task"]).tuners):
-            raise ValueError(
-                f"no agent {agent!r} can be tuned anew{did_you_mean(agent, known)}; there are "
-                f"{', '.join(known)}"
-            )
-        return agent
-
-    @field_validator("options")
-    @classmethod
-    def _options_fit(cls, options: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        if "task" in info.data and "agent" in info.data:
-            kind = get_task(info.data["task"]).tuners[info.data["agent"]].options
-            try:
-                kind.model_validate(options)
-            except ValidationError as error:
-                raise ProblemsError(list(readable(error, kind))) from None
-        return options
-
-    @field_validator("settings")
-    @classmethod
-    def _settings_fit(cls, settings: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        if "task" in info.data:
-            try:
-                check_environment(info.data["task"], EnvironmentConfig(settings=settings))
-            except ProblemsError as error:
-                raise ProblemsError([(at[1:], message) for at, message in error.problems]) from None
-        return settings
-
-    @field_validator("hidden")
-    @classmethod
-    def _hidden_fits(cls, hidden: Any, info: ValidationInfo) -> Any:
-        if "task" in info.data:
-            check_reality(find_task(info.data["task"]).model, hidden)
-        return hidden
-
-    @field_validator("metric")
-    @classmethod
-    def _metric_counts(cls, metric: str | None, info: ValidationInfo) -> str | None:
-        if metric is None or "task" not in info.data:
-            return metric
-        known = {one.name: one for one in get_task(info.data["task"]).metrics if not one.common}
-        if metric not in known:
-            raise ValueError(f"there is no metric {metric!r}{did_you_mean(metric, known)}")
-        if known[metric].may_miss:
-            raise ValueError(f"{metric!r} has no value in some episodes; choose a metric that has one in all")
-        return metric

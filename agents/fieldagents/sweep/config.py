@@ -8,18 +8,19 @@ from functools import cached_property
 from itertools import product
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from fieldagents.config import (
     Config,
     ConfigError,
     EnvironmentConfig,
     Name,
-    ProblemsError,
+    Problems,
     TaskEnvironment,
     TaskName,
+    checked,
     load_config,
 )
 from fieldagents.learned.config import VALIDATION_SEEDS, TrainConfig
@@ -27,6 +28,13 @@ from fieldmodels.sampling import Normal, Sampler, read_sampler
 
 GridRun = tuple[str, dict[str, Any], TrainConfig]
 """A run's base config by name, what it differs in, and its whole config."""
+
+
+def _cannot_be_trained(
+    grid: dict[str, list[Any]], train: tuple[str, ...], change: dict[str, Any]
+) -> Problems:
+    _expanded(train, change, grid)
+    return ()
 
 
 class SweepConfig(Config):
@@ -42,19 +50,20 @@ class SweepConfig(Config):
     name: Name
     train: tuple[str, ...] = Field(min_length=1)
     change: dict[str, Any] = Field(default_factory=dict)
-    grid: dict[str, list[Any]] = Field(default_factory=dict, validate_default=True)
-
-    @field_validator("grid")
-    @classmethod
-    def _all_can_be_trained(cls, grid: dict[str, list[Any]], info: ValidationInfo) -> dict[str, list[Any]]:
-        if {"train", "change"} <= set(info.data):
-            _expanded(info.data["train"], info.data["change"], grid)
-        return grid
+    grid: Annotated[dict[str, list[Any]], checked(_cannot_be_trained, "train", "change")] = Field(
+        default_factory=dict, validate_default=True
+    )
 
     @cached_property
     def runs(self) -> tuple[GridRun, ...]:
         """Each run of the grid."""
         return _expanded(self.train, self.change, self.grid)
+
+
+def _cannot_be_searched(search: dict[str, Any]) -> Problems:
+    for key, value in search.items():
+        if isinstance(read_sampler(value, key), Normal):
+            yield (), f"{key}: a search needs ends: uniform, log_uniform or choice"
 
 
 class StudyConfig(Config):
@@ -71,21 +80,13 @@ class StudyConfig(Config):
     train: str | None = None
     agent: str | None = None
     change: dict[str, Any] = Field(default_factory=dict)
-    search: dict[str, Any] = Field(min_length=1)
+    search: Annotated[dict[str, Any], Field(min_length=1), checked(_cannot_be_searched)]
     seeds: int = Field(default=1, ge=1, le=20)
 
     @property
     def space(self) -> dict[str, Sampler]:
         """What is searched."""
         return {key: read_sampler(value, key) for key, value in self.search.items()}
-
-    @field_validator("search")
-    @classmethod
-    def _can_be_searched(cls, search: dict[str, Any]) -> dict[str, Any]:
-        for key, value in search.items():
-            if isinstance(read_sampler(value, key), Normal):
-                raise ValueError(f"{key}: a search needs ends: uniform, log_uniform or choice")
-        return search
 
     @model_validator(mode="after")
     def _one_of_both(self) -> StudyConfig:
@@ -97,6 +98,24 @@ class StudyConfig(Config):
             except (ImportError, AttributeError, ValueError) as error:
                 raise ValueError(f"agent {self.agent!r} cannot be imported: {error}") from None
         return self
+
+
+def _no_rungs(rungs: tuple[float, ...]) -> Problems:
+    if list(rungs) != sorted(set(rungs)) or any(not 0 < rung < 1 for rung in rungs):
+        yield (), "parts between 0 and 1, each larger than the one before"
+
+
+def _wrong_studies(studies: dict[str, StudyConfig], task: str) -> Problems:
+    for name, study in studies.items():
+        if study.train is not None:
+            typical = {key: sampler.typical for key, sampler in study.space.items()}
+            try:
+                trained = changed(study.train, study.change | typical).task
+            except ValueError as error:
+                yield (name,), str(error)
+                continue
+            if trained != task:
+                yield (name, "train"), f"trains {trained}, not {task}"
 
 
 class TuneConfig(Config):
@@ -124,37 +143,11 @@ class TuneConfig(Config):
     budget: int = Field(ge=1)
     episodes: int = Field(default=32, ge=1, le=len(VALIDATION_SEEDS))
     batch: int = Field(default=4, ge=1, le=1000)
-    rungs: tuple[float, ...] = (0.25, 0.5)
+    rungs: Annotated[tuple[float, ...], checked(_no_rungs)] = (0.25, 0.5)
     pruner: Literal["halving", "median", "none"] = "halving"
     sampler: Literal["tpe", "random"] = "tpe"
     seed: int = Field(default=0, ge=0)
-    studies: dict[Name, StudyConfig] = Field(min_length=1)
-
-    @field_validator("rungs")
-    @classmethod
-    def _rungs_rise(cls, rungs: tuple[float, ...]) -> tuple[float, ...]:
-        if list(rungs) != sorted(set(rungs)) or any(not 0 < rung < 1 for rung in rungs):
-            raise ValueError("parts between 0 and 1, each larger than the one before")
-        return rungs
-
-    @field_validator("studies")
-    @classmethod
-    def _studies_fit(cls, studies: dict[str, StudyConfig], info: ValidationInfo) -> dict[str, StudyConfig]:
-        problems: list[tuple[tuple[str | int, ...], str]] = []
-        for name, study in studies.items():
-            if study.train is None or "task" not in info.data:
-                continue
-            typical = {key: sampler.typical for key, sampler in study.space.items()}
-            try:
-                task = changed(study.train, study.change | typical).task
-            except ValueError as error:
-                problems.append(((name,), str(error)))
-                continue
-            if task != info.data["task"]:
-                problems.append(((name, "train"), f"trains {task}, not {info.data['task']}"))
-        if problems:
-            raise ProblemsError(problems)
-        return studies
+    studies: Annotated[dict[Name, StudyConfig], Field(min_length=1), checked(_wrong_studies, "task")]
 
 
 def _expanded(
