@@ -389,12 +389,8 @@ def _plain(kind: Any) -> Any:
     """A type without ``Annotated`` and ``None``."""
     if get_origin(kind) is Annotated:
         return _plain(get_args(kind)[0])
-    inner = [one for one in get_args(kind) if hasattr(_origin(one), "__pydantic_fields__")]
+    inner = [one for one in get_args(kind) if hasattr(get_origin(one) or one, "__pydantic_fields__")]
     return _plain(inner[0]) if inner and get_origin(kind) not in (dict, list, tuple) else kind
-
-
-def _origin(kind: Any) -> Any:
-    return get_origin(kind) or kind
 
 
 def _neighbours(path: Path) -> str:

@@ -112,7 +112,7 @@ def _no_teacher(imitate: ImitationConfig | None, task: str, steps: int) -> Probl
 def _wrong_learner(learner: dict[str, Any], algorithm: str, steps: int, num_envs: int) -> Problems:
     kind = find_algorithm(algorithm)
     problems = wrong_arguments(kind, learner) or _sizes_that_do_not_fit(kind, learner, steps, num_envs)
-    return [((key,), message) for key, message in problems]
+    return (((key,), message) for key, message in problems)
 
 
 class TrainConfig(Config):
@@ -202,25 +202,19 @@ def _sizes_that_do_not_fit(
     def argument(key: str, otherwise: int) -> int:
         return int(learner.get(key, default_of(kind, key, otherwise)))
 
+    n_steps, problems = argument("n_steps", 1), []
     if is_on_policy(kind):
-        n_steps = argument("n_steps", 1)
-        batch = argument("batch_size", n_steps * num_envs)
-        if n_steps * num_envs % batch:
-            message = (
-                f"{batch} does not divide the {n_steps * num_envs} steps of an update"
-                f" (n_steps {n_steps} x num_envs {num_envs})"
-            )
-            return [("batch_size", message)]
-        return []
-    if not steps:
-        return []
-    problems = []
-    starts, size = argument("learning_starts", 0), argument("buffer_size", 1_000_000)
-    if starts >= steps:
-        problems.append(("learning_starts", f"{starts} leaves none of the {steps} steps"))
-    least = (argument("n_steps", 1) + 1) * num_envs
-    if size < least:
-        problems.append(("buffer_size", f"{size} is less than {least}, which n_steps and num_envs need"))
+        rows = n_steps * num_envs
+        if rows % (batch := argument("batch_size", rows)):
+            sizes = f"the {rows} steps of an update (n_steps {n_steps} x num_envs {num_envs})"
+            problems.append(("batch_size", f"{batch} does not divide {sizes}"))
+    elif steps:
+        starts, size = argument("learning_starts", 0), argument("buffer_size", 1_000_000)
+        if starts >= steps:
+            problems.append(("learning_starts", f"{starts} leaves none of the {steps} steps"))
+        if size < (least := (n_steps + 1) * num_envs):
+            message = f"{size} is less than {least}, which n_steps and num_envs need"
+            problems.append(("buffer_size", message))
     return problems
 
 

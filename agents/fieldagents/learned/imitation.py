@@ -66,31 +66,31 @@ class Teachers:
         config, self._environment = run.config, run.environment
         assert config.imitate is not None
         self._task = config.task
-        self._all: list[Agent] = []
-        for environment, part in zip(config.environments, run.environment.parts, strict=True):
-            teacher = make_agent(config.imitate.teacher, config.task, environment.settings).runs[0]
+        self._all: list[tuple[Agent, slice]] = []
+        for place, part, rows in zip(
+            config.environments, run.environment.parts, run.environment.rows, strict=True
+        ):
+            teacher = make_agent(config.imitate.teacher, config.task, place.settings).runs[0]
             teacher.fits(part.single_observation_space, part.single_action_space)
             teacher.reset(config.seed)
-            self._all.append(teacher)
+            self._all.append((teacher, rows))
 
     def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
         """See ``Agent.begin_episodes``."""
-        for teacher, rows in zip(self._all, self._environment.rows, strict=True):
+        for teacher, rows in self._all:
             teacher.begin_episodes(begun[rows])
 
     def act(self, observation: Floats) -> Floats:
         """What they would do, each with what it may see."""
         commands = [
             teacher.act(observation[rows], visible(info, teacher.sees, self._task))
-            for teacher, rows, info in zip(
-                self._all, self._environment.rows, self._environment.infos, strict=True
-            )
+            for (teacher, rows), info in zip(self._all, self._environment.infos, strict=True)
         ]
         return np.concatenate(commands).astype(np.float32)
 
     def overruled(self, action: NDArray[np.float32]) -> None:
         """See ``Agent.overruled``."""
-        for teacher, rows in zip(self._all, self._environment.rows, strict=True):
+        for teacher, rows in self._all:
             teacher.overruled(action[rows])
 
 

@@ -60,15 +60,9 @@ def publish(
         policy = f"policy_seed{config.seed}.onnx"
         data = (run / "policy.onnx").read_bytes()
         write_bytes(folder / policy, data)
-        cards.append(
-            {
-                "seed": config.seed,
-                "policy": policy,
-                "sha256": hashlib.sha256(data).hexdigest(),
-                **_read_json(run / "run.json"),
-                "test_scores": score(OnnxAgent(folder / policy), config, episodes),
-            }
-        )
+        made = {"seed": config.seed, "policy": policy, "sha256": hashlib.sha256(data).hexdigest()}
+        scores = score(OnnxAgent(folder / policy), config, episodes)
+        cards.append({**made, **_read_json(run / "run.json"), "test_scores": scores})
         curve = pd.read_csv(run / "curve.csv", dtype=str, keep_default_na=False)  # digits as they are
         curve.insert(0, "seed", str(config.seed))
         curves.append(curve[curve["validation_return"] != ""])

@@ -126,19 +126,14 @@ class Recorder(BaseCallback):
             run_episodes(OnnxAgent(policy), config.task, one, seeds) for one in config.environments
         )
         mean_return = float(episodes["return"].mean())
-        scores = {
-            "validation_return": mean_return,
-            f"validation_{self._metric}": float(episodes[self._metric].mean()),
-        }
+        scores = {"return": mean_return, self._metric: float(episodes[self._metric].mean())}
         for name, value in scores.items():
-            self.logger.record(f"validation/{name.removeprefix('validation_')}", value)
-        rank = [mean_return]
-        if config.validation.by == "metric":
-            rank = [*_ranks(episodes, config.task), mean_return]
+            self.logger.record(f"validation/{name}", value)
+        rank = [*(_ranks(episodes, config.task) if config.validation.by == "metric" else ()), mean_return]
         if run.best is None or rank > run.best.rank:
             run.best = Best(steps, mean_return, rank)
             write_bytes(self._folder / "policy.onnx", policy)
-        return scores
+        return {f"validation_{name}": value for name, value in scores.items()}
 
     def _write_curve(self) -> None:
         stream = io.StringIO()
@@ -156,9 +151,6 @@ class Recorder(BaseCallback):
 
 def _ranks(episodes: pd.DataFrame, task: str) -> list[float]:
     """The task's metrics that depend on the agent, each so that more is better; without a value worst."""
-    means = [
-        (metric.lower_is_better, float(episodes[metric.name].mean()))
-        for metric in get_task(task).metrics
-        if not metric.common
-    ]
-    return [-math.inf if math.isnan(mean) else -mean if lower else mean for lower, mean in means]
+    metrics = [metric for metric in get_task(task).metrics if not metric.common]
+    means = [(-1 if metric.lower_is_better else 1) * episodes[metric.name].mean() for metric in metrics]
+    return [-math.inf if math.isnan(mean) else float(mean) for mean in means]

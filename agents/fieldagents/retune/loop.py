@@ -55,14 +55,14 @@ def retune(
     began = time.perf_counter()
     tuner = get_task(config.task).tuners[config.agent]
     options = tuner.options.model_validate(config.options)
-    where = {SIMULATION: None, EXTENDED: str(extended) if isinstance(extended, Path) else extended}
-    made_in = {NOMINAL: SIMULATION, RETUNED: EXTENDED}
-    if config.hidden is not None:
-        where = {HIDDEN: config.hidden, **where}
-        made_in[ORACLE] = HIDDEN
-    order = sorted(where, key=lambda name: (HIDDEN, EXTENDED, SIMULATION).index(name))
-    environments = {name: EnvironmentConfig(settings=config.settings, reality=where[name]) for name in order}
-    written = {name: written_out(config.task, one) for name, one in environments.items()}
+    extension = str(extended) if isinstance(extended, Path) else extended
+    where = {HIDDEN: config.hidden, EXTENDED: extension, SIMULATION: None}
+    made_in = {NOMINAL: SIMULATION, RETUNED: EXTENDED, ORACLE: HIDDEN}
+    if config.hidden is None:
+        del where[HIDDEN], made_in[ORACLE]
+    environments = {
+        name: EnvironmentConfig(settings=config.settings, reality=reality) for name, reality in where.items()
+    }
     agents: dict[str, Agent] = {}
     took: dict[str, float] = {}
     for number, (name, place) in enumerate(made_in.items()):
@@ -73,7 +73,11 @@ def retune(
     episodes = _test(config, agents, environments, progress)
     check_pairs(episodes, config.task)
     labels = {
-        name: Labels("privileged" if name == ORACLE else agent.kind, _titled(agent, made_in[name]), False)
+        name: Labels(
+            "privileged" if name == ORACLE else agent.kind,
+            f"{agent.title}; tuned in the {made_in[name]}",
+            False,
+        )
         for name, agent in agents.items()
     }
     scenarios, pairs = summarise(episodes, config.task, NOMINAL, labels)
@@ -85,30 +89,18 @@ def retune(
         first_seed=TEST_SEEDS[0],
         seconds=round(time.perf_counter() - began, 1),
         decision_ms={scenario: {} for scenario in environments},
-        environments=written,
+        environments={name: written_out(config.task, one) for name, one in environments.items()},
         scenarios=scenarios,
         pairs=pairs,
     )
     metric = next(one for one in get_task(config.task).metrics if one.name == config.counted)
-    result = Retuning(
-        name=config.name,
-        agent=config.agent,
-        title=tuner.title,
-        metric=metric,
-        hidden=config.hidden is not None,
-        recovered=_recovered(episodes, metric) if config.hidden is not None else None,
-        tuning_seconds=took,
-        evaluation=summary,
-    )
+    recovered = None if config.hidden is None else _recovered(episodes, metric)
+    result = Retuning(config.name, config.agent, tuner.title, metric, recovered, took, summary)
     with replacing(out / "retune.parquet") as temporary:
         episodes.to_parquet(temporary, index=False)
     write_text(out / "retune.json", json.dumps(result.to_json(), indent=2, allow_nan=False) + "\n")
     write_report(result, episodes, out / "retune.html")
     return result
-
-
-def _titled(agent: Agent, place: str) -> str:
-    return f"{agent.title}; tuned in the {place}"
 
 
 def _test(
@@ -124,11 +116,9 @@ def _test(
     for number, (place, name) in enumerate(runs):
         progress(f"{name} in the {place}", 0.6 + 0.4 * number / len(runs))
         table = play_episodes(agents[name], config.task, environments[place], seeds).table
-        table.insert(0, "scenario", place)
-        table.insert(1, "agent", name)
-        table.insert(2, "run", 0)
-        tables.append(table)
-    return pd.concat(tables, ignore_index=True)
+        tables.append(table.assign(scenario=place, agent=name, run=0))
+    whole = pd.concat(tables, ignore_index=True)
+    return whole[["scenario", "agent", "run", *whole.columns.drop(["scenario", "agent", "run"])]]
 
 
 def _recovered(episodes: pd.DataFrame, metric: Metric) -> Recovery:

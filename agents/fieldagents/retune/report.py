@@ -70,14 +70,9 @@ def draw(result: Retuning, episodes: pd.DataFrame, width: float = html.WIDE) -> 
 
 def _facts(result: Retuning) -> list[tuple[str, str]]:
     """What was tuned, how sure the share is, what to do next."""
-    sure = ""
-    if result.recovered is not None:
-        ends = result.recovered.ci95
-        sure = (
-            f"{100 * ends[0]:.0f} to {100 * ends[1]:.0f} % at 95 %"
-            if ends
-            else "no interval: too few episodes"
-        )
+    sure = "" if result.recovered is None else "no interval: too few episodes"
+    if result.recovered is not None and (ends := result.recovered.ci95):
+        sure = f"{100 * ends[0]:.0f} to {100 * ends[1]:.0f} % at 95 %"
     return [
         ("Tuned", html.text(f"{result.title}; {sum(result.tuning_seconds.values()):.0f} s in all")),
         ("How sure", sure),
@@ -121,7 +116,7 @@ def _notes(result: Retuning) -> str:
         "Each agent is tuned with the same effort on the same tuning seeds; only the simulation differs. "
         "Test seeds were used for nothing but these tests.",
     ]
-    if result.hidden:
+    if result.recovered is not None:
         notes += [
             "The share of the loss recovered is (nominal - retuned) / (nominal - oracle) of the mean scores "
             "in the hidden reality, with a percentile bootstrap interval over episodes. It does not "

@@ -26,9 +26,8 @@ class Retuning:
         agent: Name of what is tuned.
         title: How it is tuned.
         metric: By which the loss is counted.
-        hidden: Whether the hidden reality is known, so that agents were tested in it and the oracle exists.
-            Else the extended simulation stands for it, which is a forecast and no measurement.
-        recovered: Share of the loss recovered; None without a hidden reality.
+        recovered: Share of the loss recovered; None where the hidden reality is not known: then there is no
+            oracle, and the extended simulation stands for it, which is a forecast and no measurement.
         tuning_seconds: Agent to the time that its tuning took [s].
         evaluation: Every agent in every simulation, compared with the nominal agent; the first scenario is
             the one that counts.
@@ -38,7 +37,6 @@ class Retuning:
     agent: str
     title: str
     metric: Metric
-    hidden: bool
     recovered: Recovery | None
     tuning_seconds: Mapping[str, float]
     evaluation: Summary
@@ -68,7 +66,7 @@ class Retuning:
             "title": self.title,
             "metric": asdict(self.metric),
             "summary": self.sentence(),
-            "hidden_known": self.hidden,
+            "hidden_known": self.recovered is not None,
             "recovered": self.recovered and asdict(self.recovered),
             "means": {
                 agent: {where: self.mean(agent, where) for where in self.evaluation.scenarios}
@@ -81,11 +79,10 @@ class Retuning:
     def sentence(self) -> str:
         """What came out, in plain words."""
         scale, unit = (100, " %") if self.metric.binary else (1, f" {self.metric.unit}".removesuffix(" 1"))
+        means = {agent: self.mean(agent, self.tested_in) for agent in self.agents}
         said = {
-            agent: "no value"
-            if (mean := self.mean(agent, self.tested_in)) is None
-            else f"{scale * mean:.4g}{unit}"
-            for agent in self.agents
+            agent: "no value" if mean is None else f"{scale * mean:.4g}{unit}"
+            for agent, mean in means.items()
         }
         begin = (
             f"{self.agent} in the {self.tested_in}, {self.metric.title}: {said[NOMINAL]} tuned in the "

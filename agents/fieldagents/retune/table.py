@@ -3,67 +3,41 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import sys
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from fieldagents.retune.result import HIDDEN, NOMINAL, ORACLE, RETUNED, SIMULATION
 
-HEADER = (
+HEADER = [
     "task",
     "agent",
     "hidden reality",
     "score",
-    "predicted",
-    "nominal",
-    "re-tuned",
-    "oracle",
-    "loss recovered",
-)
+    *("predicted", NOMINAL, "re-tuned", ORACLE, "loss recovered"),
+]
+CELLS = (NOMINAL, SIMULATION), (NOMINAL, HIDDEN), (RETUNED, HIDDEN), (ORACLE, HIDDEN)
+"""Of an agent and where it was tested: the scores of a row."""
 
 
-def markdown(loops: Sequence[dict[str, Any]]) -> str:
-    """The table of some loops' ``retune.json``, those without a known hidden reality left out."""
-    rows = [_row(loop) for loop in loops if loop["hidden_known"]]
-    lines = [HEADER, ["---"] * len(HEADER), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
-
-
-def _row(loop: dict[str, Any]) -> list[str]:
-    metric, means = loop["metric"], loop["means"]
+def row(loop: dict[str, Any]) -> list[str]:
+    """A loop's ``retune.json`` as a row of the table."""
+    metric, found = loop["metric"], loop["recovered"]
     scale, unit = (100, "%") if metric["binary"] else (1, metric["unit"])
-    hidden = loop["evaluation"]["environments"][HIDDEN]["reality"]
-    effects = "; ".join(
+    effects = [
         f"{name} {', '.join(f'{key} {value:g}' for key, value in values.items())}"
-        for name, values in hidden.items()
-    )
-    cells = [(NOMINAL, SIMULATION), (NOMINAL, HIDDEN), (RETUNED, HIDDEN), (ORACLE, HIDDEN)]
-    scores = [means[agent][place] for agent, place in cells]
-    return [
-        loop["task"],
-        loop["agent"],
-        effects,
-        f"{metric['title']} [{unit}]",
-        *("none" if score is None else f"{scale * score:.3g}" for score in scores),
-        _recovered(loop["recovered"]),
+        for name, values in loop["evaluation"]["environments"][HIDDEN]["reality"].items()
     ]
-
-
-def _recovered(found: dict[str, Any]) -> str:
-    if found["share"] is None:
-        return str(found["outcome"])
-    if found["ci95"] is None:
-        return f"{100 * found['share']:.1f} % (too few episodes)"
-    low, high = found["ci95"]
-    return f"{100 * found['share']:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
-
-
-def main(paths: Annotated[list[Path], typer.Argument(metavar="RETUNE.JSON...")]) -> None:
-    """Print the table."""
-    print(markdown([json.loads(path.read_text(encoding="utf-8")) for path in paths]))
+    scores = [loop["means"][agent][place] for agent, place in CELLS]
+    share = str(found["outcome"])
+    if found["share"] is not None:
+        ends = [f"{100 * end:.1f}" for end in found["ci95"] or ()]
+        share = f"{100 * found['share']:.1f} % ({' to '.join(ends) or 'too few episodes'})"
+    begin = [loop["task"], loop["agent"], "; ".join(effects), f"{metric['title']} [{unit}]"]
+    return [*begin, *("none" if score is None else f"{scale * score:.3g}" for score in scores), share]
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    loops = [json.loads(Path(path).read_text(encoding="utf-8")) for path in sys.argv[1:]]
+    for line in (HEADER, ["---"] * len(HEADER), *(row(loop) for loop in loops if loop["hidden_known"])):
+        print("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |")

@@ -37,20 +37,10 @@ def sweep(
     rows: list[dict[str, Any]] = []
     for (base, differs, whole), done in zip(config.runs, run_all(jobs, engine, progress), strict=True):
         assert done.job.folder is not None
-        metric = get_task(whole.task).metrics[0].name
-        values = {
-            key: value if isinstance(value, int | float) else str(value) for key, value in differs.items()
-        }
-        rows.append(
-            {
-                "config": base,
-                **values,
-                "metric": metric,
-                **done.result,
-                "processor_s": done.processor_s,
-                "run": str(done.job.folder.relative_to(out)),
-            }
-        )
+        values = {k: value if isinstance(value, int | float) else str(value) for k, value in differs.items()}
+        found = {"metric": get_task(whole.task).metrics[0].name, **done.result}
+        run = {"processor_s": done.processor_s, "run": str(done.job.folder.relative_to(out))}
+        rows.append({"config": base, **values, **found, **run})
     runs = pd.DataFrame(rows)
     keys = ["config", *(key for key in config.grid if key != "seed"), "metric"]
     table = runs.groupby(keys, sort=False)["score"].agg(["count", "mean", "std"]).reset_index()

@@ -22,12 +22,12 @@ from fieldmodels.engine import Job
 LEARNING = "fieldagents.learned.session"
 
 
-def train_job(config: TrainConfig, label: str, folder: Path, until: int | None = None) -> Job:
+def train_job(config: TrainConfig, name: str, folder: Path, until: int | None = None) -> Job:
     """The job of a training run, which goes on from its last checkpoint.
 
     Args:
         config: What to train.
-        label: What it is, for people.
+        name: What it is, for people.
         folder: Where the runs' folders are.
         until: Train as many steps only, up to the next validation; the job of more goes on from there.
     """
@@ -39,7 +39,7 @@ def train_job(config: TrainConfig, label: str, folder: Path, until: int | None =
         until = -(-until // step) * step
         until = None if until >= config.steps else until
     share = float(until or config.steps or 1)
-    return Job(_hash([*parts, until]), label, trained, (config, until), folder / run, share)
+    return Job(_hash([*parts, until]), name, trained, (config, until), folder / run, share)
 
 
 def trained(config: TrainConfig, until: int | None, folder: Path, report: Report) -> dict[str, Any]:
@@ -49,7 +49,8 @@ def trained(config: TrainConfig, until: int | None, folder: Path, report: Report
     if prepare(config, folder) and (until is None or _last_step(folder) < until):
         run_training(config, folder, report, until)
     metric = get_task(config.task).metrics[0]
-    rows = [row for row in _curve(folder) if until is None or int(row["steps"]) <= until]
+    with (folder / "curve.csv").open(encoding="utf-8", newline="") as stream:
+        rows = [row for row in csv.DictReader(stream) if until is None or int(row["steps"]) <= until]
     scores = [float(row[f"validation_{metric.name}"] or "nan") for row in rows]
     known = [score for score in scores if not math.isnan(score)]
     best = (min if metric.lower_is_better else max)(known) if known else None
@@ -68,8 +69,7 @@ def score_job(
     module = agent.partition(":")[0]
     asked = [agent, dict(values), environment.model_dump(mode="json"), episodes]
     key = _hash([*asked, code_of(task, "fieldagents.evaluation.episodes", module)])
-    label = ", ".join(f"{name}={_short(value)}" for name, value in values.items())
-    return Job(key, label, scored, (agent, dict(values), task, environment, episodes), folder / key)
+    return Job(key, label(values), scored, (agent, dict(values), task, environment, episodes), folder / key)
 
 
 def scored(
@@ -88,16 +88,10 @@ def scored(
     return {"steps": int(table["steps"].sum()), "score": None if math.isnan(score) else score}
 
 
-def _short(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _curve(folder: Path) -> list[dict[str, str]]:
-    path = folder / "curve.csv"
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+def label(values: Mapping[str, Any]) -> str:
+    """What was tried, for people."""
+    shown = {k: f"{value:.3g}" if isinstance(value, float) else value for k, value in values.items()}
+    return ", ".join(f"{name}={value}" for name, value in shown.items())
 
 
 def _last_step(folder: Path) -> int:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from fieldagents.config import has_key, load_config
 from fieldagents.progress import Report
@@ -19,6 +21,9 @@ from fieldmodels.engine import Engine
 if TYPE_CHECKING:
     from rich.console import Console
 
+BEST = 3
+"""Trials of a study that are shown, beside the config as it is."""
+
 
 @dataclass(frozen=True)
 class Swept:
@@ -27,12 +32,12 @@ class Swept:
     Attributes:
         data: What ``--json`` prints.
         files: What was written.
-        rows: The table for the terminal, its header first.
+        table: What the terminal shows.
     """
 
     data: Any
     files: dict[str, Path]
-    rows: tuple[tuple[str, ...], ...]
+    table: pd.DataFrame
 
 
 def load(path: Path, overrides: Sequence[str]) -> SweepConfig | TuneConfig:
@@ -59,49 +64,37 @@ def run(config: SweepConfig | TuneConfig, folder: Path, engine: Engine, progress
         JobsFailedError: If some runs failed; the others are kept.
     """
     if isinstance(config, SweepConfig):
-        table = sweep(config, folder, progress, engine)
-        rows = [
-            tuple(map(str, table.columns)),
-            *(tuple(map(_text, row)) for row in table.itertuples(index=False)),
-        ]
+        names, table = ["runs.csv", "table.csv"], sweep(config, folder, progress, engine)
         data = json.loads(table.to_json(orient="records"))
-        return Swept(data, {name: folder / name for name in ("runs.csv", "table.csv")}, tuple(rows))
-    search, studies = config, tune(config, folder, progress, engine)
-    files = {"tune.json": folder / "tune.json"}
-    files |= {f"{name}.yaml": folder / f"{name}.yaml" for name, one in search.studies.items() if one.train}
-    plain = {name: [asdict(trial) for trial in trials] for name, trials in studies.items()}
-    return Swept(plain, files, tuple(_ranked(studies, get_task(search.task).metrics[0].name, search)))
+    else:
+        names = ["tune.json", *(f"{name}.yaml" for name, one in config.studies.items() if one.train)]
+        table = _ranked(tune(config, folder, progress, engine), config.task)
+        data = json.loads((folder / "tune.json").read_text(encoding="utf-8"))["studies"]
+    return Swept(data, {name: folder / name for name in names}, table)
 
 
 def show(found: Swept, console: Console) -> None:
     """Print the table."""
     from rich.table import Table
 
-    header, *rows = found.rows
-    table = Table(*header)
-    for row in rows:
-        table.add_row(*row)
+    table = Table(*map(str, found.table.columns))
+    for row in found.table.itertuples(index=False):
+        table.add_row(*map(_text, row))
     console.print(table)
 
 
-def _ranked(studies: dict[str, list[Trial]], metric: str, config: TuneConfig) -> list[tuple[str, ...]]:
+def _ranked(studies: dict[str, list[Trial]], task: str) -> pd.DataFrame:
     """A study's best trials, and the config as it was."""
-    lower = get_task(config.task).metrics[0].lower_is_better
-    rows: list[tuple[str, ...]] = [("study", "trials", "pruned", "steps", metric, "values")]
+    metric, rows = get_task(task).metrics[0], []
+    sign = 1.0 if metric.lower_is_better else -1.0
     for name, trials in studies.items():
-        whole = [trial for trial in trials if not trial.pruned and trial.scores[-1] is not None]
-        ranked = sorted(whole, key=lambda trial: (trial.scores[-1] or 0.0) * (1 if lower else -1))
-        sums = (
-            str(len(trials)),
-            str(sum(trial.pruned for trial in trials)),
-            str(sum(t.steps for t in trials)),
-        )
-        for place, trial in enumerate(ranked):
-            if place < 3 or not trial.values:
+        head = (name, len(trials), sum(trial.pruned for trial in trials), sum(t.steps for t in trials))
+        whole = [(sign * t.scores[-1], t) for t in trials if not t.pruned and t.scores[-1] is not None]
+        for place, (loss, trial) in enumerate(sorted(whole, key=lambda pair: pair[0])):
+            if place < BEST or not trial.values:
                 values = ", ".join(f"{key}={_text(value)}" for key, value in trial.values.items())
-                head = (name, *sums) if place == 0 else ("", "", "", "")
-                rows.append((*head, _text(trial.scores[-1]), values or "as it is"))
-    return rows
+                rows.append((*(head if place == 0 else ("",) * 4), sign * loss, values or "as it is"))
+    return pd.DataFrame(rows, columns=["study", "trials", "pruned", "steps", metric.name, "values"])
 
 
 def _text(value: Any) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 
 from fieldagents.learned.config import TrainConfig
 from fieldagents.progress import Report
-from fieldagents.sweep.config import StudyConfig, TuneConfig, changed
-from fieldagents.sweep.jobs import score_job, train_job
+from fieldagents.sweep.config import TuneConfig, changed
+from fieldagents.sweep.jobs import label, score_job, train_job
 from fieldagents.task import get_task
 from fieldmodels.engine import HERE, Done, Engine, Job, JobsFailedError, run_jobs
 from fieldmodels.extras import needed
@@ -77,7 +77,7 @@ def tune(
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     found = {}
     for name, study in config.studies.items():
-        search = _Search(name, study, config, out, engine, progress)
+        search = _Search(name, config, out, engine, progress)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             found[name] = search.run(optuna)
@@ -98,16 +98,9 @@ def tune(
 class _Search:
     """One study."""
 
-    def __init__(
-        self, name: str, study: StudyConfig, config: TuneConfig, out: Path, engine: Engine, progress: Report
-    ) -> None:
-        self._name, self._study, self._config, self._engine, self._report = (
-            name,
-            study,
-            config,
-            engine,
-            progress,
-        )
+    def __init__(self, name: str, config: TuneConfig, out: Path, engine: Engine, progress: Report) -> None:
+        self._name, self._config, self._engine, self._report = name, config, engine, progress
+        self._study = study = config.studies[name]
         self._folder = out / "jobs" / name
         self._lower = get_task(config.task).metrics[0].lower_is_better
         self._rungs = (*config.rungs, 1.0) if study.train is not None and config.pruner != "none" else (1.0,)
@@ -176,10 +169,8 @@ class _Search:
                 parts = results[id(one)]
                 steps = sum(part["steps"] for part in parts)
                 self._used, one.steps = self._used + steps - one.steps, steps
-                losses = [self._loss(part["score"]) for part in parts]
-                mean = (
-                    float(np.mean([part["score"] for part in parts])) if np.isfinite(losses).all() else None
-                )
+                scores = [part["score"] for part in parts]
+                mean = float(np.mean(scores)) if np.isfinite([*map(self._loss, scores)]).all() else None
                 one.scores += (mean,)
                 if one.trial is not None:
                     one.trial.report(self._told(mean), number)
@@ -201,9 +192,7 @@ class _Search:
         """
         done = list(run_jobs(jobs, self._engine, self._shown))
         lost = {"steps": self.trained({}, 0).steps, "score": None} if self._study.train else None
-        done = [
-            replace(one, error="", result=lost) if one.error.startswith(DIVERGED) else one for one in done
-        ]
+        done = [replace(d, error="", result=lost) if d.error.startswith(DIVERGED) else d for d in done]
         if any(one.error for one in done):
             raise JobsFailedError(done)
         return done
@@ -213,12 +202,9 @@ class _Search:
             config = self._config
             place = (config.task, config.environment, config.episodes, self._folder)
             return [score_job(self._study.agent, one.values, *place)]
-        values = ", ".join(
-            f"{key}={value:.3g}" if isinstance(value, float) else f"{key}={value}"
-            for key, value in one.values.items()
-        )
         configs = [self.trained(one.values, seed) for seed in range(self._study.seeds)]
-        return [train_job(c, values or "as it is", self._folder, round(rung * c.steps)) for c in configs]
+        name = label(one.values) or "as it is"
+        return [train_job(c, name, self._folder, round(rung * c.steps)) for c in configs]
 
     def _most(self, done: list[Trial]) -> int:
         """The steps that a trial can take; of an agent, known after the first, which is done alone."""
