@@ -7,7 +7,6 @@ that a learner sees is a step that was made.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -145,7 +144,7 @@ class NativeVecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of the vector environments, once for each environment asked for."""
         values = [getattr(part, attr_name) for part in self.parts for _ in range(part.num_envs)]
-        return [values[i] for i in self._indices(indices)]
+        return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Not possible: the environments of a native batch have no attributes of their own."""
@@ -163,10 +162,7 @@ class NativeVecEnv(VecEnv):
         indices: VecEnvIndices = None,
     ) -> list[bool]:
         """False for each environment: a native batch wraps none."""
-        return [False] * len(self._indices(indices))
-
-    def _indices(self, indices: VecEnvIndices) -> Sequence[int]:
-        return list(self._get_indices(indices))
+        return [False for _ in self._get_indices(indices)]
 
 
 def _taken_over(info: dict[str, Any], begun: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:

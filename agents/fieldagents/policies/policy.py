@@ -82,11 +82,7 @@ class OnnxAgent(Agent):
 
     def fits(self, observations: Space[Any], actions: Space[Any]) -> None:
         """See ``Agent.fits``."""
-        if observations.shape != self.shape:
-            raise PolicyError(
-                f"{self._source}: made for observations of shape {self.shape},"
-                f" the environment gives {observations.shape}"
-            )
+        self._check(observations.shape)
         action = self.act(np.zeros((2, *self.shape)), {})
         self.reset(0)
         try:
@@ -97,11 +93,7 @@ class OnnxAgent(Agent):
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
         """The deterministic actions for a batch of observations."""
         observation = np.ascontiguousarray(observation, dtype=np.float32)
-        if observation.shape[1:] != self.shape:
-            raise PolicyError(
-                f"{self._source}: made for observations of shape {self.shape},"
-                f" the environment gives {observation.shape[1:]}"
-            )
+        self._check(observation.shape[1:])
         if self._memories is None:
             return self._run({"observation": observation})[0]
         if len(self._memory) != len(observation):
@@ -113,6 +105,12 @@ class OnnxAgent(Agent):
             )
         self._memory = memory.astype(np.float32)
         return actions
+
+    def _check(self, shape: tuple[int, ...] | None) -> None:
+        if shape != self.shape:
+            raise PolicyError(
+                f"{self._source}: made for observations of shape {self.shape}, the environment gives {shape}"
+            )
 
     def _run(self, given: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
         try:

@@ -46,7 +46,8 @@ def trained(config: TrainConfig, until: int | None, folder: Path, report: Report
     """Train, or go on; what the learning curve says up to there."""
     from fieldagents.learned.session import run_training
 
-    if prepare(config, folder) and (until is None or _last_step(folder) < until):
+    checkpoints = [int(path.stem) for path in (folder / "checkpoints").glob("*.pt")]
+    if prepare(config, folder) and (until is None or max(checkpoints, default=0) < until):
         run_training(config, folder, report, until)
     metric = get_task(config.task).metrics[0]
     with (folder / "curve.csv").open(encoding="utf-8", newline="") as stream:
@@ -92,11 +93,6 @@ def label(values: Mapping[str, Any]) -> str:
     """What was tried, for people."""
     shown = {k: f"{value:.3g}" if isinstance(value, float) else value for k, value in values.items()}
     return ", ".join(f"{name}={value}" for name, value in shown.items())
-
-
-def _last_step(folder: Path) -> int:
-    """How far a run's last checkpoint is."""
-    return max((int(path.stem) for path in (folder / "checkpoints").glob("*.pt")), default=0)
 
 
 def _hash(parts: Any) -> str:
