@@ -16,5 +16,6 @@ def test_ppo_is_quicker_than_the_shortest_path_at_full_speed():
     """The path has turns of 0.3 m; a robot that may turn on the spot and stop 5 cm short can beat it."""
     (training,) = get_entry("pose_reaching", "ppo").trainings
     ratios = [run["test_scores"]["time_ratio"] for run in training.card["runs"]]
-    assert max(ratios) < 1.02
-    assert sorted(ratios)[2] < 0.92
+    assert max(ratios) < 0.88  # one that turns one way only is at 0.98
+    assert sum(ratios) / len(ratios) < 0.87
+    assert all(run["test_scores"]["success"] == 1.0 for run in training.card["runs"])
