@@ -3,6 +3,7 @@
 import dis
 import hashlib
 import importlib
+import io
 import os
 import pkgutil
 import shutil
@@ -335,6 +336,33 @@ def test_an_unknown_constant_is_named_and_not_cached(tmp_path, monkeypatch, fres
 
     with pytest.raises(TypeError, match=r"Odd.*no fingerprint"):
         fingerprint(reads)
+
+
+class Terminal(io.StringIO):
+    """Standard error of somebody who looks on."""
+
+    def isatty(self):
+        return True
+
+
+def test_a_terminal_is_told_what_is_being_compiled_until_it_is(tmp_path, monkeypatch, fresh_folder):
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+
+    def told(step):
+        @compiled
+        def ahead(x):
+            return x + step
+
+        ahead(1.0)
+        lines, _ = shown.getvalue().split("\r\x1b[K")[1:], shown.truncate(shown.seek(0))
+        return lines
+
+    first = told(2.0)
+    assert "ahead" in first[0]
+    assert first[-1] == ""
+    assert told(2.0) == []  # from the disk
 
 
 def test_a_folder_refused_for_its_owner(tmp_path, monkeypatch):

@@ -80,6 +80,7 @@ class KernelCache(_Cache):
                 continue
             _mark_used(folder / name)
             return result
+        _say(self._name)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -90,6 +91,7 @@ class KernelCache(_Cache):
         """
         if not self._kernel.targetoptions.get("_nrt", True) and _holds_array(data.signature.return_type):
             raise TypeError(f"{self._name} returns an array; compile it with compiled")
+        _say()
         name = self._file_name(sig, data.codegen)
         if name is None or any(not one.can_cache for one in data.lifted) or data.library.has_dynamic_globals:
             return
@@ -140,6 +142,20 @@ class KernelCache(_Cache):
         for path in files:
             if _content(path.name) not in kept:
                 _remove(path)
+
+
+_compiling: list[str] = []
+
+
+def _say(begun: str | None = None) -> None:
+    """Say in a terminal what is being compiled, in one line that is gone when it is done."""
+    if begun is None and _compiling:
+        _compiling.pop()
+    elif begun is not None:
+        _compiling.append(begun)
+    if sys.stderr is not None and sys.stderr.isatty():
+        line = f"compiling, once on this machine: {_compiling[0]}" if _compiling else ""
+        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
 def _holds_array(kind: Any) -> bool:

@@ -135,6 +135,8 @@ class WindowDriver:
             return out
         driving, bounds = self._driving(recording), windows.pieces
         inside = bounds[np.searchsorted(bounds[:, 0], windows.starts, side="right") - 1]
+        # A column of one row is contiguous and one of several is not: two kernels for the compiler.
+        firsts, lasts = np.ascontiguousarray(inside[:, 0]), inside[:, 1] - 1
         act, force_rows, sen, change = rows.of(parameters, "actuator", "force", "sensor", "change")
         path = np.zeros((len(machine.forces), 0))
         if force_rows[:, :, BRISTLE].any():
@@ -151,8 +153,8 @@ class WindowDriver:
             np.zeros(0) if windows.disturbance is None else np.ascontiguousarray(windows.disturbance),
             recording.bounds,  # a bristle remembers for as long as it is not turned round
             bounds,
-            inside[:, 0],
-            inside[:, 1] - 1,
+            firsts,
+            lasts,
             recording.step,
             machine.hold == "interpolated",
             driving.play,

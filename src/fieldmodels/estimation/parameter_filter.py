@@ -92,6 +92,14 @@ _ROUNDING = 1e-12
 
 
 @inlined
+def copy_to(out: FloatArray, values: FloatArray) -> None:
+    """Write a matrix, or its first columns; assigned to a slice, it takes seconds to compile."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = values[i, j]
+
+
+@inlined
 def accumulate(y: FloatArray, average: int, moments: FloatArray) -> None:
     """Add a chunk of one mode to its sum of y y', in place.
 
@@ -183,7 +191,7 @@ def estimate(
             _invert(weights, active[mode])
             _contract(terms, weights, moments[mode], noise[mode], measured, free)
         if not compensated:
-            free[:, :] = measured
+            copy_to(free, measured)
         # Scaled by the prior's deviations, around the prior's mean.
         for i in range(n):
             target = free[i, n]
@@ -200,7 +208,7 @@ def estimate(
             _gram(right, information)
         else:
             # M = N: then M N^-1 M is N itself, and M N^-1 g is g.
-            information[:, :] = right[:, :n]
+            copy_to(information, right)
         for i in range(n):
             information[i, i] += 1.0
             total = 0.0

@@ -376,7 +376,8 @@ def advance_mode(
             write_motion(now, a, b, out)
             write_force(system, swing, response, out)
     write_motion(now, a, b, state)
-    state[SOIL_FORCE:] = soil.passed
+    for i in range(len(soil.passed)):
+        state[SOIL_FORCE + i] = soil.passed[i]
 
 
 @compiled

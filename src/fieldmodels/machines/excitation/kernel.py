@@ -31,6 +31,7 @@ from fieldmodels.machines.excitation.regression import (
 )
 from fieldmodels.machines.excitation.sensor_effects import compensate, measure_raw, show_raw
 from fieldmodels.machines.excitation.sensors import corrupt, first_draw
+from fieldmodels.machines.excitation.vectors import copy_to
 
 BASE = 12
 """Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
@@ -101,8 +102,8 @@ def give_path(around: Around, b: int, time: float, path: FloatArray) -> None:
         path[end, 1] = step * (-3.0 * f0 + 4.0 * f1 - f2) / (2.0 * h)
         path[end, 2] = (2.0 * f0 - 5.0 * f1 + 4.0 * f2 - f3) / (h * h)
     if not begins:
-        path[0] = around.given[b]
-    around.given[b] = path[last]
+        copy_to(path[0], around.given[b])
+    copy_to(around.given[b], path[last])
 
 
 @inlined
@@ -124,15 +125,15 @@ def move_arm(
     attainable(e.command[b], e.phase[b], wanted, acceleration, following)
     fill_motion(e.command[b], e.phase[b], following, path)
     e.phase[b] = phase_after(e.phase[b], e.command[b], following)
-    e.command[b] = following
+    copy_to(e.command[b], following)
     if around is not None:  # noqa: SIM102 - compiled: without any, the rest is left out
         if around.arm.on[b, 0]:
             give_path(around, b, e.counts[b] * SAMPLE, path)
     lag = e.vehicles[b].actuator_lag.time_constant
     if lag > 0.0:
-        late[0] = e.arm_motion[b]
+        copy_to(late[0], e.arm_motion[b])
         lag_motion(path, SAMPLE / SUBSTEPS, lag, late)
-        e.arm_motion[b] = late[-1]
+        copy_to(e.arm_motion[b], late[-1])
         return True
     return False
 
@@ -151,10 +152,9 @@ def raise_maxima(signals: FloatArray, k: int, maxima: FloatArray) -> None:
 @inlined
 def keep_base(measured: FloatArray, base: FloatArray) -> None:
     """The measured base state of a sample, shape (12,)."""
-    base[0:3] = measured[POSITION : POSITION + 3]
-    base[3:6] = measured[VELOCITY : VELOCITY + 3]
-    base[6:9] = measured[ANGLE : ANGLE + 3]
-    base[9:12] = measured[RATE : RATE + 3]
+    for i in range(3):
+        base[i], base[3 + i] = measured[POSITION + i], measured[VELOCITY + i]
+        base[6 + i], base[9 + i] = measured[ANGLE + i], measured[RATE + i]
 
 
 @inlined
@@ -186,6 +186,60 @@ def sense(
 
 
 @compiled
+def advance(
+    e: Experiments,
+    rules: NDArray[Any],
+    arm: FloatArray,
+    around: Around | None,
+    wanted: FloatArray,
+    signals: FloatArray,
+    motion: FloatArray,
+) -> None:
+    """Move the arms and the vehicles under them: their true signals, shape (batch, 3, 80, 24)."""
+    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
+    for b in range(len(wanted)):
+        moved = late if move_arm(e, b, around, wanted[b], rules[b].acceleration, path, late) else path
+        time = e.counts[b] * SAMPLE
+        for mode in range(MODES):
+            advance_mode(
+                e.vehicles[b], arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time,
+                e.states[b, mode], signals[b, mode],
+            )  # fmt: skip
+        if len(motion) > 0:
+            for k in range(SAMPLES + 1):
+                copy_to(motion[b, k], moved[k * SUBSTEPS])
+
+
+@compiled
+def show(e: Experiments, gravity: float, around: Around | None, signals: FloatArray) -> None:
+    """Let the sensors' effects act on the signals of those experiments that have any, in place."""
+    for b in range(len(signals)):
+        erring = e.sensing[b]
+        if around is not None:
+            erring = erring or around.senses
+        if erring:
+            for mode in range(MODES):
+                measure_raw(e.vehicles[b], gravity, e.history[b, mode], signals[b, mode])
+                if around is not None:
+                    show_raw(around.sensors, b, mode, e.counts[b] * SAMPLE, signals[b, mode])
+                compensate(gravity, signals[b, mode])
+
+
+@compiled
+def measure(
+    e: Experiments,
+    rules: NDArray[Any],
+    gravity: float,
+    signals: FloatArray,
+    features: FloatArray,
+    noise: FloatArray,
+) -> None:
+    """Sense what the sensors show, and count the samples."""
+    for b in range(len(signals)):
+        sense(e, b, rules[b], gravity, signals[b], features[b], noise[b])
+        e.counts[b] += SAMPLES
+
+
 def shake(
     e: Experiments,
     rules: NDArray[Any],
@@ -210,28 +264,11 @@ def shake(
         motion: Receives f, f', f'' of the arm, shape (batch, 81, 3), or (0, 81, 3).
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
-    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
-    signals = np.empty((MODES, SAMPLES, SIGNALS))
-    for b in range(len(wanted)):
-        moved = late if move_arm(e, b, around, wanted[b], rules[b].acceleration, path, late) else path
-        time = e.counts[b] * SAMPLE
-        for mode in range(MODES):
-            advance_mode(
-                e.vehicles[b], arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time,
-                e.states[b, mode], signals[mode],
-            )  # fmt: skip
-        if len(motion) > 0:
-            motion[b] = moved[::SUBSTEPS]
-            bodies[b, :, :, 0:3] = signals[:, :, POSITION : POSITION + 3]
-            bodies[b, :, :, 3:6] = signals[:, :, ANGLE : ANGLE + 3]
-        erring = e.sensing[b]
-        if around is not None:
-            erring = erring or around.senses
-        if erring:
-            for mode in range(MODES):
-                measure_raw(e.vehicles[b], arm[GRAVITY], e.history[b, mode], signals[mode])
-                if around is not None:
-                    show_raw(around.sensors, b, mode, time, signals[mode])
-                compensate(arm[GRAVITY], signals[mode])
-        sense(e, b, rules[b], arm[GRAVITY], signals, features[b], noise[b])
-        e.counts[b] += SAMPLES
+    signals = np.empty((len(wanted), MODES, SAMPLES, SIGNALS))
+    advance(e, rules, arm, around, wanted, signals, motion)
+    if len(bodies) > 0:
+        bodies[..., 0:3] = signals[..., POSITION : POSITION + 3]
+        bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]
+    if e.sensing.any() or (around is not None and around.senses):
+        show(e, arm[GRAVITY], around, signals)
+    measure(e, rules, arm[GRAVITY], signals, features, noise)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
+from fieldmodels.machines.excitation.vectors import copy_to
 from fieldmodels.model import ModelError
 
 AMPLITUDE, FREQUENCY, OFFSET = range(3)
@@ -115,7 +116,7 @@ def attainable(
     if possible > 0.0:
         towards(previous, wanted, possible, acceleration, out)
     else:
-        out[:] = previous
+        copy_to(out, previous)
 
 
 @inlined

@@ -25,7 +25,7 @@ from fieldmodels.machines.excitation.regression import (
     VELOCITY,
     gravity_change,
 )
-from fieldmodels.machines.excitation.vectors import Vector
+from fieldmodels.machines.excitation.vectors import Vector, copy_to
 
 OUTPUTS = 11
 """Accelerometer x, y, z; pitch, roll; force x, y, z; torque x, y, z."""
@@ -118,7 +118,8 @@ def measure_raw(q: Any, gravity: float, history: FloatArray, signals: FloatArray
         signals: Shape (samples, 24), at least 41 samples; dr'' becomes the specific force.
     """
     before = history.copy()
-    history[:, :] = signals[len(signals) - HISTORY :, ANGLE : ANGLE + TURNS]
+    for n in range(len(history)):
+        copy_to(history[n], signals[len(signals) - len(history) + n, ANGLE : ANGLE + TURNS])
     for n in range(len(signals)):
         s = signals[n]
         s[ACCELERATION], s[ACCELERATION + 1], s[ACCELERATION + 2] = accelerometer(s, gravity, q)

@@ -17,6 +17,13 @@ def vector_at(values: FloatArray, first: int) -> Vector:
 
 
 @inlined
+def copy_to(out: FloatArray, values: FloatArray) -> None:
+    """Write values into an array as long; an assignment to a slice takes seconds to compile."""
+    for i in range(len(out)):
+        out[i] = values[i]
+
+
+@inlined
 def plus(a: Vector, factor: float, b: Vector) -> Vector:
     """A + factor b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
