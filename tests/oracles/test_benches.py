@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from fieldmodels.exam.oracles import filled, find_oracle, one_axis
+from fieldmodels.exam.oracles import find_oracle, one_axis
 from fieldmodels.exam.oracles.piecewise import current
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model
@@ -328,8 +328,7 @@ def test_the_force_that_an_actuator_gives(machine, effects, rng, agree):
         observed=np.ones((1, COUNT, 1), dtype=np.bool_),
     )
     got = drive.simulate(drive.vector(effects=values), windows)[0, 0]
-    given = filled(values, find_oracle(machine).NEUTRAL)
-    pieces = one_axis.actuator(commands[:, 0], STEP, given)
+    [pieces] = one_axis.episode(lambda *_: 0.0, 1.0, values, commands[:, 0], STEP).pieces
     on = np.array([[current(pieces, t).at(t)] for t in times + READ * STEP])
     agree(got, on, commands, 1e-9)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from fieldmodels.arrays import FloatArray
@@ -23,15 +24,14 @@ def simulate(
     step: float,
     start: Mapping[str, float] | None = None,
 ) -> FloatArray:
-    """Drive one episode; see ``Simulate`` and ``one_axis.simulate``."""
+    """Drive one episode; see ``Simulate`` and ``one_axis``."""
     given = filled(effects, NEUTRAL)
     load = given["payload"]
-    axis = one_axis.Axis(
-        force="torque",
-        inertia=base["inertia"] + load["mass"] * load["length"] ** 2,
-        damping=given["viscous_friction"]["coefficient"],
-        gravity=base["gravity_moment"] + load["mass"] * GRAVITY * load["length"],
-        bias=given["sensor_bias"]["bias"],
-        given=given,
-    )
-    return one_axis.simulate(axis, commands[:, 0], step, start)
+    inertia = base["inertia"] + load["mass"] * load["length"] ** 2
+    moment = base["gravity_moment"] + load["mass"] * GRAVITY * load["length"]
+    on = {name: given[name] for name in effects if name != "payload"}
+
+    def force(x: float, _v: float, drive: float) -> float:
+        return drive - moment * math.sin(x)
+
+    return one_axis.shown(one_axis.episode(force, inertia, on, commands[:, 0], step), start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,16 +20,13 @@ def simulate(
     step: float,
     start: Mapping[str, float] | None = None,
 ) -> FloatArray:
-    """Drive one episode; see ``Simulate`` and ``one_axis.simulate``."""
+    """Drive one episode; see ``Simulate`` and ``one_axis``."""
     given = filled(effects, NEUTRAL)
-    axis = one_axis.Axis(
-        force="torque",
-        inertia=base["inertia"],
-        damping=base["damping"],
-        gravity=base["gravity_moment"],
-        bias=given["sensor_bias"]["bias"],
-        given=given,
-    )
     command = commands[:, 0]
     thrust = np.sign(command) * np.abs(command) ** given["thrust_curve"]["exponent"]
-    return one_axis.simulate(axis, thrust, step, start)
+    on = {name: given[name] for name in effects if name != "thrust_curve"}
+
+    def force(x: float, v: float, drive: float) -> float:
+        return drive - base["damping"] * v - base["gravity_moment"] * math.sin(x)
+
+    return one_axis.shown(one_axis.episode(force, base["inertia"], on, thrust, step), start)

@@ -17,14 +17,12 @@ def simulate(
     step: float,
     start: Mapping[str, float] | None = None,
 ) -> FloatArray:
-    """Drive one episode; see ``Simulate`` and ``one_axis.simulate``."""
+    """Drive one episode; see ``Simulate`` and ``one_axis``."""
     given = filled(effects, NEUTRAL)
-    axis = one_axis.Axis(
-        force="force",
-        inertia=base["mass"] + given["payload"]["mass"],
-        damping=base["damping"],
-        stiffness=base["stiffness"],
-        velocity_bias=given["sensor_bias"]["bias"],
-        given=given,
-    )
-    return one_axis.simulate(axis, commands[:, 0], step, start)
+    mass = base["mass"] + given["payload"]["mass"]
+    on = {name: given[name] for name in effects if name != "payload"}
+
+    def force(x: float, v: float, drive: float) -> float:
+        return drive - base["damping"] * v - base["stiffness"] * x
+
+    return one_axis.shown(one_axis.episode(force, mass, on, commands[:, 0], step, "velocity"), start)

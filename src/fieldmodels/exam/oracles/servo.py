@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-
-import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.oracles import Values, filled, one_axis
@@ -25,28 +22,6 @@ NEUTRAL: Values = {
 }
 
 
-@dataclass(frozen=True)
-class Joint(one_axis.Axis):
-    """An axis driven by what a controller makes of its set-point.
-
-    Attributes:
-        derivative_gain: What the controller gives against a velocity.
-        offset: A constant torque.
-    """
-
-    derivative_gain: float = 0.0
-    offset: float = 0.0
-
-    def push(self, x: float, v: float, time: float, actuator: float) -> float:
-        """All forces but dry friction and hysteresis."""
-        width, limit = self.given["dead_band"]["width"], self.given["torque_limit"]["limit"]
-        error = actuator - x
-        motor = error - min(max(error, -width), width) - self.derivative_gain * v
-        pull = self.given["gravity"]
-        constant = self.offset + pull["sine"] * math.sin(x) + pull["cosine"] * math.cos(x)
-        return super().push(x, v, time, float(np.clip(motor, -limit, limit))) + constant
-
-
 def simulate(
     base: Mapping[str, float],
     effects: Values,
@@ -54,12 +29,16 @@ def simulate(
     step: float,
     start: Mapping[str, float] | None = None,
 ) -> FloatArray:
-    """Drive one episode; see ``Simulate`` and ``one_axis.simulate``."""
-    joint = Joint(
-        force="torque",
-        inertia=base["inertia"],
-        derivative_gain=base["damping"],
-        offset=base["offset"],
-        given={**SHARED, **filled(effects, NEUTRAL)},
-    )
-    return one_axis.simulate(joint, commands[:, 0], step, start)
+    """Drive one episode; see ``Simulate`` and ``one_axis``."""
+    given = filled(effects, NEUTRAL)
+    width, limit = given["dead_band"]["width"], given["torque_limit"]["limit"]
+    sine, cosine = given["gravity"]["sine"], given["gravity"]["cosine"]
+
+    def force(x: float, v: float, set_point: float) -> float:
+        error = set_point - x
+        motor = error - min(max(error, -width), width) - base["damping"] * v
+        constant = base["offset"] + sine * math.sin(x) + cosine * math.cos(x)
+        return min(max(motor, -limit), limit) + constant
+
+    on = {name: given[name] for name in effects if name in SHARED}
+    return one_axis.shown(one_axis.episode(force, base["inertia"], on, commands[:, 0], step), start)
