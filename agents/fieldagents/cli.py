@@ -8,8 +8,11 @@ import json
 import sys
 import threading
 import warnings
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from contextvars import ContextVar
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -136,37 +139,22 @@ def _shipped(incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
+_CONFIG = "YAML file, or the name of a shipped one: `heel_strike/ppo`."
 ConfigPath = Annotated[
-    Path,
-    typer.Argument(
-        metavar="CONFIG",
-        help="YAML file, or the name of a shipped one: `heel_strike/ppo`.",
-        show_default=False,
-        autocompletion=_shipped,
-    ),
+    Path, typer.Argument(metavar="CONFIG", help=_CONFIG, show_default=False, autocompletion=_shipped)
 ]
-
+Out = Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")]
 EngineName = Annotated[
     Literal["local", "ray"],
     typer.Option("--engine", help="Who does the jobs: this machine, or a Ray cluster; results are equal."),
 ]
 Workers = Annotated[
-    int,
-    typer.Option(help="Of `local`: processes of one thread each; 0: one job after another.", min=0),
+    int, typer.Option(help="Of `local`: processes of one thread each; 0: one job after another.", min=0)
 ]
-Address = Annotated[
-    str,
-    typer.Option(
-        help="Of `ray`: the cluster, as `auto` or `ray://head:10001` (default: RAY_ADDRESS, else a new one)."
-    ),
-]
-
-TrustPickle = Annotated[
-    bool,
-    typer.Option(
-        "--trust-pickle", help="Load .zip files of Stable-Baselines3: their pickles can run any code."
-    ),
-]
+_ADDRESS = "Of `ray`: the cluster, as `auto` or `ray://head:10001` (default: RAY_ADDRESS, else a new one)."
+Address = Annotated[str, typer.Option(help=_ADDRESS)]
+_TRUST = "Load .zip files of Stable-Baselines3: their pickles can run any code."
+TrustPickle = Annotated[bool, typer.Option("--trust-pickle", help=_TRUST)]
 
 
 def _version(show: bool) -> None:
@@ -209,10 +197,7 @@ def list_(
     from fieldagents import catalogue
 
     found = catalogue.selected(catalogue.catalogue(), name, agents)
-    if as_json:
-        _print_json(found)
-    else:
-        catalogue.show(found, _console())
+    _told(as_json, found, partial(catalogue.show, found))
 
 
 @app.command()
@@ -251,16 +236,16 @@ def train(
 
     overrides = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
     checked = self_contained(load_config(config, TrainConfig, overrides))
-    _begin(plan.of_training(checked, run_folder(checked, resume, out)), dry_run, as_json)
+    _announced(plan.of_training(checked, run_folder(checked, resume, out)), dry_run, as_json)
     folder = run(checked, resume=resume, progress=not as_json, out=out)
-    _done({"run": str(folder)}, as_json)
+    _done({"run": folder}, as_json)
 
 
 @app.command()
 def evaluate(
     config: ConfigPath,
     overrides: Settings = None,
-    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    out: Out = None,
     engine: EngineName = "local",
     workers: Workers = 0,
     address: Address = "",
@@ -296,50 +281,36 @@ def evaluate(
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
     out = out or Path("results") / checked.name
-    _begin(plan.of_evaluation([checked], checked.name, out, by), dry_run, as_json)
-    folder = _into(out)
+    folder = _begin(plan.of_evaluation([checked], checked.name, out, by), dry_run, as_json)
     with progress() as report:
         summary = run(checked, folder, report, by)
-    if as_json:
-        _print_json(summary.to_json())
-    else:
-        show(summary, _console())
-        _done({name: str(folder / name) for name in ("episodes.parquet", "summary.json", "report.html")})
+    written = {name: folder / name for name in ("episodes.parquet", "summary.json", "report.html")}
+    _told(as_json, summary.to_json(), partial(show, summary), written)
 
 
 def _evaluate_suite(
     config: Path, overrides: list[str], out: Path | None, engine: Engine, dry_run: bool, as_json: bool
 ) -> None:
     """Run several evaluations, and put them into one table."""
-    from dataclasses import asdict
-
-    from rich.table import Table
-
     from fieldagents import plan
     from fieldagents.config import load_config
-    from fieldagents.evaluation.suite import HEADER, SuiteConfig, cells, evaluate_suite
+    from fieldagents.evaluation.suite import SuiteConfig, evaluate_suite, show
 
     checked = load_config(config, SuiteConfig, overrides)
     out = out or Path("results") / checked.name
-    _begin(plan.of_evaluation(list(checked.members().values()), checked.name, out, engine), dry_run, as_json)
-    folder = _into(out)
+    planned = plan.of_evaluation(list(checked.members().values()), checked.name, out, engine)
+    folder = _begin(planned, dry_run, as_json)
     with progress() as report:
         lines = evaluate_suite(checked, folder, report, engine)
-    if as_json:
-        _print_json([asdict(line) for line in lines])
-        return
-    table = Table(*HEADER)
-    for line in lines:
-        table.add_row(*cells(line))
-    _console().print(table)
-    _done({name: str(folder / name) for name in ("suite.json", "suite.csv", "report.html")})
+    written = {name: folder / name for name in ("suite.json", "suite.csv", "report.html")}
+    _told(as_json, [asdict(line) for line in lines], partial(show, lines), written)
 
 
 @app.command()
 def sweep(
     config: ConfigPath,
     overrides: Settings = None,
-    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    out: Out = None,
     engine: EngineName = "local",
     workers: Workers = 1,
     address: Address = "",
@@ -364,22 +335,17 @@ def sweep(
 
     by, checked = Engine(engine, workers, address), load(config, overrides or [])
     out = out or Path("results") / checked.name
-    _begin(plan.of_sweep(checked, out, by), dry_run, as_json)
-    folder = _into(out)
+    folder = _begin(plan.of_sweep(checked, out, by), dry_run, as_json)
     with progress() as report:
         found = run_sweep(checked, folder, by, report)
-    if as_json:
-        _print_json(found.data)
-    else:
-        show(found, _console())
-        _done({name: str(path) for name, path in found.files.items()})
+    _told(as_json, found.data, partial(show, found), found.files)
 
 
 @app.command()
 def record(
     config: ConfigPath,
     overrides: Settings = None,
-    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")] = None,
+    out: Out = None,
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
@@ -401,43 +367,37 @@ def record(
 
     checked = load_config(config, RecordConfig, overrides or [])
     out = out or Path("results") / checked.name
-    _begin(plan.of_recording(checked, out), dry_run, as_json)
-    written = run(checked, _into(out))
-    _done({name: str(path) for name, path in written.items()}, as_json)
+    folder = _begin(plan.of_recording(checked, out), dry_run, as_json)
+    _done(run(checked, folder), as_json)
+
+
+_DATA = "Logs of any format, or names of public recordings; files of one run as `a.csv+b.csv`."
+_MODEL = (
+    "Model to hold against the data, as `fieldgym list` names it, or a Python file of yours, which is run."
+)
+_TEST = "Separate recording on which the gain is measured; repeatable."
+_COLUMN = "Which column holds a signal, as in `torque=-2.5*tau:N cm`, in all files or in one; repeatable."
+_HOLD = """What the inputs do between samples: `held`, as a controller commands them, or `interpolated`, as
+sampled analogue signals (default: as the model says, or fits better)."""
+_WINDOW = """`record`: run through each episode from one start, for slow processes with hidden states
+(default: as the model says, else windows that each have their own start)."""
+_BUDGET = "Give the best verdict after this time, and what was not tried (default: none)."
+_CALL_LIMIT = "Stop a model of your own if one call into it takes longer (processor time; default: none)."
+_THEN = "Then tune an agent in the extended simulation, and test it beside the nominal one."
 
 
 @app.command()
 def diagnose(
-    data: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="DATA...",
-            help="Logs of any format, or names of public recordings; files of one run as `a.csv+b.csv`.",
-        ),
-    ],
-    model: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Model to hold against the data: `fieldgym list` names them; or a Python file of your own, "
-            "which is run.",
-        ),
-    ],
-    test: Annotated[
-        list[str] | None,
-        typer.Option(metavar="DATA", help="Separate recording on which the gain is measured; repeatable."),
-    ] = None,
+    data: Annotated[list[str], typer.Argument(metavar="DATA...", help=_DATA)],
+    model: Annotated[str, typer.Option(metavar="NAME", help=_MODEL)],
+    test: Annotated[list[str] | None, typer.Option(metavar="DATA", help=_TEST)] = None,
     fixed: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PARAMETER=VALUE", help="Hold a base parameter fixed; repeatable."),
     ] = None,
     column: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="[FILE:]SIGNAL=[GAIN*]COLUMN[+OFFSET][:UNIT]",
-            help="Which column holds a signal, as in `angle=position:deg` or `torque=-2.5*tau:N cm`, in all "
-            "files or in one; repeatable.",
-        ),
+        typer.Option(metavar="[FILE:]SIGNAL=[GAIN*]COLUMN[+OFFSET][:UNIT]", help=_COLUMN),
     ] = None,
     bench: Annotated[
         Path | None,
@@ -448,49 +408,17 @@ def diagnose(
         typer.Option(metavar="HZ", help="Rows a second, for logs without a column of times.", min=1e-6),
     ] = None,
     accept: Annotated[
-        bool,
-        typer.Option("--accept", help="Take the columns as proposed, and keep them in a `bench.yaml`."),
+        bool, typer.Option("--accept", help="Take the columns as proposed, and keep them in a `bench.yaml`.")
     ] = False,
-    hold: Annotated[
-        Literal["held", "interpolated"] | None,
-        typer.Option(
-            help="What the inputs do between samples: `held`, as a controller commands them, or "
-            "`interpolated`, as sampled analogue signals (default: as the model says, or fits better)."
-        ),
-    ] = None,
+    hold: Annotated[Literal["held", "interpolated"] | None, typer.Option(help=_HOLD)] = None,
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the resampling.", min=0)] = 0,
-    window: Annotated[
-        Literal["record"] | None,
-        typer.Option(
-            help="`record`: run through each episode from one start, for slow processes with hidden states "
-            "(default: as the model says, else windows that each have their own start)."
-        ),
-    ] = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Give the best verdict after this time, and what was not tried (default: none).",
-        ),
-    ] = None,
-    call_limit: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Stop a model of your own if one call into it takes longer (processor time; default: none).",
-            min=0.01,
-        ),
-    ] = None,
-    then_retune: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CONFIG",
-            help="Then tune an agent in the extended simulation, and test it beside the nominal one.",
-        ),
-    ] = None,
+    window: Annotated[Literal["record"] | None, typer.Option(help=_WINDOW)] = None,
+    budget: Annotated[float | None, typer.Option(metavar="SECONDS", help=_BUDGET)] = None,
+    call_limit: Annotated[float | None, typer.Option(metavar="SECONDS", help=_CALL_LIMIT, min=0.01)] = None,
+    then_retune: Annotated[Path | None, typer.Option(metavar="CONFIG", help=_THEN)] = None,
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
@@ -540,8 +468,7 @@ def diagnose(
     from fieldmodels.diagnosis.report import write_results
 
     out = out or Path("results") / f"diagnosis-{chosen.name}"
-    _begin(plan.of_diagnosis(chosen, recordings, tests, held, out, loop), dry_run, as_json)
-    folder = _into(out)
+    folder = _begin(plan.of_diagnosis(chosen, recordings, tests, held, out, loop), dry_run, as_json)
     checked: AbstractContextManager[None] = nullcontext()
     if is_model_file(model):
         from fieldmodels.contract import kept
@@ -553,21 +480,16 @@ def diagnose(
         )
     written = write_results(diagnosis, folder)
     result = diagnosis.to_json()
-    retuned = None
+    shows: list[Callable[[Console], None]] = [partial(findings.show, result)]
     if loop is not None:
         from fieldagents.retune import finish
 
         with progress() as report:
             retuned = finish(diagnosis, loop, written["extended.yaml"], folder, report)
         result["retune"] = retuned.to_json()
+        shows.append(retuned.show)
         written |= retuned.files
-    if as_json:
-        _print_json(result)
-    else:
-        findings.show(result, _console())
-        if retuned is not None:
-            retuned.show(_console())
-        _done({name: str(path) for name, path in written.items()})
+    _told(as_json, result, lambda console: [show(console) for show in shows], written)
 
 
 @app.command("open")
@@ -619,24 +541,18 @@ def export(
     _done({"model": str(out)}, as_json)
 
 
+_SET = "Cases to develop a diagnosis on, or to report on; they have nothing in common."
+_KIND = """`nothing`, `single`, `pair`, `triple`, `unlisted`, `growing` or `log`; repeatable (default: all).
+Or `degenerate`: hostile and unlucky input to every command."""
+
+
 @app.command()
 def exam(
-    which: Annotated[
-        Literal["develop", "report"],
-        typer.Option(
-            "--set", help="Cases to develop a diagnosis on, or to report on; they have nothing in common."
-        ),
-    ] = "report",
+    which: Annotated[Literal["develop", "report"], typer.Option("--set", help=_SET)] = "report",
     machine: Annotated[
         list[str] | None, typer.Option(help="Machine to examine; repeatable (default: all).")
     ] = None,
-    kind: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="`nothing`, `single`, `pair`, `triple`, `unlisted`, `growing` or `log`; repeatable "
-            "(default: all). Or `degenerate`: hostile and unlucky input to every command."
-        ),
-    ] = None,
+    kind: Annotated[list[str] | None, typer.Option(help=_KIND)] = None,
     cases: Annotated[
         int | None, typer.Option(help="How many at most, a sample of all (default: all).", min=1)
     ] = None,
@@ -679,18 +595,13 @@ def exam(
 
     chosen = cases_of(which, machine or examined(), kind or (), cases)
     by, out = Engine(engine, workers, address), out or Path("results") / f"exam-{which}"
-    _begin(plan.of_exam([case.machine for case in chosen], out, by), dry_run, as_json)
-    folder = _into(out)
+    folder = _begin(plan.of_exam([case.machine for case in chosen], out, by), dry_run, as_json)
     with progress() as report:
         rows = run_cases(chosen, folder, engine=by, progress=report)
-    written = table.write(rows, folder)
+    written, found = table.write(rows, folder), table.summary(rows)
     if publish is not None:
-        table.publish(table.summary(rows), publish)
-    if as_json:
-        _print_json(table.summary(rows))
-    else:
-        print(written["exam.md"].read_text(encoding="utf-8"))
-        _done({name: str(path) for name, path in written.items()})
+        table.publish(found, publish)
+    _told(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
 
 
 def _degenerate(
@@ -701,18 +612,13 @@ def _degenerate(
     from fieldagents import plan
 
     chosen, out = faults.cases_of(count), out or Path("results") / "exam-degenerate"
-    _begin(plan.of_exam(["degenerate"] * count, out, engine), dry_run, as_json)
-    folder = _into(out)
+    folder = _begin(plan.of_exam(["degenerate"] * count, out, engine), dry_run, as_json)
     with progress() as report:
         rows = faults.run_cases(chosen, folder, app, workers=engine.workers, progress=report)
     written, found = faults.write(rows, folder), faults.summary(rows)
     if publish is not None:
         faults.publish(found, publish)
-    if as_json:
-        _print_json(found)
-    else:
-        print(written["exam.md"].read_text(encoding="utf-8"))
-        _done({name: str(path) for name, path in written.items()})
+    _told(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
     if found["faults"]:
         raise typer.Exit(1)
 
@@ -777,23 +683,17 @@ def reproduce(
         raise room.ReproductionError("--quick goes with --all; a single table or figure takes --set")
     elif what is None:
         known = room.reproducible()
-        if as_json:
-            entries = [{"name": n, "title": one.title, "options": one.options} for n, one in known.items()]
-            _print_json({"entries": entries})
-        else:
-            pages.show_reproducible(known, _console())
+        entries = [{"name": n, "title": one.title, "options": one.options} for n, one in known.items()]
+        _told(as_json, {"entries": entries}, partial(pages.show_reproducible, known))
     else:
         out = out or Path("results") / "reproduce" / what
         took = room.known_entry(what).processor_s
-        _begin(plan.of_reproduction(1, [took[0] if took else None], out, by), dry_run, as_json)
-        folder = _into(out)
+        planned = plan.of_reproduction(1, [took[0] if took else None], out, by)
+        folder = _begin(planned, dry_run, as_json)
         with progress() as report:
             result = room.reproduce(what, folder, overrides or [], report)
-        if as_json:
-            _print_json(pages.to_json(result, folder))
-        else:
-            pages.show(result, _console())
-            _done(pages.written(result, folder))
+        data, written = pages.to_json(result, folder), pages.written(result, folder)
+        _told(as_json, data, partial(pages.show, result), written)
 
 
 def _decide_all(
@@ -804,17 +704,12 @@ def _decide_all(
     from fieldagents.reproduce import ledger as books
     from fieldagents.reproduce.pages import show_ledger, write_page
 
-    _begin(plan.of_reproduction(*books.left(out, task, quick), out, engine), dry_run, as_json)
-    out = _into(out)
+    out = _begin(plan.of_reproduction(*books.left(out, task, quick), out, engine), dry_run, as_json)
     with progress() as report:
         ledger = books.decide(out, task, quick=quick, engine=engine, progress=report)
     data = books.as_data(ledger) | {"files": {"ledger.html": str(write_page(ledger, out))}}
     write_text(out / "ledger.json", json.dumps(data, indent=1, allow_nan=False))
-    if as_json:
-        _print_json(data)
-    else:
-        show_ledger(ledger, _console())
-        _done(data["files"])
+    _told(as_json, data, partial(show_ledger, ledger), data["files"])
     if not ledger.good:
         raise typer.Exit(1)
 
@@ -838,33 +733,27 @@ def schema(
     _print_json(schema_of(kind))
 
 
+_AGENT = """Who acts (default: the first of the task's agents): a name, a `policy.onnx`, a run's folder,
+`module:Class`, a `.zip`."""
+
+
 @app.command()
 def watch(
     task: Annotated[str, typer.Argument(help="Name of the task; `fieldgym list` names them.")],
-    agent: Annotated[
-        str | None,
-        typer.Option(
-            help="Who acts (default: the first of the task's agents): a name, a `policy.onnx`, a run's "
-            "folder, `module:Class`, a `.zip`."
-        ),
-    ] = None,
+    agent: Annotated[str | None, typer.Option(help=_AGENT)] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="`settings.KEY=VALUE` or `reality.EFFECT.PARAMETER=VALUE`."
+            "--set", metavar="KEY=VALUE", help="`settings.KEY=VALUE`, `reality.EFFECT.PARAMETER=VALUE`."
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the episode.", min=0)] = 0,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Write a film (`.gif`, `.webp`, `.mp4`) instead of opening a window."),
+        Path | None, typer.Option(help="Write a film (`.gif`, `.webp`, `.mp4`) instead of opening a window.")
     ] = None,
     seconds: Annotated[float, typer.Option(help="Longest film [s].", min=0.1, max=600)] = 20.0,
     save: Annotated[
-        Path | None,
-        typer.Option(
-            help="Drive by hand, and add the drive to this `.csv` or `.parquet`, which is an agent."
-        ),
+        Path | None, typer.Option(help="Drive by hand, and add the drive to this table, which is an agent.")
     ] = None,
     trust_pickle: TrustPickle = False,
     as_json: Json = False,
@@ -887,29 +776,14 @@ def watch(
     environment = environment_of(task, overrides or [])
     with progress() as report:
         seen = run(
-            task,
-            agent,
-            environment,
-            seed=seed,
-            film=out,
-            seconds=seconds,
-            save=save,
-            trust_pickle=trust_pickle,
-            progress=report,
-        )
+            task, agent, environment, seed=seed, film=out, seconds=seconds, save=save,
+            trust_pickle=trust_pickle, progress=report,
+        )  # fmt: skip
     result = {
-        "agent": seen.agent,
-        "seed": seen.seed,
-        "steps": seen.steps,
-        "return": seen.episode_return,
-        "finished": seen.finished,
-        "film": None if out is None else str(out),
-        "drives": seen.kept or None,
-    }
-    if as_json:
-        _print_json(result)
-    else:
-        _done({name: str(value) for name, value in result.items() if value is not None})
+        "agent": seen.agent, "seed": seed, "steps": seen.steps, "return": seen.episode_return,
+        "finished": seen.finished, "film": None if out is None else str(out), "drives": seen.kept or None,
+    }  # fmt: skip
+    _told(as_json, result, lambda _: _done({k: v for k, v in result.items() if v is not None}))
 
 
 @app.command()
@@ -931,23 +805,24 @@ def demo(
 
     with progress() as report:
         done = run_demo(_into(out), report)
-    if not as_json:
-        for finding in done.findings:
-            _console().print(finding, markup=False)
-    _done({"report": str(done.page)}, as_json)
+    files = {"report": str(done.page)}
+    _told(as_json, files, lambda console: console.print("\n".join(done.findings), markup=False), files)
 
 
-def _begin(plan: Plan, dry_run: bool, as_json: bool) -> None:
+def _announced(plan: Plan, dry_run: bool, as_json: bool) -> None:
     """Say what will be done, refuse what cannot end; end here if nothing more was asked for."""
     plan.check()
     if not dry_run:
         _said(plan.words())
         return
-    if as_json:
-        _print_json(plan.to_json())
-    else:
-        print(plan.words())
+    _told(as_json, plan.to_json(), lambda _: print(plan.words()))
     raise typer.Exit
+
+
+def _begin(plan: Plan, dry_run: bool, as_json: bool) -> Path:
+    """Announce, and claim the result folder."""
+    _announced(plan, dry_run, as_json)
+    return _into(plan.out)
 
 
 def _into(folder: Path) -> Path:
@@ -955,22 +830,29 @@ def _into(folder: Path) -> Path:
     return _HELD.get().enter_context(claimed(folder))
 
 
-def _console() -> Console:
+def _told(
+    as_json: bool, data: Any, show: Callable[[Console], Any], written: Mapping[str, Path | str] | None = None
+) -> None:
+    """Print a result: as JSON, alone, or for a reader with the files that were written."""
+    if as_json:
+        _print_json(data)
+        return
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    show(Console(width=None if sys.stdout.isatty() else 120, highlight=False))
+    _done(written or {})
 
 
 def _print_json(data: Any) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def _done(written: dict[str, str], as_json: bool = False) -> None:
+def _done(written: Mapping[str, Any], as_json: bool = False) -> None:
     if as_json:
-        _print_json(written)
-    else:
-        for name, path in written.items():
-            print(f"{name}: {path}")
+        _print_json({name: str(path) for name, path in written.items()})
+        return
+    for name, path in written.items():
+        print(f"{name}: {path}")
 
 
 def main() -> None:

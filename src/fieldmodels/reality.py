@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,14 @@ class Reality:
     base: Mapping[str, Any] = field(default_factory=dict)
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     hold: str = ""
+
+    def __post_init__(self) -> None:
+        named = [values for values in self.effects.values() if isinstance(values, Mapping)]
+        for name in chain(self.base, self.effects, *named):
+            if not isinstance(name, str):  # YAML's keys may be anything
+                raise ModelError(
+                    f"{name!r} is no name; a reality has names of effects and parameters as keys"
+                )
 
     @property
     def random(self) -> bool:

@@ -46,6 +46,7 @@ def test_what_is_behind_several_conditions_is_found_by_its_ways_alone(tmp_path):
 @pytest.mark.parametrize("key", ["99", "null", "1.5", "true"])
 def test_a_name_in_a_reality_that_is_no_text_is_refused(tmp_path, key):
     path = tmp_path / "extended.yaml"
-    path.write_text(f"schema: 1\nmodel: rig\neffects:\n  coulomb_friction:\n    {key}: 1.0\n")
-    with pytest.raises(ModelError, match="known: force"):
-        read_reality(path, get_model("rig"))
+    for text in (f"coulomb_friction: {{{key}: 1.0}}", f"{key}: {{force: 1.0}}"):
+        path.write_text(f"schema: 1\nmodel: rig\neffects: {{{text}}}\n")
+        with pytest.raises(ModelError, match="is no name; a reality has names"):
+            read_reality(path, get_model("rig"))

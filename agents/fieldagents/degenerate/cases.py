@@ -119,17 +119,12 @@ def _gaps(values: Floats, rng: np.random.Generator) -> Floats:
     return values
 
 
-def _clock(values: Floats, rng: np.random.Generator) -> Floats:
+def _clock(time: Floats, rng: np.random.Generator) -> Floats:
+    """Backwards, at rest, restless, or with a leap."""
     kind = rng.integers(4)
-    if kind == 0:
-        values[:, 0] = values[::-1, 0]
-    elif kind == 1:
-        values[:, 0] = 0.0
-    elif kind == 2:
-        values[:, 0] += rng.standard_normal(len(values)) * 0.02
-    else:
-        values[len(values) // 2 :, 0] += 1e9
-    return values
+    restless = time + rng.standard_normal(len(time)) * 0.02
+    leap = np.where(np.arange(len(time)) < len(time) // 2, time, time + 1e9)
+    return (time[::-1].copy(), 0.0 * time, restless, leap)[kind]
 
 
 def _grids(folder: Path, rng: np.random.Generator) -> Words:
@@ -149,30 +144,16 @@ def _dead_test(folder: Path, rng: np.random.Generator) -> Words:
 
 
 def _many(folder: Path, rng: np.random.Generator) -> Words:
-    whole = bench(rng, 50 * 60)
-    names = []
-    for i, part in enumerate(np.split(whole, 50)):
-        part[:, 0] -= part[0, 0]
-        names.append(table(folder / f"log{i}.csv", part))
+    parts = bench(rng, 50 * 60).reshape(50, 60, 3)
+    parts[:, :, 0] -= parts[:, :1, 0]
+    names = [table(folder / f"log{i}.csv", part) for i, part in enumerate(parts)]
     return ["diagnose", *names, "--model", "rig"]
 
 
 TOKENS = (
-    b"nan",
-    b"inf",
-    b"1e999",
-    b"-",
-    b'"',
-    b",",
-    b";",
-    b"\n",
-    b"\x00",
-    b"\xff\xfe",
-    b"t",
-    b"9" * 400,
-    b"",
+    b"nan", b"inf", b"1e999", b"-", b'"', b",", b";", b"\n", b"\x00", b"\xff\xfe", b"t", b"9" * 400, b"",
     b"\t",
-)
+)  # fmt: skip
 
 
 def _torn_table(folder: Path, rng: np.random.Generator) -> Words:
@@ -337,17 +318,11 @@ def mutated(data: bytes, rng: np.random.Generator, tokens: Sequence[bytes]) -> b
     """Some bytes cut out, doubled, or replaced by tokens."""
     for _ in range(int(rng.integers(1, 5))):
         a = int(rng.integers(len(data) + 1))
-        b = min(a + int(10 ** rng.uniform(0.0, 2.5)), len(data))
+        b = a + int(10 ** rng.uniform(0.0, 2.5))
         kind = rng.integers(4)
         token = tokens[int(rng.integers(len(tokens)))]
-        if kind == 0:
-            data = data[:a] + data[b:]
-        elif kind == 1:
-            data = data[:b] + data[a:b] + data[b:]
-        elif kind == 2:
-            data = data[:a] + token + data[min(a + len(token), len(data)) :]
-        else:
-            data = data[:a] + token + data[a:]
+        put, rest = ((b"", b), (data[a:b], a), (token, a + len(token)), (token, a))[kind]
+        data = data[:a] + put + data[rest:]
     return data
 
 
@@ -370,7 +345,7 @@ KINDS: dict[str, Callable[[Path, np.random.Generator], Words]] = {
     "few rows": _few,
     "fifty files": _many,
     "gaps": _log(_gaps),
-    "clock": _log(_clock),
+    "clock": _column(0, _clock),
     "torn table": _torn_table,
     "junk": _junk,
     "wide table": _wide,

@@ -11,9 +11,9 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -47,25 +47,22 @@ def run_cases(
     """
     log = out / "cases.jsonl"
     done: dict[str, Row] = {}
-    if log.exists():
-        for line in log.read_text(encoding="utf-8").splitlines():
-            try:
-                row = json.loads(line)
-                done[row["key"]] = row
-            except (ValueError, KeyError, TypeError):
-                continue  # cut off by an interruption
+    for line in log.read_text(encoding="utf-8").splitlines() if log.exists() else ():
+        with suppress(ValueError, KeyError, TypeError):  # cut off by an interruption
+            row = json.loads(line)
+            done[row["key"]] = row
     left = [case for case in cases if case.key not in done]
     _warm()
-    running: dict[int, tuple[Case, Path, float]] = {}
+    running: dict[int, tuple[Case, Path]] = {}
     with log.open("a", encoding="utf-8") as lines:
         while left or running:
             while left and len(running) < workers:
                 case, folder = left.pop(0), Path(tempfile.mkdtemp(prefix="fieldgym-fault-"))
-                running[_started(case, folder, command)] = case, folder, time.time()
+                running[_started(case, folder, command)] = case, folder
             pid, status, used = os.wait4(-1, 0)
             if pid not in running:
                 continue
-            case, folder, _ = running.pop(pid)
+            case, folder = running.pop(pid)
             done[case.key] = judged(case, folder, status, used.ru_utime + used.ru_stime)
             shutil.rmtree(folder, ignore_errors=True)
             lines.write(json.dumps(done[case.key]) + "\n")
@@ -121,8 +118,8 @@ def _die_with_the_parent() -> None:
 
 def judged(case: Case, folder: Path, status: int, seconds: float) -> Row:
     """The outcome of a case: ``answered``, ``refused``, or one of `FAULTS`."""
-    said = (folder / ".stderr").read_text(errors="replace") if (folder / ".stderr").exists() else ""
-    result = (folder / ".stdout").read_text(errors="replace") if (folder / ".stdout").exists() else ""
+    kept = (folder / name for name in (".stderr", ".stdout"))
+    said, result = (path.read_text(errors="replace") if path.exists() else "" for path in kept)
     code = os.waitstatus_to_exitcode(status)
     row: Row = {"key": case.key, "kind": case.kind, "code": code, "seconds": round(seconds, 2)}
     last = next((line for line in reversed(said.splitlines()) if line.strip()), "")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import pandas as pd
 from pydantic import Field
@@ -21,6 +22,9 @@ from fieldmodels import html
 from fieldmodels.engine import HERE, Engine, JobsFailedError
 from fieldmodels.files import write_text
 from fieldmodels.names import did_you_mean
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 class Member(Config):
@@ -190,19 +194,20 @@ def _ceiling(rows: tuple[Row, ...], metric: str, member: Member, task: str) -> f
 
 
 HEADER = (
-    "task",
-    "scenario",
-    "agent",
-    "gap closed",
-    "metric",
-    "mean",
-    "episodes with one",
-    "against the baseline",
+    "task", "scenario", "agent", "gap closed", "metric", "mean", "episodes with one", "against the baseline",
     "sees",
-)
-
-
+)  # fmt: skip
 NOTE = "Gap closed: 0 % is the reference agent, 100 % the ceiling: the best privileged agent, or a bound."
+
+
+def show(lines: Sequence[Line], console: Console) -> None:
+    """Print the table."""
+    from rich.table import Table
+
+    table = Table(*HEADER)
+    for line in lines:
+        table.add_row(*cells(line))
+    console.print(table)
 
 
 def cells(line: Line) -> list[str]:
