@@ -68,6 +68,12 @@ def test_an_integer_without_end_is_refused(tmp_path):
     refused(path, "position", "a number beyond 1e308")
 
 
+def test_a_few_uneven_rows_are_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,force,position\n0,1,2\n0.01,1,3\n0.02,2,3\n0.03,2,4\n0.04,2,5\n0.06,3,6\n")
+    refused(path, "no 8 rows follow each other at the usual step of 0.01 s")
+
+
 def test_a_header_of_many_columns_is_read_whole(tmp_path):
     names = ["t", "force", *(f"c{k}_{'x' * 90}" for k in range(2000)), "position"]
     path = tmp_path / "wide.csv"

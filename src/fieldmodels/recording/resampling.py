@@ -76,8 +76,8 @@ def evened(recording: Recording, model: Model | None) -> Recording:
     pieces = [piece for part, t in zip(parts, times, strict=True) for piece in _split(part, t, step)]
     if not pieces:
         raise RecordingError(
-            f"{recording.source}: no {_NEIGHBOURS} rows follow each other at the usual step of {step:.6g} s; log "
-            "at a steady rate"
+            f"{recording.source}: no {_NEIGHBOURS} rows follow each other at the usual step of {step:.6g} s; "
+            "log at a steady rate"
         )
     grids = [_resampled(part, t, step, model) for part, t in pieces]
     filled = 1.0 - sum(len(t) for _, t in pieces) / sum(len(g) for g in grids)
