@@ -186,6 +186,23 @@ def test_of_sets_alike_the_one_with_fewest_parameters_is_chosen():
     assert large in alternatives
 
 
+@pytest.mark.parametrize(
+    ("gain", "left", "yes"),
+    [
+        (9.5, 40.0, True),  # enough beside what wanders
+        (7.5, 40.0, False),
+        (4.5, 2.5, True),  # by itself it explains more than the walks did, whose gain is nearly gone
+        (4.5, 5.5, False),
+        (-3.0, 1.5, True),  # nothing wanders beside it
+    ],
+)
+def test_a_name_must_explain_as_much_as_noise_that_wanders(monkeypatch, gain, left, yes):
+    monkeypatch.setattr(selection, "beside", lambda *_: (gain + 1.0, left))  # its parameter costs a nat
+    candidates = SimpleNamespace(problem=SimpleNamespace(observations=None), options=selection.DEFAULT)
+    parent, child = stands(100.0), stands(50.0, effects=("a",), size=1)
+    assert selection._stands(candidates, parent, child) == yes
+
+
 def test_held_out_likelihood_is_student_s():
     residual = np.random.default_rng(5).normal(size=(7, 4))
     logpdf = stats.multivariate_t(np.zeros(4), np.eye(4), df=TAIL).logpdf

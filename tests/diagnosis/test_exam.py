@@ -413,6 +413,20 @@ def test_what_takes_too_long_and_what_ends_in_an_error_counts_as_failed(monkeypa
         assert words in row["summary"]
 
 
+@pytest.mark.parametrize(
+    ("machine", "hidden"),
+    [
+        # cogging of a long period, or slipping feet, imitate two effects
+        ("rig", ("cubic_stiffness", "constant_force", "sensor_quantisation")),
+        ("line_following", ("actuator_delay", "turn_gain", "steering_bias")),
+        ("rig", ("backlash", "constant_force", "actuator_saturation")),  # a walking zero a constant force
+    ],
+)
+def test_effects_that_others_or_wandering_noise_imitate_are_found(machine: str, hidden: tuple[str, ...]):
+    case = next(c for c in cases_of("develop", [machine], ["triple"]) if c.hidden == hidden)
+    assert run_case(case)["outcome"] in RIGHT
+
+
 def test_a_log_that_is_not_there_is_skipped_and_says_where_it_was_looked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("FIELDGYM_DATA", str(tmp_path))
     row = run_case(next(case for case in cases_of("report", ["rig"], ["log"])))

@@ -165,7 +165,7 @@ def test_a_diagnosis_is_short_in_words_and_whole_as_a_table():
     assert "<table" in result._repr_html_()
     prediction = result.predict(rig(888))
     assert {"window", "t", "position", "position_predicted"} <= set(prediction)
-    labels = [axis.get_ylabel() for axis in result.plot().axes]
+    labels = [axis.get_ylabel().replace("\n", " ") for axis in result.plot().axes]
     assert [label for label in labels if label != "error [m]"] == [
         "position [m]",
         "velocity [m/s]",
@@ -203,6 +203,30 @@ def test_what_consistent_data_would_have_shown_is_found_when_it_is_there():
         push = {"push": lambda t, x, v, u, a=times * size * wave: a * math.sin(x / 0.012)}
         again = diagnose(get_model("rig"), [rig(4, **push)], [rig(504, **push)])
         assert again.verdict in verdict, (times, again.summary())
+
+
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("grows", [0.01, 0.0])
+def test_a_gain_is_named_alone_only_if_it_holds_in_all_parts_of_the_data(grows: float, seed: int):
+    """A position that is shown 3 % too large is a gain; if the faster the more, it is something else."""
+    fault = {"shown": lambda x, v, u: (1.03 + grows * np.tanh(np.abs(v) / np.std(v) - 1.0)) * x}
+    result = diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
+    alone = [c.effect for c in result.causes if not c.alternatives]
+    if grows:
+        assert alone == []
+        assert result.causes[0].alternatives == ("curve of size of velocity, in sensor gain.gain",)
+    else:
+        assert alone == ["sensor_gain"]
+        [gain] = result.causes[0].parameters.values()
+        assert abs(gain.value - 1.03) < 3.0 * gain.std
+
+
+def test_a_name_is_ambiguous_if_a_curve_in_its_place_does_as_well():
+    """A gain that falls by two hundredths in mid-record is no parameter's step beside a gain."""
+    fault = {"shown": lambda x, v, u: np.where(np.arange(SAMPLES) < SAMPLES // 2, 1.04, 1.02) * x}
+    result = diagnose(get_model("rig"), [rig(3, **fault)], [rig(503, **fault)])
+    assert "sensor_gain" in {c.effect for c in result.causes}
+    assert all(c.alternatives for c in result.causes), result.summary()
 
 
 def test_thresholds_are_arguments():

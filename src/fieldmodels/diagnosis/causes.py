@@ -143,7 +143,7 @@ def with_alternatives(
     result = []
     for cause in causes:
         others: list[str] = []
-        curve = judged.varying.get(cause.effect, judged.twin)
+        curve = judged.unsure.get(cause.effect, judged.twin)
         twin = [f"curve of {curve.curve.direction}"] if curve else []
         for other in selection.alternatives if same else ():
             removed, added = chosen - set(other.effects), set(other.effects) - chosen

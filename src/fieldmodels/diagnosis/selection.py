@@ -243,12 +243,13 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
 
 
 def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool:
-    """Whether what a child has more brings the least gain beside noise that wanders."""
+    """Whether what a child has more explains as much by itself as noise that wanders, or enough beside it."""
     if candidates.problem.observations is not None:
         return True
     options = candidates.options
     gain, left = beside(candidates.problem, parent.fit, child.fit, options.price)
-    return left < SAME_ANYHOW or gain - options.price * (child.size - parent.size) > options.least_gain
+    gain -= options.price * (child.size - parent.size)
+    return left < SAME_ANYHOW or gain > min(options.least_gain, left)
 
 
 def _simplest(
@@ -319,8 +320,11 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     model = candidates.problem.model
     tried: list[tuple[Candidate, str]] = []
     for i, (predicted, parent, name) in enumerate(jobs):
-        simpler = parent.size + model.effect(name).size < parents[0].size
-        if i < TRIED_AT_LEAST or predicted >= (-2 * candidates.options.same_gain if simpler else TRIED_ABOVE):
+        needed = TRIED_ABOVE
+        if parent.size + model.effect(name).size < parents[0].size:
+            # What one effect of many parameters imitates; to first order a part of it is promised.
+            needed = -0.5 * (parent.total - parents[0].total) - 2 * candidates.options.same_gain
+        if i < TRIED_AT_LEAST or predicted >= needed:
             tried.append((parent, name))
     for child in candidates.each(lambda pair: candidates.extend(*pair), tried):
         if child is None:
@@ -332,7 +336,9 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
         return []
     leader = min(best.values(), key=lambda c: c.total)
     candidates.whitener = covariance_whitener(candidates.problem, leader.fit)
-    near = [c for c in best.values() if c.total < leader.total + REFITTED_WITHIN]
+    ranked = sorted(best.values(), key=lambda c: c.total)
+    # Two effects that one imitates may each be far off alone: the next parents stay, whatever they lack.
+    near = [c for i, c in enumerate(ranked) if i <= PARENTS or c.total < leader.total + REFITTED_WITHIN]
     return sorted(candidates.each(candidates.again, near), key=lambda c: c.total)
 
 

@@ -30,7 +30,8 @@ class Judgement:
         curves: Unlisted curves beside it, the most important first.
         twin: An unlisted curve that explains the data as well as the named effects, if there is one.
         beaten: Effects that the search had chosen and that curves explain better.
-        varying: Of an effect whose value differs between parts of the data, how it does.
+        unsure: Of each effect that need not be what its name says, the curve that may take its place, or
+            how its value differs between parts of the data.
     """
 
     kept: Candidate
@@ -38,7 +39,7 @@ class Judgement:
     curves: tuple[Scored, ...] = ()
     twin: Scored | None = None
     beaten: tuple[str, ...] = ()
-    varying: Mapping[str, Scored] = field(default_factory=dict)
+    unsure: Mapping[str, Scored] = field(default_factory=dict)
 
 
 def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
@@ -74,7 +75,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
             return Judgement(
                 base, curves, _with_formulas(curves, base, rivals[:count]), beaten=chosen.effects
             )
-    kept, beaten = _without_the_beaten(candidates, chosen, with_more)
+    kept, beaten, as_good = _without_the_beaten(candidates, chosen, with_more)
     if beaten:
         beside = Curves(problem, kept.fit, options)
         left = beside.rivals(kept)
@@ -87,7 +88,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         _with_formulas(beside, kept, left),
         twin if not beaten else None,
         beaten,
-        _varying(beside, kept),
+        {**as_good, **_varying(beside, kept)},
     )
 
 
@@ -149,22 +150,29 @@ def mostly_explained(testing: Problem, before: Prediction, after: Prediction) ->
 
 def _without_the_beaten(
     candidates: Candidates, chosen: Candidate, with_more: Candidate
-) -> tuple[Candidate, tuple[str, ...]]:
+) -> tuple[Candidate, tuple[str, ...], dict[str, Scored]]:
     """The set without the members that a curve in their place explains better, one by one.
 
     Args:
         candidates: What fits the sets.
         chosen: The set.
         with_more: The set with the best curve beside it.
+
+    Returns:
+        What is left, what is not, and of each of several members that are left a curve that does as well.
     """
     options, blocks = candidates.options, candidates.problem.blocks
     beaten: list[str] = []
+    as_good: dict[str, Scored] = {}
     while len(chosen.effects) > 1:
         worst: tuple[float, str, Candidate] | None = None
+        as_good = {}
         for name in chosen.effects:
             rest = candidates.without(chosen, name)
             for scored in Curves(candidates.problem, rest.fit, options).judge(rest)[:1]:
                 rival = scored.candidate
+                if _as_good(rival, chosen, 0.0, blocks, options):
+                    as_good[name] = scored
                 if not _beats(rival, chosen, 0.0, blocks, options) or _mostly(
                     rest, chosen, with_more, rival, 0.0, options
                 ):
@@ -176,7 +184,8 @@ def _without_the_beaten(
         beaten.append(worst[1])
         chosen = worst[2]
         with_more = chosen  # what stood beside the larger set says nothing of this one
-    return chosen, tuple(beaten)
+        as_good = {}
+    return chosen, tuple(beaten), as_good
 
 
 def _mostly(
