@@ -1,4 +1,4 @@
-"""A log of 183 MB, from the file to the verdict: processor seconds of ``fieldgym diagnose``, all told.
+"""A log of 183 MB, from the file to the verdict: processor seconds and memory of ``fieldgym diagnose``.
 
     python benchmarks/large_log.py
 
@@ -18,17 +18,22 @@ from fieldmodels.recording.files import save_recording
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
-EPISODES, SECONDS, STEP = 18, 200.0, 0.001
+EPISODES, SECONDS, STEP = 13, 200.0, 0.001
 
 
-def diagnosed(log: Path, out: Path) -> tuple[float, float, str]:
-    """Seconds, processor seconds, and what the command has said last."""
+def diagnosed(log: Path, out: Path) -> tuple[float, float, float, str]:
+    """Seconds, processor seconds, peak memory of all so far [GB], and what the command says first."""
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [str(Path(sys.executable).with_name("fieldgym")), "diagnose", str(log), "--model", "pendulum"]
     done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return time.perf_counter() - began, spent, next(s for s in done.stdout.splitlines() if s.strip())
+    return (
+        time.perf_counter() - began,
+        spent,
+        1e-6 * after.ru_maxrss,
+        next(s for s in done.stdout.splitlines() if s.strip()),
+    )
 
 
 def main() -> None:
@@ -43,9 +48,10 @@ def main() -> None:
             )  # fmt: skip
             log = folder / f"{episodes}.csv"
             save_recording(made, log)
-            wall, spent, verdict = diagnosed(log, folder / f"out{episodes}")
+            wall, spent, memory, verdict = diagnosed(log, folder / f"out{episodes}")
             size = log.stat().st_size / 1e6
-            print(f"{size:6.1f} MB, {len(made):,} rows: {spent:.1f} processor s, {wall:.1f} s; {verdict}")
+            said = f"{spent:.1f} processor s, {wall:.1f} s, {memory:.1f} GB; {verdict}"
+            print(f"{size:.1f} MB, {len(made):,} rows: {said}")
 
 
 if __name__ == "__main__":

@@ -15,13 +15,24 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
 from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.reproduce.ledger import claims_of
 from fieldagents.task import all_tasks
 from fieldmodels.files import write_text
+from fieldmodels.rounding import words
 
 FOLDER = Path(__file__).parent
 NUMBERS = FOLDER / "ledger.json"
+COLOURS = {
+    "reproduced": "#1a7f4b",
+    "depends": "#b8860b",
+    "refuted": "#b3402a",
+    "undecided": "#7a5195",
+    "not computable": "#8a8f98",
+}
 
 INTRODUCTION = """# The sources' claims
 
@@ -30,15 +41,44 @@ variants and extensions. *Reproduced*: the interval of our number (95 %; none wh
 within what the claim allows; *refuted*: it lies outside; *depends on ...*: readings of an ambiguous text
 disagree; *not computable*: the reason is given. Numbers are those of the last full `fieldgym reproduce
 --all`, which computes all of this anew, draws the figures and fails where a verdict is not the one below.
-This page is written by `python docs/ledger.py`.
+This page and its picture are written by `python docs/ledger.py`.
+
+![Claims of each task by verdict](pictures/ledger.svg)
 
 """
 
 
+def decided() -> list[Decided]:
+    """Every claim with the numbers that are kept."""
+    numbers = json.loads(NUMBERS.read_text(encoding="utf-8"))
+    return [_decided(task, claim, numbers.get(f"{task}/{claim.name}", {})) for task, claim in claims_of()]
+
+
+def draw(claims: Iterable[Decided], path: Path) -> None:
+    """Draw how many claims of each task have which verdict."""
+    counts = Counter((one.task, verdict_of(one)) for one in claims)
+    tasks = [task.name for task in all_tasks()][::-1]
+    figure = Figure(figsize=(8, 2.6), layout="constrained")
+    axes, left = figure.subplots(), [0] * len(tasks)
+    for verdict, colour in COLOURS.items():
+        widths = [counts[task, verdict] for task in tasks]
+        if any(widths):
+            bars = axes.barh([words(task) for task in tasks], widths, left=left, color=colour, label=verdict)
+            axes.bar_label(
+                bars, [str(n or "") for n in widths], label_type="center", fontsize=8, color="white"
+            )
+            left = [a + b for a, b in zip(left, widths, strict=True)]
+    axes.set_xlabel("claims")
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    figure.legend(frameon=False, ncols=len(COLOURS), loc="outside upper left")
+    with rc_context({"svg.hashsalt": "ledger"}):
+        figure.savefig(path, metadata={"Date": None}, facecolor="white")
+
+
 def page() -> str:
     """The Markdown page: a table for each task."""
-    numbers = json.loads(NUMBERS.read_text(encoding="utf-8"))
-    claims = [_decided(task, claim, numbers.get(f"{task}/{claim.name}", {})) for task, claim in claims_of()]
+    claims = decided()
     counts = Counter(verdict_of(one) for one in claims)
     parts = [
         INTRODUCTION,
@@ -127,3 +167,4 @@ if __name__ == "__main__":
             raise SystemExit(f"{sys.argv[1]} is of quick runs; give the result of a full one")
         keep(result["claims"])
     write_text(FOLDER / "ledger.md", page())
+    draw(decided(), FOLDER / "pictures" / "ledger.svg")

@@ -465,6 +465,7 @@ def diagnose(
     tests = [logs.read(source) for source in test or []]
 
     from fieldmodels.diagnosis import diagnose as run
+    from fieldmodels.diagnosis.answer import in_words
     from fieldmodels.diagnosis.report import write_results
 
     out = out or Path("results") / f"diagnosis-{chosen.name}"
@@ -480,7 +481,7 @@ def diagnose(
         )
     written = write_results(diagnosis, folder)
     result = diagnosis.to_json()
-    shows: list[Callable[[Console], None]] = [partial(findings.show, result)]
+    shows: list[Callable[[Console], None]] = [partial(findings.show, result, said=in_words(diagnosis))]
     if loop is not None:
         from fieldagents.retune import finish
 

@@ -38,22 +38,13 @@ def fixed_parameters(model: Model, texts: Sequence[str]) -> dict[str, float]:
     return fixed
 
 
-SENTENCES = {
-    "consistent": "Nothing significant is missing in the simulation.",
-    "named": "The simulation lacks what is listed below.",
-    "ambiguous": "The simulation lacks something that these data cannot distinguish.",
-    "unknown": "The simulation lacks something that no listed effect explains; nothing is named.",
-    "unrelated": "There is no relation between command and response; nothing can be judged.",
-}
-
-
-def show(diagnosis: Mapping[str, Any], console: Console) -> None:
-    """Print the contract's ``diagnosis.json`` for a reader."""
+def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = ()) -> None:
+    """Print the contract's ``diagnosis.json`` for a reader, below the answer in words."""
     from rich.table import Table
 
-    verdict = diagnosis["verdict"]
-    console.print(f"\n[bold]{verdict}[/bold]: {SENTENCES[verdict]}")
-    console.print(diagnosis.get("summary", ""), markup=False)
+    console.print(f"\n[bold]{diagnosis['verdict']}[/bold]")
+    for line in said or [diagnosis.get("summary", "")]:
+        console.print(line, markup=False)
     if diagnosis["causes"]:
         table = Table("effect", "where", "parameters", "gain", "cause")
         for cause in diagnosis["causes"]:
@@ -85,8 +76,6 @@ def show(diagnosis: Mapping[str, Any], console: Console) -> None:
         console.print(f"Unlisted: a curve of {curve['direction']}{shape}", markup=False)
     for effect, why in diagnosis.get("not_testable", {}).items():
         console.print(f"Not testable: {effect}: {why}", markup=False)
-    if diagnosis.get("next_measurement"):
-        console.print(f"Measure next: {diagnosis['next_measurement']['why']}", markup=False)
 
 
 def _value(entry: Mapping[str, Any]) -> str:

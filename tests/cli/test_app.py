@@ -172,6 +172,9 @@ def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser,
         _until(browser, lambda _b: find("try").is_displayed() or find("trouble").text)
         assert not find("trouble").text
         assert "lacks Coulomb friction" in find("answer").text
+        assert "bench.csv: a free run" in find("answer").text
+        why = browser.find_element(By.CSS_SELECTOR, "#columns tbody td:last-child")
+        assert why.rect["x"] + why.rect["width"] <= 390  # the evidence is in sight
         slider = browser.find_element(By.NAME, "coulomb_friction.torque")
         before = browser.find_element(By.CSS_SELECTOR, "#runs h3").text
         for _ in range(3):

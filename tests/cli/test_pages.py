@@ -18,6 +18,7 @@ from fieldagents.reproduce.pages import write_page
 from fieldagents.task import get_task
 from fieldmodels import html
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.answer import in_words
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise
@@ -158,6 +159,7 @@ def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
     assert diagnosis.verdict == verdict
     written = write_results(diagnosis, tmp_path)
     words = check_page(open_page(written["report.html"]), figures=2)
+    assert in_words(diagnosis)[0] in words  # the terminal says the same
     for effect in REALITIES[verdict]:
         assert effect.replace("_", " ") in words.lower()
     assert (tmp_path / "figures/answer.png").stat().st_size > 10_000

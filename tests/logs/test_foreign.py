@@ -9,6 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from foreign import SETS, Log
+from run import MOST, actions
 
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.recording.files import recording_of
@@ -58,3 +59,13 @@ def test_logs_are_read_as_they_were_measured(logs):
     assert not found, "\n".join(f"{about}: {said}" for about, said in found.items())
     assert len(logs) == 20
     assert sum(bool(log.reversed) for log in logs) == 5
+
+
+@pytest.mark.slow
+def test_logs_lead_to_the_right_cause(tmp_path):
+    """The goals, by the command line alone; seconds are the processor's, so that load does not count."""
+    rows = [actions(log, tmp_path / f"{k}") for k, log in enumerate(SETS["report"](tmp_path))]
+    assert all(row["loaded"] and row["actions"] <= MOST for row in rows), rows
+    right = [row for row in rows if row["right"] and row["seconds"] <= 60]
+    assert len(right) >= 18, rows
+    assert [row["reversed_said"] for row in rows if row["reversed"]] == [True] * 5

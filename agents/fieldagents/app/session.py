@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -170,10 +170,11 @@ class Session:
         self.log(0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they stand in the recordings' notes
-            return [
+            read = [
                 recording_of(log.table, Bench.of(self.specs, log.table.header, self.rate), self.model)
                 for log in self.logs
             ]
+        return [replace(one, source=log.name) for one, log in zip(read, self.logs, strict=True)]
 
     def _run(self, job: Job, model: Model, train: Recording, test: Sequence[Recording]) -> None:
         try:

@@ -115,6 +115,13 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
     return steps or ["Nothing: go on with this simulation."]
 
 
+def in_words(diagnosis: Diagnosis) -> list[str]:
+    """The answer as lines of plain text: what is wrong and by how much, how sure that is, what to do."""
+    first = (headline(diagnosis), by_how_much(diagnosis), what_is_left(diagnosis), diagnosis.stopped)
+    steps = [line for step in what_to_do(diagnosis) for line in html.plain(step)]
+    return [line for line in (" ".join(filter(None, first)), how_sure(diagnosis), *steps) if line]
+
+
 def cause_html(cause: Cause) -> str:
     """A cause with its numbers and its equation, as HTML."""
     values = "; ".join(

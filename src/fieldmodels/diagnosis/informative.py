@@ -24,10 +24,10 @@ AT_ONCE = 2_000_000  # simulated samples, which bounds memory
 LOOKED_AT = 300_000  # samples of a long record among which the windows that tell most are looked for
 
 
-def evenly(problem: Problem, rows: int) -> tuple[Problem, str]:
+def evenly(problem: Problem, rows: int, fewest: int = FEWEST) -> tuple[Problem, str]:
     """Blocks spread evenly over the data, with so many samples; and what to say if any are left out."""
     numbers = np.unique(problem.blocks)
-    count = _count(problem, rows)
+    count = _count(problem, rows, fewest)
     if count >= len(numbers):
         return problem, ""
     kept = _kept(problem, numbers[_spread(len(numbers), count)])
@@ -67,10 +67,10 @@ def informative(candidates: Candidates) -> tuple[Problem, str]:
     return kept, said
 
 
-def _count(problem: Problem, rows: int) -> int:
+def _count(problem: Problem, rows: int, fewest: int = FEWEST) -> int:
     """Number of blocks with so many samples."""
     samples = sum(int(part.windows.lengths.sum()) for part in problem.parts)
-    return max(int(rows * len(np.unique(problem.blocks)) / samples), FEWEST)
+    return max(int(rows * len(np.unique(problem.blocks)) / samples), fewest)
 
 
 def _spread(total: int, count: int) -> IntArray:

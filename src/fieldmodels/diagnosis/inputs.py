@@ -24,6 +24,8 @@ LEVEL = 0.01
 """Level of the test over blocks of windows."""
 ENOUGH = 10_000
 """Samples of windows that suffice for the decision."""
+FEWEST = 12
+"""Blocks of windows, however many samples each has."""
 WORDS: dict[Hold, str] = {"held": "are held from sample to sample", "interpolated": "move along a line"}
 
 
@@ -51,7 +53,7 @@ def decided(
     found = []
     for hold in (model.hold, other):
         one = held_inputs(model, hold).scaled_to(recordings)
-        problem, _ = evenly(build(one, recordings, horizon(one, recordings)), ENOUGH)
+        problem, _ = evenly(build(one, recordings, horizon(one, recordings)), ENOUGH, FEWEST)
         candidates = Candidates(
             problem=problem, start=start(one), fixed=fixed, folds=problem.blocks % 4,
             whitener=np.diag(1 / problem.output_scale),

@@ -23,6 +23,7 @@ from fieldmodels.recording import Recording, RecordingError
 
 FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
 ENOUGH = 6_000  # samples of windows that suffice for the decision
+FEWEST = 8  # blocks of windows, however many samples each has: right columns err by half or less
 ALIKE = 1.02  # times the best hypothesis: one that is as good is said, too
 STEPS = 20  # of the fit with the sensors' zeros
 BETTER = 0.5  # of the error that right columns leave; wrong ones leave a tenth or less on every bench
@@ -96,7 +97,7 @@ def _error(
         fixed: Names of parameters that are not fitted.
         offsets: Whether the sensors' zeros are fitted, too: a reversed sensor may have one.
     """
-    problem, _ = evenly(problem, ENOUGH)
+    problem, _ = evenly(problem, ENOUGH, FEWEST)
     candidates = Candidates(
         problem=problem, start=start, fixed=fixed, folds=problem.folds,
         whitener=np.diag(1 / problem.output_scale),

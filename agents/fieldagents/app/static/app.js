@@ -242,7 +242,7 @@ for (const button of document.querySelectorAll("[data-zoom]"))
 addEventListener("resize", () => {
   for (const { chart } of [...charts, ...runs]) chart.setSize({ width: chart.root.parentElement.clientWidth, height: chart.height });
 });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => attempt(async () => {
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => attempt(async () => { // new colours
   await drawSignals();
   if (state.diagnosed) await readAnswer();
 }));

@@ -14,15 +14,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import pymunk
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.extras import needed
 from fieldmodels.machines.line_following.parameters import Gait
 from fieldmodels.model import ModelError
 from fieldmodels.settings import Setting
+
+if TYPE_CHECKING:
+    import pymunk
 
 GRAVITY = 9.81
 FRAME_RADIUS = 0.20
@@ -136,6 +139,7 @@ class Body:
 
     def _build(self) -> None:
         """Make the bodies and joints of the robot as they are now."""
+        pymunk = needed("pymunk")
         hardware, back = self.hardware, 0.5 * self.gait.step
         space = self._space = pymunk.Space()
         space.iterations = hardware.iterations
@@ -153,7 +157,7 @@ class Body:
         space.add(straight, self._steering, rubbing)
 
     def _add(self, mass: float, radius: float, state: FloatArray) -> pymunk.Body:
-        body = pymunk.Body(mass, mass * radius * radius)
+        body: pymunk.Body = needed("pymunk").Body(mass, mass * radius * radius)
         x, y, body.angle, speed_x, speed_y, body.angular_velocity = (float(v) for v in state)
         body.position, body.velocity = (x, y), (speed_x, speed_y)
         self._space.add(body)
@@ -161,7 +165,7 @@ class Body:
 
     def _join(self, legs: pymunk.Body, behind: float) -> pymunk.PivotJoint:
         """Hold the frame at a place in the legs' frame of reference; the legs' motor moves the place."""
-        joint = pymunk.PivotJoint(legs, self._frame, (behind, 0.0), (0.0, 0.0))
+        joint: pymunk.PivotJoint = needed("pymunk").PivotJoint(legs, self._frame, (behind, 0.0), (0.0, 0.0))
         joint.error_bias = 0.0
         self._space.add(joint)
         return joint
@@ -171,11 +175,9 @@ class Body:
         standing: pymunk.PivotJoint, swinging: pymunk.PivotJoint, to_turn: float,
     ) -> None:  # fmt: skip
         """One step: the stance feet hold the floor as far as friction lets them; the steering turns."""
-        feet = []
+        hinge, feet = needed("pymunk").PivotJoint, []
         for side in (-width, width):
-            foot = pymunk.PivotJoint(
-                self._space.static_body, stance, stance.local_to_world((0.0, side)), (0.0, side)
-            )
+            foot = hinge(self._space.static_body, stance, stance.local_to_world((0.0, side)), (0.0, side))
             foot.max_bias = 0.0  # what has slipped stays where it slipped to
             foot.max_force = self.hardware.friction * self.hardware.mass * GRAVITY / 2.0
             feet.append(foot)
