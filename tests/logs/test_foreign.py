@@ -9,7 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from foreign import SETS, Log
-from run import MOST, actions
+from goals import MOST, actions
 
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.recording.files import recording_of

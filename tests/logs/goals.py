@@ -1,6 +1,6 @@
 """Count how many foreign logs lead to the right cause, by the command line alone, in at most three actions.
 
-python tests/logs/run.py --set report --publish docs/bring_your_own_bench.md
+python tests/logs/goals.py --set report --publish docs/bring_your_own_bench.md
 """
 
 from __future__ import annotations
