@@ -20,17 +20,17 @@ HEADER = "| task, scenario | metric | who plays by the rules, and the gap that e
 
 
 def row(lines: list[dict[str, Any]]) -> str:
-    """A scenario's row: agents that see no more than the settings, best first, with their means."""
+    """A scenario's row: agents that see no more than the settings, with their means, as ranked."""
     first = lines[0]
     metric = next(one for one in get_task(first["task"]).metrics if one.name == first["metric"])
     fair = [line for line in lines if line["sees"] in ("observation", "model") and line["mean"] is not None]
-    fair.sort(key=lambda line: line["mean"] if metric.lower_is_better else -line["mean"])
     agents = []
     for line in fair:
-        gap = "" if line["gap_closed"] is None else f" {100 * line['gap_closed']:.0f} %"
+        gap = "" if line["gap_closed"] is None else f" {round(100 * line['gap_closed'])} %"
         share = "" if line["share"] == 1.0 else f" of {100 * line['share']:.0f} %"
         agents.append(f"`{line['agent']}`{gap} ({line['mean']:.3g}{share})")
-    return f"| {first['task']}, {first['scenario']} | {metric.label} | {', '.join(agents)} |\n"
+    label = metric.label.replace("|", "&#124;")
+    return f"| {first['task']}, {first['scenario']} | {label} | {', '.join(agents)} |\n"
 
 
 def table(lines: list[dict[str, Any]]) -> str:

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -16,7 +17,7 @@ from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.evaluation.evaluate import EvaluationError, check_pairs, evaluate
 from fieldagents.evaluation.report import report_section
-from fieldagents.evaluation.suite import SuiteConfig, evaluate_suite
+from fieldagents.evaluation.suite import Member, SuiteConfig, evaluate_suite, lines_of
 from fieldagents.evaluation.summary import Labels, summarise_scenario
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
@@ -267,6 +268,26 @@ def test_a_suite_is_one_table_with_the_gap_to_the_ceiling(tmp_path):
     for line in evaluate_suite(other, tmp_path / "out"):
         start = means[line.scenario, "adaptive"]
         assert line.gap_closed == pytest.approx((means[line.scenario, line.agent] - start) / (1.0 - start))
+
+
+def test_the_few_that_arrive_close_no_gap():
+    """One flight in twenty that arrives, on the easiest layout, says nothing about the others."""
+    ratios = {"two_legs": [1.2] * 20, "legs": [1.03] * 19 + [np.nan], "straight": [1.0] + [np.nan] * 19}
+    rest = dict.fromkeys([metric.name for metric in get_task("uav_route").metrics], 1.0)
+    frames = [
+        pd.DataFrame(
+            {"agent": name, "run": 0, "seed": range(20), "return": 0.0, **rest, "length_ratio": values}
+        )
+        for name, values in ratios.items()
+    ]
+    labels = {name: Labels("model", "", False) for name in ratios}
+    rows = summarise_scenario(pd.concat(frames), "uav_route", "two_legs", labels)
+    summary = SimpleNamespace(task="uav_route", baseline="two_legs", scenarios={"one": rows})
+    lines = lines_of(summary, Member(metric="length_ratio", ceiling=1.0))
+    gaps = {line.agent: line.gap_closed for line in lines}
+    assert list(gaps) == ["legs", "two_legs", "straight"]
+    assert gaps["straight"] is None
+    assert gaps["legs"] == pytest.approx(0.85)
 
 
 def test_the_shipped_suite_names_every_task_and_what_exists():

@@ -26,6 +26,9 @@ from fieldmodels.names import did_you_mean
 if TYPE_CHECKING:
     from rich.console import Console
 
+ENOUGH = 0.9
+"""Part of its episodes that must have a value where an agent's gap is given: few arrive in the easy ones."""
+
 
 class Member(Config):
     """How an evaluation enters the table.
@@ -86,7 +89,8 @@ class Line:
         agent: Its name.
         sees: What it sees.
         runs: Number of its training runs.
-        gap_closed: Part of the way from the reference to the ceiling; None where there is no such way.
+        gap_closed: Part of the way from the reference to the ceiling; None where there is no such way, or
+            too few episodes have a value.
         gap_ci95: Its interval where the reference is the baseline: that of the paired difference.
         metric: Name of the metric.
         mean: Mean of the metric over the episodes that have a value.
@@ -161,10 +165,10 @@ def lines_of(summary: Summary, member: Member) -> list[Line]:
         of_scenario = []
         for row in rows:
             score, gap, interval = row.scores[metric], None, None
-            if way is not None and start is not None and score.mean is not None:
+            if way is not None and start is not None and score.mean is not None and score.share >= ENOUGH:
                 gap = (score.mean - start) / way
             paired = score.against_baseline
-            if way and paired is not None and paired.ci95 and not member.reference:
+            if gap is not None and way and paired is not None and paired.ci95 and not member.reference:
                 low, high = sorted(limit / way for limit in paired.ci95)
                 interval = (low, high)
             verdict = row.against_baseline.verdict if row.against_baseline else None
@@ -212,7 +216,7 @@ def show(lines: Sequence[Line], console: Console) -> None:
 
 def cells(line: Line) -> list[str]:
     """A line for people."""
-    gap = "–" if line.gap_closed is None else f"{100 * line.gap_closed:.0f} %"
+    gap = "–" if line.gap_closed is None else f"{round(100 * line.gap_closed)} %"
     if line.gap_ci95 is not None:
         gap += f" ({100 * line.gap_ci95[0]:.0f} to {100 * line.gap_ci95[1]:.0f})"
     mean = "–" if line.mean is None else f"{line.mean:.4g}"
