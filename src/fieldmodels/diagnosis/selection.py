@@ -326,11 +326,13 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
             needed = -0.5 * (parent.total - parents[0].total) - 2 * candidates.options.same_gain
         if i < TRIED_AT_LEAST or predicted >= needed:
             tried.append((parent, name))
+    # A set is told in the order of the best parent, unless another one's led to a better optimum.
+    tried.sort(key=lambda pair: pair[0] is not parents[0])
     for child in candidates.each(lambda pair: candidates.extend(*pair), tried):
         if child is None:
             continue
         key = frozenset(child.effects)
-        if key not in best or child.total < best[key].total:
+        if key not in best or child.total < best[key].total - SAME_ANYHOW:
             best[key] = child
     if not best:
         return []
