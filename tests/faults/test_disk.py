@@ -44,8 +44,8 @@ def test_the_page_has_what_the_matrix_found():
     assert {"record", "evaluate", "train"} <= set(kept)
     page = matrix.PAGE.read_text()
     for name, row in kept.items():
-        assert set(row) == set(matrix.FAILURES)
-        cells = " | ".join(f"{one['tried']} of {one['places']}" for one in row.values())
+        found = [row.get(failure) for failure in matrix.FAILURES]
+        cells = " | ".join(f"{one['tried']} of {one['places']}" if one else "not run" for one in found)
         assert f"| {name} | {cells} |" in page
 
 

@@ -5,10 +5,16 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fieldagents.degenerate import KINDS, Case, cases_of, run_cases, summary
 from fieldagents.degenerate import run as room
+from fieldagents.degenerate.cases import bench, table
+from fieldmodels.diagnosis.pilot import identifiable
+from fieldmodels.recording import RecordingError
+from fieldmodels.recording.files import load_recording
+from fieldmodels.registry import get_model
 
 
 def said(stdout="", stderr="", code=0, files=()):
@@ -67,3 +73,12 @@ def test_a_sample_has_every_kind():
     cases = cases_of(108)
     assert {case.kind for case in cases[:54]} == set(KINDS)
     assert len({case.key for case in cases}) == 108
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-150, 1e-30])
+def test_a_motion_that_nothing_can_measure_is_refused_before_the_work(tmp_path, size):
+    values = bench(np.random.default_rng(0), 200)
+    values[:, 2] *= size
+    log = load_recording(table(tmp_path / "log.csv", values), get_model("rig"))
+    with pytest.raises(RecordingError, match="position never changes, whatever is commanded"):
+        identifiable(get_model("rig"), [log], {})

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import SINGULAR, Candidates
-from fieldmodels.diagnosis.cutting import in_all, known_values, split, start_vector
+from fieldmodels.diagnosis.cutting import check_range, in_all, known_values, split, start_vector
 from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.linearisation import stacked
 from fieldmodels.model import Model
@@ -26,8 +26,9 @@ def identifiable(model: Model, train: Sequence[Recording], fixed: Mapping[str, f
         fixed: Values of parameters that are known.
 
     Raises:
-        RecordingError: If there are too few data.
+        RecordingError: If there are too few data, or none that a sensor can have measured.
     """
+    check_range(model, train)
     train, _, _ = in_all(model, train, ())
     held = {**known_values(model, train), **fixed}
     stage = model.stages(train)[0].model.scaled_to(train)
