@@ -219,12 +219,12 @@ def fuzzed(door, tokens, seeds, count, seed, traced=None):
     return counts, len(corpus), faults
 
 
-def through(name, count, seed):
+def through(name, count, seed, traced=None):
     """One of `DOORS`, fuzzed."""
     door, tokens, made = DOORS[name]
     with tempfile.TemporaryDirectory() as folder:
         seeds = [(suffix, make(Path(folder))) for suffix, make in made.items()]
-    return fuzzed(door, tokens, seeds, count, seed, Traced())
+    return fuzzed(door, tokens, seeds, count, seed, traced)
 
 
 def publish(kept):
@@ -244,7 +244,7 @@ def main(count, seed=0, *names):
     """Fuzz, say what got through, and publish."""
     found = {}
     for name in names or DOORS:
-        counts, kept, faults = through(name, int(count), int(seed))
+        counts, kept, faults = through(name, int(count), int(seed), Traced())
         print(name, counts, flush=True)
         for what, (suffix, data) in faults.items():
             print(f"  {what}\n    {suffix} {data[:2000]!r}", flush=True)
