@@ -24,6 +24,7 @@ VOLATILE = (
     "diagnosis.json",
     "cases.jsonl",
     "exam.json",
+    "exam.md",
 )
 """Files that hold a clock's time: compared by being there."""
 
