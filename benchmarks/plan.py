@@ -61,7 +61,7 @@ LOGS = {
     "heel_strike-b": recording("heel_strike", "seed=10", "duration=150"),
 }
 GUESSED = {
-    "tuned": 60.0, "searched steps": 0.02, "imitated": 0.5, "learned": 3.0, "steps": 0.05, "batches": 2.0,
+    "tuned": 60.0, "searched steps": 0.02, "imitated": 0.5, "learned": 0.5, "steps": 0.05, "batches": 2.0,
     "validated": 0.01, "played": 0.02, "scenarios": 1.0, "cases": 15.0, "search": 5.0, "fitted rows": 1.0,
     "read rows": 0.01, "recorded rows": 0.005, "kernels": 0.6,
 }  # fmt: skip
@@ -81,6 +81,8 @@ RUNS = {
         },
         "train heel_strike, tiny": training("heel_strike/ppo", 40_000, *TUNED["tiny"]),
         "train pose_reaching sac": training("pose_reaching/sac", 6000),
+        "train pose_reaching, large batches": training("pose_reaching/ppo_annealed", 200_000),
+        "train uav_route, large batches": training("uav_route/ppo_unseen", 300_000),
         "evaluate heel_strike": evaluation("heel_strike", "[ranger]", 20),
         "evaluate heel_strike, two": evaluation("heel_strike", "[ranger,adaptive]", 60),
         "evaluate pose_reaching": evaluation("pose_reaching", "[direct]", 30),
@@ -98,6 +100,9 @@ RUNS = {
         "train uav_route, wide": training("uav_route/ppo", 10_000, *TUNED["wide"]),
         "train pose_reaching, 20,000 steps": training("pose_reaching/ppo", 20_000),
         "train pose_reaching sac, 9,000": training("pose_reaching/sac", 9000),
+        "train pose_reaching, as the zoo's": training("pose_reaching/ppo_annealed", 700_000),
+        "train uav_route, as the zoo's": training("uav_route/ppo_unseen", 900_000),
+        "train heel_strike, twins": training("heel_strike/ppo_twins", 100_000),
         "evaluate heel_strike, 100": evaluation("heel_strike", "[ranger]", 100),
         "evaluate heel_strike, 2 x 30": evaluation("heel_strike", "[adaptive,ranger]", 30),
         "evaluate pose_reaching, 60": evaluation("pose_reaching", "[direct]", 60),

@@ -10,13 +10,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.diagnosis.candidates import is_simpler
+from fieldmodels.diagnosis.candidates import simpler
+from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.cutting import main_horizon
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.resolution import of_averages, rounding
 from fieldmodels.diagnosis.whitening import _from_covariance, diagonal_whitener, whitener_by_output
+from fieldmodels.model import Parameter
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
@@ -180,9 +182,19 @@ def test_a_hysteresis_that_is_as_narrow_as_can_be_is_coulomb_friction():
     assert distance.lower == pytest.approx(0.003 * model.scales.position)
     vector = model.nominal.copy()
     vector[place] = 0.3, distance.lower
-    assert is_simpler(model, model.effect("hysteresis"), vector)
+    assert simpler(model, model.effect("hysteresis"), vector) == "coulomb_friction"
     vector[place] = 0.3, 0.1 * model.scales.position
-    assert not is_simpler(model, model.effect("hysteresis"), vector)
+    assert not simpler(model, model.effect("hysteresis"), vector)
     vector[model.slice_of("stribeck_friction")] = 0.3, model.effect("stribeck_friction").parameters[1].upper
-    assert is_simpler(model, model.effect("stribeck_friction"), vector)
+    assert simpler(model, model.effect("stribeck_friction"), vector) == "coulomb_friction"
     assert get_model("rig").effect("hysteresis").parameters[1].lower < 1e-8  # a reality may have any
+
+
+def test_a_value_at_the_end_of_its_range_is_within_it_to_the_last_bit():
+    """As numbers of order one and back: a logarithm's rounding must not make a result that is refused."""
+    ranges = [Parameter("x", "m", 0.7 * k, 0.0107 * k, 107.3 * k, 0.3 * k) for k in range(1, 200)]
+    coordinates = Coordinates(tuple(ranges), np.arange(len(ranges)))
+    lower, upper = (np.array([getattr(p, end) for p in ranges]) for end in ("lower", "upper"))
+    assert (coordinates.decode(coordinates.upper) <= upper).all()
+    assert (coordinates.decode(coordinates.lower) >= lower).all()
+    np.testing.assert_allclose(coordinates.decode(coordinates.upper), upper, rtol=1e-14)

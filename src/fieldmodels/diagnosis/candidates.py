@@ -149,7 +149,7 @@ class Candidates:
             return None
         best = refit(self.problem, best, self.whitener, MOST)
         best = self._profiled(best, effect)
-        if is_simpler(self.problem.model, effect, best.parameters):
+        if simpler(self.problem.model, effect, best.parameters):
             return None
         search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
         return self._judged((*parent.effects, name), best, float(search))
@@ -168,6 +168,15 @@ class Candidates:
         start[model.slice_of(gone)] = self.start[model.slice_of(gone)]
         fitted = fit(self.problem, start, self.free(effects), self.whitener, candidate.fit.states)
         return self._judged(effects, fitted, candidate.search)
+
+    def simplified(self, candidate: Candidate) -> Candidate:
+        """The set with the simpler effect in place of one that has come to equal it when it was refitted."""
+        model = self.problem.model
+        for name in candidate.effects:
+            twin = simpler(model, model.effect(name), candidate.fit.parameters)
+            if twin and twin not in candidate.effects:
+                return self.extend(self.without(candidate, name), twin) or candidate
+        return candidate
 
     def score_test(self, parent: Candidate, name: str) -> float:
         """Improvement [nats] by an effect from its best start, predicted to first order (a score test)."""
@@ -363,14 +372,15 @@ class Candidates:
         return best
 
 
-def is_simpler(model: Model, effect: Effect, parameters: FloatArray) -> bool:
-    """Whether an effect has ended where it equals a simpler one of the model, which is tried by itself."""
-    place = model.slice_of(effect.name).start
+def simpler(model: Model, effect: Effect, parameters: FloatArray) -> str:
+    """The simpler effect of the model that an effect equals where it has ended; empty if there is none."""
+    place, listed = model.slice_of(effect.name).start, {e.name for e in model.effects}
     for k, p in enumerate(effect.parameters):
         at = (parameters[place + k] < 1.02 * p.lower, parameters[place + k] > p.upper / 1.02)
-        if any(r and twin in {e.name for e in model.effects} for r, twin in zip(at, p.twins, strict=True)):
-            return True
-    return False
+        for reached, twin in zip(at, p.twins, strict=True):
+            if reached and twin in listed:
+                return twin
+    return ""
 
 
 def is_quantisation(effect: Effect) -> bool:

@@ -17,8 +17,8 @@ class Coordinates:
         chosen = [parameters[i] for i in free]
         self.log = np.array([p.lower > 0 and p.upper > 100 * p.lower for p in chosen], dtype=np.bool_)
         self.scale = np.array([p.scale for p in chosen])
-        lower, upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
-        self.lower, self.upper = self.encode(lower), self.encode(upper)
+        self._range = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
+        self.lower, self.upper = map(self.encode, self._range)
 
     def encode(self, values: FloatArray) -> FloatArray:
         """Values to coordinates."""
@@ -26,8 +26,11 @@ class Coordinates:
         return np.where(self.log, np.log(positive), values / self.scale)
 
     def decode(self, coordinates: FloatArray) -> FloatArray:
-        """Coordinates to values; the inverse of ``encode``."""
-        return np.where(self.log, np.exp(np.where(self.log, coordinates, 0.0)), coordinates * self.scale)
+        """Coordinates to values; the inverse of ``encode``, within the range to the last bit."""
+        values = np.where(self.log, np.exp(np.where(self.log, coordinates, 0.0)), coordinates * self.scale)
+        lower, upper = self._range
+        values = np.where(coordinates >= self.lower, np.maximum(values, lower), values)
+        return np.where(coordinates <= self.upper, np.minimum(values, upper), values)
 
     def slope(self, values: FloatArray) -> FloatArray:
         """Derivative of the values by the coordinates."""

@@ -237,7 +237,7 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
             if not (accepted(c, chosen, blocks, candidates.options) and _stands(candidates, c, chosen))
         ]
         if not spare:
-            return chosen
+            return candidates.simplified(chosen)
         chosen = min(spare, key=lambda c: c.total)
     return chosen
 
