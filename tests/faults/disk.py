@@ -30,13 +30,9 @@ VOLATILE = (
 
 
 def main(base: Path, error: int, places: int, words: list[str]) -> None:
-    import torch  # noqa: F401 - before the forks
-
-    import fieldagents.evaluation
-    import fieldagents.learned.session  # noqa: F401
-    import fieldmodels.diagnosis.report  # noqa: F401
-
-    _run(base / "warm", words, 0, 0)
+    _told(
+        [word.format(out=base / "warm") for word in words]
+    )  # imports and compiled kernels, before the forks
     clean, operations = _run(base / "clean", words, 0, 0)
     print(json.dumps({"at": 0, "operations": operations, **clean}), flush=True)
     for at in sorted({1 + k * operations // places for k in range(min(places, operations))}):
@@ -50,30 +46,35 @@ def _resumed(words: list[str], out: Path) -> list[str]:
     return [*words, "--resume", str(out)] if words[0] == "train" and (out / "config.yaml").exists() else words
 
 
+def _told(words: list[str]) -> tuple[object, str]:
+    """The exit code of a command, and what it says."""
+    lines = io.StringIO()
+    with contextlib.redirect_stdout(lines), contextlib.redirect_stderr(lines):
+        try:
+            from fieldagents.cli import app
+
+            app(words, standalone_mode=True)
+        except SystemExit as end:
+            return end.code or 0, lines.getvalue()
+        except BaseException:
+            traceback.print_exc()
+            return 1, lines.getvalue()
+    return 0, lines.getvalue()
+
+
 def _run(out: Path, words: list[str], at: int, error: int) -> tuple[dict, int]:
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(read)
-        lines = io.StringIO()
         disk = ctypes.CDLL(None)
         resumed = "--resume" in words
         given = [word.format(out=out) for word in words if not (resumed and word in ("--out", "{out}"))]
-        code: object = 0
         disk.disk_fails(str(out).encode(), ctypes.c_long(at), error)
-        with contextlib.redirect_stdout(lines), contextlib.redirect_stderr(lines):
-            try:
-                from fieldagents.cli import app
-
-                app(given, standalone_mode=True)
-            except SystemExit as end:
-                code = end.code or 0
-            except BaseException:
-                code = 1
-                traceback.print_exc()
+        code, said = _told(given)
         count = disk.disk_operations()
         disk.disk_fails(b"-", ctypes.c_long(-1), 0)
-        os.write(write, json.dumps([code, lines.getvalue()[-3000:], count]).encode())
+        os.write(write, json.dumps([code, said[-3000:], count]).encode())
         os._exit(0)
     os.close(write)
     with os.fdopen(read) as pipe:

@@ -50,7 +50,7 @@ OUTCOMES = {
 @pytest.mark.parametrize("outcome", OUTCOMES)
 def test_an_outcome_is_what_it_is(tmp_path, monkeypatch, outcome):
     monkeypatch.setattr(room, "PROCESSOR_S", 1)
-    monkeypatch.setattr(room, "_warm", lambda: None)
+    monkeypatch.setattr(room, "_warm", lambda command: None)
     rows = run_cases([Case("dead", 0)], tmp_path, OUTCOMES[outcome], workers=1, progress=lambda *_: None)
     assert [row["outcome"] for row in rows] == [outcome]
     assert len(summary(rows)["faults"]) == (outcome not in ("answered", "refused"))

@@ -13,12 +13,14 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from fieldagents.degenerate.cases import HONEST, Case
+from fieldagents.degenerate.cases import HONEST, RECORD, Case
 from fieldmodels.files import PART
+from fieldmodels.yaml import save_yaml
 
 PROCESSOR_S, MEMORY = 120, 6 << 30
 """A case that takes more processor time hangs [s]; memory that it may have [bytes]."""
@@ -52,7 +54,7 @@ def run_cases(
             row = json.loads(line)
             done[row["key"]] = row
     left = [case for case in cases if case.key not in done]
-    _warm()
+    _warm(command)
     running: dict[int, tuple[Case, Path]] = {}
     with log.open("a", encoding="utf-8") as lines:
         while left or running:
@@ -71,10 +73,17 @@ def run_cases(
     return [done[case.key] for case in cases]
 
 
-def _warm() -> None:
-    """Import before the forks what every case needs."""
-    import fieldmodels.contract
-    import fieldmodels.diagnosis.report  # noqa: F401
+def _warm(command: Callable[[list[str]], Any]) -> None:
+    """Import and load before the forks what cases need: run two commands that nothing is wrong with."""
+    import fieldagents.evaluation  # noqa: F401
+    import fieldmodels.contract  # noqa: F401
+
+    with tempfile.TemporaryDirectory() as name, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        folder = Path(name)
+        save_yaml(RECORD, folder / "record.yaml")
+        for words in (["record", f"{folder}/record.yaml"], Case("clean", 0).make(folder)):
+            with suppress(SystemExit):
+                command([*words, "--out", f"{folder}/{words[0]}", "--json"])
 
 
 def _started(case: Case, folder: Path, command: Callable[[list[str]], Any]) -> int:
