@@ -1,6 +1,7 @@
 """Compiled kernels on disk: never stale, never in the way, shared by processes, bounded."""
 
 import dis
+import gc
 import hashlib
 import importlib
 import io
@@ -16,11 +17,11 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from numba.core import config
+from numba.core import config, event
 
 import fieldagents
 import fieldmodels
-from fieldmodels.compiled import allocation_free, cache, cache_folder, compiled, fingerprint, folder
+from fieldmodels.compiled import allocation_free, cache, cache_folder, compiled, fingerprint, folder, inlined
 from fieldmodels.compiled.fingerprint import _globals_read
 
 LAB = {
@@ -383,3 +384,43 @@ def test_what_counts_no_references_may_hand_out_no_array():
     assert first(np.array([3.0])) == 3.0
     with pytest.raises(TypeError, match="returns an array"):
         same(np.array([3.0]))
+
+
+@inlined
+def third(values, place):
+    if place > 2:
+        raise ValueError("there is no third of", place)
+    return values[place] / 3.0
+
+
+@compiled
+def thirds(values):
+    return third(values, 0) + third(values, 1) + third(values, len(values) - 1)
+
+
+def test_a_part_has_one_version_no_file_and_its_own_errors(tmp_path, monkeypatch, fresh_folder):
+    """One version for all constants, none of it machine code; what it raises reaches who called the whole."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    compiling = []
+    with event.install_recorder("numba:compile") as record:
+        assert thirds(np.ones(3)) == 1.0
+    compiling = [one.data["dispatcher"].py_func.__name__ for _, one in record.buffer if one.is_start]
+    assert sorted(compiling) == ["third", "thirds"]
+    assert [path.name.split("-")[0].rpartition(".")[2] for path in cache_folder().glob("*.kernel")] == [
+        "thirds"
+    ]
+    with pytest.raises(ValueError, match=r"there is no third of") as raised:
+        thirds(np.ones(5))
+    assert raised.value.args[1] == 4
+    assert third(np.ones(3), 1) == 1.0 / 3.0  # Python may call it, too
+
+
+def test_garbage_is_collected_again_after_a_failure():
+    @compiled
+    def wrong(x):
+        return x + "one"
+
+    assert gc.isenabled()
+    with pytest.raises(numba.TypingError):
+        wrong(1.0)
+    assert gc.isenabled()

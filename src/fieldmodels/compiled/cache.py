@@ -28,9 +28,6 @@ SUFFIX = ".kernel"
 VERSIONS = 4
 UNUSED_DAYS = 60.0
 MOST_BYTES = 1 << 30  # of all kernels together
-# Numba's own way to take a compiled kernel apart and to put it together.
-_dumps: Any = serialize.dumps
-_rebuild: Any = compiler.CompileResult._rebuild
 # Settings of the compiler that change the code but are part of no signature.
 SETTINGS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT")
 
@@ -75,7 +72,7 @@ class KernelCache(_Cache):
                 digest, payload = content[:32], content[32:]
                 if hashlib.sha256(payload).digest() != digest:
                     continue
-                result = _rebuild(target_context, *pickle.loads(payload))
+                result = compiler.CompileResult._rebuild(target_context, *pickle.loads(payload))
             except Exception:
                 continue
             _mark_used(folder / name)
@@ -84,14 +81,11 @@ class KernelCache(_Cache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel; where that fails the program goes on without.
-
-        Raises:
-            TypeError: If one that counts no references returns an array: its memory would be freed too early.
-        """
-        if not self._kernel.targetoptions.get("_nrt", True) and _holds_array(data.signature.return_type):
-            raise TypeError(f"{self._name} returns an array; compile it with compiled")
+        """Keep a compiled kernel; where that fails the program goes on without."""
         _say()
+        refuse_array(self._kernel, data)
+        for constants in data._find_referenced_environments():  # those of its parts, too
+            data.codegen.set_env(constants.env_name, constants)
         name = self._file_name(sig, data.codegen)
         if name is None or any(not one.can_cache for one in data.lifted) or data.library.has_dynamic_globals:
             return
@@ -102,7 +96,7 @@ class KernelCache(_Cache):
                 "Let NUMBA_CACHE_DIR name a folder that can be written."
             )
             return
-        payload = _dumps(data._reduce())
+        payload = serialize.dumps(data._reduce())
         try:
             _write(folder / name, hashlib.sha256(payload).digest() + payload)
         except OSError as error:
@@ -156,6 +150,17 @@ def _say(begun: str | None = None) -> None:
     if sys.stderr is not None and sys.stderr.isatty():
         line = f"compiling, once on this machine: {_compiling[0]}" if _compiling else ""
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+
+
+def refuse_array(kernel: Any, data: Any) -> None:
+    """Check what a compiled kernel returns.
+
+    Raises:
+        TypeError: If one that counts no references returns an array: its memory would be freed too early.
+    """
+    if not kernel.targetoptions.get("_nrt", True) and _holds_array(data.signature.return_type):
+        name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
+        raise TypeError(f"{name} returns an array; compile it with compiled")
 
 
 def _holds_array(kind: Any) -> bool:
