@@ -36,6 +36,7 @@ bench: $(READY)  ## what users wait for, as ratios; fails where one is 1.5 times
 
 docs: $(READY)  ## the docs site, in site/
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python docs/pictures.py
 	$(BIN)/mkdocs build --strict
 
 build: $(READY)  ## wheel and source distribution, in dist/

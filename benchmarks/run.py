@@ -173,6 +173,8 @@ def page(found: dict[str, Any], accepted: dict[str, float]) -> str:
     ]
     return "\n".join([
         "# Speed", "",
+        "![How many steps of CartPole a step of each environment take"
+        "s, alone and in a vector](pictures/speed.svg)", "",
         "*What users wait for, each as a ratio within one run: a fast machine and a busy one say the same.*",
         "", "```", "make bench", "```",
         f"A ratio that is {WORSE} times the accepted one fails. Less is better.", "",

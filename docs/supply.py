@@ -56,6 +56,8 @@ def page(found: dict[str, tuple[str, str]]) -> str:
     return "\n".join([
         "# Licences",
         "",
+        "![Packages by kind of licence: most are MIT, BSD or Apache](pictures/licences.svg)",
+        "",
         "fieldgym is under the MIT licence and ships no code of others. What it runs with, from the",
         "packages' own metadata (`python docs/supply.py`):",
         "",

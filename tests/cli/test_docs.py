@@ -1,5 +1,6 @@
 """The pages say what the programs do."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -40,6 +41,31 @@ def test_cli_page_shows_options_that_exist():
     text = (DOCS / "cli.md").read_text()
     known = {option for _, option in options()} | {"--help", "--json"}
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)) <= known
+
+
+@pytest.mark.parametrize("page", sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")))
+def test_a_page_has_a_picture_that_says_what_it_shows(page):
+    found = re.findall(r"!\[(.*?)\]\((\S+?)\)", (DOCS / page).read_text())
+    assert found
+    for says, path in found:
+        assert len(says) > 10, path
+        assert (DOCS / page).parent.joinpath(path).stat().st_size > 1000
+
+
+def test_pictures_show_the_numbers_of_their_pages(monkeypatch):
+    """A number of a table that changes moves something in the picture."""
+    monkeypatch.syspath_prepend(str(DOCS))
+    pictures = importlib.import_module("pictures")
+
+    def drawn(text: str) -> list[float]:
+        figure = pictures.faults(text)
+        return [bar.get_width() for axes in figure.axes for bar in axes.patches]
+
+    text = (DOCS / "faults.md").read_text()
+    row = next(line for line in text.splitlines() if line.startswith("| junk |"))
+    assert drawn(text.replace(row, "| junk | 0 | 3 | 2 | 0 | 0 | 0 | 0 | 0 |")) != drawn(text)
+    for draw in pictures.PAGES:
+        assert draw((DOCS / f"{draw.__name__}.md").read_text()).axes
 
 
 def test_the_mistake_that_the_cli_page_shows_is_what_one_gets():

@@ -11,6 +11,8 @@ from table import Mutant
 PAGE = "docs/mutants.md"
 INTRODUCTION = """# Deliberate errors
 
+![Deliberate errors by part of the project; tests notice all of them](pictures/mutants.svg)
+
 A test suite is worth what it notices. `make mutants` puts {count} errors into a copy of the project, one at a
 time: a flipped sign, a dropped term, exchanged parameters, a wrong power, a step too early, a wrong bound.
 For each it runs the tests that ought to notice. An error counts as *killed* only if a test fails by an

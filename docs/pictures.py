@@ -1,0 +1,200 @@
+"""Draw the pictures of pages whose numbers are published: each out of the tables on its own page.
+
+python docs/pictures.py
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import shorten
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+FOLDER = Path(__file__).parent
+DARK, LIGHT, GOOD, BAD = "#1f4e9c", "#9db4d6", "#1a7f4b", "#b3402a"
+Rows = list[list[str]]
+
+
+def tables(page: str) -> list[Rows]:
+    """All tables of a page's text, header first, cells without marks."""
+    found: list[Rows] = []
+    before = ""
+    for line in page.splitlines():
+        if line.startswith("|"):
+            if not before.startswith("|"):
+                found.append([])
+            cells = [cell.strip().strip("*`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            if not set("".join(cells)) <= set("-: "):
+                found[-1].append(cells)
+        before = line
+    return found
+
+
+def numbers(text: str) -> list[float]:
+    """All numbers of a text."""
+    return [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?", text.replace(",", ""))]
+
+
+def exam(page: str) -> Figure:
+    """Rates with their intervals and goals."""
+    header = ["what", "counted", "value", "95 % interval", "goal", ""]
+    rows = next(t for t in tables(page) if t[0] == header)[1:]
+    rows = [row for row in rows if "%" in row[2] and "/" in row[1]][::-1]
+    figure, axes = bars(len(rows), "% of cases")
+    for k, (_, _, value, interval, goal, met) in enumerate(rows):
+        colour = GOOD if met == "met" else BAD
+        axes.plot(numbers(interval)[:2], [k, k], color=colour, linewidth=3, alpha=0.35)
+        axes.plot(numbers(value)[0], k, "o" if met == "met" else "D", color=colour)
+        axes.plot(numbers(goal)[0], k, "|", color="black", markersize=14)
+    axes.set_yticks(range(len(rows)), [shorten(row[0], 50, placeholder=" ...") for row in rows])
+    for marker, colour, label in (("o", GOOD, "goal met"), ("D", BAD, "missed"), ("|", "black", "goal")):
+        axes.plot([], [], marker, color=colour, label=label)
+    figure.legend(frameon=False, ncols=3, loc="outside upper left")
+    return figure
+
+
+def mutants(page: str) -> Figure:
+    """Deliberate errors in each part of the project."""
+    parts = [(p.splitlines()[0], t[0]) for p in page.split("\n## ")[1:] if (t := tables(p))]
+    counts = [(name, len(rows) - 1) for name, rows in parts if rows[0][0] == "error"][::-1]
+    return counted(counts, "errors put in, all noticed by a test")
+
+
+def licences(page: str) -> Figure:
+    """Packages by the kind of their licence."""
+    kinds = {
+        "Apache": "Apache",
+        "BSD": "BSD",
+        "MIT": "MIT",
+        "PSF|Python": "Python",
+        "MPL": "MPL",
+        "GPL": "LGPL",
+    }
+    found = (
+        next((kind for mark, kind in kinds.items() if re.search(mark, row[2])), "other")
+        for row in tables(page)[0][1:]
+    )
+    return counted(Counter(found).most_common()[::-1], "packages that it runs with")
+
+
+def faults(page: str) -> Figure:
+    """What became of hostile input."""
+    rows = next(t for t in tables(page) if t[0][:3] == ["kind", "answered", "refused"])
+    header, rows = rows[0], [row for row in rows[1:] if row[0] != "all"][::-1]
+    figure, axes = bars(len(rows), "cases")
+    left = [0.0] * len(rows)
+    for column, colour in ((1, DARK), (2, LIGHT), (0, BAD)):
+        values = [numbers(r[column])[0] if column else sum(numbers(" ".join(r[3:]))) for r in rows]
+        label = header[column] if column else "traceback, hang, torn file, false name"
+        axes.barh(
+            [row[0] for row in rows], values, left=left, color=colour, label=f"{label}: {sum(values):.0f}"
+        )
+        left = [a + b for a, b in zip(left, values, strict=True)]
+    figure.legend(frameon=False, ncols=3, loc="outside upper left")
+    return figure
+
+
+def speed(page: str) -> Figure:
+    """Steps of the environments, one alone and a row of many."""
+    rows = {row[0]: numbers(row[1])[0] for row in tables(page)[0][1:]}
+    names = [name.removesuffix(": a step") for name in rows if name.endswith(": a step")][::-1]
+    figure, axes = bars(len(names), "steps of CartPole that one step takes")
+    for k, name in enumerate(names):
+        alone = rows[f"{name}: a step"]
+        many = next(v for n, v in rows.items() if n.startswith(f"{name}: a row's step")) * alone
+        axes.plot([many, alone], [k, k], color=LIGHT, linewidth=3, zorder=1)
+        axes.plot(many, k, "D", color=GOOD, label="" if k else "one of many rows in a vector")
+        axes.plot(alone, k, "o", color=DARK, label="" if k else "one alone")
+    axes.set_yticks(range(len(names)), names)
+    axes.set_xscale("log")
+    axes.axvline(1.0, color="black", linewidth=0.8)
+    figure.legend(frameon=False, ncols=2, loc="outside upper left")
+    return figure
+
+
+def sweeps(page: str) -> Figure:
+    """How long many jobs take on many processors."""
+    rows = [row for row in next(t for t in tables(page) if "processes" in t[0])[1:] if " jobs on " in row[0]]
+    figure, axes = bars(len(rows), "seconds until all jobs are done")
+    names = [row[0].split(",")[0] for row in rows][::-1]
+    for offset, column, colour, label in ((0.2, 1, DARK, "processes"), (-0.2, 2, LIGHT, "Ray")):
+        places = [k + offset for k in range(len(rows))]
+        values = [numbers(row[column])[0] for row in rows][::-1]
+        axes.barh(places, values, height=0.38, color=colour, label=label)
+    alone = [numbers(row[0])[2] for row in rows][::-1]
+    axes.plot(alone, range(len(rows)), "|", color="black", markersize=22, label="the jobs alone")
+    axes.set_yticks(range(len(rows)), names)
+    figure.legend(frameon=False, ncols=3, loc="outside upper left")
+    return figure
+
+
+def api(page: str) -> Figure:
+    """What is made of what: the page's own names, from a log to a task."""
+    places = {
+        "log": (0, 1), "read_table": (1, 1), "propose": (1, 0), "recording_of": (2, 1), "diagnose": (3, 1),
+        "get_model": (3, 0), "Diagnosis": (4, 1), "write_results": (5, 2), "as_env": (5, 1),
+        "write_model": (5, 0),
+    }  # fmt: skip
+    arrows = (
+        "log read_table", "read_table propose", "read_table recording_of", "propose recording_of",
+        "recording_of diagnose", "get_model diagnose", "diagnose Diagnosis", "Diagnosis write_results",
+        "Diagnosis as_env", "Diagnosis write_model",
+    )  # fmt: skip
+    missing = [name for name in places if name != "log" and name not in page]
+    if missing:
+        raise ValueError(f"api.md does not name {', '.join(missing)}")
+    figure = Figure(figsize=(9, 2.8), layout="constrained")
+    axes = figure.subplots()
+    for first, second in map(str.split, arrows):
+        (a, b), (c, d) = places[first], places[second]
+        arrow = {"arrowstyle": "->", "color": DARK, "shrinkA": 26, "shrinkB": 26}
+        axes.annotate("", (c, d), (a, b), arrowprops=arrow)
+    for name, place in places.items():
+        face = LIGHT if name in ("log", "Diagnosis") else "white"
+        box = {"boxstyle": "round,pad=0.4", "facecolor": face, "edgecolor": DARK}
+        axes.annotate(name, place, ha="center", va="center", fontsize=10, bbox=box)
+    axes.set(xlim=(-0.4, 5.6), ylim=(-0.5, 2.5))
+    axes.set_axis_off()
+    return figure
+
+
+def bars(count: int, label: str) -> tuple[Figure, Axes]:
+    """An empty panel for so many rows."""
+    figure = Figure(figsize=(8, 1.2 + 0.26 * count), layout="constrained")
+    axes = figure.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(axis="y", length=0, labelsize=9)
+    axes.set_xlabel(label)
+    axes.set_ylim(-0.7, count - 0.3)
+    return figure, axes
+
+
+def counted(counts: list[tuple[str, int]], label: str) -> Figure:
+    """A bar for each of several numbers."""
+    figure, axes = bars(len(counts), label)
+    axes.bar_label(
+        axes.barh([n for n, _ in counts], [c for _, c in counts], color=DARK), padding=3, fontsize=8
+    )
+    return figure
+
+
+PAGES: tuple[Callable[[str], Figure], ...] = (exam, mutants, licences, faults, speed, sweeps, api)
+
+
+def main() -> None:
+    """Renew all pictures."""
+    for draw in PAGES:
+        figure = draw((FOLDER / f"{draw.__name__}.md").read_text(encoding="utf-8"))
+        with rc_context({"svg.hashsalt": draw.__name__}):
+            figure.savefig(
+                FOLDER / "pictures" / f"{draw.__name__}.svg", metadata={"Date": None}, facecolor="white"
+            )
+
+
+if __name__ == "__main__":
+    main()
