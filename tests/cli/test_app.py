@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
@@ -146,8 +147,31 @@ def _until(browser, condition, seconds: float = 240.0):
     return WebDriverWait(browser, seconds, 0.2).until(condition)
 
 
+def press(browser, *keys: str) -> None:
+    """Press keys, wherever the page's focus is."""
+    ActionChains(browser).send_keys(*keys).perform()
+
+
+def tab_to(browser, selector: str):
+    """Go to an element by the tabulator alone, as one without a mouse does; it must be seen to have focus."""
+    for _ in range(80):
+        press(browser, Keys.TAB)
+        here = browser.switch_to.active_element
+        if browser.execute_script("return arguments[0].matches(arguments[1])", here, selector):
+            ring = "return getComputedStyle(arguments[0]).outlineStyle !== 'none'"
+            assert browser.execute_script(ring, here), f"{selector} does not show that it has the focus"
+            return here
+    raise AssertionError(f"the tabulator does not reach {selector}")
+
+
+def sideways(browser) -> int:
+    """Pixels by which a page is wider than its window."""
+    return browser.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
+
+
 def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser, tmp_path: Path):
     """Nothing but keys; the answer, a slider, the export; and the script that is shown does the same."""
+    log = write_log(tmp_path / "bench.csv")
     browser.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride",
         {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": False},
@@ -156,33 +180,40 @@ def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser,
         browser.get(f"{served.address}/?token={TOKEN}")
         assert "token" not in browser.current_url
         find = lambda name: browser.find_element(By.ID, name)  # noqa: E731
-        find("file").send_keys(str(write_log(tmp_path / "bench.csv")))
+        tab_to(browser, "#path")
+        press(browser, str(log), Keys.ENTER)
         _until(browser, lambda b: b.find_element(By.TAG_NAME, "body").get_attribute("data-drawn"))
         assert len(browser.find_elements(By.CSS_SELECTOR, "#signals canvas")) == 4
-        browser.find_element(By.CSS_SELECTOR, "[data-zoom=in]").send_keys(Keys.ENTER)
-        find("model").send_keys("pend")
-        find("rate").send_keys(Keys.ENTER)
+        tab_to(browser, "[data-zoom=in]")
+        press(browser, Keys.ENTER)
+        tab_to(browser, "#model")
+        press(browser, "pend")
+        tab_to(browser, "#rate")
+        press(browser, Keys.ENTER)
         _until(browser, lambda _b: find("columns").is_displayed())
         assert find("column-angle").get_attribute("value") == "Winkel [deg]:deg"
         assert find("column-t").get_attribute("value") == "Zeit [ms]:ms"
         # The sign is proposed from the data; what is typed counts.
         assert find("column-torque").get_attribute("value") == "-Moment [N m]:N m"
-        find("column-torque").send_keys(Keys.HOME, Keys.DELETE, "-1*")
-        find("diagnose").send_keys(Keys.SPACE)
+        tab_to(browser, "#column-torque")
+        press(browser, Keys.HOME, Keys.DELETE, "-1*")
+        tab_to(browser, "#diagnose")
+        press(browser, Keys.SPACE)
         _until(browser, lambda _b: find("try").is_displayed() or find("trouble").text)
         assert not find("trouble").text
         assert "lacks Coulomb friction" in find("answer").text
         assert "bench.csv: a free run" in find("answer").text
         why = browser.find_element(By.CSS_SELECTOR, "#columns tbody td:last-child")
         assert why.rect["x"] + why.rect["width"] <= 390  # the evidence is in sight
-        slider = browser.find_element(By.NAME, "coulomb_friction.torque")
+        tab_to(browser, "[name='coulomb_friction.torque']")
         before = browser.find_element(By.CSS_SELECTOR, "#runs h3").text
-        for _ in range(3):
-            slider.send_keys(Keys.ARROW_LEFT)
+        press(browser, *3 * [Keys.ARROW_LEFT])
         _until(browser, lambda b: b.find_element(By.CSS_SELECTOR, "#runs h3").text != before)
         assert "fit" in browser.find_element(By.CSS_SELECTOR, "#runs h3").text
-        width = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
-        assert width[0] <= width[1]
+        tab_to(browser, "#files a")
+        assert sideways(browser) <= 0
+        browser.execute_script("document.querySelector('#signals').style.minWidth = '500px'")
+        assert sideways(browser) > 0  # what is too wide would be noticed
         errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
         assert not errors
     finally:

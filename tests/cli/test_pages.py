@@ -81,6 +81,11 @@ def test_nothing_is_too_wide_for_a_phone(open_page, tmp_path: Path):
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert max(widths) <= 390
     assert min(letters) > 9
+    page.write_text(html.page("Wide", f'{body}<p style="min-width: 500px">too wide</p>'))
+    browser.get(page.as_uri())
+    with pytest.raises(AssertionError, match="sideways on a phone"):
+        check_page(browser, figures=1)
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_evaluation_report(open_page, tmp_path: Path):
