@@ -42,8 +42,9 @@ def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = (
     """Print the contract's ``diagnosis.json`` for a reader, below the answer in words."""
     from rich.table import Table
 
-    console.print(f"\n[bold]{diagnosis['verdict']}[/bold]")
-    for line in said or [diagnosis.get("summary", "")]:
+    lead, *more = said or [diagnosis.get("summary", "")]
+    console.print(f"\n{lead}", style="bold", markup=False)
+    for line in [*more, f"Verdict: {diagnosis['verdict']}"]:
         console.print(line, markup=False)
     if diagnosis["causes"]:
         table = Table("effect", "where", "parameters", "gain", "cause")

@@ -37,7 +37,7 @@ LONGEST = 3e8
 """Processor time beyond which a command is refused: ten years [s]."""
 PROCESS, LEARNER = 5e8, 9e8
 """Memory of a process with all that it imports, and of one that trains [bytes]."""
-FITTED = 50_000
+FITTED = 30_000
 """Rows of a log whose fits are priced; of a longer one as many are fitted."""
 Work = dict[str, float]
 

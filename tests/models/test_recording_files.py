@@ -17,6 +17,8 @@ from fieldmodels.model import Signal
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.checks import is_even
 from fieldmodels.recording.files import load_recording, save_recording
+from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.reading import read_table
 from fieldmodels.registry import get_model
 
 PENDULUM = get_model("pendulum")
@@ -343,6 +345,54 @@ def test_an_axis_that_spins_or_has_a_stated_unit_is_not_suspected(write):
         load_recording(write(spins), PENDULUM)
         load_recording(write(swings), PENDULUM, {"angle": "angle:deg"})
         load_recording(write(swings.replace("angle", "angle [deg]")), PENDULUM)
+
+
+def over_the_top(unit: float = 1.0, seconds: float = 60.0, step: float = 0.01) -> dict[str, np.ndarray]:
+    """A pendulum that is driven round, many turns there and many back, by Euler's rule in small steps."""
+    t = step * np.arange(int(seconds / step))
+    torque = np.where(t < 0.5 * seconds, 2.0, -2.0) + 1.5 * np.sin(1.7 * t)
+    angle, place, speed = np.empty(len(t)), 0.0, 0.0
+    for k, drive in enumerate(torque):
+        angle[k] = place
+        for _ in range(20):
+            speed += step / 20 * (drive - 0.8 * np.sin(place) - 0.2 * speed) / 0.05
+            place += step / 20 * speed
+    return {"t": t, "torque": torque, "angle": unit * angle}
+
+
+def test_an_axis_that_turns_there_and_back_is_not_suspected_where_the_model_tells(write):
+    """Dozens of turns and back are no degrees if the model answers so; the same swings in degrees are."""
+    turning = over_the_top()
+    assert np.ptp(turning["angle"]) > 40 * 2 * np.pi
+    assert abs(turning["angle"][-1] - turning["angle"][0]) < 0.5 * np.abs(np.diff(turning["angle"])).sum()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_recording(write(table(**turning)), PENDULUM)
+    swings = 0.4 * np.sin(turning["t"]) * np.sin(0.37 * turning["t"])  # slow: torque and weight balance
+    small = {**turning, "torque": 0.8 * np.sin(swings), "angle": 180 / np.pi * swings}
+    with pytest.warns(RecordingWarning, match="if it is in degrees"):
+        load_recording(write(table(**small)), PENDULUM)
+
+
+def test_turns_are_no_degrees_in_a_proposal_either(write):
+    proposal = propose(read_table(write(table(**over_the_top()))), PENDULUM)
+    assert {c.role: c.unit for c in proposal.columns}["angle"] == "rad"
+
+
+def test_an_excerpt_keeps_whole_stretches_of_every_part():
+    """Rows as they were, in order, none twice, no stretch across the end of an episode."""
+    rows = np.arange(100_000)
+    whole = Recording(0.01 * rows, {"x": rows.astype(float)}, episode=np.searchsorted([30_000, 30_050], rows))
+    some = whole.excerpt(60_000)
+    kept = some["x"].astype(int)
+    np.testing.assert_array_equal(some.time, whole.time[kept])
+    assert np.all(np.diff(kept) > 0)
+    assert 55_000 <= len(some) <= 60_000
+    for first, end in some.bounds:
+        np.testing.assert_array_equal(np.diff(kept[first:end]), 1)
+        assert len(set(whole.episode[kept[first:end]])) == 1
+    assert np.histogram(kept, 10, (0, len(whole)))[0].min() >= 4_000
+    assert whole.excerpt(100_000) is whole
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
 
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used
+EXCERPT = 120_000  # rows of all recordings in which a first look is taken
 HELD_OUT = 4  # without test data every fourth block is kept for the gain
 
 
@@ -114,6 +115,19 @@ def split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) -
     whole = problems.build(model, train, horizon)
     kept = whole.blocks % HELD_OUT != HELD_OUT - 1
     return whole.select(kept), whole.select(~kept)
+
+
+def excerpts(model: Model, recordings: Sequence[Recording]) -> list[Recording]:
+    """Parts of long recordings for a first look, if the model's windows fit into them; else all they are."""
+    few = [one.excerpt(EXCERPT // len(recordings)) for one in recordings]
+    if sum(map(len, few)) == sum(map(len, recordings)):
+        return few
+    scaled = model.scaled_to(few)
+    try:
+        found = sum(len(scaled.windows(one, main_horizon(scaled, few))) for one in few)
+    except RecordingError:
+        found = 0
+    return few if found >= FEW * len(few) else list(recordings)
 
 
 def main_horizon(model: Model, recordings: Sequence[Recording]) -> float:

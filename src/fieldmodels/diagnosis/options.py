@@ -40,8 +40,8 @@ class DiagnosisOptions:
         threads: How many share the fits of candidates, with the same result to the bit; 0 for as many as the
             environment variable ``FIELDGYM_THREADS`` says, else one. They pay where a simulation takes a
             millisecond or more.
-        rows: Samples of the windows that are fitted, a thousand windows at 100 Hz, a hundred at 1 kHz; of a
-            longer record those that tell most. A million samples at 1 kHz are diagnosed in a minute.
+        rows: Samples of the windows that are fitted, a thousand windows of 0.3 s at 100 Hz, a hundred at
+            1 kHz; of a longer record those that tell most. Millions of samples are diagnosed in a minute.
     """
 
     level: float = 0.01
@@ -61,7 +61,7 @@ class DiagnosisOptions:
     most_causes: int = 4
     most_curves: int = 2
     threads: int = 0
-    rows: int = 50_000
+    rows: int = 30_000
 
 
 DEFAULT = DiagnosisOptions()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import SINGULAR, Candidates
-from fieldmodels.diagnosis.cutting import check_range, in_all, known_values, split, start_vector
+from fieldmodels.diagnosis.cutting import check_range, excerpts, in_all, known_values, split, start_vector
 from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.linearisation import stacked
 from fieldmodels.model import Model
@@ -31,8 +31,9 @@ def identifiable(model: Model, train: Sequence[Recording], fixed: Mapping[str, f
     check_range(model, train)
     train, _, _ = in_all(model, train, ())
     held = {**known_values(model, train), **fixed}
-    stage = model.stages(train)[0].model.scaled_to(train)
-    problem = evenly(split(stage, train, ())[0], ROWS)[0]
+    few = excerpts(model, train)
+    stage = model.stages(few)[0].model.scaled_to(few)
+    problem = evenly(split(stage, few, ())[0], ROWS)[0]
     pilot = Candidates(
         problem, start_vector(stage, held), frozenset(held), problem.folds, np.diag(1 / problem.output_scale)
     )

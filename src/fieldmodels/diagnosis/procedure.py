@@ -21,7 +21,15 @@ from fieldmodels.diagnosis.causes import (
     with_alternatives,
 )
 from fieldmodels.diagnosis.curves import Scored
-from fieldmodels.diagnosis.cutting import check_range, in_all, known_values, main_horizon, split, start_vector
+from fieldmodels.diagnosis.cutting import (
+    check_range,
+    excerpts,
+    in_all,
+    known_values,
+    main_horizon,
+    split,
+    start_vector,
+)
 from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.extension import extend
@@ -124,7 +132,8 @@ def _diagnosed(
     check_range(model, [*train, *test])
     train, test, lacking = in_all(model, train, test)
     fixed = {**known_values(model, [*train, *test]), **known}
-    model, said = decided(model, train, main_horizon, lambda one: start_vector(one, fixed), frozenset(fixed))
+    few = excerpts(model, train)
+    model, said = decided(model, few, main_horizon, lambda one: start_vector(one, fixed), frozenset(fixed))
     if window == "record" or model.whole_records:
         model = WholeRecords(model)
     stages = model.stages([*train, *test])

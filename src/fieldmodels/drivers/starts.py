@@ -7,10 +7,12 @@ import numpy as np
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.rates import pace
-from fieldmodels.drivers.windows import episode_edges
+from fieldmodels.drivers.windows import Once, episode_edges
 from fieldmodels.recording import Recording
 
 REACH = 4  # samples before and after, at most
+_PACES: Once[dict[str, float]] = Once(lambda _: {})
+"""Of a recording's signals, by name: a long one takes a second, and is cut into windows again and again."""
 SHARE = 0.5  # of the time in which a signal changes by its size: farther it is no parabola
 
 
@@ -33,7 +35,10 @@ def parabolas(machine: Declaration, recording: Recording, starts: IntArray) -> F
 
 def _derivative(recording: Recording, name: str, starts: IntArray, order: int) -> FloatArray:
     """A signal, or its slope a sample, at some samples, by a parabola through nine or fewer."""
-    time = pace([recording], name) / recording.step
+    known = _PACES(recording)
+    if name not in known:
+        known[name] = pace([recording], name)
+    time = known[name] / recording.step
     reach = int(np.clip(round(SHARE * time), 1, REACH)) if np.isfinite(time) and time > 0.0 else REACH
     first, last = episode_edges(recording)
     offsets = np.arange(-reach, reach + 1)

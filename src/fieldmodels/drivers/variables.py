@@ -9,12 +9,14 @@ a curve of itself.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import compiled
 from fieldmodels.drivers.windows import Once
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, Windows
@@ -115,11 +117,8 @@ def _remembered(model: Model, windows: Windows, out: FloatArray, over: str) -> F
         """Along the last axis, from what was remembered before the first sample."""
         if not plays:
             return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, zi=keep * before[..., None])[0])
-        half, result, now = float(size), np.empty(values.shape), before
-        for k in range(values.shape[-1]):
-            now = np.clip(now, values[..., k] - half, values[..., k] + half)
-            result[..., k] = now
-        return result
+        rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+        return np.asarray(_play(rows, float(size), np.atleast_1d(before)).reshape(values.shape))
 
     recording, simulated = windows.recording, name in {s.name for s in model.outputs}
     signal = recording[name] if simulated and name in recording else given(model, recording, name)
@@ -133,6 +132,23 @@ def _remembered(model: Model, windows: Windows, out: FloatArray, over: str) -> F
     first = np.isin(windows.starts, recording.bounds[:, 0])
     before = np.where(first, inside[:, 0], whole[windows.starts - 1])
     return follow(inside, before) - inside
+
+
+@compiled
+def _play(values: FloatArray, half: float, before: FloatArray) -> FloatArray:
+    """What play of a half width leaves of rows of samples, from where it was before; shape of ``values``."""
+    result = np.empty(values.shape)
+    for i in range(len(values)):
+        now = before[i]
+        for k in range(values.shape[1]):
+            if math.isnan(values[i, k]):
+                now = math.nan
+            elif now < values[i, k] - half:
+                now = values[i, k] - half
+            elif now > values[i, k] + half:
+                now = values[i, k] + half
+            result[i, k] = now
+    return result
 
 
 def _without_gaps(signal: FloatArray) -> FloatArray:

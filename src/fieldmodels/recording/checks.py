@@ -9,7 +9,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording
-from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins
+from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins, turns
 from fieldmodels.recording.tables import SHOWN, Problem
 from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
 
@@ -117,7 +117,8 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
     for signal in signals:
         values = recording[signal.name]
         span = float(np.ptp(values))
-        if signal.angle and span > DEGREES and signal.name not in stated and not spins(values):
+        large = signal.angle and span > DEGREES and signal.name not in stated
+        if large and not spins(values) and not turns(model, recording, signal.name):
             found.append(
                 f"column {signal.name!r} spans {span:.4g}, as radians {span / (2 * np.pi):.1f} turns; "
                 f"if it is in degrees, declare it as '{signal.name}={signal.name}:deg'"

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
+
+STRETCHES = 30  # of an excerpt at most,
+STRETCH = 2_000  # and rows in each at least, so that windows fit
 
 
 class RecordingError(ValueError):
@@ -80,3 +83,26 @@ class Recording:
         changes = np.flatnonzero(self.episode[1:] != self.episode[:-1]) + 1
         edges = np.concatenate([[0], changes, [len(self)]])
         return np.column_stack([edges[:-1], edges[1:]]).astype(np.int64)
+
+    def excerpt(self, rows: int) -> Recording:
+        """Stretches spread evenly over a long recording, as episodes of their own; a short one as it is.
+
+        Args:
+            rows: About so many rows.
+        """
+        if len(self) <= rows:
+            return self
+        length = min(max(rows // STRETCHES, STRETCH), rows)
+        begins = np.linspace(0, len(self) - length, max(rows // length, 1)).astype(np.int64)
+        episode = self.bounds[np.searchsorted(self.bounds[:, 0], begins, side="right") - 1]
+        begins = np.maximum(np.minimum(begins, episode[:, 1] - length), episode[:, 0])  # whole, if that is
+        ends = np.minimum(begins + length, episode[:, 1])
+        begins[1:] = np.maximum(begins[1:], ends[:-1])  # long enough, and no row is there twice
+        kept = np.concatenate([np.arange(a, b) for a, b in zip(begins, ends, strict=True)])
+        number = np.repeat(np.arange(len(begins)), ends - begins)
+        return replace(
+            self,
+            time=self.time[kept],
+            signals={name: values[kept] for name, values in self.signals.items()},
+            episode=number,
+        )

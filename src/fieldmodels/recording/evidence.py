@@ -15,6 +15,9 @@ from fieldmodels.recording.windows import Windows
 
 DEGREES = 20.0
 """An angle that swings over more radians than this (three turns) is taken to be in degrees."""
+CLEARLY = 0.02
+"""Correlation by which a model must answer better in one unit than in another."""
+_ROWS = 20_000  # that suffice to tell a unit
 _WINDOWS = 400  # windows that suffice to tell a sign
 _LATEST = 10  # steps by which a response is looked for late
 
@@ -155,6 +158,29 @@ def response(model: Model, recording: Recording, command: str, delays: bool = Fa
             best = max((r for r in found if r is not None), key=lambda r: abs(r.correlation))
             known.append(best if abs(best.correlation) > abs(found[0].correlation) + 0.02 else found[0])
     return max(known, key=lambda r: abs(r.correlation), default=None)
+
+
+def turns(model: Model, recording: Recording, name: str) -> bool:
+    """Whether an angle that seems large is one: the model answers better so than if it were in degrees.
+
+    Under gravity a swing of a turn and one of a degree differ in more than their size. Where a model is as
+    good at any size, nothing tells.
+
+    Args:
+        model: The model; its numbers need not be right.
+        recording: Its signals in SI units, as they were read.
+        name: The angle, whose rates are in degrees, too, if it is.
+    """
+    few = recording.excerpt(_ROWS)
+    angles = {name, *(o.name for o in model.outputs if o.unit == "rad/s")} & set(few.signals)
+    smaller = {**few.signals, **{n: np.radians(few[n]) for n in angles}}
+    if model.random_force or not model.inputs:
+        return False
+    found = []
+    for one in (few, replace(few, signals=smaller)):
+        answers = [response(model, one, s.name) for s in model.inputs]
+        found.append(float(np.mean([abs(a.correlation) if a is not None else 0.0 for a in answers])))
+    return found[0] > found[1] + CLEARLY
 
 
 def _response(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Set
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from fieldmodels.model import Model, Signal
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
 from fieldmodels.recording.data import Recording, RecordingError
-from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope
+from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope, turns
 from fieldmodels.recording.merging import held_or_between
 from fieldmodels.recording.tables import Table
 from fieldmodels.recording.units import UnitError, factor, is_unit
@@ -125,7 +126,7 @@ def propose(
     view = _View(table, model, values, clock, rate)
     found = _by_data(view, found, rest)
     found = {role: _with_unit(view, one, found) for role, one in found.items()}
-    found = _with_signs(view, found)
+    found = _with_signs(view, _turning(view, found))
     roles = [s.name for s in model.signals]
     columns = sorted(found.values(), key=lambda c: roles.index(c.role) if c.role in roles else -1)
     needed = [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
@@ -350,6 +351,20 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
         unit = unit or "rad"
     sure = SURE if exact or signal.unit == "1" else 0.8
     return replace(one, unit=unit).doubted(sure, f"no unit is stated; {unit} is assumed")
+
+
+def _turning(view: _View, found: dict[str, ColumnProposal]) -> dict[str, ColumnProposal]:
+    """In radians again what was taken for degrees by its size alone, where the model answers better so."""
+    for role, one in found.items():
+        guessed = one.unit == "deg" and one.column not in view.table.units and DECLARED not in one.evidence
+        if not guessed:
+            continue
+        tried = {**found, role: replace(one, unit="rad", evidence=one.evidence[:-1])}
+        with suppress(RecordingError, ValueError, UnitError, KeyError):
+            if turns(view.model, view.recording(tried), role):
+                why = "the model answers better in radians, over several turns, than in degrees"
+                found = {**found, role: tried[role].doubted(0.85, why)}
+    return found
 
 
 def _with_signs(view: _View, found: dict[str, ColumnProposal]) -> dict[str, ColumnProposal]:

@@ -19,6 +19,7 @@ LEAST_SHORT = 4.0  # steps in the shortest
 SPANS = 0.8, 1.6, 4.0  # lengths of bumps, in the time in which the position changes by its size
 LEAST_SPAN = 16  # samples in a bump
 MOST_SPANS = 10  # bumps of one length that a recording must hold
+ANYWHERE = np.pi / np.sqrt(3.0)  # rad: the size of an angle that is anywhere in a turn
 SHOWN = 1.6  # oscillations within a bump that it still lets through, about a third
 
 
@@ -31,7 +32,8 @@ class Scales:
         force: Root mean square of the command [N or N m].
         high_forces: Sizes that 0.5, 3, 10 and 30 % of the commands exceed [N or N m].
         rate: Largest rate of the command from one sample to the next [N/s or N m/s].
-        position: Root mean square of the position about its mean [m or rad].
+        position: Root mean square of the position about its mean [m or rad]; of an axis under gravity no more
+            than that of an angle anywhere in a turn, after which it is where it was.
         velocity: Root mean square of the velocity [m/s or rad/s].
         duration: Length of the longest recording [s].
         step: Sampling interval [s].
@@ -91,6 +93,7 @@ def measure_scales(
     """
     force = np.concatenate([r[command] for r in recordings])
     size = rms(centred(recordings, position)) or nominal.position
+    size = min(size, ANYWHERE) if rotary else size
     speed = rate_size(recordings, position) or nominal.velocity
     rate = max(float(np.max(np.abs(np.diff(r[command])), initial=0.0)) / r.step for r in recordings)
     noise = float(np.median([white_noise(r[position]) for r in recordings]))
