@@ -35,7 +35,8 @@ def main(base: Path, error: int, places: int, words: list[str]) -> None:
     )  # imports and compiled kernels, before the forks
     clean, operations = _run(base / "clean", words, 0, 0)
     print(json.dumps({"at": 0, "operations": operations, **clean}), flush=True)
-    for at in sorted({1 + k * operations // places for k in range(min(places, operations))}):
+    tried = min(places, operations)
+    for at in (1 + k * operations // tried for k in range(tried)):
         out = base / f"at{at}"
         first, _ = _run(out, words, at, error)
         second, _ = _run(out, _resumed(words, out), 0, 0)

@@ -40,6 +40,7 @@ OUTCOMES = {
     "answered": said(json.dumps({"verdict": "consistent", "causes": []})),
     "refused": said(stderr="Error: log.csv: no", code=2),
     "traceback": said(stderr="Traceback (most recent call last):\n  File x\nKeyError: 1", code=1),
+    "bare warning": said("{}", "/lib/x.py:3: RuntimeWarning: overflow encountered in exp\n  np.exp(x)"),
     "false name": said(NAMED),
     "torn file": said("{}", files=[("diagnosis.json", "{half")]),
     "died": said(code=7),

@@ -12,6 +12,7 @@ import signal
 import sys
 import tempfile
 import traceback
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from io import StringIO
@@ -24,7 +25,7 @@ from fieldmodels.yaml import save_yaml
 
 PROCESSOR_S, MEMORY = 120, 6 << 30
 """A case that takes more processor time hangs [s]; memory that it may have [bytes]."""
-FAULTS = ("traceback", "hang", "false name", "consistent", "torn file", "died")
+FAULTS = ("traceback", "bare warning", "hang", "false name", "consistent", "torn file", "died")
 NO_RELATION = ("unrelated", "noise alone")
 """Kinds of which no answer may say that the simulation is consistent with them."""
 Row = dict[str, Any]
@@ -105,6 +106,7 @@ def _started(case: Case, folder: Path, command: Callable[[list[str]], Any]) -> i
         for number, name in ((1, "stdout"), (2, "stderr")):
             os.dup2(os.open(folder / f".{name}", os.O_WRONLY | os.O_CREAT), number)
         sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
+        warnings.simplefilter("always", RuntimeWarning)  # also what the warm parent met before
         try:
             command([*words, "--out", str(folder / "out"), "--json"])
             code = 0
@@ -138,6 +140,8 @@ def judged(case: Case, folder: Path, status: int, seconds: float) -> Row:
         return row | {"outcome": "hang", "said": last[:300]}
     if "Traceback (most recent call last)" in said:
         return row | {"outcome": "traceback", "said": _where(said)}
+    if warned := re.search(r"^.*:\d+: \w*Warning: .*", said, re.MULTILINE):  # NumPy's own tell a user nothing
+        return row | {"outcome": "bare warning", "said": warned[0][-300:]}
     if code != 0:  # 1: of jobs that failed
         clean = code in (1, 2) and re.search("^Error: |Usage", said, re.MULTILINE)
         return row | {"outcome": "refused" if clean else "died", "said": f"exit code {code}: {last[:300]}"}
