@@ -26,7 +26,8 @@ def plain(name: str) -> str:
 def pins() -> dict[str, str]:
     """Name to version of everything in ``constraints.txt``."""
     lines = (ROOT / "constraints.txt").read_text().splitlines()
-    return dict(line.split("==") for line in lines if "==" in line and not line.startswith("#"))
+    pinned = (line.partition(";")[0] for line in lines if "==" in line and not line.startswith("#"))
+    return dict(line.split("==") for line in pinned)
 
 
 def licence(found: Distribution) -> str:

@@ -15,6 +15,8 @@ import sys
 import traceback
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 VOLATILE = (
     "run.json",
     "result.json",
