@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 from diagnosis_speed import RECORDS, record
+from growth import with_copies, with_radars, with_rate, with_recordings
 from steppers import native, scalar, steps_a_second
 
 import fieldgym
@@ -75,11 +76,54 @@ def steps() -> Iterator[Ratio]:
         )
 
 
+MANY = ("HeelStrike", "LineFollowing", "Excitation", "UavRoute")
+"""Environments that are worth a thousand copies: each step is long, or was."""
+
+
+def named(name: str) -> str:
+    """The id of an environment."""
+    return next(i for i in IDS if f"/{name}-" in i)
+
+
+def many() -> Iterator[Ratio]:
+    """A row of 1024 of the environments whose steps are long, against a row of CartPole's vector form."""
+    theirs = native(THEIRS, 1024)
+    for name in MANY:
+        own = native(named(name), 1024, settings=settings_of(named(name)))
+        ours, unit = in_turns([partial(own, 0), lambda: [theirs(k) for k in range(16)]], rounds=4)
+        yield Ratio(f"{name}: a row's step of 1024", 16 * ours / unit, "times a row's step of 1024 CartPoles")
+
+
+def growths() -> Iterator[Ratio]:
+    """Exponents of cost against copies, radars, rate and recordings."""
+    for name in MANY:
+        found = with_copies(named(name), settings_of(named(name)))
+        yield Ratio(f"{name}: growth with copies", found, "exponent of processor time, 16 to 256 copies")
+    yield Ratio("UavRoute: growth with radars", with_radars(named("UavRoute")), "exponent of processor time")
+    yield Ratio("diagnosis: growth with rate", with_rate(), "exponent of processor time, 100 Hz to 1 kHz")
+    yield Ratio("diagnosis: growth with recordings", with_recordings(), "exponent of processor time")
+
+
+def demonstration() -> Iterator[Ratio]:
+    """All of ``fieldgym demo``, its children included."""
+
+    def spent(arguments: list[str]) -> float:
+        before = os.times()
+        subprocess.run(arguments, check=True, capture_output=True)
+        after = os.times()
+        return after.children_user + after.children_system - before.children_user - before.children_system
+
+    with tempfile.TemporaryDirectory() as folder:
+        main = "import sys; from fieldagents.cli import main; sys.argv[0] = 'fieldgym'; main()"
+        own = spent([sys.executable, "-c", main, "demo", "--out", folder])
+    unit = in_turns([additions])[0]
+    yield Ratio("fieldgym demo", own / unit, "times a million additions in Python")
+
+
 def threads() -> Iterator[Ratio]:
     """Wall time on two threads against one, for the environments whose steps are long."""
     for name in ("HeelStrike", "Excitation"):
-        env_id = next(i for i in IDS if f"/{name}-" in i)
-        envs = [gym.make_vec(env_id, num_envs=64, settings=LONG[name], threads=n) for n in (1, 2)]
+        envs = [gym.make_vec(named(name), num_envs=64, settings=LONG[name], threads=n) for n in (1, 2)]
         for env in envs:
             env.reset(seed=0)
         action = np.zeros(envs[0].action_space.shape, np.float32)
@@ -161,7 +205,8 @@ def first_steps() -> Iterator[Ratio]:
 
 
 GROUPS: dict[str, Callable[[], Iterator[Ratio]]] = {
-    "step": steps, "threads": threads, "diagnosis": diagnoses, "command": commands, "first": first_steps,
+    "step": steps, "many": many, "threads": threads, "growth": growths, "diagnosis": diagnoses,
+    "command": commands, "first": first_steps, "demo": demonstration,
 }  # fmt: skip
 
 

@@ -204,6 +204,7 @@ class _ExcitationTask(BatchTask):
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self.below_since = np.full(batch, -1, dtype=np.int64)
         self._shaken: Shaken | None = None
+        self._value: Floats | None = None
         self._traces: list[deque[tuple[Floats, Floats]]] | None = None
         if drawing:
             self._traces = [deque(maxlen=self.most_steps) for _ in range(batch)]
@@ -245,7 +246,7 @@ class _ExcitationTask(BatchTask):
         self.shakers.begin(rows)
         self.elapsed[rows] = 0
         self.below_since[rows] = -1
-        self._shaken = None
+        self._shaken = self._value = None
         if self._traces is not None:
             for i in rows:
                 self._traces[i].clear()
@@ -259,11 +260,12 @@ class _ExcitationTask(BatchTask):
 
     def step(self, actions: Floats) -> Outcome:
         """Shake every vehicle for one decision."""
-        before = self._worth(self.shaken)
+        before = self._worth(self.shaken) if self._value is None else self._value
         low, high = self.shakers.ranges
         commands = low + (high - low) * (actions + 1.0) / 2.0
         shaken = self._shaken = self.shakers.advance(commands, traces=self._traces is not None)
-        reward = self._worth(shaken) - before
+        self._value = self._worth(shaken)
+        reward = self._value - before
         self.elapsed += 1
         if self._traces is not None:
             assert shaken.motion is not None
@@ -326,7 +328,7 @@ class _ExcitationTask(BatchTask):
         self.shakers.set_state({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
         self.elapsed[:] = state["elapsed"]
         self.below_since[:] = state["below_since"]
-        self._shaken = None
+        self._shaken = self._value = None
         for traces in self._traces or ():
             traces.clear()
 

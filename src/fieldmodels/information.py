@@ -18,7 +18,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import log_ndtr
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
@@ -91,6 +90,8 @@ def binned(
     Raises:
         ModelError: If a standard deviation is negative or a range is empty.
     """
+    from scipy.special import log_ndtr  # slow to import
+
     m, s, a, b = _checked(mean, sigma, low, high, bits)
     width = b - a
     s = np.clip(s, _NARROWEST * width, _WIDEST * width)

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
@@ -161,6 +160,8 @@ class Normal(Sampler):
 
     def draw(self, rng: np.random.Generator, lower: float = -math.inf, upper: float = math.inf) -> float:
         """See ``Sampler.draw``: by the inverse of the truncated distribution."""
+        from scipy.special import ndtr, ndtri  # slow to import
+
         first, last = ndtr((lower - self.mean) / self.std), ndtr((upper - self.mean) / self.std)
         share = first + (last - first) * float(rng.random())
         quantile = float(ndtri(min(max(share, 1e-300), 1.0 - 1e-16)))

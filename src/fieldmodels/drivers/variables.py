@@ -13,7 +13,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.compiled import compiled
@@ -116,6 +115,8 @@ def _remembered(model: Model, windows: Windows, out: FloatArray, over: str) -> F
     def follow(values: FloatArray, before: FloatArray) -> FloatArray:
         """Along the last axis, from what was remembered before the first sample."""
         if not plays:
+            from scipy.signal import lfilter  # slow to import
+
             return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, zi=keep * before[..., None])[0])
         rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
         return np.asarray(_play(rows, float(size), np.atleast_1d(before)).reshape(values.shape))

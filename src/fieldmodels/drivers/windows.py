@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration, param_indices
@@ -259,6 +258,8 @@ def episode_edges(recording: Recording) -> tuple[IntArray, IntArray]:
 
 def without_noise(recording: Recording, name: str) -> FloatArray:
     """A signal smoothed by a parabola through nine samples, episode by episode, shape (n,)."""
+    from scipy.signal import savgol_filter  # half of the time that environments take to be imported
+
     parts = [recording[name][a:b] for a, b in recording.bounds]
     smooth = [savgol_filter(part, 9, 2) if len(part) >= 9 else part for part in parts]
     return np.ascontiguousarray(np.concatenate(smooth), dtype=np.float64)

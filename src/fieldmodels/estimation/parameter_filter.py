@@ -113,26 +113,29 @@ def accumulate(y: FloatArray, average: int, moments: FloatArray) -> None:
     """
     features, blocks = y.shape[1], len(y) // average
     share = 1.0 / average
-    means = np.empty((blocks, features))
+    rows = (blocks + 3) // 4 * 4
+    means = np.zeros((rows, features))
     for block in range(blocks):
         for k in range(features):
             total = 0.0
             for j in range(average):
                 total += y[block * average + j, k]
             means[block, k] = total * share
-    # Four at a time, in the order of one by one: each sum is loaded and stored once for four products.
-    fours = blocks // 4 * 4
+    # Whole rows, four samples at a time in the order of one by one: half of it is for nothing, but each sum
+    # is loaded and stored once for four products, and no row is too short for the processor's vectors.
+    sums = np.empty((features, features))
+    copy_to(sums, moments)
+    for i in range(0, rows, 4):
+        for k in range(features):
+            one, two, three, four = means[i, k], means[i + 1, k], means[i + 2, k], means[i + 3, k]
+            for m in range(features):
+                total = sums[k, m] + one * means[i, m]
+                total = total + two * means[i + 1, m]
+                total = total + three * means[i + 2, m]
+                sums[k, m] = total + four * means[i + 3, m]
     for k in range(features):
-        for i in range(0, fours, 4):
-            one, two, three, four = means[i], means[i + 1], means[i + 2], means[i + 3]
-            for m in range(k, features):
-                total = moments[k, m] + one[k] * one[m]
-                total = total + two[k] * two[m]
-                total = total + three[k] * three[m]
-                moments[k, m] = total + four[k] * four[m]
-        for i in range(fours, blocks):
-            for m in range(k, features):
-                moments[k, m] += means[i, k] * means[i, m]
+        for m in range(k, features):
+            moments[k, m] = sums[k, m]
 
 
 @inlined
@@ -190,6 +193,8 @@ def estimate(
             row_noise(terms, second, noise[mode], 1.0 / samples, weights)
             _invert(weights, active[mode])
             _contract(terms, weights, moments[mode], noise[mode], measured, free)
+        add_transposed(measured)
+        add_transposed(free)
         if not compensated:
             copy_to(free, measured)
         # Scaled by the prior's deviations, around the prior's mean.
@@ -247,11 +252,21 @@ def row_noise(terms: Terms, second: FloatArray, noise: FloatArray, share: float,
     for a in range(count):
         k = terms.feature[a]
         i, first, row = terms.column[a], share * terms.coefficient[a], terms.row[a]
-        for b in range(count):
+        for b in range(a + 1):
             m = terms.feature[b]
-            moment = noise[k, m] if k <= m else noise[m, k]
+            moment = noise[min(k, m), max(k, m)]
             if moment != 0.0:
-                out[row, terms.row[b]] += first * terms.coefficient[b] * second[i, terms.column[b]] * moment
+                part = first * terms.coefficient[b] * second[i, terms.column[b]] * moment
+                out[row, terms.row[b]] += part if b < a else 0.5 * part
+    add_transposed(out)
+
+
+@inlined
+def add_transposed(matrix: FloatArray) -> None:
+    """Make a square matrix the sum of itself and its transpose, in place."""
+    for i in range(len(matrix)):
+        for j in range(i + 1):
+            matrix[i, j] = matrix[j, i] = matrix[i, j] + matrix[j, i]
 
 
 @inlined
@@ -277,14 +292,17 @@ def _contract(
     measured: FloatArray,
     free: FloatArray,
 ) -> None:
-    """Add [A | F]' W [A | F] of one mode, as measured and freed of the noise's moments."""
+    """Add half of [A | F]' W [A | F] of one mode, as measured and freed of the noise's moments.
+
+    The other half is its transpose.
+    """
     count = len(terms.row)
     for a in range(count):
         i, k, first, row = terms.column[a], terms.feature[a], terms.coefficient[a], terms.row[a]
-        for b in range(count):
+        for b in range(a + 1):
             weight = weights[row, terms.row[b]]
             if weight != 0.0:
-                weight *= first * terms.coefficient[b]
+                weight *= first * (terms.coefficient[b] if b < a else 0.5 * terms.coefficient[b])
                 j, m = terms.column[b], terms.feature[b]
                 low, high = min(k, m), max(k, m)
                 measured[i, j] += weight * moments[low, high]

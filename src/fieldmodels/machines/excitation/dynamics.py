@@ -28,6 +28,7 @@ from fieldmodels.machines.excitation.regression import (
     POSITION,
     RATE,
     SIGNALS,
+    SMALL,
     TORQUE,
     TURNING,
     VELOCITY,
@@ -118,8 +119,10 @@ def pose(mode: int, angle: float) -> tuple[Vector, Vector]:
 def turning_excess(o: Vector, w: Vector) -> Vector:
     """Rate of the rotation vector o less w: o x w / 2 + o x (o x w) / 12 + ..."""
     square = dot(o, o)
-    if square < 1e-4:
-        share = 1.0 / 12.0 + square / 720.0
+    if square < SMALL:
+        fourth = square * square
+        share = 1.0 / 30240.0 + square * (1.0 / 1209600.0) + fourth * (1.0 / 47900160.0)
+        share = 1.0 / 12.0 + square * (1.0 / 720.0) + fourth * share
     else:
         angle = math.sqrt(square)
         share = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
@@ -232,10 +235,14 @@ def accelerations(system: System, swing: Swing, o: Vector, w: Vector, resisting:
     force, torque, known = loads(system, swing, o, w, resisting)
     m2, u, p = system.mass, swing.along, swing.centre
     i, k, across, slim = system.inertia, resisting.torque_factor, system.across, system.slim
-    d0, d1 = system.total + resisting.force_factor[0], system.total + resisting.force_factor[1]
-    d2 = system.total + resisting.force_factor[2]
-    a = (force[0] / d0, force[1] / d1, force[2] / d2)
-    w0, w1, w2 = m2 - m2 * m2 / d0, m2 - m2 * m2 / d1, m2 - m2 * m2 / d2
+    # Reciprocals: a division takes as long as five products.
+    d0, d1 = (
+        1.0 / (system.total + resisting.force_factor[0]),
+        1.0 / (system.total + resisting.force_factor[1]),
+    )
+    d2 = 1.0 / (system.total + resisting.force_factor[2])
+    a = (force[0] * d0, force[1] * d1, force[2] * d2)
+    w0, w1, w2 = m2 - m2 * m2 * d0, m2 - m2 * m2 * d1, m2 - m2 * m2 * d2
     diagonal = (
         i[0] + across + slim * u[0] * u[0] + k[0] + p[2] * p[2] * w1 + p[1] * p[1] * w2,
         i[1] + across + slim * u[1] * u[1] + k[1] + p[2] * p[2] * w0 + p[0] * p[0] * w2,
@@ -249,7 +256,7 @@ def accelerations(system: System, swing: Swing, o: Vector, w: Vector, resisting:
         plus(torque, -m2, cross(p, a)),
     )
     d = cross(p, b)
-    a = (a[0] + m2 * d[0] / d0, a[1] + m2 * d[1] / d1, a[2] + m2 * d[2] / d2)
+    a = (a[0] + m2 * d[0] * d0, a[1] + m2 * d[1] * d1, a[2] + m2 * d[2] * d2)
     return Response(a, b, known.arm, known.spin, known.gravity)
 
 

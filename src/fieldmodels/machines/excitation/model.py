@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.excitation.declaration import EFFECTS, as_vehicles
@@ -114,6 +113,8 @@ class ExcitationModel(Model):
 
     def between(self, commands: FloatArray, refine: int) -> FloatArray:
         """The arm moves smoothly between samples; see ``Model.between``."""
+        from scipy.interpolate import make_interp_spline  # slow to import
+
         count = len(commands)
         spline = make_interp_spline(np.arange(count), commands[:, 0], k=min(5, count - 1))
         fine = np.arange(count * refine) / refine
@@ -126,6 +127,8 @@ class ExcitationModel(Model):
 
 def with_derivatives(recording: Recording) -> Recording:
     """Add the commanded angle's derivatives, by a spline of fifth order through each run."""
+    from scipy.interpolate import make_interp_spline
+
     rate, acceleration = np.zeros(len(recording)), np.zeros(len(recording))
     for a, b in recording.bounds:
         if b - a < 2:

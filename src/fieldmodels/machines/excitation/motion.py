@@ -62,19 +62,19 @@ def phase_after(phase: float, previous: FloatArray, following: FloatArray) -> fl
 
 
 @inlined
-def peak_acceleration(previous: FloatArray, phase: float, following: FloatArray) -> float:
-    """Largest |f''| at the samples of a decision [rad/s2]."""
+def keeps_within(previous: FloatArray, phase: float, following: FloatArray, acceleration: float) -> bool:
+    """Whether |f''| is within an acceleration [rad/s2] at each sample of a decision."""
     da = following[AMPLITUDE] - previous[AMPLITUDE]
     dw = following[FREQUENCY] - previous[FREQUENCY]
     da0 = following[OFFSET] - previous[OFFSET]
-    peak = 0.0
     for i in range(1, CHECKED + 1):
         _, _, f2 = motion_at(
             previous[AMPLITUDE], previous[FREQUENCY], previous[OFFSET], phase, da, dw, da0,
             i * (DECISION / CHECKED),
         )  # fmt: skip
-        peak = max(peak, abs(f2))
-    return peak
+        if abs(f2) > acceleration:
+            return False
+    return True
 
 
 @inlined
@@ -103,13 +103,13 @@ def attainable(
         out: Receives the command, shape (3,).
     """
     towards(previous, wanted, 1.0, acceleration, out)
-    if peak_acceleration(previous, phase, out) <= acceleration:
+    if keeps_within(previous, phase, out, acceleration):
         return
     possible, impossible = 0.0, 1.0
     for _ in range(HALVINGS):
         share = 0.5 * (possible + impossible)
         towards(previous, wanted, share, acceleration, out)
-        if peak_acceleration(previous, phase, out) <= acceleration:
+        if keeps_within(previous, phase, out, acceleration):
             possible = share
         else:
             impossible = share

@@ -22,12 +22,13 @@ from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.information import fast_bits
 from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
 from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS
-from fieldmodels.machines.excitation.kernel import BASE, Around, Experiments, shake
+from fieldmodels.machines.excitation.kernel import BASE, Around, Experiments, advance, shake
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, DECISION, FREQUENCY, OFFSET
 from fieldmodels.machines.excitation.parameters import (
     CG,
     DAMPING,
+    DURATION,
     INERTIA,
     LIMITS,
     LOWER,
@@ -51,7 +52,6 @@ from fieldmodels.machines.excitation.sensors import (
     FULL,
     TABLE2,
     Variant,
-    full_scale,
     mean_draws,
     variances,
 )
@@ -186,8 +186,29 @@ class Shaken:
 
 
 @lru_cache(maxsize=16)
-def _full_scale(vehicle: tuple[float, ...], arm: Arm) -> FloatArray:
-    return full_scale(np.array(vehicle), arm)
+def _full_scale(vehicle: tuple[float, ...], arm: Arm, rules: np.dtype[Any]) -> FloatArray:
+    """``sensors.full_scale`` by the kernel that takes the steps, so that a first step compiles no other."""
+    own = np.zeros(1, rules)
+    own["acceleration"] = math.inf
+    experiment = Experiments(
+        vehicles=as_rows(with_effects(np.array(vehicle))[None], ROW),
+        sensing=np.zeros(1, dtype=np.bool_),
+        keys=np.zeros(1, dtype=np.uint64),
+        counts=np.zeros(1, dtype=np.int64),
+        command=CONSTANT[None].copy(),
+        phase=np.zeros(1),
+        states=np.zeros((1, MODES, STATE)),
+        maxima=np.zeros((1, MODES, SIGNALS)),
+        base=np.zeros((1, MODES, BASE)),
+        arm_motion=np.zeros((1, 3)),
+        history=np.zeros((1, MODES, 0, TURNS)),
+    )
+    signals, motion = np.empty((1, MODES, SAMPLES, SIGNALS)), np.empty((0, SAMPLES + 1, 3))
+    maxima = np.zeros(SIGNALS)
+    for _ in range(round(DURATION / DECISION)):
+        advance(experiment, own, arm.row(), None, CONSTANT[None].copy(), signals, motion)
+        np.maximum(maxima, np.abs(signals[0]).max(axis=(0, 1)), out=maxima)
+    return np.tile(maxima, (MODES, 1))
 
 
 def kernel_rules(rules: Rules, arm: Arm, batch: int, nominal: ArrayLike | None = None) -> NDArray[Any]:
@@ -207,9 +228,11 @@ def kernel_rules(rules: Rules, arm: Arm, batch: int, nominal: ArrayLike | None =
         "least": ends[:, 0],
         "most": ends[:, 1],
         "nominal": vehicle,
-        "full_scale": _full_scale(tuple(vehicle.tolist()), arm),
+        "full_scale": np.zeros((MODES, SIGNALS)),
     }
-    return kernel_rows(rules, batch, derived)
+    rows = kernel_rows(rules, batch, derived)
+    rows["full_scale"] = _full_scale(tuple(vehicle.tolist()), arm, rows.dtype)
+    return rows
 
 
 def _checked(vehicle: ArrayLike) -> FloatArray:
@@ -233,6 +256,7 @@ class Shakers:
         truth: The 22 true values of every experiment, shape (batch, 22).
         estimated: Which of them are estimated, shape (22,).
         ranges: Smallest and largest command of each, each of shape (batch, 3).
+        nominal: The 22 nominal values of each, those of its preset, shape (batch, 22).
         arm: The arm.
         threads: On which the rows advance, side by side; in one where there are stock effects.
     """
@@ -280,7 +304,11 @@ class Shakers:
         self.arm = arm or Arm()
         variant = VARIANTS[self.rules.variant]
         self.estimated = variant.unknowns.copy()
+        self._arm = self.arm.row()
         self._records = kernel_rules(self.rules, self.arm, batch, nominal)
+        self.ranges: tuple[FloatArray, FloatArray] = (self._records["least"], self._records["most"])
+        self.nominal: FloatArray = self._records["nominal"]
+        self._fractions = self._records["noise_fraction"][:, None, None]
         self._estimator = self.rules.estimator
         row, column, feature, coefficient = TERMS
         self._filters = ParameterFilters(
@@ -319,11 +347,6 @@ class Shakers:
         return len(self._counts)
 
     @property
-    def ranges(self) -> tuple[FloatArray, FloatArray]:
-        """Smallest and largest command of each experiment, each of shape (batch, 3)."""
-        return self._records["least"], self._records["most"]
-
-    @property
     def truth(self) -> FloatArray:
         """The 22 true values of every experiment (privileged), shape (batch, 22); a copy."""
         return self._vehicles[:, :UNKNOWNS].copy()
@@ -332,11 +355,6 @@ class Shakers:
     def bits(self) -> FloatArray:
         """Information about each parameter by the chosen filter [bits], shape (batch, 22)."""
         return information_of(self._filters.covariance[self._estimator], self.estimated, self._records)
-
-    @property
-    def nominal(self) -> FloatArray:
-        """The 22 nominal values of every experiment, those of its preset, shape (batch, 22)."""
-        return np.asarray(self._records["nominal"])
 
     @property
     def draws(self) -> FloatArray:
@@ -428,7 +446,7 @@ class Shakers:
         noise = np.zeros((batch, MODES, FEATURES, FEATURES))
         traced = batch if traces else 0
         motion, bodies = np.empty((traced, SAMPLES + 1, 3)), np.empty((traced, MODES, SAMPLES, 6))
-        clipped = np.clip(wanted, *self.ranges)
+        clipped = np.minimum(np.maximum(wanted, self.ranges[0]), self.ranges[1])
         if self.stock is not None:
             self.stock.clock[:] = self._counts * SAMPLE
             self._change(range(batch), DECISION, self.stock)
@@ -436,7 +454,7 @@ class Shakers:
         self._filters.threads = self.threads
         run_rows(
             self.threads if around is None else 1, batch, shake, self._experiments, self._records,
-            self.arm.row(), around, clipped, features, noise, motion, bodies, whole=(2,),
+            self._arm, around, clipped, features, noise, motion, bodies, whole=(2,),
         )  # fmt: skip
         self._filters.update(features, noise)
         return self._shaken(motion if traces else None, bodies if traces else None)
@@ -461,7 +479,7 @@ class Shakers:
             command=self._command.copy(),
             phase=self._phase.copy(),
             base=self._base.copy(),
-            variances=variances(self._maxima, self._records["noise_fraction"][:, None, None]),
+            variances=variances(self._maxima, self._fractions),
             motion=motion,
             bodies=bodies,
         )
