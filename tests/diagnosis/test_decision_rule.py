@@ -1,17 +1,20 @@
 """The decision rule by itself: each test of it against SciPy's, each threshold from both sides."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from fieldmodels.diagnosis import selection
+from fieldmodels.diagnosis import causes, selection
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.gain import Prediction, noise_floor, share
 from fieldmodels.diagnosis.held_out import TAIL, heavy_tailed, held_out_loss
+from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.selection import (
+    _called_for,
     _simplest,
     accepted,
     block_p_value,
@@ -303,3 +306,50 @@ def test_noise_floor_of_an_event_is_chance():
     p = np.full((30, 10), 0.2)
     shown = Shown(np.zeros((30, 10)), event=True)
     assert noise_floor(shown, Prediction([p[:, :, None]], p, p), 0) == pytest.approx(np.sqrt(0.2 * 0.8))
+
+
+def test_a_cause_that_acts_in_few_blocks_does_not_hide_the_next_one():
+    """The best set gains in a single block, the next one everywhere, and so does it beside the best."""
+    once = np.where(BLOCKS == 3, 40.0 / 4, 0.0)
+    base = stands(400.0, cost=100.0)
+    rare = replace(stands(400.0, effects=("rare",), cost=50.0), loss=base.loss - once)
+    often = stands(380.0, effects=("often",), cost=60.0, seed=1)
+    both = replace(stands(0.0, effects=("rare", "often"), cost=40.0), loss=often.loss - once)
+    asked = []
+
+    def extend(parent, name):
+        asked.append((parent.effects, name))
+        return beside
+
+    candidates = SimpleNamespace(
+        problem=SimpleNamespace(blocks=BLOCKS), options=DEFAULT, extend=extend, again=lambda c: c
+    )
+    beside = both
+    assert _called_for(candidates, base, [], [rare, often]) is often
+    assert asked == [(("rare",), "often")]
+    beside = replace(both, loss=rare.loss)  # it brings nothing more
+    assert _called_for(candidates, base, [], [rare, often]) is None
+
+
+@pytest.mark.parametrize(
+    ("losses", "kept"),
+    [
+        # One alone explains nothing, both do.
+        ({"ab": 10.0, "a": 30.0, "b": 40.0, "": 25.0}, ("a", "b")),
+        ({"ab": 10.0, "a": 9.0, "b": 40.0, "": 25.0}, ("a",)),
+        ({"ab": 10.0, "a": 9.0, "b": 40.0, "": 8.0}, ()),
+        # A cause that does not act is not rejected.
+        ({"ab": 10.0, "a": 10.0, "b": 12.0, "": 25.0}, ("a", "b")),
+    ],
+)
+def test_the_test_data_reject_effects_one_by_one_beside_all_others(monkeypatch, losses, kept):
+    def made(names):
+        fitted = SimpleNamespace(parameters=names, whitener=None)
+        return Candidate(tuple(names), fitted, 0.0, np.zeros(1), len(names))
+
+    candidates = SimpleNamespace(
+        without=lambda c, gone: made("".join(name for name in c.effects if name != gone))
+    )
+    monkeypatch.setattr(causes, "fit", lambda _problem, names, *_rest, **_more: names)
+    monkeypatch.setattr(causes, "window_loss", lambda names: np.array([losses[names]]))
+    assert causes.confirmed(candidates, made(""), made("ab"), None).effects == kept

@@ -21,6 +21,8 @@ from fieldmodels.registry import get_model
 MASS, DAMPING, STIFFNESS = 2.3, 5.1, 93.0
 STEP, FINE, SAMPLES = 0.01, 10, 3000
 NOISE = {"position": 2e-4, "velocity": 5e-3}
+GEAR, HUM = 0.021, 0.37
+"""Periods of an eccentric gear [m] and of an aliased hum [s]."""
 Push = Callable[[float, float, float, float], float]
 Sensor = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -87,6 +89,13 @@ HIDDEN = {
         {"shown": lambda x, v, u: x - 4e-4 * np.tanh(v / 0.005)}, "sensor", "velocity",
     ),
     "a sensor that feels the command": ({"shown": lambda x, v, u: x + 1.2e-4 * u}, "sensor", "force"),
+    "an eccentric gear before the sensor": (
+        {"shown": lambda x, v, u: x + 3e-4 * np.sin(2 * np.pi * x / GEAR)}, "sensor", "position",
+    ),
+    "hum in a sensor": (
+        {"shown": lambda x, v, u: x + 3e-4 * np.sin(2 * np.pi * np.arange(SAMPLES) * STEP / HUM)},
+        "sensor", "time",
+    ),
     "damping that grows": ({"damping": lambda t: DAMPING * (1 + 0.007 * t)}, "parameter", "time"),
 }  # fmt: skip
 """A fault, the place of its curve, and the variable that it depends on."""
@@ -113,6 +122,24 @@ def test_what_no_list_contains_is_unknown_and_its_curve_regains_what_was_lost(ki
     lost = position.rmse_before - NOISE["position"]
     assert position.rmse_after == position.rmse_before  # nothing is named
     assert position.rmse_before - position.rmse_with_curves > 0.7 * lost
+
+
+@pytest.mark.parametrize(
+    ("kind", "period", "unit"),
+    [("an eccentric gear before the sensor", GEAR, "m"), ("hum in a sensor", HUM, "s")],
+)
+def test_a_wave_is_stated_by_its_period_and_runs(tmp_path: Path, kind: str, period: float, unit: str):
+    result = found(kind, 3)
+    words, number, said = result.curves[0].formula.rsplit(" ", 2)
+    assert (words, said) == ("repeats every", unit)
+    assert float(number) == pytest.approx(period, rel=0.03)
+    assert np.ptp(result.curves[0].curve[:, 1]) == pytest.approx(6e-4, rel=0.15)
+    assert not result.not_runnable
+    env = as_env("rig", reality=write_results(result, tmp_path)["extended.yaml"])
+    [effect] = [e for e in env.unwrapped._task.machine.effects if e.name.startswith("sensor_on_position")]
+    if unit == "m":  # the time that a curve over the time runs on is the log's own
+        values = [p.nominal for p in effect.parameters if p.name.startswith("value_")]
+        assert len(values) > 8 * np.ptp(rig(3)["position"]) / GEAR
 
 
 TRUE = {

@@ -42,19 +42,26 @@ def path_to(candidates: Candidates, base: Candidate, chosen: Candidate) -> list[
     return [base, *reversed(path)]
 
 
-def confirmed(path: Sequence[Candidate], testing: Problem) -> int:
-    """Number of fits of a path that the test data confirm: each must explain them better than the one before.
+def confirmed(candidates: Candidates, base: Candidate, chosen: Candidate, testing: Problem) -> Candidate:
+    """The set without effects that the test data contradict: those without which it explains them better.
 
-    A cause that does not act during the test data is not rejected by them.
+    Each is judged beside all others, since one may explain nothing before another one is there. A cause that
+    does not act during the test data is not rejected by them.
     """
-    losses = []
-    for candidate in path:
-        fitted = fit(testing, candidate.fit.parameters, NONE, path[-1].fit.whitener, iterations=6)
-        losses.append(float(window_loss(fitted).sum()))
-    for k in range(1, len(path)):
-        if not losses[k] < losses[k - 1] + NEGLIGIBLE:
-            return k
-    return len(path)
+    whitener = chosen.fit.whitener
+
+    def loss(candidate: Candidate) -> float:
+        return float(window_loss(fit(testing, candidate.fit.parameters, NONE, whitener, iterations=6)).sum())
+
+    least = loss(chosen)
+    while chosen.effects:
+        several = len(chosen.effects) > 1
+        smaller = [candidates.without(chosen, name) for name in chosen.effects] if several else [base]
+        best, without = min(((loss(c), c) for c in smaller), key=lambda pair: pair[0])
+        if least < best + NEGLIGIBLE:
+            break
+        chosen, least = without, best
+    return chosen
 
 
 def told_from_neutral(

@@ -25,7 +25,7 @@ from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import averaged, odds_responses, offsets, responses, segments
-from fieldmodels.diagnosis.result import MissingCurve
+from fieldmodels.diagnosis.result import WAVE, MissingCurve
 from fieldmodels.diagnosis.selection import (
     RARE_P,
     block_p_value,
@@ -41,6 +41,7 @@ from fieldmodels.drivers.variables import (
     PLAY,
     SHARE,
     TIMES,
+    WAY,
     direction_of,
     given,
     remembering,
@@ -57,6 +58,9 @@ FINE = 129  # points of a known function
 MULTIPLIED = 7  # signals whose products are tried
 LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
 NO_FACTORS = ("time", CHANGE, "rate of ")
+CYCLES = 600.0  # of a wave over the whole range of its variable, at most
+WAVES = 64  # that are tried at a time, which bounds memory
+POINTS = 16  # of a cycle of a wave, where its table is given
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
 TOLD = (
     3.0  # times its error that a variable must move where noise drives the machine, as of its measured inputs
@@ -101,6 +105,7 @@ class Curve:
         knots: Values of the variable at which the curve is given, shape (points,).
         shapes: Each column's value there, shape (points, columns).
         formula: What it is called if it is no table but a known function of the variable.
+        tried: Of how many of its kind it is the best.
     """
 
     place: Place
@@ -112,6 +117,7 @@ class Curve:
     knots: FloatArray
     shapes: FloatArray
     formula: str = ""
+    tried: int = 1
 
     @property
     def direction(self) -> str:
@@ -190,6 +196,7 @@ class Curves:
         }
         self.signals = self._variables()
         self.all = tuple(self._curves())
+        self._wave_places = tuple(self._places_of_waves())
 
     def judge(self, candidate: Candidate, curves: Iterable[Curve] | None = None) -> list[Scored]:
         """Score every curve beside a candidate, most probable first.
@@ -201,7 +208,7 @@ class Curves:
         basis, _ = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))
         residual = candidate.fit.residual.reshape(-1)
         promising: list[tuple[float, Curve, FloatArray, FloatArray]] = []
-        for curve in self.all if curves is None else curves:
+        for curve in (*self.all, *self._waves(basis, residual)) if curves is None else curves:
             combined = _identifiable(self.response(curve), basis)
             if combined is not None:
                 columns, combination, own = combined
@@ -230,7 +237,7 @@ class Curves:
 
     def convinces(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether a curve brings what the best of so many must, on held-out windows; see ``called_for``."""
-        needed = self._needed_of(among)
+        needed = self._needed_of(among) + float(np.log(scored.curve.tried))
         least = max(needed, self.options.least_share * float(candidate.loss.sum()))
         if scored.total <= least:
             return False
@@ -238,7 +245,7 @@ class Curves:
 
     def outdoes_noise(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether it still does beside sensors whose zero wanders."""
-        needed = self._needed_of(among)
+        needed = self._needed_of(among) + float(np.log(scored.curve.tried))
         if scored.curve.place == "odds":
             return True
         gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
@@ -338,7 +345,7 @@ class Curves:
             Candidate(
                 candidate.effects,
                 wide,
-                candidate.search + float(np.log(len(self.all))),
+                candidate.search + float(np.log(len(self.all) * curve.tried)),
                 loss,
                 candidate.size + count,
                 candidate.price,
@@ -364,7 +371,7 @@ class Curves:
                 per = signals[push.rate][0]
                 share = "1" if per == push.unit else f"{push.unit} / ({per})"
                 for curve in _tables(places):
-                    yield self._as_share(replace(curve, target=SHARE + push.name, unit=share))
+                    yield self._perhaps_share(replace(curve, target=SHARE + push.name, unit=share))
         for curve in _products(plain):
             yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
         signals = lasting
@@ -385,11 +392,77 @@ class Curves:
                 p = model.all_parameters[i]
                 yield replace(curve, place="parameter", target=model.names[i], unit=p.unit)
 
+    def _waves(self, basis: FloatArray, residual: FloatArray) -> Iterator[Curve]:
+        """The strongest wave at each place over each variable: hum, eccentric gears and wheels.
+
+        Args:
+            basis: Orthonormal basis of the free parameters' sensitivities, shape (windows * features, free).
+            residual: What remains to be explained, shape (windows * features,).
+        """
+        for curve in self._wave_places:
+            # Faster waves are lost in the averages over a segment.
+            x, span = curve.values, float(curve.knots[1] - curve.knots[0])
+            passed = float(np.median(np.abs(np.diff(x, axis=1)))) + 1e-9
+            counts = np.arange(2.0, min(0.5 / passed, CYCLES), 0.5)
+            if not len(counts):
+                continue
+            powers = np.concatenate(
+                [
+                    self._wave_powers(curve, some, basis, residual)
+                    for some in np.array_split(counts, -(-len(counts) // WAVES))
+                ]
+            )
+            count = float(counts[np.argmax(powers)])
+            points = np.linspace(0.0, 1.0, POINTS * int(np.ceil(count)) + 1)
+            yield self._perhaps_share(
+                replace(
+                    curve,
+                    values=_wave(x, count),
+                    knots=curve.knots[0] + span * points,
+                    shapes=_wave(points, count),
+                    formula=f"{WAVE} {span / count:.3g} {curve.over_unit}",
+                    tried=len(counts),
+                )
+            )
+
+    def _places_of_waves(self) -> Iterator[Curve]:
+        """Where there may be waves, and over what: the variable from zero to one in place of values."""
+        model, outputs = self.problem.model, {s.name: s.unit for s in self.problem.model.outputs}
+
+        def place(place: Place, target: str, unit: str, over: str, over_unit: str, x: FloatArray) -> Curve:
+            ends = np.array([x.min(), x.max()])
+            return Curve(place, target, over, over_unit, unit, (x - ends[0]) / np.ptp(ends), ends, np.eye(2))
+
+        for target in self._shown:
+            for over, (unit, values) in self.signals.items():
+                if over == "time" or (over in outputs and not unit.endswith("/s")):
+                    yield place("sensor", target, outputs[target], over, unit, values)
+        for push in model.pushes:
+            one_way = sum(weight != 0.0 for weight in push.weights) == 1
+            if push.rate in self.signals and push.rate not in outputs and one_way:
+                per, way = self.signals[push.rate][0], f"{WAY}{push.rate}"
+                values = self._averaged(way)
+                if np.ptp(values) > 0:
+                    share = "1" if per == push.unit else f"{push.unit} / ({per})"
+                    unit = per.removesuffix("/s")
+                    yield place("force", SHARE + push.name, share, way, unit, values)
+
+    def _wave_powers(
+        self, curve: Curve, counts: FloatArray, basis: FloatArray, residual: FloatArray
+    ) -> FloatArray:
+        """What waves of so many cycles at a place explain of a residual, shape (waves,)."""
+        waves = np.concatenate([_wave(curve.values, count) for count in counts], axis=-1)
+        flat = stacked(self.response(self._perhaps_share(replace(curve, values=waves))))
+        flat = flat - basis @ (basis.T @ flat)
+        pairs = flat.reshape(len(flat), len(counts), 2)
+        slopes = np.tensordot(residual, pairs, 1)
+        power = np.einsum("rcj,rck->cjk", pairs, pairs)
+        power += (1e-6 * np.trace(power, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(2)
+        return np.asarray(np.sum(slopes * np.linalg.solve(power, slopes[..., None])[..., 0], axis=1))
+
     def _known_functions(self, curve: Curve) -> Iterator[Curve]:
         """Functions that are common in machines, over the variable of a table."""
-        if curve.shapes.shape[1] == 1 or curve.place == "parameter":
-            return
-        if curve.over == "time":
+        if curve.shapes.shape[1] == 1 or curve.place == "parameter" or curve.over == "time" or curve.formula:
             return
         values = self.signals[curve.over][1]
         knots = np.linspace(values.min(), values.max(), FINE)
@@ -402,10 +475,12 @@ class Curves:
                 shapes=np.stack([f(knots / size) for f in terms], axis=-1),
                 formula=name,
             )
-            yield self._as_share(known) if curve.target.startswith(SHARE) else known
+            yield self._perhaps_share(known)
 
-    def _as_share(self, curve: Curve) -> Curve:
-        """What a share of a direction's own rate adds to it."""
+    def _perhaps_share(self, curve: Curve) -> Curve:
+        """What a share of a direction's own rate adds to it; any other curve as it is."""
+        if not curve.target.startswith(SHARE):
+            return curve
         (rate,) = [p.rate for p in self.problem.model.pushes if p.name == curve.target.removeprefix(SHARE)]
         return replace(curve, values=curve.values * self.signals[rate][1][..., None])
 
@@ -422,14 +497,20 @@ class Curves:
             first = last
         collected = {}
         for name, unit in self._named(runs):
-            values = [
-                averaged(variable(model, part.windows, out, name), segment)
-                for part, out, segment in zip(self.problem.parts, runs, self._segment, strict=True)
-            ]
-            joined = np.concatenate(values)
+            joined = self._averaged(name, runs)
             if np.ptp(joined) > 0:
                 collected[name] = unit, joined
         return collected
+
+    def _averaged(self, name: str, runs: Sequence[FloatArray] = ()) -> FloatArray:
+        """A variable averaged over the segments of every window; of what a machine is told without runs."""
+        parts = self.problem.parts
+        runs = runs or [np.zeros((0, 0, 0))] * len(parts)
+        values = [
+            averaged(variable(self.problem.model, part.windows, out, name), segment)
+            for part, out, segment in zip(parts, runs, self._segment, strict=True)
+        ]
+        return np.concatenate(values)
 
     def _is_told(self, output: int, order: int) -> bool:
         """Whether an output, or with order one its rate, moves well beyond its error.
@@ -526,6 +607,11 @@ def _line(over: str, unit: str, values: FloatArray) -> Curve:
     low, high = np.quantile(values, [0.01, 0.99])
     knots = np.linspace(low, high, 9)
     return Curve("force", "", over, unit, "", values[:, :, None], knots, knots[:, None])
+
+
+def _wave(x: FloatArray, count: float) -> FloatArray:
+    """Sine and cosine of so many cycles from zero to one, shape (..., 2)."""
+    return np.stack([np.sin(2 * np.pi * count * x), np.cos(2 * np.pi * count * x)], axis=-1)
 
 
 def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:

@@ -248,17 +248,13 @@ def _found(
     """Search for effects, confirm them on the test data, and let unlisted curves compete."""
     selection = select(candidates, report)
     report("measuring the gain", 0.8)
-    path = path_to(candidates, selection.base, selection.chosen)
-    fits = (selection.base.fit, path[-1].fit)
-    unrelated = not mistaken and is_unrelated(
-        candidates.problem, testing, fits[: len(path)], candidates.options.level
-    )
-    path = path[: 1 if mistaken or unrelated else confirmed(path, testing)]
-    selection = replace(
-        selection,
-        chosen=path[-1],
-        alternatives=selection.alternatives if path[-1] is selection.chosen else (),
-    )
+    base, found = selection.base, selection.chosen
+    fits = (base.fit, found.fit) if found.effects else (base.fit,)
+    unrelated = not mistaken and is_unrelated(candidates.problem, testing, fits, candidates.options.level)
+    chosen = base if mistaken or unrelated else confirmed(candidates, base, found, testing)
+    if chosen is not found:
+        selection = replace(selection, chosen=chosen, alternatives=())
+    path = path_to(candidates, base, chosen)
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)
     judged = judge(candidates, selection.base, chosen)

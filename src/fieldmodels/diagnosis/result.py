@@ -164,6 +164,10 @@ class SignalGain:
         }
 
 
+WAVE = "repeats every"
+"""Begins the formula of a curve that is a wave."""
+
+
 @dataclass(frozen=True)
 class MissingCurve:
     """A curve that the simulation lacks and that is no listed effect.

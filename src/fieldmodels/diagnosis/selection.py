@@ -191,13 +191,13 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             progress(f"trying sets of {size}", 0.2 + 0.1 * size)
             whitener, parents = candidates.whitener, [c for c in level if c is not chosen][:PARENTS]
             children = _grown(candidates, [chosen, *parents] if chosen.effects else parents)
-            larger = _called_for(candidates, chosen, parents, children)
+            larger = _called_for(candidates, candidates.again(chosen), parents, children)
             if larger is None:
                 candidates.whitener = whitener
                 break
             chosen, level, levels[size] = larger, children, children
-        elif level and accepted(base, level[0], blocks, candidates.options):
-            chosen = level[0]
+        else:
+            chosen = _called_for(candidates, base, [], level) or base
         # If no single effect is accepted a pair may be, but no larger set.
         if size >= 2 and not chosen.effects:
             break
@@ -267,25 +267,43 @@ def _simplest(
 
 
 def _called_for(
-    candidates: Candidates, chosen: Candidate, parents: list[Candidate], children: list[Candidate]
+    candidates: Candidates, before: Candidate, parents: list[Candidate], children: list[Candidate]
 ) -> Candidate | None:
     """The larger set that is accepted, if any; a pair found from no effect must also beat both its members.
 
     A set of more effects with fewer parameters need only fit better: the set with more parameters may merely
-    approximate it (a long spatial wave, for a constant and a cubic force).
+    approximate it (a long spatial wave, for a constant and a cubic force). If the best one acts in too few
+    blocks to be significant, the next one may be called for beside it.
+
+    Args:
+        candidates: What fits the sets.
+        before: The set so far, fitted with the weights of the larger ones.
+        parents: Other sets of its size.
+        children: The larger sets, the best first.
     """
-    blocks = candidates.problem.blocks
-    before = candidates.again(chosen)
+    blocks, options = candidates.problem.blocks, candidates.options
     for child in children:
-        if child.size < chosen.size and before.total - child.total > SAME_ANYHOW:
+        if child.size < before.size and before.total - child.total > SAME_ANYHOW:
             return child
-    if not children or not accepted(before, children[0], blocks, candidates.options):
-        return None
-    best = children[0]
-    inside = [p for p in parents if set(p.effects) < set(best.effects)] if not chosen.effects else []
-    return (
-        best if all(accepted(candidates.again(p), best, blocks, candidates.options) for p in inside) else None
-    )
+    for child in children:
+        if before.total - child.total <= options.least_gain:
+            return None
+        if accepted(before, child, blocks, options) and (
+            child is children[0] or _beside_the_best(candidates, before, child, children[0])
+        ):
+            inside = [p for p in parents if set(p.effects) < set(child.effects)] if not before.effects else []
+            called = all(accepted(candidates.again(p), child, blocks, options) for p in inside)
+            return child if called else None
+    return None
+
+
+def _beside_the_best(candidates: Candidates, before: Candidate, child: Candidate, best: Candidate) -> bool:
+    """Whether what a set has more than the one before is called for beside the best set, too."""
+    more = set(child.effects) - set(before.effects)
+    if len(more) != 1 or more <= set(best.effects) or not set(before.effects) < set(best.effects):
+        return False
+    both = candidates.extend(best, more.pop())
+    return both is not None and accepted(best, both, candidates.problem.blocks, candidates.options)
 
 
 def indistinguishable(

@@ -22,7 +22,7 @@ from fieldmodels.recording import Recording, Windows
 
 SEGMENTS = 16
 """Of a window, on each of which a force is constant where responses are combined."""
-MEMORY, PLAY, SHARE, CHANGE = "memory of ", "play of ", "share of ", "change of "
+MEMORY, PLAY, SHARE, CHANGE, WAY = "memory of ", "play of ", "share of ", "change of ", "way of "
 TIMES = (0.125, 0.5, 2.0)
 """Time constants that are tried, in lengths of a window."""
 WIDTHS = (0.1, 0.3)
@@ -88,11 +88,14 @@ def variable(model: Model, windows: Windows, out: FloatArray, over: str) -> Floa
 
 
 def given(model: Model, recording: Recording, name: str) -> FloatArray:
-    """What a machine is told along a whole recording: an input, a sum of them, a size, or the time."""
+    """What a machine is told along a whole recording: an input, a sum, a size or an integral, or the time."""
     if name == "time":
         return recording.time
     if name.startswith("size of "):
         return np.abs(given(model, recording, name.removeprefix("size of ")))
+    if name.startswith(WAY):  # since the beginning of an episode
+        rate = given(model, recording, name.removeprefix(WAY))
+        return np.concatenate([np.cumsum(rate[a:b]) * recording.step for a, b in recording.bounds])
     for one in model.sums:
         if one.name == name:
             columns = [recording[s.name] for s in model.inputs]

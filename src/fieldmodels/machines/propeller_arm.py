@@ -25,7 +25,7 @@ THRUST_CURVE = Effect(
     cause="Thrust grows with a power of the command (with the square, if the command sets a propeller's "
     "speed), not in proportion.",
     where="actuator",
-    parameters=(Parameter("exponent", "1", 1.0, 0.2, 5.0, 0.1, starts=(0.6, 1.5, 2.0)),),
+    parameters=(Parameter("exponent", "1", 1.0, 0.2, 5.0, 0.1, starts=(0.6, 0.9, 1.1, 1.5, 2.0)),),
     equation="F = |u|^exponent sign(u)",
 )
 
