@@ -435,7 +435,7 @@ class Curves:
 
         for target in self._shown:
             for over, (unit, values) in self.signals.items():
-                if over == "time" or (over in outputs and not unit.endswith("/s")):
+                if over == "time" or (over == target and not unit.endswith("/s")):
                     yield place("sensor", target, outputs[target], over, unit, values)
         for push in model.pushes:
             one_way = sum(weight != 0.0 for weight in push.weights) == 1
