@@ -652,7 +652,7 @@ def reproduce(
 ) -> None:
     """Redo a table or figure of the sources beside ours, or decide all that the sources claim.
 
-    A table or figure gives `table.csv`, a PNG for each figure, and `report.html`. `--all` gives
+    A table or figure gives `table.csv`, `report.html` and its figures as PNG and CSV. `--all` gives
     `ledger.html` and `ledger.json`: each claim with its verdict, the printed value, and ours with its
     interval. What was done before with the same code and options is not done again. The exit code is 1 if a
     run failed or a verdict is not the expected one.

@@ -111,8 +111,13 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
             "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
             "estimator's gains under noise whose level it does not know. The score is the error in the "
             "foot's height at heel strike. All agents meet the same noise on the same episodes.</p>",
-            html.figure(_picture, "The task as it is rendered: the leg, its traces and the strike errors."),
-            _below(report_section(summary)),
+            html.figure(
+                _picture,
+                "The task as it is rendered: the leg, its traces and the strike errors.",
+                name="task",
+                beside=out,
+            ),
+            _below(report_section(summary, beside=out)),
             "<h2>Where things are</h2>",
             "<p>Beside this page: <code>heel_strike/</code> holds every episode (Parquet), the summary and "
             "the evaluation's own report; <code>pendulum/</code> holds <code>diagnosis.json</code>, its own "

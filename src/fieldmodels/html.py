@@ -6,11 +6,12 @@ import base64
 import csv
 import html
 import io
+import math
 import re
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ Numbers = Mapping[str, Iterable[Any]]
 """Columns by name, all of one length."""
 INK, BEFORE, AFTER = "#1c2430", "#d55e00", "#0072b2"  # the last two by Okabe and Ito: for every kind of eye
 WIDE, NARROW = 9.6, 4.4  # inches: for a screen and for a phone
+FIGURES = "figures"  # folder beside a page
 HEAVY = 1_000_000  # bytes of an SVG above which pixels are lighter
 
 # What a figure is drawn with, and the name of the page's colour that takes its place.
@@ -39,7 +41,7 @@ class Picture:
         draw: Draws it so many inches wide.
         caption: Plain text below it.
         says: What it shows, for who does not see it.
-        numbers: Its data; None to write none.
+        numbers: Its data; by default what is read off its lines, points and bars.
     """
 
     name: str
@@ -55,10 +57,16 @@ class Picture:
             folder: Where ``save`` has put the files, as the page sees it; "" for no links.
         """
         content = _twice(self.draw, self.says)
-        names = [f"{self.name}.png", *([f"{self.name}.csv"] if self.numbers is not None else [])]
+        names = [f"{self.name}.png", *([f"{self.name}.csv"] if folder and self.data else [])]
         links = " ".join(f'<a href="{text(f"{folder}/{n}")}" download>{n[-3:].upper()}</a>' for n in names)
-        below = f'{text(self.caption)} <span class="files">{links if folder else ""}</span>'
-        return f"<figure>{content}<figcaption>{below}</figcaption></figure>"
+        said = f'{text(self.caption)} <span class="files">{links}</span>' if folder else text(self.caption)
+        below = f"<figcaption>{said}</figcaption>" if said else ""
+        return f"<figure>{content}{below}</figure>"
+
+    @cached_property
+    def data(self) -> Numbers:
+        """Its data; none of a photograph."""
+        return drawn(self.draw(WIDE)) if self.numbers is None else self.numbers
 
     def save(self, folder: Path) -> list[Path]:
         """Write a PNG and, where there are data, a CSV file."""
@@ -66,12 +74,12 @@ class Picture:
         self.draw(WIDE).savefig(stream, format="png", dpi=150, facecolor="white")
         paths = [folder / f"{self.name}.png"]
         write_bytes(paths[0], stream.getvalue())
-        if self.numbers is not None:
+        if self.data:
             paths.append(folder / f"{self.name}.csv")
             lines = io.StringIO()
-            rows = zip(*self.numbers.values(), strict=True)
+            rows = zip(*self.data.values(), strict=True)
             cells = ([f"{c:.9g}" if isinstance(c, float) else c for c in row] for row in rows)
-            csv.writer(lines, lineterminator="\n").writerows([list(self.numbers), *cells])
+            csv.writer(lines, lineterminator="\n").writerows([list(self.data), *cells])
             write_text(paths[1], lines.getvalue())
         return paths
 
@@ -113,7 +121,49 @@ def _twice(draw: Callable[[float], Any], says: str) -> str:
     return "".join(f'<div class="{kind}">{_svg(draw(width), says)}</div>' for kind, width in sizes)
 
 
-def figure(drawing: Any, caption: str = "", says: str = "") -> str:
+def drawn(drawing: Any) -> Numbers:
+    """What a matplotlib figure shows: a row for every point and bar, with its panel and its label.
+
+    A place that has a name on its axis, as an agent has, is given by that name. Of a photograph: {}.
+    """
+    rows: list[tuple[str, str, Any, Any]] = []
+    for number, axes in enumerate(drawing.axes, 1):
+        panel = axes.get_title() or axes.get_xlabel() or f"panel {number}"
+        shown = [(line.get_label(), line.get_xydata()) for line in axes.lines]
+        shown += [
+            (one.get_label(), one.get_offsets()) for one in axes.collections if len(one.get_offsets()) > 1
+        ]
+        for bars in axes.containers:
+            boxes = [bar.get_bbox() for bar in getattr(bars, "patches", ())]
+            upright = getattr(bars, "orientation", "vertical") == "vertical"
+            middle = [((b.x0 + b.x1) / 2, b.y1) if upright else (b.x1, (b.y0 + b.y1) / 2) for b in boxes]
+            shown.append((bars.get_label(), middle))
+        names = [_names(axis) for axis in (axes.xaxis, axes.yaxis)]
+        for label, points in shown:
+            own = "" if str(label).startswith("_") else str(label)
+            for place in ([float(v) for v in point] for point in points):
+                if all(map(math.isfinite, place)):
+                    x, y = (known.get(round(v), v) for known, v in zip(names, place, strict=True))
+                    rows.append((panel, own, x, y))
+    columns = ("panel", "curve", "x", "y")
+    return {name: [row[k] for row in rows] for k, name in enumerate(columns)} if rows else {}
+
+
+def _names(axis: Any) -> dict[int, str]:
+    """Names of the places on an axis that has names instead of numbers."""
+    from matplotlib.category import StrCategoryLocator
+    from matplotlib.ticker import FixedLocator
+
+    if not isinstance(axis.get_major_locator(), FixedLocator | StrCategoryLocator):
+        return {}
+    labels = [label.get_text().replace("\n", " ") for label in axis.get_majorticklabels()]
+    known = {round(float(v)): name for v, name in zip(axis.get_majorticklocs(), labels, strict=False) if name}
+    return known if any(character.isalpha() for name in known.values() for character in name) else {}
+
+
+def figure(
+    drawing: Any, caption: str = "", says: str = "", name: str = "", beside: Path | None = None
+) -> str:
     """Return a figure as an HTML fragment.
 
     Args:
@@ -121,11 +171,14 @@ def figure(drawing: Any, caption: str = "", says: str = "") -> str:
             many inches wide: inline SVG in the page's colours, or a PNG where that would exceed 1 MB.
         caption: Plain text below the figure.
         says: What it shows, for who does not see it; by default the caption.
+        name: File name without its ending.
+        beside: The page's folder, in whose ``figures`` its PNG and CSV are written; None for no files.
     """
-    below = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
-    words = says or caption or "figure"
-    drawn = _twice(drawing if callable(drawing) else partial(_as_wide, drawing), words)
-    return f"<figure>{drawn}{below}</figure>"
+    draw = drawing if callable(drawing) else partial(_as_wide, drawing)
+    picture = Picture(name, draw, caption, says or caption or "figure")
+    if beside is not None:
+        picture.save(beside / FIGURES)
+    return picture.fragment(FIGURES if beside is not None else "")
 
 
 def _as_wide(drawing: Any, width: float) -> Any:

@@ -53,7 +53,7 @@ def result(tmp_path_factory):
 
 def test_an_evaluation_writes_its_three_files(result):
     summary, out = result
-    names = ["episodes.parquet", "jobs", "report.html", "summary.json"]
+    names = ["episodes.parquet", "figures", "jobs", "report.html", "summary.json"]
     assert sorted(path.name for path in out.iterdir()) == names
     stored = json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
     assert stored == json.loads(json.dumps(summary.to_json()))

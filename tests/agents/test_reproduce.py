@@ -31,7 +31,7 @@ def test_every_entry_has_a_function_with_typed_options(name):
 
 def test_files_are_written_and_the_decay_of_figure_2_12_comes_out(tmp_path):
     result = reproduce("heel_strike/figure-2.12", tmp_path, ["strides=200"])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["figure-2.12.png", "report.html", "table.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["figures", "report.html", "table.csv"]
     table = pd.read_csv(tmp_path / "table.csv")
     assert len(table) == len(result.table) == 20
     best = table.loc[table["ours: mean |error| [mm]"].idxmin()]
@@ -66,7 +66,7 @@ def test_the_command_lists_and_prints_json(tmp_path):
     done = run("heel_strike/figure-2.12", "--set", "strides=50", "--out", tmp_path / "new", "--json")
     result = json.loads(done.stdout, parse_constant=pytest.fail)
     assert len(result["table"]) == 20
-    assert set(result["files"]) == {"table.csv", "figure-2.12.png", "report.html"}
+    assert set(result["files"]) == {"table.csv", "figures/figure-2.12.png", "report.html"}
 
 
 def test_mistakes_come_all_at_once_before_any_work(tmp_path):

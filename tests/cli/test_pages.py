@@ -102,6 +102,13 @@ def test_evaluation_report(open_page, tmp_path: Path):
     for agent in config.agents:
         assert agent in words
     assert "better" in words or "worse" in words
+    assert len(list(tmp_path.glob("figures/*.png"))) == len(list(tmp_path.glob("figures/*.csv"))) > 1
+    first = get_task("heel_strike").metrics[0]
+    drawn = pd.read_csv(tmp_path / f"figures/short-{first.name}.csv")
+    played = pd.read_parquet(tmp_path / "episodes.parquet").groupby("agent")[first.name].mean()
+    means = drawn[drawn.panel == drawn.panel[0]].groupby("y").x.agg(list)  # single episodes, then the mean
+    for agent in config.agents:
+        assert means[agent][-1] == pytest.approx(played[agent], rel=1e-6)
 
 
 def test_evaluation_report_of_shares_and_of_values_that_are_missing(open_page, tmp_path: Path):
@@ -190,6 +197,12 @@ def test_demo_report_says_that_its_data_are_simulated(open_page, tmp_path: Path,
     monkeypatch.setattr(demo, "open_recording", unreachable)
     report = demo.run_demo(tmp_path, lambda _stage, _part: None, episodes=10)
     words = check_page(open_page(report.page), figures=4)
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert {
+        "task.png",
+        *(f"{name}-error_mm.{kind}" for name in demo.SCENARIOS for kind in ("png", "csv")),
+    } <= names
+    assert "task.csv" not in names  # a photograph
     assert any("Coulomb" in finding for finding in report.findings)
     assert "simulated data from a hidden reality" in words
     assert "there is no network here" in words

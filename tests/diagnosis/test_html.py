@@ -34,3 +34,28 @@ def test_ids_of_two_svgs_differ():
     for fragment, own in zip((first, second), ids, strict=True):
         assert set(re.findall(r'href="#([^"]+)"', fragment)) <= own
         assert set(re.findall(r"url\(#([^)]+)\)", fragment)) <= own
+
+
+def test_a_figure_s_data_are_what_it_draws(tmp_path):
+    """Points by their label and panel, places by names, bars by what they reach; of a photograph none."""
+    from matplotlib.figure import Figure
+
+    drawing = Figure()
+    left, right = drawing.subplots(1, 2)
+    left.plot([0.5, 2.0], [0, 1], label="ours")
+    left.set_yticks([0, 1], ["still", "feedback"])
+    left.set_xlabel("error [mm]")
+    right.bar([0, 1], [3.0, -4.0], label="gain")
+    right.scatter([7, 8], [9, 10])
+    rows = list(zip(*html.drawn(drawing).values(), strict=True))
+    assert rows[:2] == [("error [mm]", "ours", 0.5, "still"), ("error [mm]", "ours", 2.0, "feedback")]
+    assert ("panel 2", "", 7.0, 9.0) in rows
+    assert ("panel 2", "gain", 0.0, 3.0) in rows
+    photograph = Figure()
+    photograph.subplots().imshow([[0, 1], [1, 0]])
+    assert html.drawn(photograph) == {}
+    fragment = html.figure(drawing, "a caption", name="two", beside=tmp_path)
+    for name in re.findall(r'href="([^"#]+)"', fragment):
+        assert (tmp_path / name).stat().st_size > 30
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {"two.png", "two.csv"}
+    assert "figures/" not in html.figure(photograph, "without files")

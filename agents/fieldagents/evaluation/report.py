@@ -30,33 +30,36 @@ COLUMNS = 4
 
 def write_report(summary: Summary, episodes: pd.DataFrame, path: Path) -> None:
     """Write a self-contained ``report.html``."""
-    write_text(path, html.page(f"Evaluation: {summary.name}", report_section(summary, episodes)))
+    body = report_section(summary, episodes, path.parent)
+    write_text(path, html.page(f"Evaluation: {summary.name}", body))
 
 
-def report_section(summary: Summary, episodes: pd.DataFrame | None = None) -> str:
+def report_section(summary: Summary, episodes: pd.DataFrame | None = None, beside: Path | None = None) -> str:
     """The report's body, with its figures inline, to stand alone or inside another report.
 
     Args:
         summary: What was found.
         episodes: The episodes' table; with it, each figure also shows the single episodes.
+        beside: The page's folder, for each figure's PNG and CSV.
     """
     first, *others = _of_agents(summary)
     parts = [f'<p class="lead">{lead(summary)}</p>', html.facts(_facts(summary))]
     for scenario, rows in summary.scenarios.items():
         own = None if episodes is None else episodes[episodes["scenario"] == scenario]
+        shown = partial(_shown, rows, summary, own, scenario, beside)
         parts += [
             f"<h3>{html.text(scenario)}</h3>",
             f"<p>{html.text(_conditions(summary.environments[scenario]))}</p>",
-            html.figure(_figure(rows, summary, first, own), _caption(first, own is not None)),
+            shown(first),
             html.table(*_table(rows, summary, first, summary.decision_ms[scenario]), _explained(first)),
         ]
-        parts.append(_among_all(rows, summary.pairs[scenario], first, own))
+        parts.append(_among_all(rows, summary.pairs[scenario], first, own, beside, scenario))
         if others:
             parts.append(html.table(*_overview(rows, others), "The other metrics, each with its interval."))
         for metric in others:
             parts += [
                 f"<details><summary>{html.text(metric.title)}</summary>",
-                html.figure(_figure(rows, summary, metric, own), _caption(metric, own is not None)),
+                shown(metric),
                 html.table(*_table(rows, summary, metric), _explained(metric)),
                 "</details>",
             ]
@@ -227,7 +230,12 @@ def _first(rows: Sequence[Row], summary: Summary, metric: Metric, pairs: tuple[P
 
 
 def _among_all(
-    rows: tuple[Row, ...], pairs: tuple[Pair, ...], metric: Metric, episodes: pd.DataFrame | None
+    rows: tuple[Row, ...],
+    pairs: tuple[Pair, ...],
+    metric: Metric,
+    episodes: pd.DataFrame | None,
+    beside: Path | None,
+    scenario: str,
 ) -> str:
     """Every agent among all: interquartile means, probabilities of improvement, profiles, all pairs."""
     standing = [
@@ -259,6 +267,8 @@ def _among_all(
                 partial(_profiles, rows, metric, episodes),
                 f"Performance profiles: share of the episodes with at most this {metric.label}; further "
                 f"{better} is better.",
+                name=f"{scenario}-profiles",
+                beside=beside,
             )
         )
     parts += [
@@ -383,6 +393,19 @@ def _notes(summary: Summary) -> str:
 
 def _colour(row: Row) -> str:
     return COLOURS["estimator" if row.kind.startswith("estimator") else row.kind]
+
+
+def _shown(
+    rows: tuple[Row, ...],
+    summary: Summary,
+    episodes: pd.DataFrame | None,
+    scenario: str,
+    beside: Path | None,
+    metric: Metric,
+) -> str:
+    """The figure of a metric in a scenario."""
+    drawing, caption = _figure(rows, summary, metric, episodes), _caption(metric, episodes is not None)
+    return html.figure(drawing, caption, name=f"{scenario}-{metric.name}", beside=beside)
 
 
 def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: pd.DataFrame | None) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from fieldagents.claim import Decided, Verdict
 from fieldagents.task import Reproducible, Reproduction
 from fieldmodels import html
-from fieldmodels.files import write_bytes, write_text
+from fieldmodels.files import write_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,23 +32,20 @@ STYLES: Mapping[Verdict, tuple[str, str]] = {
 
 
 def write(what: str, result: Reproduction, out: Path) -> None:
-    """Write ``table.csv``, a PNG for each figure, and a self-contained ``report.html``."""
+    """Write ``table.csv``, a PNG and a CSV for each figure, and a self-contained ``report.html``."""
     write_text(out / "table.csv", result.table.to_csv(index=False, lineterminator="\n"))
-    for name, figure in result.figures.items():
-        stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=120, bbox_inches="tight")
-        write_bytes(out / f"{name}.png", stream.getvalue())
+    shown = [html.figure(figure, says=name, name=name, beside=out) for name, figure in result.figures.items()]
     header, rows = cells(result)
     counts = Counter(one.verdict for one in result.decided)
     said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     first = f"Claims of the source: {said}." if said else next(iter(result.remarks), "")
     body = [f'<p class="lead">{html.text(first)}</p>'] if first else []
-    body += [html.figure(figure) for figure in list(result.figures.values())[:1]]
+    body += shown[:1]
     body += [claims_html(result.decided)] if result.decided else []
     if result.remarks:
         items = "".join(f"<li>{html.text(remark)}</li>" for remark in result.remarks)
         body.append(f"<h2>What agrees, what does not</h2><ul>{items}</ul>")
-    body += [html.figure(figure) for figure in list(result.figures.values())[1:]]
+    body += shown[1:]
     body.append(html.table(header, rows))
     body.append(f'<p class="soft">Source: {html.text(result.source)}</p>')
     body.append(f'<p class="soft">Made by <code>fieldgym reproduce {html.text(what)}</code>.</p>')
@@ -120,7 +116,7 @@ def _printed(one: Decided) -> list[str]:
 
 def written(result: Reproduction, out: Path) -> dict[str, str]:
     """The files of a reproduction, by their names."""
-    names = ["table.csv", *(f"{name}.png" for name in result.figures), "report.html"]
+    names = ["table.csv", *(f"{html.FIGURES}/{name}.png" for name in result.figures), "report.html"]
     return {name: str(out / name) for name in names}
 
 

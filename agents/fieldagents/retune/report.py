@@ -26,9 +26,9 @@ def write_report(result: Retuning, episodes: pd.DataFrame, path: Path) -> None:
     """Write a self-contained page."""
     body = [
         f'<p class="lead">{html.text(result.sentence())}</p>',
-        html.figure(partial(draw, result, episodes), _caption(result)),
+        html.figure(partial(draw, result, episodes), _caption(result), name="retuned", beside=path.parent),
         html.facts(_facts(result)),
-        f"<h2>Every agent in every simulation</h2>{report_section(result.evaluation, episodes)}",
+        f"<h2>Every agent in every simulation</h2>{report_section(result.evaluation, episodes, path.parent)}",
         f"<h2>What the share means</h2>{_notes(result)}",
     ]
     write_text(path, html.page(f"Re-tuned: {result.name}", "\n".join(body)))

@@ -13,12 +13,10 @@ from fieldmodels.diagnosis import answer, figures
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.files import write_text
-from fieldmodels.html import Numbers, Picture, columns_of, details, table
+from fieldmodels.html import FIGURES, Numbers, Picture, columns_of, details, table
 from fieldmodels.recording.files import save_recording
 from fieldmodels.rounding import percent, with_error, words
 from fieldmodels.yaml import save_yaml
-
-FIGURES = "figures"
 
 
 def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
