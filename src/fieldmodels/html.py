@@ -175,7 +175,7 @@ def figure(
         beside: The page's folder, in whose ``figures`` its PNG and CSV are written; None for no files.
     """
     draw = drawing if callable(drawing) else partial(_as_wide, drawing)
-    picture = Picture(name, draw, caption, says or caption or "figure")
+    picture = Picture(re.sub(r"[^\w.-]+", "_", name), draw, caption, says or caption or "figure")
     if beside is not None:
         picture.save(beside / FIGURES)
     return picture.fragment(FIGURES if beside is not None else "")
