@@ -76,6 +76,14 @@ def steps() -> Iterator[Ratio]:
         )
 
 
+def spent(arguments: list[str], **options: Any) -> float:
+    """Processor time of a command and its children [s]."""
+    before = os.times()
+    subprocess.run(arguments, check=True, capture_output=True, **options)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
 MANY = ("HeelStrike", "LineFollowing", "Excitation", "UavRoute")
 """Environments that are worth a thousand copies: each step is long, or was."""
 
@@ -106,13 +114,6 @@ def growths() -> Iterator[Ratio]:
 
 def demonstration() -> Iterator[Ratio]:
     """All of ``fieldgym demo``, its children included."""
-
-    def spent(arguments: list[str]) -> float:
-        before = os.times()
-        subprocess.run(arguments, check=True, capture_output=True)
-        after = os.times()
-        return after.children_user + after.children_system - before.children_user - before.children_system
-
     with tempfile.TemporaryDirectory() as folder:
         main = "import sys; from fieldagents.cli import main; sys.argv[0] = 'fieldgym'; main()"
         own = spent([sys.executable, "-c", main, "demo", "--out", folder])
@@ -190,11 +191,9 @@ def first_steps() -> Iterator[Ratio]:
 
     def fresh(code: str) -> float:
         with tempfile.TemporaryDirectory() as folder:
-            began = time.perf_counter()
             places = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "TMPDIR")  # wherever kernels may lie
             own = os.environ | dict.fromkeys(places, folder)
-            subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, env=own)
-            return time.perf_counter() - began
+            return spent([sys.executable, "-c", code], env=own)
 
     base = median(fresh(SMALL) for _ in range(3))
     for env_id in IDS:
