@@ -218,11 +218,12 @@ def of_training(config: TrainConfig, out: Path) -> Plan:
 
 
 def _trained(config: TrainConfig) -> Work:
-    """What a training run counts: steps in environments, and samples and batches that are learned from."""
+    """What a training run counts: steps in environments, the calls that make them, and what is learned."""
     from fieldagents.policies.algorithms import is_on_policy
 
-    steps, task, name = float(config.steps), config.task, config.algorithm
-    if is_on_policy(config.kind):
+    steps, task = float(config.steps), config.task
+    policy = "on-policy" if is_on_policy(config.kind) else "off-policy"
+    if policy == "on-policy":
         samples = steps * float(config.argument("n_epochs", 1))
         batches = samples / float(config.argument("batch_size", config.update_steps))
     else:
@@ -232,19 +233,19 @@ def _trained(config: TrainConfig) -> Work:
     sizes = (64, *config.network.hidden)
     weights = 1000.0 + sum(a * b for a, b in pairwise(sizes))
     rounds = steps / max(config.round_steps, 1)
-    validated = (rounds / config.validation.every + 1) * config.validation.episodes
+    validations = rounds / config.validation.every + 1
     work = {
-        f"steps:{task}": steps / 1000,
-        f"batches:{name}": batches / 1000,
-        f"learned:{task}": samples * weights / 1e9,
-        f"validated:{task}": validated,
+        f"batches:{policy}": batches / 1000,
+        "learned:any": samples * weights / 1e9,
+        f"validations:{task}": validations,
+        f"validated:{task}": validations * config.validation.episodes,
     }
     if config.imitate is not None:
         imitated = config.imitate.rounds * config.imitate.steps * config.num_envs
         epochs = config.imitate.epochs * (config.imitate.rounds + 1) / 2
-        work[f"steps:{task}"] += imitated / 1000
-        work[f"imitated:{task}"] = imitated * epochs * weights / 1e9
-    return work
+        steps += imitated
+        work["imitated:any"] = imitated * epochs * weights / 1e9
+    return work | {f"steps:{task}": steps / 1000, f"calls:{task}": steps / config.num_envs / 1000}
 
 
 def of_evaluation(configs: Sequence[EvaluateConfig], name: str, out: Path, engine: Engine) -> Plan:
@@ -284,7 +285,8 @@ def of_sweep(config: SweepConfig | TuneConfig, out: Path, engine: Engine) -> Pla
 
 def of_exam(machines: Sequence[str], out: Path, engine: Engine) -> Plan:
     """Of ``fieldgym exam``: the machine of each case, or ``degenerate``."""
-    counts = {f"cases:{name}": float(count) for name, count in Counter(machines).items()}
+    kinds = ("hostile cases:any" if name == "degenerate" else f"cases:{name}" for name in machines)
+    counts = {kind: float(count) for kind, count in Counter(kinds).items()}
     work = {"start:diagnose": 1.0, **counts}
     note = f"{len(machines)} cases; those that are done are kept"
     return _jobs("examine", out, work, (note,), engine)
