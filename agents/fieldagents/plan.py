@@ -185,9 +185,10 @@ def of_diagnosis(
     loop: RetuneConfig | None,
 ) -> Plan:
     """Of ``fieldgym diagnose``."""
-    from fieldmodels.diagnosis.cutting import main_horizon
+    from fieldmodels.diagnosis.cutting import check_range, main_horizon
     from fieldmodels.diagnosis.pilot import identifiable
 
+    check_range(model, [*train, *test])
     rows = sum(len(one) for one in (*train, *test))
     horizon = main_horizon(model, train)
     windows = sum(len(model.windows(one, horizon)) for one in (*train, *test))

@@ -8,10 +8,14 @@ from scipy.signal import cont2discrete
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.outcome import Diagnosis
-from fieldmodels.recording import Recording
+from fieldmodels.diagnosis.pilot import identifiable
+from fieldmodels.diagnosis.relation import CERTAIN, DOUBT, _answers
+from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.registry import get_model
 
 ROWS, STEP, NOISE = 1200, 0.01, 0.002
+CHANCE = 16
+"""A seed whose noise goes with the command at p < 0.05."""
 
 
 def bench(seed: int) -> dict[str, np.ndarray]:
@@ -41,6 +45,25 @@ def test_no_relation_is_said_with_the_remedy(kind: str, seed: int):
     assert found.verdict == "unrelated", found.summary()
     assert not found.causes
     assert "no relation between command and response: check that both columns" in found.summary()
+
+
+def test_noise_that_goes_with_the_command_by_chance_is_not_consistent():
+    """In one record of twenty it does; then nothing found is no proof of a relation either."""
+    signals = bench(CHANCE)
+    signals["position"] = 0.01 * np.random.default_rng(CHANCE).standard_normal(ROWS)
+    log = Recording(np.arange(ROWS) * STEP, signals)
+    assert _answers(log, get_model("rig"), DOUBT)
+    assert not _answers(log, get_model("rig"), CERTAIN)
+    assert verdict(signals).verdict == "unrelated"
+
+
+@pytest.mark.parametrize("signal", ["force", "position"])
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e30, 1e297])
+def test_what_no_sensor_can_measure_is_refused_before_the_work(signal: str, size: float):
+    signals = bench(5)
+    signals[signal] = size * signals[signal]
+    with pytest.raises(RecordingError, match=r"have been measured|never changes"):
+        identifiable(get_model("rig"), [Recording(np.arange(ROWS) * STEP, signals)], {})
 
 
 def test_a_weak_response_is_a_relation():

@@ -42,7 +42,7 @@ from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.power import visible
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.relation import is_unrelated
+from fieldmodels.diagnosis.relation import CERTAIN, is_unrelated
 from fieldmodels.diagnosis.residuals import failed_tests
 from fieldmodels.diagnosis.result import (
     Cause,
@@ -280,6 +280,8 @@ def _found(
         scored = ()
     elif causes or not scored:
         causes = (*causes, *quantisation_found(train, testing, after))
+    if not (causes or scored or mistaken or unrelated):
+        unrelated = is_unrelated(candidates.problem, testing, fits, options.level, CERTAIN)
     return _Found(mistaken, unrelated, selection, judged, causes, possible, scored, certain, before, after)
 
 

@@ -25,15 +25,18 @@ from fieldmodels.recording import Recording, Windows
 
 PARTS = 20
 """Parts of a record in each of which command and response are compared."""
-DOUBT = 0.05
-"""p-value below which they go together: in doubt there is a relation, and what is wrong is not known."""
+DOUBT, CERTAIN = 0.05, 1e-3
+"""p-values below which they go together: in doubt there is a relation, and what is wrong is not known; but
+where nothing is found either, chance must be excluded."""
 REMEDY = (
     "check that both columns are of the same run and on the same clock, that the actuator was connected, and "
     "that the machine was moved well above the noise of its sensors"
 )
 
 
-def is_unrelated(training: Problem, testing: Problem, fits: Iterable[Fit], level: float) -> bool:
+def is_unrelated(
+    training: Problem, testing: Problem, fits: Iterable[Fit], level: float, doubt: float = DOUBT
+) -> bool:
     """Whether the command explains nothing of the response of a declared machine.
 
     Each fold of the training windows is predicted by the fit without it, the test windows by the whole one.
@@ -43,6 +46,7 @@ def is_unrelated(training: Problem, testing: Problem, fits: Iterable[Fit], level
         testing: Windows to measure gains on.
         fits: Fits, the simplest first; one whose command explains something suffices.
         level: p-value of a paired test over blocks of windows, below which it does.
+        doubt: p-value below which command and response go together, whatever the machine.
 
     Returns:
         False also where the command never changes: then there is nothing to relate.
@@ -53,12 +57,12 @@ def is_unrelated(training: Problem, testing: Problem, fits: Iterable[Fit], level
         np.ptp(r[s.name]) == 0 for r in recordings for s in model.inputs
     ):
         return False
-    if any(_answers(recording, model) for recording in recordings):
+    if any(_answers(recording, model, doubt) for recording in recordings):
         return False
     return not any(_gain_is_significant(training, testing, fitted, level) for fitted in fits)
 
 
-def _answers(recording: Recording, model: Declaration) -> bool:
+def _answers(recording: Recording, model: Declaration, doubt: float) -> bool:
     """Whether a command goes with a measured signal or its rate: a controller's does, whatever the machine.
 
     The mean product of both is taken in each of ``PARTS`` parts of the record, and tested against zero.
@@ -75,7 +79,7 @@ def _answers(recording: Recording, model: Declaration) -> bool:
                 parts = [np.nanmean(part) for part in np.array_split(product, PARTS)]
                 if np.ptp(parts) > 0:
                     tests.append(float(ttest_1samp(parts, 0.0).pvalue))
-    return bool(tests) and min(tests) * len(tests) < DOUBT
+    return bool(tests) and min(tests) * len(tests) < doubt
 
 
 def _gain_is_significant(training: Problem, testing: Problem, fitted: Fit, level: float) -> bool:
