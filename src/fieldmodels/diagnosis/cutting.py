@@ -38,13 +38,16 @@ def check_range(model: Model, recordings: Sequence[Recording]) -> None:
                     raise RecordingError(
                         f"{place}: {values[wrong[0]]:g} cannot have been measured; cut such values out"
                     )
-                largest = float(np.nanmax(np.abs(values), initial=0.0))
+    _check_motion(model, recordings)
+    for recording in recordings:
+        for signal in (*model.inputs, *model.outputs):
+            if signal.name in recording:
+                largest = float(np.nanmax(np.abs(recording[signal.name]), initial=0.0))
                 if 0.0 < largest < TINY:
                     raise RecordingError(
                         f"{recording.source}: signal {signal.name!r} is {largest:g} at most, which cannot "
                         "have been measured; what is its unit?"
                     )
-    _check_motion(model, recordings)
 
 
 def _check_motion(model: Model, recordings: Sequence[Recording]) -> None:
