@@ -173,6 +173,8 @@ def of_recording(config: RecordConfig, out: Path) -> Plan:
     work = {"start:record": 1.0, "kernels:any": 1.0, f"recorded rows:{model.name}": rows / 1000}
     counted = "" if config.step is None else f" ({rows:,.0f} rows)"
     does = f"record {config.episodes * config.duration:g} s of {model.name}{counted}"
+    if config.step is None:  # a task's recorder has a step of its own: of a flight, seconds
+        rows = min(rows, 50.0 * config.episodes * config.duration / model.horizons[0])
     return Plan(does, out, work, PROCESS + 8.0 * rows * refined * columns)
 
 

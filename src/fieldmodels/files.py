@@ -111,13 +111,21 @@ def _locked(folder: Path) -> IO[str]:
     return lock
 
 
+def _seen(path: Path) -> bool:
+    """Whether there is such a path; not if nobody may look, so that its parent decides."""
+    try:
+        return path.exists()
+    except PermissionError:
+        return False
+
+
 def check_writable(folder: Path) -> None:
     """Make sure that a folder can be made and written, without leaving a trace.
 
     Raises:
         OutputError: If it cannot.
     """
-    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if _seen(path))
     if not there.is_dir():
         raise OutputError(f"{there}: not a folder; name another place for results")
     if not os.access(there, os.W_OK | os.X_OK):
