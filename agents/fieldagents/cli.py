@@ -20,6 +20,7 @@ import typer
 from typer.core import TyperGroup
 
 from fieldagents.progress import progress
+from fieldagents.seeds import LARGEST_SEED
 from fieldmodels.engine.stopping import interruptible
 from fieldmodels.extras import words
 from fieldmodels.files import claimed, write_text
@@ -414,7 +415,7 @@ def diagnose(
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the resampling.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the resampling.", min=0, max=LARGEST_SEED)] = 0,
     window: Annotated[Literal["record"] | None, typer.Option(help=_WINDOW)] = None,
     budget: Annotated[float | None, typer.Option(metavar="SECONDS", help=_BUDGET)] = None,
     call_limit: Annotated[float | None, typer.Option(metavar="SECONDS", help=_CALL_LIMIT, min=0.01)] = None,
@@ -748,7 +749,7 @@ def watch(
             "--set", metavar="KEY=VALUE", help="`settings.KEY=VALUE`, `reality.EFFECT.PARAMETER=VALUE`."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the episode.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the episode.", min=0, max=LARGEST_SEED)] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Write a film (`.gif`, `.webp`, `.mp4`) instead of opening a window.")
     ] = None,

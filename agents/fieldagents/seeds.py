@@ -1,5 +1,8 @@
 """Published episode seeds: what is tuned or trained on never meets what is tested on."""
 
+LARGEST_SEED = 2**32 - 1
+"""What every random generator underneath takes; no command and no config takes more."""
+
 TUNING_SEEDS = range(0, 10_000)
 """Seeds that tuning and model selection may use."""
 

@@ -16,6 +16,7 @@ from fieldagents.config import (
     wrong_reality,
     wrong_settings,
 )
+from fieldagents.seeds import LARGEST_SEED
 from fieldagents.task import recorder_of
 from fieldgym import TASKS
 from fieldmodels.model_files import is_model_file
@@ -88,7 +89,7 @@ class RecordConfig(Config):
     step: float | None = Field(default=None, gt=0, le=1)
     episodes: int = Field(default=1, ge=1, le=1000)
     noise: float = Field(default=1.0, ge=0, le=1000)
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
     format: Literal["csv", "parquet"] = "csv"
 
     @field_validator("model")

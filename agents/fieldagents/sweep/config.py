@@ -24,6 +24,7 @@ from fieldagents.config import (
     load_config,
 )
 from fieldagents.learned.config import VALIDATION_SEEDS, TrainConfig
+from fieldagents.seeds import LARGEST_SEED
 from fieldmodels.sampling import Normal, Sampler, read_sampler
 
 GridRun = tuple[str, dict[str, Any], TrainConfig]
@@ -146,7 +147,7 @@ class TuneConfig(Config):
     rungs: Annotated[tuple[float, ...], checked(_no_rungs)] = (0.25, 0.5)
     pruner: Literal["halving", "median", "none"] = "halving"
     sampler: Literal["tpe", "random"] = "tpe"
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
     studies: Annotated[dict[Name, StudyConfig], Field(min_length=1), checked(_wrong_studies, "task")]
 
 
