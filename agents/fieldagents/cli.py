@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
+from fieldagents import completion
 from fieldagents.progress import progress
 from fieldagents.seeds import LARGEST_SEED
 from fieldmodels.engine.stopping import interruptible
@@ -131,18 +132,10 @@ Settings = Annotated[
 ]
 
 
-def _shipped(incomplete: str) -> list[str]:
-    """Names of shipped configs, for the shell's completion."""
-    from fieldagents.config import shipped_configs
-
-    folder = shipped_configs()
-    names = (str(path.relative_to(folder).with_suffix("")) for path in sorted(folder.rglob("*.yaml")))
-    return [name for name in names if name.startswith(incomplete)]
-
-
 _CONFIG = "YAML file, or the name of a shipped one: `heel_strike/ppo`."
 ConfigPath = Annotated[
-    Path, typer.Argument(metavar="CONFIG", help=_CONFIG, show_default=False, autocompletion=_shipped)
+    Path,
+    typer.Argument(metavar="CONFIG", help=_CONFIG, show_default=False, autocompletion=completion.configs),
 ]
 Out = Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")]
 EngineName = Annotated[
@@ -178,7 +171,12 @@ def _options(
 @app.command("list")
 def list_(
     name: Annotated[
-        str | None, typer.Argument(help="Only the task and the model of this name.", show_default=False)
+        str | None,
+        typer.Argument(
+            help="Only the task and the model of this name.",
+            show_default=False,
+            autocompletion=completion.tasks_and_models,
+        ),
     ] = None,
     agents: Annotated[bool, typer.Option("--agents", help="Only the tasks' agents.")] = False,
     as_json: Json = False,
@@ -389,9 +387,13 @@ _THEN = "Then tune an agent in the extended simulation, and test it beside the n
 
 @app.command()
 def diagnose(
-    data: Annotated[list[str], typer.Argument(metavar="DATA...", help=_DATA)],
-    model: Annotated[str, typer.Option(metavar="NAME", help=_MODEL)],
-    test: Annotated[list[str] | None, typer.Option(metavar="DATA", help=_TEST)] = None,
+    data: Annotated[
+        list[str], typer.Argument(metavar="DATA...", help=_DATA, autocompletion=completion.recordings)
+    ],
+    model: Annotated[str, typer.Option(metavar="NAME", help=_MODEL, autocompletion=completion.models)],
+    test: Annotated[
+        list[str] | None, typer.Option(metavar="DATA", help=_TEST, autocompletion=completion.recordings)
+    ] = None,
     fixed: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PARAMETER=VALUE", help="Hold a base parameter fixed; repeatable."),
@@ -419,7 +421,9 @@ def diagnose(
     window: Annotated[Literal["record"] | None, typer.Option(help=_WINDOW)] = None,
     budget: Annotated[float | None, typer.Option(metavar="SECONDS", help=_BUDGET)] = None,
     call_limit: Annotated[float | None, typer.Option(metavar="SECONDS", help=_CALL_LIMIT, min=0.01)] = None,
-    then_retune: Annotated[Path | None, typer.Option(metavar="CONFIG", help=_THEN)] = None,
+    then_retune: Annotated[
+        Path | None, typer.Option(metavar="CONFIG", help=_THEN, autocompletion=completion.configs)
+    ] = None,
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
@@ -522,7 +526,11 @@ def export(
     out: Annotated[Path, typer.Argument(metavar="FILE", help="Python file to write.")],
     model: Annotated[
         str,
-        typer.Option(metavar="NAME", help="Your own model's file (default: the model that was diagnosed)."),
+        typer.Option(
+            metavar="NAME",
+            help="Your own model's file (default: the model that was diagnosed).",
+            autocompletion=completion.models,
+        ),
     ] = "",
     as_json: Json = False,
 ) -> None:
@@ -552,7 +560,10 @@ Or `degenerate`: hostile and unlucky input to every command."""
 def exam(
     which: Annotated[Literal["develop", "report"], typer.Option("--set", help=_SET)] = "report",
     machine: Annotated[
-        list[str] | None, typer.Option(help="Machine to examine; repeatable (default: all).")
+        list[str] | None,
+        typer.Option(
+            help="Machine to examine; repeatable (default: all).", autocompletion=completion.machines
+        ),
     ] = None,
     kind: Annotated[list[str] | None, typer.Option(help=_KIND)] = None,
     cases: Annotated[
@@ -630,7 +641,9 @@ def reproduce(
     what: Annotated[
         str | None,
         typer.Argument(
-            metavar="[WHAT]", help="A table or figure; without it all are listed. With --all: a task."
+            metavar="[WHAT]",
+            help="A table or figure; without it all are listed. With --all: a task.",
+            autocompletion=completion.reproductions,
         ),
     ] = None,
     overrides: Annotated[
@@ -741,8 +754,11 @@ _AGENT = """Who acts (default: the first of the task's agents): a name, a `polic
 
 @app.command()
 def watch(
-    task: Annotated[str, typer.Argument(help="Name of the task; `fieldgym list` names them.")],
-    agent: Annotated[str | None, typer.Option(help=_AGENT)] = None,
+    task: Annotated[
+        str,
+        typer.Argument(help="Name of the task; `fieldgym list` names them.", autocompletion=completion.tasks),
+    ],
+    agent: Annotated[str | None, typer.Option(help=_AGENT, autocompletion=completion.agents)] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(

@@ -52,6 +52,42 @@ def mistake(*arguments: object) -> str:
     return result.stderr
 
 
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("diagnose log.csv --model pen", {"pendulum"}),
+        ("export a.yaml b.py --model serv", {"servo"}),
+        ("exam --machine pen", {"pendulum"}),
+        ("watch heel", {"heel_strike"}),
+        ("watch heel_strike --agent ranger_", {"ranger_tuned"}),
+        ("watch heel_strike --agent straight", set()),
+        ("watch --agent straight", {"straight"}),
+        ("list pose", {"pose_reaching"}),
+        ("list rig", {"rig"}),
+        ("train heel_strike/", {"heel_strike/ppo", "heel_strike/ppo_twins"}),
+        ("evaluate heel_strike/", {"heel_strike/benchmark"}),
+        ("evaluate bench", {"benchmark"}),
+        ("sweep heel_strike/", {"heel_strike/sweep", "heel_strike/tune"}),
+        ("record rig/", {"rig/record"}),
+        ("diagnose log.csv --then-retune heel", {"heel_strike/retune"}),
+        ("diagnose log.csv --test dfki_simple_pendulum/dd", {"dfki_simple_pendulum/ddp"}),
+        ("diagnose dfki_simple_pendulum/dd", {"dfki_simple_pendulum/ddp"}),
+        ("reproduce heel_strike/figure-2.12", {"heel_strike/figure-2.12"}),
+    ],
+)
+def test_a_shell_is_offered_names(line: str, offered: set[str]):
+    """Asked as bash asks: by the variables of its completion."""
+    words = f"fieldgym {line}"
+    asked = {
+        "_FIELDGYM_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    answer = CliRunner().invoke(app, [], env=asked, prog_name="fieldgym")
+    assert answer.exit_code == 0
+    assert set(answer.stdout.split()) == offered
+
+
 @pytest.fixture
 def rig_config(tmp_path):
     path = tmp_path / "rig.yaml"
