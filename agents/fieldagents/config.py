@@ -19,6 +19,7 @@ from pydantic import (
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, SequenceNode
 
+from fieldagents.made import Made, imported, makers, wrong_arguments_of
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 from fieldmodels.yaml import YamlError, load_yaml, parse_yaml, read_text
@@ -88,21 +89,80 @@ class EnvironmentConfig(Config):
         settings: Keys of the task's settings; what is not named keeps its default.
         reality: Effects that are on, or the path of an ``extended.yaml`` written by a diagnosis. In both, a
             sampler such as ``{uniform: [0, 0.1]}`` may stand in the place of a value.
+        wrappers: Gymnasium wrappers, the first innermost: ``module:Class``, or a mapping from it to keyword
+            arguments.
     """
 
     settings: dict[str, Any] = Field(default_factory=dict)
     reality: RealityConfig = None
+    wrappers: tuple[Made, ...] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What ``make`` and ``make_vec`` of a task take."""
+        return {
+            "settings": self.settings,
+            "reality": self.reality,
+            "wrappers": makers(self.wrappers),
+        }
 
 
 def wrong_environment(environment: EnvironmentConfig, task: str) -> Problems:
     """Every unknown key, wrong value and unknown effect in a task's environment."""
     from fieldgym import find_task
+    from fieldgym.foreign import ForeignTask
 
     declared = find_task(task)
-    for at, message in wrong_settings(environment.settings, task):
-        yield ("settings", *at), message
-    for at, message in wrong_reality(environment.reality, declared.model, declared.channels):
-        yield ("reality", *at), message
+    problems: list[tuple[Location, str]] = []
+    if not isinstance(declared, ForeignTask):
+        problems += [(("settings", *at), said) for at, said in wrong_settings(environment.settings, task)]
+        reality = wrong_reality(environment.reality, declared.model, declared.channels)
+        problems += [(("reality", *at), said) for at, said in reality]
+    elif environment.reality is not None:
+        said = f"effects belong to a model of this package, and {task} has none: leave the reality out"
+        problems.append((("reality",), said))
+    for i, one in enumerate(environment.wrappers):
+        problems += [(("wrappers", i), said) for said in map(_wrong_wrapper, one, one.values()) if said]
+    if not problems and (environment.wrappers or isinstance(declared, ForeignTask)):
+        problems += _not_to_be_made(environment, task)
+    return problems
+
+
+def _wrong_wrapper(place: str, arguments: Mapping[str, Any]) -> str:
+    try:
+        return wrong_arguments_of(imported(place), arguments, before=1)
+    except ValueError as error:
+        return str(error)
+
+
+def _not_to_be_made(environment: EnvironmentConfig, task: str) -> Problems:
+    """What an environment says when it is made, and each of its wrappers when it is put around."""
+    import gymnasium
+
+    from fieldgym import find_task
+    from fieldgym.foreign import ForeignError
+
+    options = environment.options
+    wrappers = options.pop("wrappers")
+    try:
+        env = find_task(task).make(**options)
+    except ForeignError as error:
+        yield ("settings",), str(error)
+        return
+    try:
+        for i, wrap in enumerate(wrappers):
+            (place,) = environment.wrappers[i]
+            try:
+                around = wrap(env)
+            except Exception as error:  # of anybody's class
+                yield ("wrappers", i), f"{place} cannot be put around {task}: {type(error).__name__}: {error}"
+                return
+            if not isinstance(around, gymnasium.Env):
+                yield ("wrappers", i), f"{place} gives {type(around).__name__}, which is no environment"
+                return
+            env = around
+    finally:
+        env.close()
 
 
 def wrong_settings(settings: dict[str, Any], task: str) -> Problems:
@@ -161,19 +221,26 @@ def check_task(name: str, said: Collection[str] | None = ()) -> str:
 
     Args:
         name: Of a task; or of a machine that is to follow a reference, its Python file, or a ``bench.yaml``
-            or ``extended.yaml`` that names it.
+            or ``extended.yaml`` that names it; or of any environment that Gymnasium makes.
         said: What the command line says: a Python file is run only if ``task=FILE`` is among it.
 
     Raises:
         ValueError: If there is no such task.
     """
-    from fieldgym import TASKS
+    from fieldgym import TASKS, find_task
+    from fieldgym.foreign import ForeignTask
     from fieldmodels.drivers.named import model_named_in
     from fieldmodels.machine import Machine
     from fieldmodels.model_files import is_model_file
     from fieldmodels.registry import get_model, model_names
 
     if name in TASKS:
+        return name
+    for own in TASKS.values():
+        if own.env_id == name:
+            return own.name
+    if isinstance(foreign := find_task(name), ForeignTask):
+        foreign.find()
         return name
     if name.endswith((".yaml", ".yml")):
         try:

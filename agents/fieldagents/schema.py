@@ -30,6 +30,9 @@ KINDS = {
 }
 """Where the config of each kind is."""
 
+OTHERS = r"\.(yaml|yml|py)(:\w+)?$|-v\d+$|^[A-Za-z_][\w.]*:"
+"""A task that is none of the package's: a file, or an environment that Gymnasium makes."""
+
 
 class SchemaError(ValueError):
     """No such kind of config."""
@@ -59,7 +62,7 @@ def schema(kind: str) -> dict[str, Any]:
             model["description"] = inspect.cleandoc(model["description"]).split("\n")[0]
     if "task" in found["properties"]:
         names = {"enum": sorted({*TASKS, *model_names()})}
-        found["properties"]["task"]["anyOf"] = [names, {"pattern": r"\.(yaml|yml|py)(:\w+)?$"}]
+        found["properties"]["task"]["anyOf"] = [names, {"pattern": OTHERS}]
         found["allOf"] = [_of_task(name, found["properties"]) for name in TASKS]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules, resolve_name
@@ -23,6 +24,7 @@ from fieldagents.agent import Agent, Sees
 from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.config import Config
 from fieldagents.operator import Operator
+from fieldgym.foreign import is_foreign
 from fieldmodels.code import reached_code
 from fieldmodels.model_files import is_model_file, split_class
 from fieldmodels.names import did_you_mean
@@ -280,12 +282,15 @@ def task_names() -> tuple[str, ...]:
 
 @cache
 def get_task(name: str) -> TaskDefinition:
-    """A task by its name, or that of a machine (see ``fieldgym.find_task``).
+    """A task by its name, that of a machine or of an environment of others (see ``fieldgym.find_task``).
 
     Raises:
         TaskError: If there is neither; the message says which tasks there are.
     """
     if name not in (known := task_names()):
+        if is_foreign(name):
+            foreign: TaskDefinition = resolve_name("fieldagents.foreign:definition")(name)
+            return foreign
         if name in model_names() or is_model_file(name):
             bench: TaskDefinition = resolve_name("fieldagents.bench:definition")(name)
             return bench
@@ -319,6 +324,11 @@ def code_of(task: str, *also: str) -> str:
     if is_model_file(task):
         text = Path(split_class(task)[0]).read_bytes()
         return f"{reached_code(('fieldagents.bench', *also))}-{hashlib.sha256(text).hexdigest()[:16]}"
+    if is_foreign(task):
+        module = task.rpartition(":")[0]
+        return (
+            f"{reached_code(('fieldagents.foreign', *filter(None, [module]), *also))}-{version('gymnasium')}"
+        )
     own = (f"{FOLDERS}.{task}", f"fieldmodels.machines.{task}", f"fieldgym.{task}", f"fieldgym.tasks.{task}")
     bench = () if task in task_names() else ("fieldagents.bench",)
     return reached_code((*own, *bench, *also), (f"{FOLDERS}.{task}.claims",))

@@ -20,6 +20,7 @@ from fieldagents.progress import Report
 from fieldagents.task import Drives, get_task
 from fieldgym import find_task
 from fieldgym.film import check_ending, write_film
+from fieldgym.foreign import ForeignTask
 
 SLICES = 10
 """Pictures a second of a film whose steps are long enough to be drawn in slices."""
@@ -101,16 +102,8 @@ def watch(
     if film is None:
         _check_screen()
     actor = make_agent(name, task, environment.settings, trust_pickle).runs[0]
-    env = (
-        find_task(task)
-        .make(
-            render_mode="human" if film is None else "rgb_array",
-            disable_env_checker=True,
-            settings={**environment.settings, **actor.settings},
-            reality=environment.reality,
-        )
-        .unwrapped
-    )
+    env = _environment(task, actor, environment, "human" if film is None else "rgb_array")
+    actor.fits(env.observation_space, env.action_space)
     drives = None if save is None else keep_drives(task, save, environment.settings)
     operator = Operator() if film is None and find_task(task).operator else None
     if operator is not None and drives is not None:
@@ -125,7 +118,7 @@ def watch(
                 if _closed():
                     break
         else:
-            rate = SLICES if hasattr(env, "step_frames") else float(env.metadata["render_fps"])
+            rate = SLICES if hasattr(env, "step_frames") else float(env.metadata.get("render_fps", 30))
             most = max(1, round(seconds * rate))
             frames = islice(_frames(episode, rate), most)
             write_film(film, frames, rate, lambda n: progress(f"{task}: {name}", n / most))
@@ -180,6 +173,26 @@ class Episode:
                 if self.over:
                     self.rows.append(self._drives.row(info, action))
             yield
+
+
+def _environment(task: str, actor: Agent, environment: EnvironmentConfig, mode: str) -> Any:
+    """The environment to be watched; one of the package's own ends by itself and needs no wrapper.
+
+    Raises:
+        WatchError: If it cannot be drawn in this way.
+    """
+    settings = {"settings": {**environment.settings, **actor.settings}}
+    options = {"render_mode": mode, "disable_env_checker": True, **environment.options, **settings}
+    env = find_task(task).make(**options)
+    if isinstance(find_task(task), ForeignTask) or environment.wrappers:
+        known = env.metadata.get("render_modes") or ()
+        if mode not in known:
+            env.close()
+            raise WatchError(
+                f"{task} cannot be drawn as {mode!r}; it knows {', '.join(known) or 'no picture'}"
+            )
+        return env
+    return env.unwrapped
 
 
 def _frames(episode: Episode, rate: float) -> Iterator[Frame]:

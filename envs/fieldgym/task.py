@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,17 @@ if TYPE_CHECKING:
 
 BENCH = "fieldgym/Bench-v0"
 """A bench of one's own: ``gymnasium.make(BENCH, config="extended.yaml")``, or ``machine="pendulum"``."""
+
+
+Wrap = Callable[[Any], Any]
+"""Puts a wrapper around a scalar environment."""
+
+
+def wrapped(env: Any, wrappers: Sequence[Wrap]) -> Any:
+    """An environment in wrappers, the first innermost."""
+    for wrap in wrappers:
+        env = wrap(env)
+    return env
 
 
 @dataclass(frozen=True)
@@ -86,12 +98,20 @@ class Task:
         found: type[Any] = resolve_name(f"fieldgym.{self.module}:{self.settings_name}")
         return found
 
-    def make(self, **options: Any) -> Any:
-        """Its environment, by ``gymnasium.make`` with these options."""
-        return gymnasium.make(self.env_id, **options)
+    def make(self, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
+        """Its environment, by ``gymnasium.make`` with these options, in wrappers, the first innermost."""
+        return wrapped(gymnasium.make(self.env_id, **options), wrappers)
 
-    def make_vec(self, count: int, **options: Any) -> Any:
-        """Its native vector environment of so many rows, by ``gymnasium.make_vec`` with these options."""
+    def make_vec(self, count: int, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
+        """Its native vector environment of so many rows, by ``gymnasium.make_vec`` with these options.
+
+        With wrappers, which take scalar environments, so many of these one after the other.
+        """
+        if wrappers:
+            from fieldgym.rows import RowsVectorEnv
+
+            options = {"disable_env_checker": True, **options}
+            return RowsVectorEnv([Task.make(self, wrappers, **options) for _ in range(count)])
         return gymnasium.make_vec(
             self.env_id, num_envs=count, vectorization_mode="vector_entry_point", **options
         )
@@ -111,10 +131,10 @@ class BenchTask(Task):
         """All of its signals."""
         return None
 
-    def make(self, **options: Any) -> Any:
+    def make(self, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
         """See ``Task.make``."""
-        return super().make(machine=self.model, **options)
+        return super().make(wrappers, machine=self.model, **options)
 
-    def make_vec(self, count: int, **options: Any) -> Any:
+    def make_vec(self, count: int, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
         """See ``Task.make_vec``."""
-        return super().make_vec(count, machine=self.model, **options)
+        return super().make_vec(count, wrappers, machine=self.model, **options)

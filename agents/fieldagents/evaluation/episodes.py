@@ -63,6 +63,7 @@ def play_episodes(
     n = len(seeds)
     settings, envs = _environments(agent, task, environment, n)
     try:
+        agent.fits(envs.single_observation_space, envs.single_action_space)
         agent.reset(seeds[0])
         observation, info = envs.reset(seed=seeds[0])
         agent.begin_episodes(np.ones(n, dtype=np.bool_))
@@ -117,7 +118,7 @@ def _environments(
 ) -> tuple[dict[str, Any], Any]:
     """Settings as this agent needs them, and a vector environment with them."""
     settings = {**environment.settings, **agent.settings}
-    return settings, find_task(task).make_vec(count, settings=settings, reality=environment.reality)
+    return settings, find_task(task).make_vec(count, **environment.options | {"settings": settings})
 
 
 class Tally:

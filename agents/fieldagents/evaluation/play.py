@@ -81,7 +81,8 @@ class Player:
 
     def _behind(self) -> list[str]:
         """Hashes of the code and of the files that make the participant."""
-        own = (self.name.partition(":")[0],) if is_import_path(self.name) else ()
+        own = [self.name.partition(":")[0]] if is_import_path(self.name) else []
+        own += [place.partition(":")[0] for one in self.environment.wrappers for place in one]
         files = [path for path in (Path(self.name),) if path.is_file()]
         if self.name not in get_task(self.task).agents:
             files += sorted((ZOO / self.task / self.name).rglob("*.onnx"))
@@ -131,9 +132,12 @@ def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     settings = {  # JSON has no infinity
         key: str(value) if value == math.inf else value for key, value in environment.settings.items()
     }
-    return {"settings": settings, "reality": _plain(task, environment)}
+    wrappers = {"wrappers": list(environment.wrappers)} if environment.wrappers else {}
+    return {"settings": settings, "reality": _plain(task, environment), **wrappers}
 
 
 def _plain(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
+    if environment.reality is None:
+        return {}
     _, truth = flown(get_model(find_task(task).model), environment.reality)
     return truth.plain()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PositiveFloat, PositiveInt
@@ -19,7 +20,14 @@ from fieldagents.config import (
     wrong_environment,
 )
 from fieldagents.evaluation.agents import known_agent
-from fieldagents.policies.algorithms import default_of, find_algorithm, is_on_policy, wrong_arguments
+from fieldagents.made import Made, imported, imported_class, wrong_arguments_of
+from fieldagents.policies.algorithms import (
+    default_of,
+    find_algorithm,
+    find_policy,
+    is_on_policy,
+    wrong_arguments,
+)
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
 if TYPE_CHECKING:
@@ -32,6 +40,19 @@ ENVIRONMENTS_MOST = 1_000
 RUNS_MOST = len(TRAINING_SEEDS) // ENVIRONMENTS_MOST
 
 
+def _is_class(key: str, value: Any) -> bool:
+    return key.endswith("_class") and isinstance(value, str)
+
+
+def _wrong_classes(more: dict[str, Any]) -> Problems:
+    for key, value in more.items():
+        if _is_class(key, value):
+            try:
+                imported(value)
+            except ValueError as error:
+                yield (key,), str(error)
+
+
 class NetworkConfig(Config):
     """The policy's and the value's networks: equal, separate perceptrons."""
 
@@ -40,8 +61,14 @@ class NetworkConfig(Config):
     activation: Literal["tanh", "relu"] = "tanh"
     log_std_init: float | None = None
     """Logarithm of the first standard deviation of the actions, of policies that take one."""
-    more: dict[str, Any] = Field(default_factory=dict)
-    """Further ``policy_kwargs`` of the library, such as ``{lstm_hidden_size: 64}``."""
+    more: Annotated[dict[str, Any], checked(_wrong_classes)] = Field(default_factory=dict)
+    """Further ``policy_kwargs`` of the library, such as ``{lstm_hidden_size: 64}``; of those that end in
+    ``_class``, such as ``features_extractor_class``, the value is ``module:Class``."""
+
+    @property
+    def imported(self) -> dict[str, Any]:
+        """The further arguments, with classes for their names."""
+        return {key: imported(value) if _is_class(key, value) else value for key, value in self.more.items()}
 
 
 class NormaliseConfig(Config):
@@ -101,6 +128,24 @@ def _no_algorithm(algorithm: str) -> Problems:
     return ()
 
 
+def _no_policy(policy: str, algorithm: str) -> Problems:
+    find_policy(find_algorithm(algorithm), policy)
+    return ()
+
+
+def _wrong_callbacks(callbacks: tuple[Mapping[str, Mapping[str, Any]], ...]) -> Problems:
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    for i, one in enumerate(callbacks):
+        for place, arguments in one.items():
+            try:
+                problem = wrong_arguments_of(imported_class(place, BaseCallback), arguments)
+            except ValueError as error:
+                problem = str(error)
+            if problem:
+                yield (i,), problem
+
+
 def _no_teacher(imitate: ImitationConfig | None, task: str, steps: int) -> Problems:
     if imitate is None:
         if steps == 0:
@@ -124,8 +169,8 @@ class TrainConfig(Config):
     """Name of the task, as ``fieldgym list`` prints it."""
     algorithm: Annotated[str, checked(_no_algorithm)] = "ppo"
     """Of Stable-Baselines3 or sb3-contrib (``ppo``, ``sac``, ``recurrent_ppo``), or ``module:Class``."""
-    policy: str = "MlpPolicy"
-    """The library's name of a policy."""
+    policy: Annotated[str, checked(_no_policy, "algorithm")] = Field("MlpPolicy", validate_default=True)
+    """The library's name of a policy, or ``module:Class`` of one's own."""
     seed: Annotated[int, Field(ge=0, lt=RUNS_MOST)] = 0
     steps: Annotated[int, Field(ge=0)]
     """Environment steps; training ends with the update that reaches them. 0: imitation alone."""
@@ -154,6 +199,9 @@ class TrainConfig(Config):
     imitate: Annotated[ImitationConfig | None, checked(_no_teacher, "task", "steps")] = Field(
         default=None, validate_default=True
     )
+    callbacks: Annotated[tuple[Made, ...], checked(_wrong_callbacks)] = ()
+    """Callbacks of Stable-Baselines3's interface: ``module:Class``, or a mapping from it to keyword
+    arguments. What they keep for themselves is not in the checkpoints."""
     network: NetworkConfig = NetworkConfig()
     normalise: NormaliseConfig = NormaliseConfig()
     validation: ValidationConfig = ValidationConfig()
@@ -167,6 +215,11 @@ class TrainConfig(Config):
     def kind(self) -> type[BaseAlgorithm]:
         """The class of the learner."""
         return find_algorithm(self.algorithm)
+
+    @property
+    def policy_kind(self) -> Any:
+        """The policy as the learner takes it."""
+        return find_policy(self.kind, self.policy)
 
     @property
     def update_steps(self) -> int:
@@ -219,5 +272,6 @@ def _sizes_that_do_not_fit(
 
 
 def _filled_up(one: EnvironmentConfig, first: EnvironmentConfig) -> EnvironmentConfig:
-    """An environment with the settings of the first one where it has none of its own."""
-    return one.model_copy(update={"settings": {**first.settings, **one.settings}})
+    """An environment with the settings and the wrappers of the first one where it has none of its own."""
+    settings = {**first.settings, **one.settings}
+    return one.model_copy(update={"settings": settings, "wrappers": one.wrappers or first.wrappers})

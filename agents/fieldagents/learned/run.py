@@ -20,6 +20,7 @@ from fieldagents.learned.checkpoint import random_state, restore_random_state, t
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.pixels import ImageFeatures, is_image
 from fieldagents.learned.vector import NativeVecEnv
+from fieldagents.made import makers
 from fieldagents.policies.algorithms import is_on_policy
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
@@ -69,11 +70,13 @@ class Run:
     def __init__(self, config: TrainConfig, environment: NativeVecEnv) -> None:
         space = environment.observation_space
         image = is_image(space)
-        if not image and (
-            not isinstance(space, gymnasium.spaces.Box) or not np.issubdtype(space.dtype, np.floating)
+        if not image and not (
+            isinstance(space, gymnasium.spaces.Box) and np.dtype(space.dtype).kind in "fiu"
         ):
             raise SpaceError(
-                f"training needs observations that are arrays of floating numbers or images, not {space}"
+                f"{config.task} gives observations of {space}, and training needs an array of numbers or an"
+                " image: put a wrapper around it, environment.wrappers:"
+                " ['gymnasium.wrappers:FlattenObservation']"
             )
         if image and (config.stack > 1 or not is_on_policy(config.kind)):
             raise SpaceError("images are learned from by on-policy algorithms such as ppo, without a stack")
@@ -100,14 +103,14 @@ class Run:
             "activation_fn": ACTIVATIONS[network.activation],
             **({} if network.log_std_init is None else {"log_std_init": network.log_std_init}),
             **({"features_extractor_class": ImageFeatures} if image else {}),
-            **network.more,
+            **network.imported,
         }
         arguments = dict(config.learner)
         if arguments.pop("learning_rate_decay", "constant") == "linear":
             arguments["learning_rate"] = falling(config.argument("learning_rate"))
         try:
             self.model = config.kind(
-                config.policy, self.normaliser, policy_kwargs=policy_kwargs, device="cpu", **arguments
+                config.policy_kind, self.normaliser, policy_kwargs=policy_kwargs, device="cpu", **arguments
             )
         except (AssertionError, TypeError, ValueError) as error:
             raise SpaceError(f"{config.algorithm} cannot be made for {config.task}: {error}") from error
@@ -132,12 +135,13 @@ class Run:
 
         Args:
             steps: How many.
-            recorder: The callback to call.
+            recorder: The callback to call, after those of the config.
             fresh: Whether the run begins.
         """
         # An off-policy learner would log every few episodes; the recorder does so every round.
         log: Any = 1 if is_on_policy(self.config.kind) else None
-        self.model.learn(steps, callback=recorder, reset_num_timesteps=fresh, log_interval=log)
+        callbacks = [*(make() for make in makers(self.config.callbacks)), recorder]
+        self.model.learn(steps, callback=callbacks, reset_num_timesteps=fresh, log_interval=log)
 
     def state(self) -> dict[str, Any]:
         """All that the next update depends on."""
@@ -184,6 +188,8 @@ class Run:
         _restore_statistics(normaliser.ret_rms, state["return_statistics"])
         normaliser.returns = state["returns"].numpy()
         self.environment.set_state(to_arrays(state["environment"]))
+        if not self.environment.exact:
+            model._last_obs = None  # the library then begins new episodes
         self.best = None if state["best"] is None else Best(**state["best"])
         restore_random_state(state["random"])  # last, since building the rest draws from these streams
 

@@ -53,9 +53,7 @@ def _run_training(
     set_random_seed(config.seed)
     shares = np.array_split(np.arange(config.num_envs), len(config.environments))
     parts = [
-        find_task(config.task).make_vec(
-            len(share), settings=environment.settings, reality=environment.reality
-        )
+        find_task(config.task).make_vec(len(share), **environment.options)
         for environment, share in zip(config.environments, shares, strict=True)
     ]
     run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed, twins=config.twins))

@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from fieldgym.base import TaskVectorEnv
+from fieldgym.rows import RowsVectorEnv
 
 
 class NativeVecEnv(VecEnv):
@@ -32,6 +33,8 @@ class NativeVecEnv(VecEnv):
 
     Attributes:
         rows: Which rows each part has.
+        exact: Whether a state that `get_state` gave leads to the same steps; environments of others and
+            wrappers only say where their generators stand, and begin new episodes.
         infos: What each part last said beside its observations, of the episodes now under way. No learner is
             given it.
 
@@ -57,6 +60,7 @@ class NativeVecEnv(VecEnv):
             )
         ends = np.cumsum([part.num_envs for part in parts]).tolist()
         self.parts = parts
+        self.exact = not any(isinstance(part, RowsVectorEnv) for part in parts)
         self.rows = [slice(end - part.num_envs, end) for part, end in zip(parts, ends, strict=True)]
         self.infos: list[dict[str, Any]] = [{} for _ in parts]
         self._seed: int | None = seed

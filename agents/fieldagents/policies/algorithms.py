@@ -7,11 +7,11 @@ import inspect
 import re
 from collections.abc import Mapping
 from functools import cache
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PositiveFloat, PositiveInt, TypeAdapter, ValidationError
 
+from fieldagents.made import imported, imported_class
 from fieldmodels.extras import needed
 from fieldmodels.names import did_you_mean
 
@@ -91,10 +91,7 @@ def find_algorithm(name: str) -> type[BaseAlgorithm]:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
     if ":" in name:
-        try:
-            found = resolve_name(name)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise ValueError(f"{name!r} cannot be imported: {error}") from None
+        found = imported(name)
     else:
         known = algorithms()
         if name.lower() not in known:
@@ -104,6 +101,22 @@ def find_algorithm(name: str) -> type[BaseAlgorithm]:
     if not (inspect.isclass(found) and issubclass(found, BaseAlgorithm)):
         raise ValueError(f"{name!r} is not an algorithm with the interface of Stable-Baselines3")
     return found
+
+
+def find_policy(kind: type[BaseAlgorithm], name: str) -> str | type[Any]:
+    """A policy as a learner takes it: one of its own by name, or the class of ``module:Class``.
+
+    Raises:
+        ValueError: If there is no such policy.
+    """
+    from stable_baselines3.common.policies import BasePolicy
+
+    if ":" in name:
+        return imported_class(name, BasePolicy)
+    if kind.policy_aliases and name not in kind.policy_aliases:
+        known = did_you_mean(name, kind.policy_aliases) or f"; there are {', '.join(kind.policy_aliases)}"
+        raise ValueError(f"{kind.__name__} has no policy {name!r}{known}, or name your own as module:Class")
+    return name
 
 
 def is_on_policy(kind: type[BaseAlgorithm]) -> bool:

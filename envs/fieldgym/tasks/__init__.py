@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
+from fieldgym.foreign import foreign_task, is_foreign
 from fieldgym.task import BenchTask, Task
 from fieldmodels.model_files import split_class
 
@@ -27,13 +28,16 @@ TASKS: dict[str, Task] = {name: _declared(name) for name in sorted(m.name for m 
 
 
 def find_task(name: str) -> Task:
-    """A task, or a bench of one's own as a task; nothing is imported or run for it.
+    """A task, a bench of one's own or an environment of others as a task; nothing is imported or run for it.
 
     Args:
-        name: Of ``TASKS``; or else of a machine, as ``fieldmodels.registry.get_model`` takes it.
+        name: Of ``TASKS``; of an environment of Gymnasium, such as ``Pendulum-v1`` or ``module:Id``; or else
+            of a machine, as ``fieldmodels.registry.get_model`` takes it.
     """
     if name in TASKS:
         return TASKS[name]
+    if is_foreign(name):
+        return foreign_task(name)
     stem = Path(split_class(name)[0]).stem
     return BenchTask(
         stem, stem, "Follow a reference.", module="bench", settings_name="BenchSettings", model=name

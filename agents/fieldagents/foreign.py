@@ -1,0 +1,78 @@
+"""An environment of others as a task of this floor: what is measured, and who takes part unasked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import Space, spaces
+from numpy.typing import NDArray
+
+from fieldagents.agent import Agent
+from fieldagents.task import Metric, ReferenceAgent, TaskDefinition
+from fieldgym import find_task
+from fieldgym.rows import STEP_REWARD
+
+METRICS = (Metric("episode_return", "1", "return", STEP_REWARD, lower_is_better=False, over="sum"),)
+AT_RANDOM = "Actions drawn at random"
+MIDDLE = "The middle of every action, or the first of those that can be counted"
+
+
+@dataclass(frozen=True)
+class ForeignDefinition(TaskDefinition):
+    """An environment of others as a task of this floor."""
+
+    metrics: tuple[Metric, ...] = METRICS
+
+    def _listed(self, module: str, name: str = "") -> Sequence[Any]:
+        del name
+        if module != "agents":
+            return ()
+        return (
+            ReferenceAgent("random", "observation", AT_RANDOM, lambda _: Drawn("random", AT_RANDOM)),
+            ReferenceAgent("still", "observation", MIDDLE, lambda _: Middle("still", MIDDLE)),
+        )
+
+
+class Drawn(Agent):
+    """Draws its actions; the seed of the evaluation is that of the draws."""
+
+    def __init__(self, name: str, title: str) -> None:
+        self.name, self.title = name, title
+        self._space: Space[Any] = spaces.Discrete(1)
+
+    def fits(self, observations: Space[Any], actions: Space[Any]) -> None:
+        """See ``Agent.fits``; whatever there is, it can draw from."""
+        del observations
+        self._space = deepcopy(actions)
+
+    def reset(self, seed: int) -> None:
+        """See ``Agent.reset``."""
+        self._space.seed(seed)
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+        """See ``Agent.act``."""
+        del info
+        return np.stack([np.asarray(self._space.sample()) for _ in range(len(observation))])
+
+
+class Middle(Drawn):
+    """Always the same action."""
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+        """See ``Agent.act``."""
+        del info
+        space, count = self._space, len(observation)
+        if isinstance(space, spaces.Box):
+            low, high = (np.nan_to_num(end, posinf=1.0, neginf=-1.0) for end in (space.low, space.high))
+            return np.repeat(((low + high) / 2).astype(space.dtype)[None], count, axis=0)
+        start = np.asarray(getattr(space, "start", 0))
+        return np.broadcast_to(start, (count, *(space.shape or ()))).astype(space.dtype)
+
+
+def definition(name: str) -> ForeignDefinition:
+    """An environment of others as a task of this floor."""
+    return ForeignDefinition(find_task(name).name)
