@@ -596,6 +596,12 @@ def test_publishing_writes_an_entry_and_refuses_what_is_no_replication(finished,
     assert [agent.title for agent in entry.agents()] == ["a tiny policy"] * 2
     assert training.card["config"]["steps"] == 640
     assert training.settings == {"strides": 9}
+    assert [dict(agent.settings) for agent in entry.agents()] == [{}] * 2
+    publish([other, finished], "tiny", "short", "t", tmp_path / "asking", episodes=3, asks=["strides"])
+    (asking,) = list_zoo(folder=tmp_path / "asking")
+    assert [agent.settings for agent in asking.agents()] == [{"strides": 9}] * 2
+    with pytest.raises(ZooError, match="no setting of the training: bands"):
+        publish([other, finished], "tiny", "short", "t", tmp_path / "asking", episodes=3, asks=["bands"])
     assert set(pd.read_csv(folder / "curve.csv")["seed"]) == {1, 2}
     with pytest.raises(ZooError, match="same training seed"):
         publish([finished, finished], "tiny", "short", "", tmp_path / "zoo")

@@ -28,7 +28,13 @@ EPISODES = 50
 
 
 def publish(
-    runs: Sequence[Path], name: str, scenario: str, title: str, zoo: Path = ZOO, episodes: int = EPISODES
+    runs: Sequence[Path],
+    name: str,
+    scenario: str,
+    title: str,
+    zoo: Path = ZOO,
+    episodes: int = EPISODES,
+    asks: Sequence[str] = (),
 ) -> Path:
     """Put runs into the zoo and score each of its policies on the published test seeds.
 
@@ -41,12 +47,14 @@ def publish(
         title: One line that says what it is.
         zoo: The zoo's folder.
         episodes: Test episodes for each policy.
+        asks: Settings of its training that it has in any scenario, such as how much is observed.
 
     Returns:
         The folder in the zoo.
 
     Raises:
-        ZooError: If a run is unfinished, or the runs differ in more than their seed.
+        ZooError: If a run is unfinished, the runs differ in more than their seed, or a setting that is asked
+            for is none of theirs.
     """
     configs = [_finished_config(run) for run in runs]
     common = [config.model_dump(mode="json", exclude={"seed"}) for config in configs]
@@ -54,6 +62,8 @@ def publish(
         raise ZooError("the runs of an entry may differ in their seed alone; these differ in other keys")
     if len({config.seed for config in configs}) < len(configs):
         raise ZooError("two runs have the same training seed")
+    if unknown := set(asks) - set(configs[0].environment.settings):
+        raise ZooError(f"asked for, but no setting of the training: {', '.join(sorted(unknown))}")
     folder = zoo / configs[0].task / name / scenario
     cards, curves = [], []
     for run, config in sorted(zip(runs, configs, strict=True), key=lambda pair: pair[1].seed):
@@ -75,6 +85,7 @@ def publish(
         "versions": _read_json(runs[0] / "versions.json"),
         "test_seeds": [TEST_SEEDS.start, TEST_SEEDS.start + episodes],
         "runs": cards,
+        **({"asks": list(asks)} if asks else {}),
     }
     write_text(folder / "curve.csv", pd.concat(curves).to_csv(index=False, lineterminator="\n"))
     write_text(folder / "card.json", json.dumps(card, indent=2, allow_nan=False) + "\n")
@@ -104,8 +115,9 @@ def _main(
     name: Annotated[str, typer.Option(help="Name of the entry.")],
     scenario: Annotated[str, typer.Option(help="Name of the scenario they were trained in.")],
     title: Annotated[str, typer.Option(help="One line that says what it is.")],
+    ask: Annotated[list[str], typer.Option(help="A setting that it has in any scenario.")] = [],  # noqa: B006
 ) -> None:
-    print(publish(runs, name, scenario, title))
+    print(publish(runs, name, scenario, title, asks=ask))
 
 
 if __name__ == "__main__":

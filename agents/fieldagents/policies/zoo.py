@@ -55,10 +55,13 @@ class Training:
 
     def agents(self) -> tuple[OnnxAgent, ...]:
         """The policies of all training runs, in the order of `seeds`."""
-        return tuple(
+        made = tuple(
             OnnxAgent(_intact(self.folder / run["policy"], run), name=self.name, title=self.card["title"])
             for run in self.card["runs"]
         )
+        for agent in made:
+            agent.settings = {key: self.settings[key] for key in self.card.get("asks", ())}
+        return made
 
     def distance(self, settings: Mapping[str, Any]) -> int:
         """How many of the task's settings differ from those of the training."""
