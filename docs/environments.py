@@ -18,8 +18,7 @@ import numpy as np
 from PIL import Image
 
 from fieldagents.evaluation.agents import make_agent
-from fieldagents.task import get_task
-from fieldagents.watch import Episode
+from fieldagents.watch import Episode, watchable
 from fieldgym import TASKS, Task
 from fieldmodels.files import replacing, write_text
 from fieldmodels.registry import get_model
@@ -76,8 +75,7 @@ def settings_of(kind: type[Any]) -> list[tuple[str, Any, str, str]]:
 def film(task: Task, path: Path) -> None:
     """Film a reference agent at work, small enough for a page."""
     env = task.make(render_mode="rgb_array", disable_env_checker=True).unwrapped
-    known = get_task(task.name)
-    name = known.picture or next(one for one, agent in known.agents.items() if not agent.estimator)
+    name = watchable(task.name)[0]
     episode = Episode(task.name, env, make_agent(name, task.name, {}).runs[0], seed=3)
     frames = [env.render() for _ in islice(episode.steps(), MOST_STEPS)]
     chosen = np.unique(np.linspace(0, len(frames) - 1, FRAMES).astype(int))

@@ -748,7 +748,7 @@ def schema(
     _print_json(schema_of(kind))
 
 
-_AGENT = """Who acts (default: the first of the task's agents): a name, a `policy.onnx`, a run's folder,
+_AGENT = """Who acts (default: the agent that the task shows): a name, a `policy.onnx`, a run's folder,
 `module:Class`, a `.zip`."""
 
 

@@ -232,7 +232,7 @@ class TaskDefinition:
         name: Its name on every floor.
         metrics: What is measured in an episode; verdicts are about the first.
         recorder: Who records its model's data; None for a model that is driven by a command.
-        picture: The agent at work in the documentation's picture; without one the actions stay in the middle.
+        picture: The agent that ``watch`` and the documentation's film show; None for the first that acts.
         steer: What a human operator's stick does: the operator's action in the place of the agent's own.
         drives: Where the class is that keeps drives and makes an agent of them, ``module:class`` of a
             `Drives`; empty if the task has none.

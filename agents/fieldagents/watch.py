@@ -72,7 +72,7 @@ def watch(
     Args:
         task: Name of the task.
         agent: Its name as ``fieldgym list`` has it, or another that ``make_agent`` knows; None takes the
-            first one in the task's table that acts.
+            first of ``watchable``.
         environment: Settings and reality.
         seed: Seed of the episode.
         film: Write a film to this file, by its ending, instead of opening a window.
@@ -88,7 +88,7 @@ def watch(
         AgentError: If no agent of the task learns from drives.
         RecordingError: If the file of drives cannot be added to.
     """
-    acting = _acting(task)
+    acting = watchable(task)
     if agent is None and not acting:
         raise WatchError(f"task {task!r} has no agent that acts; name a policy file: --agent policy.onnx")
     name = agent or acting[0]
@@ -213,10 +213,12 @@ def _batch(info: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _acting(task: str) -> list[str]:
-    """Names of the task's agents that act."""
-    known = get_task(task).agents
-    return [name for name in agent_names(task) if name not in known or not known[name].estimator]
+def watchable(task: str) -> list[str]:
+    """Names of the task's agents that act, first the one that the task shows."""
+    known = get_task(task)
+    agents = known.agents
+    acting = [name for name in agent_names(task) if name not in agents or not agents[name].estimator]
+    return sorted(acting, key=lambda name: name != known.picture)
 
 
 def _check_screen() -> None:

@@ -10,6 +10,7 @@ import math
 import re
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,15 +20,18 @@ from fieldmodels.files import write_bytes, write_text
 
 Numbers = Mapping[str, Iterable[Any]]
 """Columns by name, all of one length."""
-INK, BEFORE, AFTER = "#1c2430", "#d55e00", "#0072b2"  # the last two by Okabe and Ito: for every kind of eye
+INK, BEFORE, AFTER = "#1c2430", "#d55e00", "#0072b2"
+PURPLE, GREEN, AMBER, GREY = "#be9cc9", "#7ec270", "#e5b800", "#61666b"
+CYCLE = (AFTER, BEFORE, GREEN, PURPLE, AMBER, GREY, INK)  # of the curves of a figure
+LINE = "#d9dee6"  # of a grid; the others differ for every kind of eye, here and in the dark (page.css)
 WIDE, NARROW = 9.6, 4.4  # inches: for a screen and for a phone
 FIGURES = "figures"  # folder beside a page
 HEAVY = 1_000_000  # bytes of an SVG above which pixels are lighter
 
 # What a figure is drawn with, and the name of the page's colour that takes its place.
-THEMED = {INK: "ink", "#000000": "ink", "#ffffff": "figure", "#b0b0b0": "line", "#d9dee6": "line",
-          "#e3e6ea": "line", BEFORE: "before", AFTER: "after", "#0b6e99": "after", "#7a5195": "purple",
-          "#b3402a": "bad"}  # fmt: skip
+THEMED = {INK: "ink", "#000000": "ink", "#ffffff": "figure", "#b0b0b0": "line", LINE: "line",
+          BEFORE: "before", AFTER: "after", PURPLE: "purple", GREEN: "green", AMBER: "amber",
+          GREY: "grey"}  # fmt: skip
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
@@ -71,7 +75,8 @@ class Picture:
     def save(self, folder: Path) -> list[Path]:
         """Write a PNG and, where there are data, a CSV file."""
         stream = io.BytesIO()
-        self.draw(WIDE).savefig(stream, format="png", dpi=150, facecolor="white")
+        with palette():
+            self.draw(WIDE).savefig(stream, format="png", dpi=150, facecolor="white")
         paths = [folder / f"{self.name}.png"]
         write_bytes(paths[0], stream.getvalue())
         if self.data:
@@ -118,7 +123,16 @@ def plain(fragment: str) -> list[str]:
 def _twice(draw: Callable[[float], Any], says: str) -> str:
     """A figure for a screen and for a phone."""
     sizes = (("wide", WIDE), ("narrow", NARROW))
-    return "".join(f'<div class="{kind}">{_svg(draw(width), says)}</div>' for kind, width in sizes)
+    with palette():
+        return "".join(f'<div class="{kind}">{_svg(draw(width), says)}</div>' for kind, width in sizes)
+
+
+def palette() -> AbstractContextManager[None]:
+    """In its block, matplotlib draws by default in the colours of the reports."""
+    import matplotlib as mpl
+    from cycler import cycler
+
+    return mpl.rc_context({"axes.prop_cycle": cycler(color=CYCLE), "legend.edgecolor": LINE})
 
 
 def drawn(drawing: Any) -> Numbers:

@@ -53,6 +53,13 @@ def test_a_film_is_no_longer_than_asked_for(tmp_path):
         assert film.n_frames == 6
 
 
+def test_without_a_name_the_agent_is_watched_that_the_task_shows(tmp_path):
+    """Straight flight, first in the table, is seen by a radar and ends after one step."""
+    seen = watch("uav_route", None, EnvironmentConfig(), film=tmp_path / "flight.webp", seconds=0.3)
+    assert seen.agent == "receding"
+    assert seen.steps > 1 or not seen.finished
+
+
 def test_a_window_can_be_closed_at_any_time(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     asked = iter([True])

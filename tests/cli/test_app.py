@@ -172,6 +172,35 @@ def sideways(browser) -> int:
     return browser.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
 
 
+def test_the_page_and_its_curves_follow_the_scheme_of_the_system(served: Served, browser, tmp_path: Path):
+    served.session.open(write_log(tmp_path / "log.csv", seconds=2.0))
+    drawn = lambda b: b.find_element(By.TAG_NAME, "body").get_attribute("data-drawn")  # noqa: E731
+    browser.get(f"{served.address}/?token={TOKEN}")
+    _until(browser, drawn)
+    grounds, curves = {}, {}
+    try:
+        for scheme in ("light", "dark"):
+            before = drawn(browser)
+            features = [{"name": "prefers-color-scheme", "value": scheme}]
+            browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+            _until(browser, lambda b, old=before, new=scheme: new == "light" or drawn(b) != old)
+            ground = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+            grounds[scheme] = max(map(int, re.findall(r"\d+", ground)))
+            # The most frequent opaque blue of the first signal: that of its curve.
+            curves[scheme] = browser.execute_script(
+                "const c = document.querySelector('#signals canvas'), n = {};"
+                "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+                "for (let i = 0; i < d.length; i += 4) if (d[i + 3] === 255 && d[i + 2] > d[i] + 60) {"
+                "  const k = [d[i], d[i + 1], d[i + 2]]; n[k] = (n[k] || 0) + 1; }"
+                "return Object.keys(n).sort((a, b) => n[b] - n[a])[0].split(',').map(Number)"
+            )
+    finally:
+        features = [{"name": "prefers-color-scheme", "value": ""}]
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    assert grounds["light"] > 200 > 80 > grounds["dark"]
+    assert sum(curves["dark"]) > sum(curves["light"]) + 150
+
+
 def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser, tmp_path: Path):
     """Nothing but keys; the answer, a slider, the export; and the script that is shown does the same."""
     log = write_log(tmp_path / "bench.csv")

@@ -1,5 +1,7 @@
 """Every page that fieldgym writes is opened in a real browser: no error, nothing from outside, readable."""
 
+import re
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -51,17 +53,88 @@ def check_page(browser, *, figures: int) -> str:
         width = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
         assert width[0] <= width[1], f"the page scrolls sideways{' on a phone' if phone else ''}"
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    check_seen(browser)
     words = browser.find_element("tag name", "body").text
     for broken in ("nan", "NaN", "undefined", "{{", "None"):
         assert broken not in words.split(), f"the page says {broken!r}"
     return words
 
 
+def scheme(browser, name: str) -> None:
+    """Let the system prefer a light or a dark scheme; "" for its own."""
+    features = [{"name": "prefers-color-scheme", "value": name}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def lightness(browser, selector: str, kind: str) -> float:
+    """Mean of red, green and blue of an element's colour, 0 to 255."""
+    computed = "getComputedStyle(document.querySelector(arguments[0]))[arguments[1]]"
+    red, green, blue = re.findall(r"[\d.]+", browser.execute_script(f"return {computed}", selector, kind))[:3]
+    return (float(red) + float(green) + float(blue)) / 3
+
+
+def check_scheme(browser, *, ground: str = "body", words: str = "p") -> None:
+    """Dark words on a light ground, and the reverse where the system is dark."""
+    try:
+        for name, sign in (("light", 1), ("dark", -1)):
+            scheme(browser, name)
+            under, over = lightness(browser, ground, "backgroundColor"), lightness(browser, words, "color")
+            assert sign * (under - over) > 100, f"{words} on {ground} in a {name} scheme"
+    finally:
+        scheme(browser, "")
+
+
+def check_seen(browser) -> None:
+    """Figures are described to who does not see them, drawn in the palette alone, and follow the system."""
+    pictures, drawn = browser.execute_script(
+        "return [[...document.querySelectorAll('figure svg, img, canvas')].map(e => e.alt ||"
+        " (e.getAttribute('role') === 'img' && e.getAttribute('aria-label')) || ''),"
+        " [...document.querySelectorAll('figure svg [style]')].map(e => e.getAttribute('style')).join()]"
+    )
+    outside = set(re.findall("#[0-9a-f]{6}", drawn))
+    assert all(len(says) > 3 for says in pictures), pictures
+    assert not outside, f"colours that are not in the palette: {outside}"
+    check_scheme(browser)
+    if browser.find_elements("css selector", "figure svg text"):
+        check_scheme(browser, ground="figure", words="figure svg text")
+
+
+# Machado, Oliveira and Fernandes 2009, severity 1, in linear RGB.
+EYES = {
+    "trichromat": np.eye(3),
+    "protanope": [[0.1523, 1.0526, -0.2049], [0.1145, 0.7863, 0.0992], [-0.0039, -0.0481, 1.0520]],
+    "deuteranope": [[0.3673, 0.8606, -0.2280], [0.2801, 0.6725, 0.0474], [-0.0118, 0.0429, 0.9689]],
+    "tritanope": [[1.2555, -0.0767, -0.1788], [-0.0784, 0.9308, 0.1476], [0.0047, 0.6914, 0.3039]],
+}
+PALETTE = ("ink", "before", "after", "purple", "green", "amber", "grey")
+
+
+def cielab(colour: str, eye: str) -> np.ndarray:
+    """A colour as an eye sees it, so that distances are differences that are seen."""
+    raw = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(raw <= 0.04045, raw / 12.92, ((raw + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(np.array(EYES[eye]) @ linear, 0, 1)
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    x, y, z = np.cbrt(np.maximum(np.array(to_xyz) @ seen / [0.9505, 1.0, 1.089], 1e-4))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize("eye", EYES)
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_eye_tells_the_palette_apart(eye: str, dark: bool):
+    light, _, night = html.STYLE.partition("prefers-color-scheme: dark")
+    found = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", night if dark else light))
+    assert dark or {found[name] for name in PALETTE} < set(html.THEMED)
+    for one, other in combinations(PALETTE, 2):
+        apart = np.linalg.norm(cielab(found[one], eye) - cielab(found[other], eye))
+        assert apart > 20, f"{one} and {other}"
+
+
 def test_nothing_is_too_wide_for_a_phone(open_page, tmp_path: Path):
     """Long paths break, wide tables scroll in their own frame, and figures are drawn anew, not shrunk."""
     drawn = Figure(figsize=(html.WIDE, 4.0))
     for axes in drawn.subplots(1, 3, sharey=True):
-        axes.plot([0, 1])
+        axes.plot([0, 1], color=html.GREEN)
     header = [f"a column {k}" for k in range(20)]
     body = (
         f"<p>{'a_long_path/' * 20}</p>{html.facts([('where', 'x' * 200)])}"

@@ -17,11 +17,12 @@ from fieldagents.evaluation.summary import DecisionTime, Row, Summary
 from fieldagents.task import Metric, get_task
 from fieldmodels import html
 from fieldmodels.files import write_text
+from fieldmodels.html import AFTER, BEFORE, GREY, INK, LINE, PURPLE
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-COLOURS = {"observation": "#0b6e99", "model": "#7a5195", "privileged": "#b3402a", "estimator": "#8a8f98"}
+COLOURS = {"observation": AFTER, "model": PURPLE, "privileged": BEFORE, "estimator": GREY}
 """Colour of an agent by what it sees; an estimator is outside the action space."""
 
 COLUMNS = 4
@@ -299,7 +300,7 @@ def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame, wid
     for number, row in enumerate(rows):
         values = np.sort(episodes.loc[episodes["agent"] == row.agent, metric.name].dropna().to_numpy())
         if len(values):
-            style = ("-", "--", ":", "-.")[number // 10 % 4]
+            style = ("-", "--", ":", "-.")[number // len(html.CYCLE) % 4]
             axes.step(
                 values, np.arange(1, len(values) + 1) / len(values), style, where="post", label=row.agent
             )
@@ -308,7 +309,7 @@ def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame, wid
     axes.set_xlabel(metric.label)
     axes.set_ylabel("share of the episodes")
     axes.set_ylim(0, 1)
-    axes.grid(color="#d9dee6", linewidth=0.8)
+    axes.grid(color=LINE, linewidth=0.8)
     if wide:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
     else:
@@ -348,7 +349,7 @@ def _caption(metric: Metric, single: bool) -> str:
     dots = " Faint dots: single episodes." if single and not metric.binary else ""
     return (
         f"First panel: {metric.label}, mean and 95 % interval.{dots} Second: difference from the "
-        "baseline on the same episodes. Blue: sees the observation; purple: also the settings; red: "
+        "baseline on the same episodes. Blue: sees the observation; purple: also the settings; orange: "
         "privileged; grey: an estimator outside the action space."
     )
 
@@ -424,7 +425,7 @@ def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: p
         _dot(left, y, score.mean, score.ci95, scale, colour)
         paired = score.against_baseline
         if paired is None:
-            right.plot([0], [y], "D", color="#1c2430", markersize=5)
+            right.plot([0], [y], "D", color=INK, markersize=5)
         elif not percent:
             _dot(right, y, paired.difference, paired.ci95, scale, colour)
         elif paired.difference:
@@ -439,11 +440,11 @@ def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: p
     elif _positive(rows, metric, episodes):
         _logarithmic(left)
     left.set_xlabel(metric.label)
-    right.axvline(0, color="#1c2430", linewidth=1)
+    right.axvline(0, color=INK, linewidth=1)
     unit = "%" if percent else "percentage points" if metric.binary else metric.unit
     right.set_xlabel(f"difference from {summary.baseline}" + ("" if unit == "1" else f" [{unit}]"))
     for axes in (left, right):
-        axes.grid(axis="x", color="#d9dee6", linewidth=0.8)
+        axes.grid(axis="x", color=LINE, linewidth=0.8)
         axes.set_axisbelow(True)
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.tick_params(axis="y", length=0)

@@ -13,6 +13,7 @@ from fieldagents.claim import Decided
 from fieldagents.progress import Report
 from fieldagents.reproduce.report import write
 from fieldagents.task import Reproducible, Reproduction, all_tasks, get_task
+from fieldmodels.html import palette
 from fieldmodels.names import did_you_mean
 from fieldmodels.yaml import YamlError, parse_yaml
 
@@ -56,7 +57,8 @@ def carry_out(what: str, out: Path, options: Mapping[str, Any], progress: Report
     for name in options:
         if name not in entry.options:
             raise ReproductionError(f"{what} has no option {name!r}{did_you_mean(name, entry.options)}")
-    result = entry.run(out, progress, **options)
+    with palette():
+        result = entry.run(out, progress, **options)
     result = replace(result, decided=_decided(what, {**entry.options, **options}, result))
     write(what, result, out)
     return result

@@ -13,13 +13,14 @@ from fieldagents.evaluation.report import COLOURS, report_section
 from fieldagents.retune.result import Retuning
 from fieldmodels import html
 from fieldmodels.files import write_text
+from fieldmodels.html import GREY, LINE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
 
-INKS = {"nominal": "#8a8f98", "retuned": COLOURS["observation"], "oracle": COLOURS["privileged"]}
+INKS = {"nominal": GREY, "retuned": COLOURS["observation"], "oracle": COLOURS["privileged"]}
 
 
 def write_report(result: Retuning, episodes: pd.DataFrame, path: Path) -> None:
@@ -58,7 +59,7 @@ def draw(result: Retuning, episodes: pd.DataFrame, width: float = html.WIDE) -> 
     axes.set_ylabel(metric.label)
     axes.margins(y=0.12)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(axis="y", color="#e3e6ea")
+    axes.grid(axis="y", color=LINE)
     if width == html.WIDE:
         axes.legend(frameon=False, title="tuned in", loc="upper left", bbox_to_anchor=(1, 1))
     else:

@@ -20,6 +20,7 @@ from fieldagents.task import Reproducible, Reproduction, get_task
 from fieldagents.tasks.excitation.course import SOURCE, Course, Episodes, Floats, play
 from fieldagents.tasks.excitation.equations import EQUATIONS
 from fieldgym.excitation import ExcitationSettings
+from fieldmodels.html import AFTER, BEFORE, GREY, LINE
 from fieldmodels.machines.excitation.motion import DECISION
 from fieldmodels.machines.excitation.parameters import NAMES, SOFT, TABLE1, VEHICLE
 
@@ -42,7 +43,7 @@ TABLE2_TRUE = {"inertia_x": 0.072, "cg_y": 0.054356, "cg_z": 0.036195, "damping_
 TABLE2_PRINTED = (0.04, -0.07, -0.09, 7.5, 355.0)
 """The one column of estimates that survives in Table II; its averages are printed as 208.4 and 26.8."""
 
-BLUE, RED, GREY = "#0b6e99", "#b3402a", "#8a8f98"
+BLUE, RED = AFTER, BEFORE
 
 
 def rounded(digits: str) -> tuple[float, float, float]:
@@ -278,7 +279,7 @@ def motion_figure(courses: dict[str, Course]) -> Figure:
         axes.plot(time, course.angle, color=BLUE, linewidth=1)
         axes.set_title(name, loc="left", fontsize=10)
         axes.set_ylabel("arm angle [rad]")
-        axes.grid(color="#d9dee6", linewidth=0.8)
+        axes.grid(color=LINE, linewidth=0.8)
     panels[-1].set_xlabel("time [s]")
     figure.tight_layout()
     return figure
@@ -299,7 +300,7 @@ def bits_figure(courses: dict[str, Course], parameter: str) -> Figure:
     axes.set_ylabel(f"information about {parameter} [bits]")
     axes.set_ylim(0, 10)
     axes.legend()
-    axes.grid(color="#d9dee6", linewidth=0.8)
+    axes.grid(color=LINE, linewidth=0.8)
     figure.tight_layout()
     return figure
 
@@ -328,7 +329,7 @@ def convergence_figure(courses: dict[str, Course], parameters: tuple[str, ...]) 
             axes.set_ylim(low - 0.5 * (high - low), high + 0.5 * (high - low))
             axes.set_title(title, loc="left", fontsize=10)
             axes.set_ylabel(f"{parameter} [{VEHICLE[k].unit}]")
-            axes.grid(color="#d9dee6", linewidth=0.8)
+            axes.grid(color=LINE, linewidth=0.8)
     panels[0][0].legend(fontsize=8)
     for axes in panels[-1]:
         axes.set_xlabel("time [s]")

@@ -23,6 +23,7 @@ from fieldagents.reproduce.statistics import exact, mean_of
 from fieldagents.task import Reproducible, Reproduction
 from fieldagents.tasks.heel_strike.sweeps import SOURCE
 from fieldmodels.arrays import FloatArray
+from fieldmodels.html import AFTER, BEFORE, GREY, LINE
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg
 from fieldmodels.machines.heel_strike.strides import Strides
 from fieldmodels.machines.heel_strike.walker import TRACES
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 G_OVER_L = 9.81
 STEP = 0.002
-BLUE, RED, GREY = "#0b6e99", "#b3402a", "#8a8f98"
+BLUE, RED = AFTER, BEFORE
 State = tuple[float, float]
 
 
@@ -219,7 +220,7 @@ def _silent_figure(column: dict[str, FloatArray], strikes: NDArray[np.intp]) -> 
     )
     for axes, title in zip(panels, titles, strict=True):
         axes.set_title(title, loc="left", fontsize=10)
-        axes.grid(color="#d9dee6", linewidth=0.8)
+        axes.grid(color=LINE, linewidth=0.8)
     panels[0].legend(fontsize=8)
     return figure
 

@@ -21,6 +21,7 @@ from fieldagents.tasks.heel_strike.basics import BASICS
 from fieldagents.tasks.heel_strike.gait import GAIT
 from fieldagents.tasks.heel_strike.sweeps import DECAY, SOURCE, SWEEPS, Seed
 from fieldmodels.arrays import FloatArray
+from fieldmodels.html import AFTER, AMBER, BEFORE, GREY, LINE
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains
 from fieldmodels.machines.heel_strike.strides import Strides
@@ -68,11 +69,11 @@ def figure_2_10(
             }
         )
         for axes, errors, unit in ((left, angle, "rad"), (right, rate, "rad/s")):
-            axes.plot(time, errors[0], color="#0b6e99", linewidth=0.8)
+            axes.plot(time, errors[0], color=AFTER, linewidth=0.8)
             axes.set_ylabel(f"error [{unit}]")
-            axes.grid(color="#d9dee6", linewidth=0.8)
+            axes.grid(color=LINE, linewidth=0.8)
         left.set_title(title, loc="left", fontsize=10)
-        left.axhspan(-printed, printed, color="#e2b54d", alpha=0.25, zorder=0)
+        left.axhspan(-printed, printed, color=AMBER, alpha=0.25, zorder=0)
     sizes = [row["ours: median of the walks"] / row["printed: largest angle error [rad]"] for row in rows]
     panels[-1][0].set_xlabel("time [s]: angle (shaded: what the figure shows)")
     panels[-1][1].set_xlabel("time [s]: angular rate")
@@ -133,14 +134,14 @@ def figure_2_12(
     beside = float(ours[np.abs(np.abs(decays - best) - 50) < 1].min())
     figure = Figure(figsize=(7, 4))
     axes = figure.subplots()
-    axes.plot(fine, curve, color="#0b6e99", linewidth=1)
-    axes.plot(decays, ours, "o", color="#0b6e99", label="estimator (2.14), S_MS = 1")
-    axes.axhline(ranger, color="#b3402a", label="Ranger's own, without a filter")
-    axes.axvline(best, color="#8a8f98", linestyle=":")
+    axes.plot(fine, curve, color=AFTER, linewidth=1)
+    axes.plot(decays, ours, "o", color=AFTER, label="estimator (2.14), S_MS = 1")
+    axes.axhline(ranger, color=BEFORE, label="Ranger's own, without a filter")
+    axes.axvline(best, color=GREY, linestyle=":")
     axes.set_yscale("log")
     axes.set_xlabel("S_FD [1/s]")
     axes.set_ylabel("mean |error| at heel strike [mm]")
-    axes.grid(color="#d9dee6", linewidth=0.8)
+    axes.grid(color=LINE, linewidth=0.8)
     axes.legend()
     figure.tight_layout()
     table = pd.DataFrame({"S_FD [1/s]": decays, "ours: mean |error| [mm]": ours})

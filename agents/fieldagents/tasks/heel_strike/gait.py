@@ -23,6 +23,7 @@ from fieldagents.reproduce.statistics import exact, mean_of
 from fieldagents.task import Reproducible, Reproduction
 from fieldagents.tasks.heel_strike.sweeps import SOURCE, gain_sets, walked
 from fieldmodels.arrays import FloatArray
+from fieldmodels.html import AFTER, AMBER, LINE
 from fieldmodels.machines.heel_strike.parameters import Noise
 from fieldmodels.machines.heel_strike.search import score_gains, stride_errors
 
@@ -168,10 +169,10 @@ def gait(
     }
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
-    axes.plot(1e3 * LEADS, works / works[best], color="#0b6e99")
-    axes.axvspan(0, 20, color="#e2b54d", alpha=0.25, label="20 ms before the heel strike")
+    axes.plot(1e3 * LEADS, works / works[best], color=AFTER)
+    axes.axvspan(0, 20, color=AMBER, alpha=0.25, label="20 ms before the heel strike")
     axes.set(xlabel="push-off before the heel strike [ms]", ylabel="work over the least", ylim=(0, 12))
-    axes.grid(color="#d9dee6", linewidth=0.8)
+    axes.grid(color=LINE, linewidth=0.8)
     axes.legend()
     table = pd.DataFrame({"lead [ms]": 1e3 * LEADS, "impulse [m/s]": impulses, "work [J/kg]": works})
     return Reproduction(

@@ -19,6 +19,7 @@ from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, share_of
 from fieldagents.task import Reproducible, Reproduction
 from fieldmodels.arrays import FloatArray
+from fieldmodels.html import AFTER, LINE
 from fieldmodels.machines.heel_strike.parameters import Noise
 from fieldmodels.machines.heel_strike.search import Walks, record_walks, score_gains, stride_errors
 
@@ -102,7 +103,7 @@ def _ratio_figure(
     panels[-1].set(title=summary, xlabel=curve)
     panels[-1].legend(fontsize=8)
     for axes in panels:
-        axes.grid(color="#d9dee6", linewidth=0.8)
+        axes.grid(color=LINE, linewidth=0.8)
     return figure
 
 
@@ -216,7 +217,7 @@ def figure_2_18(
             color=f"C{i % 2}",
         )
         axes.set(title=f"floor {1000 * floor:g} mm", xlabel="S_MS")
-        axes.grid(color="#d9dee6", linewidth=0.8)
+        axes.grid(color=LINE, linewidth=0.8)
     panels[0].set_ylabel("best S_HR")
     panels[0].legend(fontsize=8)
     names = [f"{1000 * floor:g} mm, {p}, {s}" for floor, p, s in best]
@@ -296,9 +297,9 @@ def figure_2_19(
     table = pd.DataFrame(rows)
     figure = Figure(figsize=(9, 4), layout="constrained")
     for axes, score in zip(figure.subplots(1, 2, sharey=True), SCORES, strict=True):
-        axes.plot(table[f"S_FD, {score}"], table[f"error [mm], {score}"], "+", color="#0b6e99")
+        axes.plot(table[f"S_FD, {score}"], table[f"error [mm], {score}"], "+", color=AFTER)
         axes.set(xlabel="best S_FD [1/s]", ylabel="its error [mm]", title=score)
-        axes.grid(color="#d9dee6", linewidth=0.8)
+        axes.grid(color=LINE, linewidth=0.8)
     statistics = {}
     for score in SCORES:
         free = table[table[f"S_MS, {score}"] > 0]  # with the model alone S_FD has no effect
@@ -415,7 +416,7 @@ def _dashes(table: pd.DataFrame, cases: list[tuple[str, str, FloatArray, float]]
                 xlabel="process noise [rad/s2]",
                 ylim=(0, None),
             )
-            axes.grid(color="#d9dee6", linewidth=0.8)
+            axes.grid(color=LINE, linewidth=0.8)
         row[0].set_ylabel(f"{score} [mm]")
     return figure
 

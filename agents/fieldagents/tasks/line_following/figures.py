@@ -21,6 +21,7 @@ from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Reproducible, Reproduction, get_task
 from fieldagents.tasks.line_following import photographs, venues
 from fieldagents.tasks.line_following.photographs import SOURCE
+from fieldmodels.html import AFTER, AMBER, LINE, PURPLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,11 +95,11 @@ def _information_figure(found: pd.DataFrame) -> Figure:
         errors = np.abs(np.stack([mean - part["low"], part["high"] - mean]))
         axes.bar(
             np.arange(len(names)) + (j - 1) * width, mean, 0.9 * width, yerr=errors,
-            color=("#0b6e99", "#e2b54d", "#b070b0")[j], label=track, error_kw={"linewidth": 0.8},
+            color=(AFTER, AMBER, PURPLE)[j], label=track, error_kw={"linewidth": 0.8},
         )  # fmt: skip
     edges = np.cumsum([len(group) for group in GIVEN.values()])[:-1] - 0.5
     for edge in edges:
-        axes.axvline(edge, color="#d9dee6")
+        axes.axvline(edge, color=LINE)
     axes.set_xticks(range(len(names)), [f"{name}\n({known[name].sees})" for name in names], fontsize=8)
     axes.set_ylabel("mean distance from the line [mm]")
     axes.legend(frameon=False)

@@ -21,6 +21,7 @@ from scipy.signal import find_peaks
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, share_of
 from fieldagents.task import Reproduction
+from fieldmodels.html import AFTER, BEFORE, GREEN, GREY
 from fieldmodels.machines.line_following.firmware import calibrate, line_position
 from fieldmodels.machines.line_following.parameters import (
     FLOORS,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, "
-INK, RED, MUTED = "#0b6e99", "#c0392b", "#7d8590"
+INK, RED, MUTED = AFTER, BEFORE, GREY
 SIDE = 60
 """Pixels along each side of a patch of a chart."""
 HAND_HELD = Exposure(mean=110.0, gain=1e4)
@@ -371,7 +372,7 @@ def side_sensors(
             rows.append({"conditions": case, "compared": by, "right [%]": 100 * right.mean()})
     figure = Figure(figsize=(5, 4))
     axes = figure.subplots()
-    axes.scatter(read[:, 0], read[:, 1], s=4, c=np.array([RED, "#2e8b57"])[which])
+    axes.scatter(read[:, 0], read[:, 1], s=4, c=np.array([RED, GREEN])[which])
     axes.plot(*grounds[:, :2].T, "k+", markersize=14, label="at calibration")
     axes.set_xlabel("red component")
     axes.set_ylabel("green component")

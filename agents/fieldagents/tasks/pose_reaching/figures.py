@@ -38,6 +38,7 @@ from fieldagents.tasks.pose_reaching.path_memory.teachers import (
     taught,
 )
 from fieldgym.pose_reaching import PoseReachingEnv, PoseReachingSettings
+from fieldmodels.html import AFTER, AMBER, BEFORE, GREY, LINE
 from fieldmodels.machines.pose_reaching.parameters import STRICT, Field
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, chapter 5, "
 SETTINGS = PoseReachingSettings()
-BLUE, RED, GREY = "#0b6e99", "#b3402a", "#8a8f98"
+BLUE, RED = AFTER, BEFORE
 FAULTY = {"yaw_slip": {"share": 0.3}, "actuator_delay": {"delay": 0.1}}
 """A robot that turns 30 % too little, a tick late."""
 Episodes = Annotated[int, Bounded(ge=20, le=10_000)]
@@ -128,7 +129,7 @@ def figures_5_3_to_5_9(
     _training(axes, states)
     for drive in drives:
         axes.plot(*drive.poses[:, :2].T, color=RED, linewidth=1.2)
-    axes.set_title("Fig 5.9: training paths in blue, generated paths in red", fontsize=9, loc="left")
+    axes.set_title("Fig 5.9: training paths in blue, generated paths in orange", fontsize=9, loc="left")
     figures["figure-5.9"] = figure
     changes = [drive.switches for drive in drives]
     same = [float(np.mean(drive.away_paths == drive.paths[0])) for drive in drives]
@@ -260,7 +261,7 @@ def number_of_paths(
     axes.set_xscale("log")
     axes.set_xlabel("training paths (14 states each)")
     axes.set_ylabel("arrived from anywhere [%]")
-    axes.grid(color="#d9dee6", linewidth=0.8)
+    axes.grid(color=LINE, linewidth=0.8)
     axes.legend(fontsize=8)
     figure.tight_layout()
     return Reproduction(
@@ -467,7 +468,7 @@ def _field() -> tuple[Figure, Axes]:
     axes.add_patch(
         Rectangle((-field.length / 2, -field.width / 2), field.length, field.width, fill=False, color=GREY)
     )
-    axes.add_patch(Circle((0, 0), STRICT.distance, color="#e2b54d"))
+    axes.add_patch(Circle((0, 0), STRICT.distance, color=AMBER))
     axes.set_aspect("equal")
     axes.set_xlim(-0.5, 2.0)
     axes.set_ylim(-1.6, 1.6)

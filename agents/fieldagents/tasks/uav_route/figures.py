@@ -24,6 +24,7 @@ from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.limits import limits_of
 from fieldagents.tasks.uav_route.plan import Counts, Plan
 from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
+from fieldmodels.html import AFTER, BEFORE, GREEN, GREY
 from fieldmodels.machines.uav_route.detection import probability_of_detection
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, Detection, Layout, World
 
@@ -31,8 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SOURCE = "A. I. Chaudhry, Topics in robot locomotion, Cornell University 2015, chapter 4, Figs 4.4 to 4.6"
-COLOURS = {0.5: "#0b6e99", 0.6: "#b3402a", 0.7: "#5b7f2b"}
-GREY = "#8a8f98"
+COLOURS = {0.5: AFTER, 0.6: BEFORE, 0.7: GREEN}
 PRINTED_COUNTS = {"binaries (source)": 15363, "linear (source)": 72, "constraints (source)": 10359}
 """Section 4.5.1, for one aircraft at 0.5."""
 
