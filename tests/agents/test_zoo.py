@@ -71,6 +71,19 @@ def test_every_run_beats_the_best_fixed_gains_on_the_same_strides(training):
         assert run["test_scores"]["error_mm"] < 0.8 * best_fixed
 
 
+def test_an_entry_has_what_it_asks_for_in_any_scenario():
+    """The student of two bands is among agents of one, in scenarios that say nothing of bands."""
+    agent = load("line_following", "student_two_bands")
+    assert agent.settings == {"bands": 2}
+    short = {"track": "s", "strides": 30}
+    seeds = TEST_SEEDS[:4]
+    silent, told = (
+        run_episodes(agent, "line_following", EnvironmentConfig(settings=short | more), seeds)
+        for more in ({}, {"bands": 2})
+    )
+    pd.testing.assert_frame_equal(silent, told)
+
+
 def test_policies_load_by_name():
     agent = load("heel_strike", "ppo", run=1)
     size = agent.shape[0]
