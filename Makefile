@@ -44,7 +44,7 @@ build: $(READY)  ## wheel and source distribution, in dist/
 
 audit: $(READY)  ## known weaknesses of the pinned dependencies (asks the network)
 	$(BIN)/pip install --quiet pip-audit
-	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement requirements.lock
+	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
 
 clean:  ## remove compiled kernels, what was built, and the virtual environment
 	-$(BIN)/python -c 'import shutil; from fieldmodels.compiled import cache_folder as f; shutil.rmtree(f() or "", True)'

@@ -148,6 +148,7 @@ def _reproductions() -> list[str]:
 
 def show(found: dict[str, Any], console: Console) -> None:
     """Print a catalogue as tables."""
+    from rich.markup import escape
     from rich.table import Table
 
     for task in found["tasks"]:
@@ -178,7 +179,7 @@ def show(found: dict[str, Any], console: Console) -> None:
         return
     console.print("\n[bold]Trained policies[/bold]: " + (", ".join(found["zoo"]) or "none"))
     console.print("[bold]Public recordings[/bold]: " + (", ".join(found["datasets"]) or "none"))
-    console.print("[bold]Reproductions[/bold]: " + ", ".join(found["reproductions"]))
+    console.print("[bold]Reproductions[/bold]: " + escape(", ".join(found["reproductions"])))
 
 
 def _unit(item: dict[str, Any]) -> str:
