@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from fieldagents.cli import app
 from fieldagents.degenerate import KINDS, Case, cases_of, run_cases, summary
 from fieldagents.degenerate import run as room
 from fieldagents.degenerate.cases import bench, table
@@ -83,3 +85,20 @@ def test_a_motion_that_nothing_can_measure_is_refused_before_the_work(tmp_path, 
     log = load_recording(table(tmp_path / "log.csv", values), get_model("rig"))
     with pytest.raises(RecordingError, match="position never changes, whatever is commanded"):
         identifiable(get_model("rig"), [log], {})
+
+
+@pytest.mark.slow
+def test_a_sensor_that_is_dead_in_some_of_many_records_is_said_of_each_and_nothing_is_named(tmp_path):
+    paths = []
+    for number in range(6):
+        values = bench(np.random.default_rng(number), 200)
+        values[:, 2] *= number not in (1, 4)
+        paths.append(str(table(tmp_path / f"log{number}.csv", values)))
+    words = ["diagnose", *paths, "--model", "rig", "--out", str(tmp_path / "out"), "--json"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    said = [line for line in done.stderr.splitlines() if "'position' never changes" in line]
+    assert [path for path in paths if any(path in line for line in said)] == [paths[1], paths[4]]
+    found = json.loads(done.stdout)
+    assert found["causes"] == []
+    assert found["verdict"] == "unknown"
