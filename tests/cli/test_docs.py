@@ -84,6 +84,15 @@ def test_python_on_the_page_runs(page, capsys):
     assert 0 < float(capsys.readouterr().out) < 20
 
 
+def test_the_example_on_the_page_of_python_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "api.md").read_text(), re.DOTALL)
+    exec(compile(code, "api.md", "exec"), {"__name__": "example"})
+    promised = re.findall(r"^print.*# (.*?)(?:, in percent)?$", code, re.MULTILINE)
+    assert capsys.readouterr().out.splitlines() == promised
+    assert (tmp_path / "model.py").exists()
+
+
 def test_config_on_the_cli_page_records(tmp_path):
     block = next(part for part in (DOCS / "cli.md").read_text().split("```yaml\n") if "stiff_bench" in part)
     (tmp_path / "record.yaml").write_text(block.split("```")[0])
