@@ -67,6 +67,8 @@ class _Part:
             return self._module(value, names, seen)
         if value is None or value is ... or isinstance(value, bool | int | float | complex | str | bytes):
             return f"{_name(type(value))} {value!r}"
+        if isinstance(value, slice):  # a constant of code from Python 3.14 on
+            return f"slice {self._value((value.start, value.stop, value.step))}"
         if isinstance(value, tuple | list):
             inside = ", ".join(self._value(item) for item in value)
             fields = getattr(type(value), "_fields", "")
