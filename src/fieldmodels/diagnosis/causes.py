@@ -150,13 +150,13 @@ def with_alternatives(
     result = []
     for cause in causes:
         others: list[str] = []
-        curve = judged.unsure.get(cause.effect, judged.twin)
-        twin = [f"curve of {curve.curve.direction}"] if curve else []
+        twin = f"curve of {judged.twin.curve.direction}" if judged.twin else ""
+        instead = judged.unsure.get(cause.effect, twin)
         for other in selection.alternatives if same else ():
             removed, added = chosen - set(other.effects), set(other.effects) - chosen
             if cause.effect in removed:
                 others += [name for name in other.effects if name in added and name not in others]
-        result.append(replace(cause, alternatives=(*others, *twin)))
+        result.append(replace(cause, alternatives=(*others, *([instead] if instead else []))))
     return tuple(result)
 
 

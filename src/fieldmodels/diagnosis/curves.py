@@ -10,10 +10,9 @@ jointly with the free parameters and to first order.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -24,8 +23,15 @@ from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import averaged, odds_responses, offsets, responses, segments
-from fieldmodels.diagnosis.result import WAVE, MissingCurve
+from fieldmodels.diagnosis.response import (
+    Answers,
+    averaged,
+    odds_responses,
+    offsets,
+    responses,
+    segments,
+)
+from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.selection import (
     RARE_P,
     block_p_value,
@@ -33,96 +39,38 @@ from fieldmodels.diagnosis.selection import (
     dispersion,
     largest_share,
 )
+from fieldmodels.diagnosis.shapes import (
+    Curve,
+    Signals,
+    known_functions,
+    products,
+    tables,
+    window_tables,
+)
 from fieldmodels.diagnosis.wander import beside
+from fieldmodels.diagnosis.waves import places, strongest
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
     CHANGE,
     MEMORY,
     PLAY,
+    SEGMENTS,
     SHARE,
     TIMES,
-    WAY,
-    direction_of,
     given,
     remembering,
     variable,
 )
 from fieldmodels.model import Combination, Signal
 
-Place = Literal["force", "sensor", "parameter", "odds"]
-Signals = Mapping[str, tuple[str, FloatArray]]
-QUANTILES = tuple(np.linspace(0.01, 0.99, 8))  # of the variable, where a curve's knots are
-ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the variable is extreme
-OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
-FINE = 129  # points of a known function
-MULTIPLIED = 7  # signals whose products are tried
-LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
-NO_FACTORS = ("time", CHANGE, "rate of ")
-CYCLES = 600.0  # of a wave over the whole range of its variable, at most
-WAVES = 64  # that are tried at a time, which bounds memory
-POINTS = 16  # of a cycle of a wave, where its table is given
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
-TOLD = (
-    3.0  # times its error that a variable must move where noise drives the machine, as of its measured inputs
-)
+NEAR_BEST = 3  # tables whose known functions compete with names
+TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
+SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
-
-
-def _step(x: FloatArray) -> FloatArray:
-    """The sign; over a small range, since nothing reverses at once."""
-    return np.asarray(np.tanh(x / 0.02))
-
-
-def _bend(x: FloatArray) -> FloatArray:
-    return np.asarray(x * np.abs(x))
-
-
-FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
-    "constant": (np.ones_like,),
-    "sign": (_step,),
-    "sign and constant": (_step, np.ones_like),
-    "size": (np.abs,),
-    "square": (np.square,),
-    "square with sign": (_bend,),
-    "cube": (lambda x: np.asarray(x**3),),
-}
-"""Functions that are common in machines, of a variable over its largest size."""
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A curve that may be missing.
-
-    Attributes:
-        place: What it adds to.
-        target: The output, base parameter or direction of motion that it adds to; empty for the only force.
-            Of a "share of" a direction the values are parts of how fast the machine moves that way.
-        over: The variable.
-        over_unit: Its unit.
-        unit: Of the curve's values.
-        values: Columns on the segments of every window, shape (windows, segments, columns); of a parameter's
-            curve on the windows, shape (windows, columns).
-        knots: Values of the variable at which the curve is given, shape (points,).
-        shapes: Each column's value there, shape (points, columns).
-        formula: What it is called if it is no table but a known function of the variable.
-        tried: Of how many of its kind it is the best.
-    """
-
-    place: Place
-    target: str
-    over: str
-    over_unit: str
-    unit: str
-    values: FloatArray
-    knots: FloatArray
-    shapes: FloatArray
-    formula: str = ""
-    tried: int = 1
-
-    @property
-    def direction(self) -> str:
-        """What it depends on and where it acts, in a few words."""
-        return direction_of(self.place, self.target, self.over)
+SAME_SINE = (
+    0.2  # of the angle below which a curve is what effects do anyhow: none of its own is half its size
+)
 
 
 @dataclass(frozen=True)
@@ -195,8 +143,15 @@ class Curves:
             model.outputs[j].name: offsets(problem, j) for j in measured if not model.outputs[j].event
         }
         self.signals = self._variables()
+        self._answers: dict[tuple[str, str], Answers] = {}
         self.all = tuple(self._curves())
-        self._wave_places = tuple(self._places_of_waves())
+        self._wave_places = tuple(places(model, self.signals, self._shown, self._averaged))
+
+    def reweighed(self, fitted: Fit) -> Curves:
+        """The same curves beside the same fit with other weights."""
+        result = copy(self)
+        result.fitted, result._answers = fitted, {}
+        return result
 
     def judge(self, candidate: Candidate, curves: Iterable[Curve] | None = None) -> list[Scored]:
         """Score every curve beside a candidate, most probable first.
@@ -206,14 +161,13 @@ class Curves:
             curves: The curves; by default all.
         """
         basis, _ = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))
-        residual = candidate.fit.residual.reshape(-1)
-        promising: list[tuple[float, Curve, FloatArray, FloatArray]] = []
-        for curve in (*self.all, *self._waves(basis, residual)) if curves is None else curves:
-            combined = _identifiable(self.response(curve), basis)
-            if combined is not None:
-                columns, combination, own = combined
-                gain = 0.5 * float(np.sum((own.T @ residual) ** 2)) - candidate.price * len(own.T)
-                promising.append((gain, curve, columns, combination))
+        screen = _Screen(self, basis, candidate.fit.residual.reshape(-1))
+        promising: list[tuple[float, Curve, FloatArray]] = []
+        for curve in (*self.all, *self._waves(screen)) if curves is None else curves:
+            seen = _identifiable(*screen.products(curve))
+            if seen is not None:
+                gain, combination = seen
+                promising.append((gain - candidate.price * combination.shape[1], curve, combination))
         promising.sort(key=lambda one: -one[0])
         found = [self._scored(candidate, *one[1:]) for one in promising[:SCREENED]]
         return sorted(found, key=lambda s: s.candidate.total)
@@ -293,40 +247,68 @@ class Curves:
 
     def as_formula(self, candidate: Candidate, scored: Scored) -> Scored:
         """The same curve as a known function of its variable, where that is as good."""
-        known = self.judge(candidate, self._known_functions(scored.curve))
+        known = self.as_known(candidate, [scored])
         if known and known[0].candidate.total < scored.candidate.total:
             return known[0]
         return scored
 
+    def as_known(self, candidate: Candidate, found: Iterable[Scored]) -> list[Scored]:
+        """Known functions of the variables of some tables, the most probable first."""
+        known = [
+            self._perhaps_share(one)
+            for scored in found
+            if scored.curve.over in self.signals
+            for one in known_functions(scored.curve, self.signals[scored.curve.over][1])
+        ]
+        return self.judge(candidate, known)
+
+    def is_within(self, curve: Curve, chosen: Candidate) -> bool:
+        """Whether what a curve adds is what a set's effects do anyhow, the base's parameters aside."""
+        fitted = chosen.fit
+        known = fitted.jacobian[:, :, fitted.active]
+        base = fitted.free[fitted.active] < len(self.problem.model.parameters)
+        own = stacked(self.response(curve))
+        own = _beyond_span(own / (np.sqrt(np.sum(own**2, axis=0)) + 1e-300), stacked(known[:, :, base]))
+        left, size, _ = np.linalg.svd(own, full_matrices=False)
+        left = left[:, size > LEAST_SINE]
+        rest = np.linalg.svd(_beyond_span(left, stacked(known)), compute_uv=False)
+        return bool((rest < SAME_SINE).all())
+
     def response(self, curve: Curve) -> FloatArray:
         """Whitened response of the features to each column, states projected out."""
-        if curve.place == "parameter":
-            k = int(np.flatnonzero(self.fitted.free == self.problem.model.index(curve.target))[0])
+        return np.asarray(self.answers(curve).columns @ _by_segments(curve))
+
+    def answers(self, curve: Curve) -> Answers:
+        """How the residual answers at a curve's place."""
+        target = curve.target.removeprefix(SHARE)
+        if (curve.place, target) not in self._answers:
+            self._answers[curve.place, target] = Answers(self._columns(curve.place, target))
+        return self._answers[curve.place, target]
+
+    def _columns(self, place: str, target: str) -> FloatArray:
+        """As of ``Answers``; a parameter is one for a window, and its only segment is the whole."""
+        if place == "parameter":
+            k = int(np.flatnonzero(self.fitted.free == self.problem.model.index(target))[0])
             slope = Coordinates(self.problem.model.all_parameters, self.fitted.free).slope(
                 self.fitted.parameters[self.fitted.free]
             )[k]
-            return np.asarray(self.fitted.jacobian[:, :, k, None] * curve.values[:, None, :] / slope)
-        if curve.place == "force":
-            response = self._force[curve.target.removeprefix(SHARE)]
-        elif curve.place == "odds":
-            response = self._odds[curve.target]
-        else:
-            response = self._shown[curve.target]
-        return project(self.fitted, response @ curve.values, self._of_start(curve))
+            return np.asarray(self.fitted.jacobian[:, :, [k]] / slope)
+        if place != "sensor":
+            return project(self.fitted, (self._force if place == "force" else self._odds)[target])
+        return project(self.fitted, self._shown[target], self._of_start(target))
 
-    def _of_start(self, curve: Curve) -> FloatArray | None:
+    def _of_start(self, target: str) -> FloatArray | None:
         """What an erring sensor says too much of a window's start, as of ``project``; None if nothing."""
         model = self.problem.model
         sources = [model.measured_states.get(s.name, s.name) for s in model.states]
-        same = np.array([curve.place == "sensor" and source == curve.target for source in sources])
+        same = np.array([source == target for source in sources])
         if self.problem.runs is not None or not same.any():
             return None
-        return np.asarray((same / (PRIOR * self.problem.state_scale))[:, None] * curve.values[:, :1])
+        first = np.eye(1, SEGMENTS)  # the first segment
+        return np.asarray((same / (PRIOR * self.problem.state_scale))[:, None] * first)
 
-    def _scored(
-        self, candidate: Candidate, curve: Curve, columns: FloatArray, combination: FloatArray
-    ) -> Scored:
-        fitted = candidate.fit
+    def _scored(self, candidate: Candidate, curve: Curve, combination: FloatArray) -> Scored:
+        fitted, columns = candidate.fit, self.response(curve) @ combination
         wide = replace(
             fitted,
             jacobian=np.concatenate([fitted.jacobian, columns], axis=2),
@@ -364,19 +346,19 @@ class Curves:
             over = {**plain, **remembered}
             if sum(weight != 0.0 for weight in push.weights) > 1:  # part of others, which have all variables
                 over = {n: s for n, s in over.items() if push.rate in n}
-            for curve in _tables(over):
+            for curve in tables(over):
                 yield replace(curve, target=push.name, unit=push.unit or "1")
             if push.rate in signals:
                 places = {n: s for n, s in plain.items() if n in outputs or n == "time"}
                 per = signals[push.rate][0]
                 share = "1" if per == push.unit else f"{push.unit} / ({per})"
-                for curve in _tables(places):
+                for curve in tables(places):
                     yield self._perhaps_share(replace(curve, target=SHARE + push.name, unit=share))
-        for curve in _products(plain):
+        for curve in products(plain):
             yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
         signals = lasting
         for name in events:
-            for curve in (*_tables(signals), *_products(signals)):
+            for curve in (*tables(signals), *products(signals)):
                 yield replace(curve, place="odds", target=name, unit="1")
         # Where chance drives the machine, it is told from a sensor's error alone by what that depends on.
         chance = model.random_force
@@ -384,98 +366,20 @@ class Curves:
             over = (
                 {name: plain[name]} if name in plain and chance else {} if chance else {**plain, **own[name]}
             )
-            for curve in _tables(over):
+            for curve in tables(over):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])
         first = len(model.parameters) if chance else 0
         for i in self.fitted.free[self.fitted.free >= first]:
-            for curve in _window_tables(plain):
+            for curve in window_tables(plain):
                 p = model.all_parameters[i]
                 yield replace(curve, place="parameter", target=model.names[i], unit=p.unit)
 
-    def _waves(self, basis: FloatArray, residual: FloatArray) -> Iterator[Curve]:
-        """The strongest wave at each place over each variable: hum, eccentric gears and wheels.
-
-        Args:
-            basis: Orthonormal basis of the free parameters' sensitivities, shape (windows * features, free).
-            residual: What remains to be explained, shape (windows * features,).
-        """
-        for curve in self._wave_places:
-            # Faster waves are lost in the averages over a segment.
-            x, span = curve.values, float(curve.knots[1] - curve.knots[0])
-            passed = float(np.median(np.abs(np.diff(x, axis=1)))) + 1e-9
-            counts = np.arange(2.0, min(0.5 / passed, CYCLES), 0.5)
-            if not len(counts):
-                continue
-            powers = np.concatenate(
-                [
-                    self._wave_powers(curve, some, basis, residual)
-                    for some in np.array_split(counts, -(-len(counts) // WAVES))
-                ]
-            )
-            count = float(counts[np.argmax(powers)])
-            points = np.linspace(0.0, 1.0, POINTS * int(np.ceil(count)) + 1)
-            yield self._perhaps_share(
-                replace(
-                    curve,
-                    values=_wave(x, count),
-                    knots=curve.knots[0] + span * points,
-                    shapes=_wave(points, count),
-                    formula=f"{WAVE} {span / count:.3g} {curve.over_unit}",
-                    tried=len(counts),
-                )
-            )
-
-    def _places_of_waves(self) -> Iterator[Curve]:
-        """Where there may be waves, and over what: the variable from zero to one in place of values."""
-        model, outputs = self.problem.model, {s.name: s.unit for s in self.problem.model.outputs}
-
-        def place(place: Place, target: str, unit: str, over: str, over_unit: str, x: FloatArray) -> Curve:
-            ends = np.array([x.min(), x.max()])
-            return Curve(place, target, over, over_unit, unit, (x - ends[0]) / np.ptp(ends), ends, np.eye(2))
-
-        for target in self._shown:
-            for over, (unit, values) in self.signals.items():
-                if over == "time" or (over == target and not unit.endswith("/s")):
-                    yield place("sensor", target, outputs[target], over, unit, values)
-        for push in model.pushes:
-            one_way = sum(weight != 0.0 for weight in push.weights) == 1
-            if push.rate in self.signals and push.rate not in outputs and one_way:
-                per, way = self.signals[push.rate][0], f"{WAY}{push.rate}"
-                values = self._averaged(way)
-                if np.ptp(values) > 0:
-                    share = "1" if per == push.unit else f"{push.unit} / ({per})"
-                    unit = per.removesuffix("/s")
-                    yield place("force", SHARE + push.name, share, way, unit, values)
-
-    def _wave_powers(
-        self, curve: Curve, counts: FloatArray, basis: FloatArray, residual: FloatArray
-    ) -> FloatArray:
-        """What waves of so many cycles at a place explain of a residual, shape (waves,)."""
-        waves = np.concatenate([_wave(curve.values, count) for count in counts], axis=-1)
-        flat = stacked(self.response(self._perhaps_share(replace(curve, values=waves))))
-        flat = flat - basis @ (basis.T @ flat)
-        pairs = flat.reshape(len(flat), len(counts), 2)
-        slopes = np.tensordot(residual, pairs, 1)
-        power = np.einsum("rcj,rck->cjk", pairs, pairs)
-        power += (1e-6 * np.trace(power, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(2)
-        return np.asarray(np.sum(slopes * np.linalg.solve(power, slopes[..., None])[..., 0], axis=1))
-
-    def _known_functions(self, curve: Curve) -> Iterator[Curve]:
-        """Functions that are common in machines, over the variable of a table."""
-        if curve.shapes.shape[1] == 1 or curve.place == "parameter" or curve.over == "time" or curve.formula:
-            return
-        values = self.signals[curve.over][1]
-        knots = np.linspace(values.min(), values.max(), FINE)
-        size = float(np.abs(knots).max())
-        for name, terms in FUNCTIONS.items():
-            known = replace(
-                curve,
-                knots=knots,
-                values=np.stack([f(values / size) for f in terms], axis=-1),
-                shapes=np.stack([f(knots / size) for f in terms], axis=-1),
-                formula=name,
-            )
-            yield self._perhaps_share(known)
+    def _waves(self, screen: _Screen) -> Iterator[Curve]:
+        """The strongest wave at each place over each variable."""
+        for place in self._wave_places:
+            found = strongest(place, lambda waves, count: screen.powers(self._perhaps_share(waves), count))
+            if found is not None:
+                yield self._perhaps_share(found)
 
     def _perhaps_share(self, curve: Curve) -> Curve:
         """What a share of a direction's own rate adds to it; any other curve as it is."""
@@ -561,94 +465,90 @@ class Curves:
                 yield name, f"{one.unit} {one.unit}"
 
 
-def _tables(signals: Signals) -> Iterator[Curve]:
-    """Lookup tables of every signal."""
-    for name, (unit, values) in signals.items():
-        if name.startswith(LINES) or " times " in name:
-            yield _line(name, unit, values)
-            continue
-        knots = np.unique(np.quantile(values, QUANTILES))
-        if len(knots) >= 4:
-            yield Curve("force", "", name, unit, "", _hats(values, knots), knots, np.eye(len(knots)))
-            ends = np.quantile(values, ENDS)
-            yield Curve("force", "", name, unit, "", _beyond(values, ends), ends, _beyond(ends, ends), "ends")
+def _by_segments(curve: Curve) -> FloatArray:
+    """Columns on the segments of every window; of a parameter's curve on its only one."""
+    return curve.values[:, None, :] if curve.place == "parameter" else curve.values
 
 
-def _products(signals: Signals) -> Iterator[Curve]:
-    """Products of pairs of signals; of a machine with many sensors only of its first ones."""
-    moving = [n for n in signals if not n.startswith(NO_FACTORS)]
-    for first, second in itertools.combinations(moving[:MULTIPLIED], 2):
-        a, b = signals[first][1], signals[second][1]
-        unit = f"{signals[first][0]} {signals[second][0]}"
-        yield _line(f"{first} times {second}", unit, a * b)
-        yield _line(f"{first} times size of {second}", unit, a * np.abs(b))
-        yield _line(f"{second} times size of {first}", unit, np.abs(a) * b)
+class _Screen:
+    """Products of what curves explain with each other, with the free parameters and with the residual."""
+
+    def __init__(self, curves: Curves, basis: FloatArray, residual: FloatArray) -> None:
+        """Prepare.
+
+        Args:
+            curves: Whose places answer.
+            basis: Orthonormal basis of the free parameters' sensitivities, shape (windows * rows, free).
+            residual: What remains to be explained, shape (windows * rows,).
+        """
+        self._curves = curves
+        self._others = np.column_stack([basis, residual])
+        self._left = basis.T @ residual
+        self._with_others: dict[int, FloatArray] = {}
+
+    def products(self, curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Of a curve's columns, as of ``_identifiable``."""
+        answers, values = self._curves.answers(curve), _by_segments(curve)
+        with_others = np.tensordot(self._of(answers), values, ((0, 1), (0, 1)))
+        gram = np.tensordot(values, answers.products @ values, ((0, 1), (0, 1)))
+        return gram, with_others[:-1], with_others[-1], self._left
+
+    def powers(self, waves: Curve, count: int) -> FloatArray:
+        """What each pair of a curve's columns explains of the residual beside the basis, shape (count,)."""
+        answers, values = self._curves.answers(waves), waves.values
+        pairs = (*values.shape[:2], count, 2)
+        with_others = np.tensordot(self._of(answers), values, ((0, 1), (0, 1))).reshape(-1, count, 2)
+        cross = with_others[:-1]
+        power = np.einsum(
+            "wskc,wskd->kcd", values.reshape(pairs), (answers.products @ values).reshape(pairs)
+        ) - np.einsum("fkc,fkd->kcd", cross, cross)
+        slopes = with_others[-1] - np.tensordot(self._left, cross, 1)
+        power += (1e-6 * np.trace(power, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(2)
+        return np.asarray(np.sum(slopes * np.linalg.solve(power, slopes[..., None])[..., 0], axis=1))
+
+    def _of(self, answers: Answers) -> FloatArray:
+        if id(answers) not in self._with_others:
+            self._with_others[id(answers)] = answers.with_all(self._others)
+        return self._with_others[id(answers)]
 
 
-def _window_tables(signals: Signals) -> Iterator[Curve]:
-    """Tables and lines of the mean and of the size of every signal in a window."""
-    for name, (unit, values) in signals.items():
-        if name.startswith(CHANGE):
-            continue
-        sizes = {name: values.mean(axis=1)}
-        if name != "time":
-            sizes[f"size of {name}"] = np.sqrt(np.mean(values**2, axis=1))
-        for over, size in sizes.items():
-            knots = np.unique(np.quantile(size, OF_PARAMETER))
-            if len(knots) >= 4:
-                middle = float(size.mean())
-                line = (knots - middle)[:, None]
-                yield Curve("parameter", "", over, unit, "", (size - middle)[:, None], knots, line)
-                yield Curve("parameter", "", over, unit, "", _hats(size, knots), knots, np.eye(len(knots)))
-
-
-def _line(over: str, unit: str, values: FloatArray) -> Curve:
-    """A force proportional to one quantity."""
-    low, high = np.quantile(values, [0.01, 0.99])
-    knots = np.linspace(low, high, 9)
-    return Curve("force", "", over, unit, "", values[:, :, None], knots, knots[:, None])
-
-
-def _wave(x: FloatArray, count: float) -> FloatArray:
-    """Sine and cosine of so many cycles from zero to one, shape (..., 2)."""
-    return np.stack([np.sin(2 * np.pi * count * x), np.cos(2 * np.pi * count * x)], axis=-1)
-
-
-def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
-    """Piecewise-linear hat functions at the knots, constant beyond the outer ones; shape (..., knots)."""
-    eye = np.eye(len(knots))
-    return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
-
-
-def _beyond(values: FloatArray, ends: FloatArray) -> FloatArray:
-    """By how much values lie beyond the inner two of four ends, shape (..., 2)."""
-    return np.stack([np.minimum(values - ends[1], 0.0), np.maximum(values - ends[2], 0.0)], axis=-1)
-
-
-def _identifiable(columns: FloatArray, basis: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def _identifiable(
+    gram: FloatArray, cross: FloatArray, slopes: FloatArray, left: FloatArray
+) -> tuple[float, FloatArray] | None:
     """What of a curve the free parameters cannot reproduce.
 
     A curve that is nearly collinear with a free parameter (a force proportional to the angle, with the
     stiffness free) would get a huge coefficient, whose small remaining component fits the noise.
 
     Args:
-        columns: Response to the curve's columns, shape (windows, features, columns).
-        basis: Orthonormal basis of the free parameters' sensitivities, shape (windows * features, free).
+        gram: Products of the response to the curve's columns, shape (columns, columns).
+        cross: The same with an orthonormal basis of the free parameters' sensitivities, (free, columns).
+        slopes: The same with the residual, shape (columns,).
+        left: Of the basis with the residual, shape (free,).
 
     Returns:
-        Response to the identifiable combinations, the combinations, shape (columns, combinations), and the
-        orthonormal basis of what of their response is their own; None if there are none.
+        What the identifiable combinations gain on the fitted windows [nats], and these, shape (columns,
+        combinations); None if there are none.
     """
-    flat = stacked(columns)
-    scale = np.sqrt(np.sum(flat**2, axis=0)) + 1e-30
-    left, size, right = np.linalg.svd(flat / scale, full_matrices=False)
-    sound = size > 1e-6 * max(float(size[0]), 1e-30)
-    own, sines, turn = np.linalg.svd(left[:, sound] - basis @ (basis.T @ left[:, sound]), full_matrices=False)
-    kept = sines > LEAST_SINE
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0)) + 1e-30
+    size, turn = np.linalg.eigh(gram / np.multiply.outer(scale, scale))
+    sound = size > SOUND * max(float(size[-1]), 1e-30)
+    white = turn[:, sound] / np.sqrt(size[sound]) / scale[:, None]
+    across = cross @ white
+    squares, turn = np.linalg.eigh(np.eye(across.shape[1]) - across.T @ across)
+    kept = squares > LEAST_SINE**2
     if not kept.any():
         return None
-    combination = np.asarray((right[sound].T / size[sound]) @ turn[kept].T / scale[:, None])
-    return columns @ combination, combination, own[:, kept]
+    explained = (slopes @ white - left @ across) @ turn[:, kept]
+    return 0.5 * float(np.sum(explained**2 / squares[kept])), np.asarray(white @ turn[:, kept])
+
+
+def _beyond_span(columns: FloatArray, others: FloatArray) -> FloatArray:
+    """What of some columns is not in the span of others."""
+    if not others.shape[1]:
+        return columns
+    basis, _ = np.linalg.qr(others)
+    return np.asarray(columns - basis @ (basis.T @ columns))
 
 
 def _solved(wide: Fit) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,6 @@ ratio's non-central distribution (Wald 1943; Kay 1998, section 6.5).
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -18,11 +17,12 @@ from scipy.linalg import eigh
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.curves import Curve, Curves
+from fieldmodels.diagnosis.curves import Curves
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import reweighed, stacked
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Visible
+from fieldmodels.diagnosis.shapes import Curve
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 SMALLEST = 1e-9
@@ -112,8 +112,7 @@ class _Trial:
         moved = replace(candidate.fit, raw=candidate.fit.raw + size * shape.added)
         fitted = reweighed(problem, moved, covariance_whitener(problem, moved))
         self.candidate = replace(candidate, fit=fitted, loss=held_out_loss(fitted, problem.folds))
-        self.curves = copy(curves)
-        self.curves.fitted = fitted
+        self.curves = curves.reweighed(fitted)
         self.scored = next(iter(self.curves.judge(self.candidate, [shape.curve])), None)
 
     @property

@@ -7,6 +7,8 @@ tried without simulating each.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,33 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.drivers.variables import SEGMENTS
+
+
+@dataclass(frozen=True)
+class Answers:
+    """How a fit's residual answers to a unit on each segment of the windows.
+
+    What curves would explain follows from products of these columns: none of the curves' own is needed.
+
+    Attributes:
+        columns: Whitened, states projected out, shape (windows, rows, segments).
+    """
+
+    columns: FloatArray
+
+    @cached_property
+    def products(self) -> FloatArray:
+        """Of the columns of each window, shape (windows, segments, segments)."""
+        return np.asarray(self.columns.transpose(0, 2, 1) @ self.columns)
+
+    def with_all(self, others: FloatArray) -> FloatArray:
+        """Products with other columns, shape (windows, segments, others).
+
+        Args:
+            others: Columns of all windows below each other, shape (windows * rows, others).
+        """
+        windows, rows, _ = self.columns.shape
+        return np.asarray(self.columns.transpose(0, 2, 1) @ others.reshape(windows, rows, -1))
 
 
 def segments(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:

@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.chance import varying_by_chance
+from fieldmodels.diagnosis.curves import NEAR_BEST, Curves, Scored
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import Cause, MissingCurve, Verdict
 from fieldmodels.diagnosis.selection import block_p_value
+from fieldmodels.model import Effect
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,8 @@ class Judgement:
         curves: Unlisted curves beside it, the most important first.
         twin: An unlisted curve that explains the data as well as the named effects, if there is one.
         beaten: Effects that the search had chosen and that curves explain better.
-        unsure: Of each effect that need not be what its name says, the curve that may take its place, or
-            how its value differs between parts of the data.
+        unsure: Of each effect that need not be what its name says, what it may be instead: a curve in its
+            place, how its value differs between parts of the data, or that it varies by chance.
     """
 
     kept: Candidate
@@ -39,7 +41,7 @@ class Judgement:
     curves: tuple[Scored, ...] = ()
     twin: Scored | None = None
     beaten: tuple[str, ...] = ()
-    unsure: Mapping[str, Scored] = field(default_factory=dict)
+    unsure: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
@@ -66,33 +68,51 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     burden = options.price_of_name * (len(chosen.effects) - 1)
     beside = Curves(problem, chosen.fit, options)
     left = beside.rivals(chosen)
-    with_more = left[0].candidate if left else chosen
-    for count in range(len(rivals), 0, -1):
-        rival = rivals[count - 1].candidate
-        if _beats(rival, chosen, burden, problem.blocks, options) and not _mostly(
-            base, chosen, with_more, rival, burden, options
+    known = _known(curves, beside, base, chosen)
+    for rival in (*(rivals[:count] for count in range(len(rivals), 0, -1)), *([one] for one in known)):
+        last = rival[-1].candidate
+        if _beats(last, chosen, burden, problem.blocks, options) and not _mostly(
+            candidates, base, chosen, left, rival, burden
         ):
-            return Judgement(
-                base, curves, _with_formulas(curves, base, rivals[:count]), beaten=chosen.effects
-            )
-    kept, beaten, as_good = _without_the_beaten(candidates, chosen, with_more)
+            return Judgement(base, curves, _with_formulas(curves, base, rival), beaten=chosen.effects)
+    kept, beaten, as_good = _without_the_beaten(candidates, chosen, left)
     if beaten:
         beside = Curves(problem, kept.fit, options)
         left = beside.rivals(kept)
     if left and not beside.called_for(kept, left[0]):
         left = []
-    twin = next((r for r in rivals if _as_good(r.candidate, chosen, burden, problem.blocks, options)), None)
+    twin = next((r for r in (*rivals, *known) if _as_good(r, chosen, burden, problem.blocks, options)), None)
     return Judgement(
         kept,
         beside,
         _with_formulas(beside, kept, left),
         twin if not beaten else None,
         beaten,
-        {**as_good, **_varying(beside, kept)},
+        {**as_good, **varying_by_chance(problem, kept), **_varying(beside, kept)},
     )
 
 
-def _varying(beside: Curves, kept: Candidate) -> dict[str, Scored]:
+def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -> list[Scored]:
+    """Known functions that compete with names: of the best tables, without what the names do anyhow.
+
+    A table of eight values pays for what it does not need; a function has one or two.
+
+    Args:
+        curves: Those beside the base.
+        beside: Those beside the names.
+        base: What the functions are added to.
+        chosen: The names.
+    """
+    best = curves.judge(base)[:NEAR_BEST]
+    return [one for one in curves.as_known(base, best) if not beside.is_within(one.curve, chosen)]
+
+
+def _words(scored: Scored) -> str:
+    """A curve as an alternative to a name."""
+    return f"curve of {scored.curve.direction}"
+
+
+def _varying(beside: Curves, kept: Candidate) -> dict[str, str]:
     """Named effects whose values do not agree between parts of the data, each with the clearest difference.
 
     The parts are told apart by the mean and the size of every signal in a window, and by the time.
@@ -102,7 +122,7 @@ def _varying(beside: Curves, kept: Candidate) -> dict[str, Scored]:
         own = [c for c in beside.all if c.place == "parameter" and c.target.startswith(f"{name}.")]
         for best in beside.judge(kept, own)[:1]:
             if beside.called_for(kept, best, len(own)):
-                result[name] = best
+                result[name] = _words(best)
     return result
 
 
@@ -149,21 +169,21 @@ def mostly_explained(testing: Problem, before: Prediction, after: Prediction) ->
 
 
 def _without_the_beaten(
-    candidates: Candidates, chosen: Candidate, with_more: Candidate
-) -> tuple[Candidate, tuple[str, ...], dict[str, Scored]]:
+    candidates: Candidates, chosen: Candidate, left: Sequence[Scored]
+) -> tuple[Candidate, tuple[str, ...], dict[str, str]]:
     """The set without the members that a curve in their place explains better, one by one.
 
     Args:
         candidates: What fits the sets.
         chosen: The set.
-        with_more: The set with the best curve beside it.
+        left: The curves beside it.
 
     Returns:
         What is left, what is not, and of each of several members that are left a curve that does as well.
     """
     options, blocks = candidates.options, candidates.problem.blocks
     beaten: list[str] = []
-    as_good: dict[str, Scored] = {}
+    as_good: dict[str, str] = {}
     while len(chosen.effects) > 1:
         worst: tuple[float, str, Candidate] | None = None
         as_good = {}
@@ -171,10 +191,10 @@ def _without_the_beaten(
             rest = candidates.without(chosen, name)
             for scored in Curves(candidates.problem, rest.fit, options).judge(rest)[:1]:
                 rival = scored.candidate
-                if _as_good(rival, chosen, 0.0, blocks, options):
-                    as_good[name] = scored
+                if _as_good(scored, chosen, 0.0, blocks, options):
+                    as_good[name] = _words(scored)
                 if not _beats(rival, chosen, 0.0, blocks, options) or _mostly(
-                    rest, chosen, with_more, rival, 0.0, options
+                    candidates, rest, chosen, left, [scored], 0.0
                 ):
                     continue
                 if worst is None or chosen.total - rival.total > worst[0]:
@@ -183,26 +203,37 @@ def _without_the_beaten(
             break
         beaten.append(worst[1])
         chosen = worst[2]
-        with_more = chosen  # what stood beside the larger set says nothing of this one
+        left = ()  # what stood beside the larger set says nothing of this one
         as_good = {}
     return chosen, tuple(beaten), as_good
 
 
 def _mostly(
+    candidates: Candidates,
     rest: Candidate,
     named: Candidate,
-    with_more: Candidate,
-    rival: Candidate,
+    left: Sequence[Scored],
+    rival: Sequence[Scored],
     burden: float,
-    options: DiagnosisOptions,
 ) -> bool:
-    """Whether names explain most of what a curve in their place does, and with a further curve as much.
+    """Whether names explain most of what curves in their place do, and with a further curve as much.
 
     A table holds the friction that is named and what else depends on the velocity; it need not be told
-    apart from the name with a table of the rest.
+    apart from the name with a table of the rest. That holds on one side alone: no table of a force holds what
+    a sensor does.
     """
-    most = rest.total - named.total > options.most * (rest.total - rival.total)
-    return most and with_more.total + burden < rival.total + options.same_gain
+    options, last = candidates.options, rival[-1].candidate
+    names = [candidates.problem.model.effect(name) for name in named.effects if name not in rest.effects]
+    if not all(any(_same_side(effect, one) for one in rival) for effect in names):
+        return False
+    with_more = left[0].candidate if left else named
+    most = rest.total - named.total > options.most * (rest.total - last.total)
+    return most and with_more.total + burden < last.total + options.same_gain
+
+
+def _same_side(effect: Effect, scored: Scored) -> bool:
+    """Whether an effect and a curve both act in a sensor, or neither does."""
+    return (effect.where == "sensor") == (scored.curve.place == "sensor")
 
 
 def _with_formulas(curves: Curves, base: Candidate, found: Sequence[Scored]) -> tuple[Scored, ...]:
@@ -224,10 +255,14 @@ def _beats(
 
 
 def _as_good(
-    rival: Candidate, named: Candidate, burden: float, blocks: IntArray, options: DiagnosisOptions
+    scored: Scored, named: Candidate, burden: float, blocks: IntArray, options: DiagnosisOptions
 ) -> bool:
-    """Whether the data cannot tell a curve from what is named; it is not beaten."""
-    worse = rival.total - named.total - burden
+    """Whether the data cannot tell a curve from what is named; it is not beaten.
+
+    A wave's period is the best on a grid, a name's is fitted: that it was sought costs the wave nothing here.
+    """
+    rival = scored.candidate
+    worse = rival.total - named.total - burden - float(np.log(scored.curve.tried))
     if worse < 2.0:
         return True
     return bool(worse < options.same_gain and block_p_value(rival.loss - named.loss, blocks) > options.same_p)

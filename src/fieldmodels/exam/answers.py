@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.chance import CHANCE
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
@@ -56,7 +57,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
     listed = {effect.name for effect in model.effects}
 
     def name(effect: str) -> str:
-        return CURVE if effect not in listed and "curve" in effect else effect
+        return CURVE if effect not in listed and effect.startswith(("curve of ", CHANCE)) else effect
 
     return Answer(
         verdict=found.verdict,

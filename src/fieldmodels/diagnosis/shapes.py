@@ -1,0 +1,172 @@
+"""The curves themselves: lookup tables, products, known functions and waves of a variable."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.variables import CHANGE, MEMORY, PLAY, direction_of
+
+Place = Literal["force", "sensor", "parameter", "odds"]
+Signals = Mapping[str, tuple[str, FloatArray]]
+QUANTILES = tuple(np.linspace(0.01, 0.99, 8))  # of the variable, where a curve's knots are
+ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the variable is extreme
+OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
+FINE = 129  # points of a known function
+MULTIPLIED = 7  # signals whose products are tried
+LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
+NO_FACTORS = ("time", CHANGE, "rate of ")
+
+
+def _step(x: FloatArray) -> FloatArray:
+    """The sign; over a small range, since nothing reverses at once."""
+    return np.asarray(np.tanh(x / 0.02))
+
+
+def _bend(x: FloatArray) -> FloatArray:
+    return np.asarray(x * np.abs(x))
+
+
+FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
+    "constant": (np.ones_like,),
+    "sign": (_step,),
+    "sign and constant": (_step, np.ones_like),
+    "size": (np.abs,),
+    "on the positive side": (lambda x: np.maximum(x, 0.0),),
+    "on the negative side": (lambda x: np.minimum(x, 0.0),),
+    "square": (np.square,),
+    "square with sign": (_bend,),
+    "cube": (lambda x: np.asarray(x**3),),
+}
+"""Functions that are common in machines, of a variable over its largest size."""
+OF_ANGLES: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {"once a turn": (np.sin, np.cos)}
+"""The same of an angle [rad]."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve that may be missing.
+
+    Attributes:
+        place: What it adds to.
+        target: The output, base parameter or direction of motion that it adds to; empty for the only force.
+            Of a "share of" a direction the values are parts of how fast the machine moves that way.
+        over: The variable.
+        over_unit: Its unit.
+        unit: Of the curve's values.
+        values: Columns on the segments of every window, shape (windows, segments, columns); of a parameter's
+            curve on the windows, shape (windows, columns).
+        knots: Values of the variable at which the curve is given, shape (points,).
+        shapes: Each column's value there, shape (points, columns).
+        formula: What it is called if it is no table but a known function of the variable.
+        tried: Of how many of its kind it is the best.
+    """
+
+    place: Place
+    target: str
+    over: str
+    over_unit: str
+    unit: str
+    values: FloatArray
+    knots: FloatArray
+    shapes: FloatArray
+    formula: str = ""
+    tried: int = 1
+
+    @property
+    def direction(self) -> str:
+        """What it depends on and where it acts, in a few words."""
+        return direction_of(self.place, self.target, self.over)
+
+
+def tables(signals: Signals) -> Iterator[Curve]:
+    """Lookup tables of every signal."""
+    for name, (unit, values) in signals.items():
+        if name.startswith(LINES) or " times " in name:
+            yield _line(name, unit, values)
+            continue
+        knots = np.unique(np.quantile(values, QUANTILES))
+        if len(knots) >= 4:
+            yield Curve("force", "", name, unit, "", _hats(values, knots), knots, np.eye(len(knots)))
+            ends = np.quantile(values, ENDS)
+            yield Curve("force", "", name, unit, "", _beyond(values, ends), ends, _beyond(ends, ends), "ends")
+
+
+def products(signals: Signals) -> Iterator[Curve]:
+    """Products of pairs of signals; of a machine with many sensors only of its first ones."""
+    moving = [n for n in signals if not n.startswith(NO_FACTORS)]
+    for first, second in itertools.combinations(moving[:MULTIPLIED], 2):
+        a, b = signals[first][1], signals[second][1]
+        unit = f"{signals[first][0]} {signals[second][0]}"
+        yield _line(f"{first} times {second}", unit, a * b)
+        yield _line(f"{first} times size of {second}", unit, a * np.abs(b))
+        yield _line(f"{second} times size of {first}", unit, np.abs(a) * b)
+
+
+def window_tables(signals: Signals) -> Iterator[Curve]:
+    """Tables and lines of the mean and of the size of every signal in a window."""
+    for name, (unit, values) in signals.items():
+        if name.startswith(CHANGE):
+            continue
+        sizes = {name: values.mean(axis=1)}
+        if name != "time":
+            sizes[f"size of {name}"] = np.sqrt(np.mean(values**2, axis=1))
+        for over, size in sizes.items():
+            knots = np.unique(np.quantile(size, OF_PARAMETER))
+            if len(knots) >= 4:
+                middle = float(size.mean())
+                line = (knots - middle)[:, None]
+                yield Curve("parameter", "", over, unit, "", (size - middle)[:, None], knots, line)
+                yield Curve("parameter", "", over, unit, "", _hats(size, knots), knots, np.eye(len(knots)))
+
+
+def _line(over: str, unit: str, values: FloatArray) -> Curve:
+    """A force proportional to one quantity."""
+    low, high = np.quantile(values, [0.01, 0.99])
+    knots = np.linspace(low, high, 9)
+    return Curve("force", "", over, unit, "", values[:, :, None], knots, knots[:, None])
+
+
+def known_functions(curve: Curve, values: FloatArray) -> Iterator[Curve]:
+    """Functions that are common in machines, over the variable of a table.
+
+    Args:
+        curve: The table.
+        values: Of its variable, shape (windows, segments).
+    """
+    if curve.shapes.shape[1] == 1 or curve.place == "parameter" or curve.over == "time" or curve.formula:
+        return
+    knots = np.linspace(values.min(), values.max(), FINE)
+    size = float(np.abs(knots).max())
+    scaled = {name: (size, terms) for name, terms in FUNCTIONS.items()}
+    if curve.over_unit == "rad":
+        scaled |= {name: (1.0, terms) for name, terms in OF_ANGLES.items()}
+    for name, (unit, terms) in scaled.items():
+        yield replace(
+            curve,
+            knots=knots,
+            values=np.stack([f(values / unit) for f in terms], axis=-1),
+            shapes=np.stack([f(knots / unit) for f in terms], axis=-1),
+            formula=name,
+        )
+
+
+def wave(x: FloatArray, count: float) -> FloatArray:
+    """Sine and cosine of so many cycles from zero to one, shape (..., 2)."""
+    return np.stack([np.sin(2 * np.pi * count * x), np.cos(2 * np.pi * count * x)], axis=-1)
+
+
+def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
+    """Piecewise-linear hat functions at the knots, constant beyond the outer ones; shape (..., knots)."""
+    eye = np.eye(len(knots))
+    return np.stack([np.interp(values, knots, eye[k]) for k in range(len(knots))], axis=-1)
+
+
+def _beyond(values: FloatArray, ends: FloatArray) -> FloatArray:
+    """By how much values lie beyond the inner two of four ends, shape (..., 2)."""
+    return np.stack([np.minimum(values - ends[1], 0.0), np.maximum(values - ends[2], 0.0)], axis=-1)
