@@ -45,6 +45,7 @@ def rig(
     push: Push | None = None,
     shown: Sensor | None = None,
     damping: Callable[[float], float] = lambda t: DAMPING,
+    late: Callable[[np.random.Generator], np.ndarray] | None = None,
 ) -> Recording:
     """A log of the rig under a command, with a force and a position sensor of one's own.
 
@@ -53,8 +54,11 @@ def rig(
         push: Force f(t, x, v, u) [N].
         shown: Position that is shown, of true position, velocity and command.
         damping: Over time.
+        late: By how many samples each sample of the command acts too late.
     """
     u, h = command(seed), STEP / FINE
+    delays = late(np.random.default_rng([seed, 2])) if late else np.zeros(SAMPLES, dtype=np.int64)
+    acting = u[np.maximum(np.arange(SAMPLES) - delays, 0)]
     x = v = 0.0
     states = np.empty((SAMPLES, 2))
     for i in range(SAMPLES):
@@ -62,7 +66,7 @@ def rig(
         for k in range(FINE):
             t = i * STEP + k * h
 
-            def rate(t: float, x: float, v: float, f: float = float(u[i])) -> float:
+            def rate(t: float, x: float, v: float, f: float = float(acting[i])) -> float:
                 extra = push(t, x, v, f) if push else 0.0
                 return (f + extra - damping(t) * v - STIFFNESS * x) / MASS
 
@@ -254,6 +258,35 @@ def test_a_name_is_ambiguous_if_a_curve_in_its_place_does_as_well():
     result = diagnose(get_model("rig"), [rig(3, **fault)], [rig(503, **fault)])
     assert "sensor_gain" in {c.effect for c in result.causes}
     assert all(c.alternatives for c in result.causes), result.summary()
+
+
+def test_ripple_over_the_command_is_a_wave():
+    ripple = {"push": lambda t, x, v, u: 0.25 * math.sin(2 * np.pi * u / 1.7)}
+    result = diagnose(get_model("rig"), [rig(3, **ripple)], [rig(503, **ripple)])
+    assert result.verdict == "unknown"
+    words, number, unit = result.curves[0].formula.rsplit(" ", 2)
+    assert (result.curves[0].over, words, unit) == ("force", "repeats every", "N")
+    assert float(number) == pytest.approx(1.7, rel=0.05)
+
+
+@pytest.mark.parametrize(("late", "by_chance"), [("from 1 to 5", True), ("always 3", False)])
+def test_a_delay_that_varies_by_chance_is_told_from_one_that_is_steady(late: str, by_chance: bool):
+    """A bus that is late by chance, and one that is late by as much on average."""
+    fault = {
+        "late": (lambda rng: rng.integers(1, 6, SAMPLES)) if by_chance else (lambda rng: np.full(SAMPLES, 3))
+    }
+    result = diagnose(get_model("rig"), [rig(3, **fault)], [rig(503, **fault)])
+    [delay] = [c for c in result.causes if c.effect == "actuator_delay"]
+    assert ("random changes of actuator delay" in delay.alternatives) == by_chance
+
+
+@pytest.mark.parametrize(("power", "alternatives"), [(0.0, ()), (0.5, ("curve of velocity",))])
+def test_a_drag_of_another_power_than_the_listed_ones_is_not_named_alone(
+    power: float, alternatives: tuple[str, ...]
+):
+    drag = {"push": lambda t, x, v, u: -0.1 * math.copysign(abs(v) ** power, v)}
+    result = diagnose(get_model("rig"), [rig(3, **drag)], [rig(503, **drag)])
+    assert [(c.effect, c.alternatives) for c in result.causes] == [("coulomb_friction", alternatives)]
 
 
 def test_thresholds_are_arguments():
