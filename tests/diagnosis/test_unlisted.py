@@ -289,6 +289,13 @@ def test_a_drag_of_another_power_than_the_listed_ones_is_not_named_alone(
     assert [(c.effect, c.alternatives) for c in result.causes] == [("coulomb_friction", alternatives)]
 
 
+def test_a_constant_force_is_named_alone():
+    """A sign and a constant hold it, and are as likely: no rival, since they do the same and more."""
+    push = {"push": lambda t, x, v, u: 0.3}
+    result = diagnose(get_model("rig"), [rig(3, **push)], [rig(503, **push)])
+    assert [(c.effect, c.alternatives) for c in result.causes] == [("constant_force", ())]
+
+
 def test_thresholds_are_arguments():
     kind = "a bump of force at one place"
     strict = DiagnosisOptions(level=1e-9, curve_level=1e-9, least_share=10.0, least_gain=1e6, above=1e9)

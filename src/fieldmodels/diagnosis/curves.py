@@ -68,9 +68,7 @@ NEAR_BEST = 3  # tables whose known functions compete with names
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
 SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
-SAME_SINE = (
-    0.2  # of the angle below which a curve is what effects do anyhow: none of its own is half its size
-)
+SAME_SINE = 0.24  # below which a curve is what effects do anyhow: a sign over another width is 0.22
 
 
 @dataclass(frozen=True)
@@ -262,8 +260,8 @@ class Curves:
         ]
         return self.judge(candidate, known)
 
-    def is_within(self, curve: Curve, chosen: Candidate) -> bool:
-        """Whether what a curve adds is what a set's effects do anyhow, the base's parameters aside."""
+    def repeats(self, curve: Curve, chosen: Candidate) -> bool:
+        """Whether a part of what a curve adds is what a set's effects do, the base's parameters aside."""
         fitted = chosen.fit
         known = fitted.jacobian[:, :, fitted.active]
         base = fitted.free[fitted.active] < len(self.problem.model.parameters)
@@ -272,7 +270,7 @@ class Curves:
         left, size, _ = np.linalg.svd(own, full_matrices=False)
         left = left[:, size > LEAST_SINE]
         rest = np.linalg.svd(_beyond_span(left, stacked(known)), compute_uv=False)
-        return bool((rest < SAME_SINE).all())
+        return bool((rest < SAME_SINE).any())
 
     def response(self, curve: Curve) -> FloatArray:
         """Whitened response of the features to each column, states projected out."""

@@ -93,7 +93,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
 
 
 def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -> list[Scored]:
-    """Known functions that compete with names: of the best tables, without what the names do anyhow.
+    """Known functions that compete with names: of the best tables, without those that hold what names do.
 
     A table of eight values pays for what it does not need; a function has one or two.
 
@@ -104,7 +104,7 @@ def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -
         chosen: The names.
     """
     best = curves.judge(base)[:NEAR_BEST]
-    return [one for one in curves.as_known(base, best) if not beside.is_within(one.curve, chosen)]
+    return [one for one in curves.as_known(base, best) if not beside.repeats(one.curve, chosen)]
 
 
 def _words(scored: Scored) -> str:

@@ -57,7 +57,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
     listed = {effect.name for effect in model.effects}
 
     def name(effect: str) -> str:
-        return CURVE if effect not in listed and effect.startswith(("curve of ", CHANCE)) else effect
+        return CURVE if effect not in listed and ("curve" in effect or effect.startswith(CHANCE)) else effect
 
     return Answer(
         verdict=found.verdict,
