@@ -288,7 +288,7 @@ def test_onnx_acts_as_the_trained_policy_does(finished_each, algorithm):
     run.restore(load_checkpoint(sorted((finished_each / "checkpoints").glob("*.pt"))[-1]))
     quiet = OnnxAgent(to_onnx(run.policy, run.normaliser, "test", config.stack))
     with torch.no_grad():  # large outputs, so that some actions meet their limits
-        last_layer(run.policy).weight.mul_(2000 if algorithm == "recurrent_ppo" else 100)
+        last_layer(run.policy).weight.mul_(2000 if algorithm == "recurrent_ppo" else 60)
     loud = OnnxAgent(to_onnx(run.policy, run.normaliser, "test", config.stack))
     rng = np.random.default_rng(0)
     low, high = native.single_observation_space.low, native.single_observation_space.high
