@@ -1,4 +1,4 @@
-"""An environment of others as a task of this floor: what is measured, and who takes part unasked."""
+"""A third-party environment as a task to evaluate: its metrics and its default agents."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MIDDLE = "The middle of every action, or the first of those that can be counted"
 
 @dataclass(frozen=True)
 class ForeignDefinition(TaskDefinition):
-    """An environment of others as a task of this floor."""
+    """A third-party environment as a task to evaluate."""
 
     metrics: tuple[Metric, ...] = METRICS
 
@@ -74,5 +74,5 @@ class Middle(Drawn):
 
 
 def definition(name: str) -> ForeignDefinition:
-    """An environment of others as a task of this floor."""
+    """A third-party environment as a task to evaluate."""
     return ForeignDefinition(find_task(name).name)

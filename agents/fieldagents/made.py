@@ -1,4 +1,4 @@
-"""Classes of others that a config names with their keyword arguments: wrappers, callbacks, policies."""
+"""Third-party classes that a config names with their keyword arguments: wrappers, callbacks, policies."""
 
 from __future__ import annotations
 

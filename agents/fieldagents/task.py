@@ -282,7 +282,7 @@ def task_names() -> tuple[str, ...]:
 
 @cache
 def get_task(name: str) -> TaskDefinition:
-    """A task by its name, that of a machine or of an environment of others (see ``fieldgym.find_task``).
+    """A task by its name, that of a machine or of a third-party environment (see ``fieldgym.find_task``).
 
     Raises:
         TaskError: If there is neither; the message says which tasks there are.

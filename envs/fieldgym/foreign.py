@@ -1,4 +1,4 @@
-"""Environments of others as tasks: any that Gymnasium makes."""
+"""Third-party environments as tasks: any that Gymnasium makes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ IN_A_MODULE = re.compile(r"[A-Za-z_][\w.]*:(?:[\w-]+/)?[\w.-]+")
 
 
 class ForeignError(ValueError):
-    """An environment of others that cannot be made."""
+    """A third-party environment that cannot be made."""
 
 
 def is_foreign(name: str) -> bool:
-    """Whether a task's name is that of an environment of others: ``Pendulum-v1``, ``module:Id``."""
+    """Whether a task's name is that of a third-party environment: ``Pendulum-v1``, ``module:Id``."""
     if is_model_file(name):
         return False
     return name in registry or any(one.fullmatch(name) for one in (VERSIONED, IN_A_MODULE))
@@ -32,7 +32,7 @@ def is_foreign(name: str) -> bool:
 
 @dataclass(frozen=True)
 class ForeignTask(Task):
-    """An environment of others as a task; its settings are the keyword arguments of ``gymnasium.make``.
+    """A third-party environment as a task; its settings are the keyword arguments of ``gymnasium.make``.
 
     Attributes:
         identifier: What ``gymnasium.make`` takes.
@@ -99,6 +99,6 @@ class ForeignTask(Task):
 
 
 def foreign_task(name: str) -> ForeignTask:
-    """An environment of others as a task; nothing is imported for it."""
+    """A third-party environment as a task; nothing is imported for it."""
     plain = re.sub(r"[^\w.-]+", "-", name)
     return ForeignTask(plain, name, f"Gymnasium's {name}.", identifier=name)

@@ -77,7 +77,7 @@ class RowsVectorEnv(VectorEnv[Any, Any, Any]):
         return deepcopy(concatenate(self.single_observation_space, self._latest, empty))
 
     def get_state(self) -> dict[str, Any]:
-        """Where the random generators stand: all that environments of others are sure to tell."""
+        """Where the random generators stand: all that third-party environments are sure to tell."""
         return {"generators": [env.unwrapped.np_random.bit_generator.state for env in self.envs]}
 
     def set_state(self, state: Mapping[str, Any]) -> None:

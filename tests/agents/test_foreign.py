@@ -1,4 +1,4 @@
-"""Environments, wrappers, policies and callbacks of others: trained in, evaluated, compared, watched."""
+"""Third-party environments, wrappers, policies and callbacks: trained in, evaluated, compared, watched."""
 
 import re
 import sys

@@ -33,7 +33,7 @@ class NativeVecEnv(VecEnv):
 
     Attributes:
         rows: Which rows each part has.
-        exact: Whether a state that `get_state` gave leads to the same steps; environments of others and
+        exact: Whether a state that `get_state` gave leads to the same steps; third-party environments and
             wrappers only say where their generators stand, and begin new episodes.
         infos: What each part last said beside its observations, of the episodes now under way. No learner is
             given it.

@@ -28,7 +28,7 @@ TASKS: dict[str, Task] = {name: _declared(name) for name in sorted(m.name for m 
 
 
 def find_task(name: str) -> Task:
-    """A task, a bench of one's own or an environment of others as a task; nothing is imported or run for it.
+    """A task, a bench of one's own or a third-party environment as a task; nothing is imported or run for it.
 
     Args:
         name: Of ``TASKS``; of an environment of Gymnasium, such as ``Pendulum-v1`` or ``module:Id``; or else

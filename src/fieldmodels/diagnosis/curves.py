@@ -170,13 +170,6 @@ class Curves:
         found = [self._scored(candidate, *one[1:]) for one in promising[:SCREENED]]
         return sorted(found, key=lambda s: s.candidate.total)
 
-    def significant(self, candidate: Candidate) -> Scored | None:
-        """The best curve, if the data call for it."""
-        for scored in self.judge(candidate):
-            if self.called_for(candidate, scored):
-                return scored
-        return None
-
     def called_for(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether a curve improves a candidate significantly, whichever of all curves it is.
 
