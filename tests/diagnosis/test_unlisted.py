@@ -217,6 +217,17 @@ def test_a_reversed_sign_is_said_before_any_cause(signal: str):
     assert result.summary().startswith("First check the columns")
 
 
+def test_a_sensor_that_was_dead_in_some_recordings_is_said_before_any_sign():
+    logs = [rig(seed) for seed in (3, 4, 5)]
+    dead = replace(logs[1], signals={**logs[1].signals, "position": np.zeros(SAMPLES)})
+    result = diagnose(get_model("rig"), [logs[0], dead, logs[2]], [rig(503)])
+    assert result.verdict == "unknown"
+    assert not result.causes
+    assert result.mistaken == (
+        "position never changes in seed 4: leave out what was recorded with a dead sensor"
+    )
+
+
 def test_no_sign_is_doubted_where_it_is_right():
     drag = {"push": lambda t, x, v, u: -0.6 * v * abs(v)}
     result = diagnose(get_model("rig"), [rig(3, **drag)], [rig(503, **drag)])

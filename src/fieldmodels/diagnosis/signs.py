@@ -20,6 +20,7 @@ from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.rounding import listed
 
 FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
 ENOUGH = 6_000  # samples of windows that suffice for the decision
@@ -48,6 +49,8 @@ def mistaken_columns(
     present, far = _error(training, start, fixed, offsets=True)
     if not far:
         return ""
+    if said := _dead(model, train):
+        return said
     errors: dict[str, float] = {}
     for changes, said in _hypotheses(model, train):
         changed = [_changed(r, changes) for r in train]
@@ -61,6 +64,15 @@ def mistaken_columns(
         return ""
     # A reversed sensor and a reversed command are often the same.
     return ", or ".join(said for said, error in errors.items() if error < ALIKE * best)
+
+
+def _dead(model: Model, train: Sequence[Recording]) -> str:
+    """What to do if a sensor never changes in some recordings and does in others; empty if none does."""
+    for name in (s.name for s in model.outputs if not s.event):
+        still = [r.source for r in train if name in r and len(np.unique(r[name])) == 1]
+        if 0 < len(still) < len(train):
+            return f"{name} never changes in {listed(still)}: leave out what was recorded with a dead sensor"
+    return ""
 
 
 def _hypotheses(
