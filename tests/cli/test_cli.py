@@ -64,7 +64,7 @@ def mistake(*arguments: object) -> str:
         ("watch --agent straight", {"straight"}),
         ("list pose", {"pose_reaching"}),
         ("list rig", {"rig"}),
-        ("train heel_strike/", {"heel_strike/ppo", "heel_strike/ppo_twins"}),
+        ("train heel_strike/", {"heel_strike/ppo", "heel_strike/ppo_twins", "heel_strike/student"}),
         ("evaluate heel_strike/", {"heel_strike/benchmark"}),
         ("evaluate bench", {"benchmark"}),
         ("sweep heel_strike/", {"heel_strike/sweep", "heel_strike/tune"}),

@@ -64,14 +64,14 @@ def table(rows: list[dict[str, Any]]) -> str:
         *(
             f"| {r['about'].replace('|', chr(92) + '|')} | `{r['hidden']}` | "
             f"{', '.join(f'`{n}`' for n in r['named']) or '–'} | {r['actions']} | "
-            f"{('said' if r['reversed_said'] else 'missed') if r['reversed'] else ''} | {r['seconds']:.0f} |"
+            f"{('found' if r['reversed_said'] else 'missed') if r['reversed'] else ''} | {r['seconds']:.0f} |"
             if r["loaded"]
             else f"| {r['about'].replace('|', chr(92) + '|')} | not read | | | | |"
             for r in rows
         ),
         "",
         f"Loaded without editing: {len(good)} of {len(rows)}; right cause in at most {MOST} actions: "
-        f"{sum(r['right'] for r in good)}; reversed signs said: "
+        f"{sum(r['right'] for r in good)}; reversed signs reported: "
         f"{sum(r['reversed_said'] for r in turned)} of {len(turned)}.",
     ]
     return "\n".join(lines)
