@@ -55,7 +55,7 @@ def stock_effects(task: Task) -> str:
     text = f"A `reality` may name [stock effects](../realities.md) of\n\n| | |\n|---|---|\n{told}\n"
     if channels.prompt:
         prompt = ", ".join(f"`{n}`" for n in channels.prompt)
-        text += f"\nOn {prompt} only what takes no time can act: no lag, delay or rate limit.\n"
+        text += f"\nOn {prompt} only effects without dynamics can act: no lag, delay or rate limit.\n"
     if not (channels.commands and channels.observed):
         text += f"\nThere are no others: {channels.without}.\n"
     return text.rstrip()

@@ -387,14 +387,14 @@ class ExcitationEnv(TaskEnv):
 
     A vehicle stands on a suspension of springs and dampers in all six directions. On it, an arm swings about
     its base joint and shakes it; an accelerometer, an inclinometer and a force/torque sensor under the arm
-    tell how the vehicle answers. 22 parameters are unknown: mass, inertia, where the center of gravity is,
+    measure the vehicle's response. 22 parameters are unknown: mass, inertia, where the center of gravity is,
     damping, stiffness. They enter the equations of motion linearly, *A x = F*, eq (4) of V. A. Sujan and
     S. Dubowsky, "An optimal information method for mobile manipulator dynamic parameter identification",
     IEEE/ASME Trans. Mechatronics 8(2), 2003, and a filter estimates them while the vehicle is shaken.
 
     Every 0.4 s the agent chooses the arm's next sinusoid f(t) = a0 + a sin(*w* t). What is shaken well is
     known well: the reward is information about the parameters, in bits. The best motion depends on what
-    is still unknown, on the vehicle (its parameters), and on the arm, which follows no command at once.
+    is still unknown, on the vehicle (its parameters), and on the arm, which follows with a delay.
 
     The same motion runs three times side by side, the arm turning about x, y and z: 18 equations a sample,
     80 samples a decision, 25 decisions an episode of 10 s.
@@ -417,7 +417,7 @@ class ExcitationEnv(TaskEnv):
 
     ## Observation Space
 
-    `Box(low, high, (50,), float32)`: what the filter says and what the arm does.
+    `Box(low, high, (50,), float32)`: the filter's estimates and the state of the arm.
 
     | Num | Observation | Min | Max |
     |-----|-------------|-----|-----|
@@ -425,7 +425,7 @@ class ExcitationEnv(TaskEnv):
     | 22-43 | natural logarithm of their standard deviations, in those of the prior | -12 | 1 |
     | 44-46 | command in force, scaled as an action | -1 | 1 |
     | 47, 48 | cosine and sine of the arm's phase | -1 | 1 |
-    | 49 | share of the decisions that is left | 0 | 1 |
+    | 49 | remaining share of the decisions | 0 | 1 |
 
     Parameters are in Table I's order: mass; inertia x, y, z, xz, yz, xy; c.g. x, y, z; damping x, y, z,
     pitch, roll, yaw; stiffness likewise. True values are never observed.
@@ -435,12 +435,12 @@ class ExcitationEnv(TaskEnv):
     The bits that the filter has gained in the step: the information about each parameter, eqs (9)-(15),
     in the form that depends on its standard deviation alone, summed over the parameters. The sum of an
     episode is the final information less that of the prior. A filter's bits are worth what its standard
-    deviations are: those of the default are honest; `naive` claims bits that it does not have.
+    deviations are: those of the default are valid; `naive` claims more bits than it has.
 
     With `reward="relative_error"` a step is worth log2 of the expected relative error before it over that
     after it: of the mean, over the parameters that are nominally not zero, of the filter's standard
     deviation over the nominal value. Bits count a halving of any parameter's deviation alike; this reward
-    follows what is known worst, and ranks motions by Table I's error where bits do not. `weights` weigh
+    follows the least known ones, and ranks motions by Table I's error where bits do not. `weights` weigh
     groups of parameters in either.
 
     `info` holds after each step, and after `reset`

@@ -384,7 +384,7 @@ class HeelStrikeEnv(TaskEnv):
 
     `Box(-28, 10, (6,), float32)`: natural logarithms of squares in SI units, from a fixed extended Kalman
     filter (angle, speed, process torque, collision noise) that runs beside the agent's estimator and is
-    told the geometric mean of each pair of noise levels. It does not depend on the actions.
+    given the geometric mean of each pair of noise levels. It does not depend on the actions.
 
     | Num | Observation | Unit inside the log | Min | Max |
     |-----|-------------|---------------------|-----|-----|
@@ -411,7 +411,7 @@ class HeelStrikeEnv(TaskEnv):
     | `error_mm_ranger` | of Ranger's estimator as published, eq (2.2), (2.3), in the same stride [mm] |
     | `error_mm_ranger_tuned` | of Ranger's with the best constant *S_HR* [mm] |
     | `error_mm_ekf` | of the reference filter [mm] |
-    | `error_mm_imm` | of a bank of eight filters that is told the levels (with `bank`) [mm] |
+    | `error_mm_imm` | of a bank of eight filters that is given the levels (with `bank`) [mm] |
     | `error_mm_ekf_filterpy`, `error_mm_imm_filterpy` | the same by the library (with `filterpy`) [mm] |
     | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy on its long walk (section 2.3.2), else 0 |
     | `gains` | *S_MS* early, *S_MS* late, *S_HR*, *S_FD* [1/s] of the stride |
