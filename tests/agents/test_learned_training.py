@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 import torch
+from packaging.version import Version
 from stable_baselines3.common.vec_env import VecNormalize
 
 from fieldagents.config import ConfigError, load_config
@@ -124,7 +125,8 @@ def test_the_run_folder_holds_what_it_promises(finished_each, algorithm):
         "tensorboard",
     }
     assert load_config(finished / "config.yaml", TrainConfig) == tiny(algorithm)
-    assert json.loads((finished / "versions.json").read_text())["torch"] == torch.__version__
+    version = json.loads((finished / "versions.json").read_text())["torch"]
+    assert Version(version).public == Version(torch.__version__).public  # builds differ: 2.13.0+cu130
     curve = pd.read_csv(finished / "curve.csv")
     before = [0] if algorithm == "imitating" else []
     assert list(curve["steps"]) == before + list(range(64, 641, 64))

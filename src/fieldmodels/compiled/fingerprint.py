@@ -20,6 +20,7 @@ LIBRARIES = frozenset({"numba", "numpy", "scipy", *sys.stdlib_module_names})
 
 Intrinsic: Any = vars(extending)["_Intrinsic"]
 _LOAD_GLOBAL, _EXTENDED_ARG = dis.opmap["LOAD_GLOBAL"], dis.opmap["EXTENDED_ARG"]
+_LOAD_CONSTANT = frozenset(dis.hasconst)
 
 
 class UnknownConstantError(TypeError):
@@ -36,7 +37,7 @@ class _Part:
         described = [
             f"{plain.__module__}.{plain.__qualname__}",
             repr(sorted(getattr(function, "targetoptions", {}).items())),
-            self._code(plain.__code__, plain.__doc__),
+            self._code(plain.__code__),
             self._value(plain.__defaults__),
             self._value(sorted((plain.__kwdefaults__ or {}).items())),
         ]
@@ -52,11 +53,20 @@ class _Part:
                 ) from None
         self.digest = hashlib.sha256("\n".join(described).encode()).digest()
 
-    def _code(self, code: types.CodeType, doc: str | None = None) -> str:
-        """Instructions and constants, without line numbers, comments and the docstring."""
-        constants = [None if c is doc else c for c in code.co_consts]
-        inner = [self._code(c) if isinstance(c, types.CodeType) else self._value(c) for c in constants]
-        return repr((code.co_code.hex(), inner, code.co_names, code.co_varnames, code.co_freevars))
+    def _code(self, code: types.CodeType) -> str:
+        """Instructions with what they load, without line numbers, comments and docstrings.
+
+        A docstring is a constant that no instruction loads. From Python 3.14 on it shifts the others' places,
+        so that a constant stands here at each instruction that loads it, in place of its number.
+        """
+        steps = [
+            (operation, self._constant(code.co_consts[argument]) if operation in _LOAD_CONSTANT else argument)
+            for operation, argument in _instructions(code)
+        ]
+        return repr((steps, code.co_names, code.co_varnames, code.co_freevars))
+
+    def _constant(self, value: Any) -> str:
+        return self._code(value) if isinstance(value, types.CodeType) else self._value(value)
 
     def _value(self, value: Any, names: frozenset[str] = frozenset(), seen: tuple[Any, ...] = ()) -> str:
         if isinstance(value, Dispatcher | types.FunctionType):
@@ -181,15 +191,21 @@ def _names(code: types.CodeType) -> Iterator[str]:
             yield from _names(constant)
 
 
-@functools.cache
-def _globals_read(code: types.CodeType) -> frozenset[str]:
-    """Names of the globals that a code loads; ``dis`` tells the same, far slower than all else here."""
-    read: set[str] = set()
+def _instructions(code: types.CodeType) -> Iterator[tuple[int, int]]:
+    """Operations and their arguments; ``dis`` tells the same, far slower than all else here."""
     high = 0
     for operation, low in zip(code.co_code[::2], code.co_code[1::2], strict=True):
         argument = high | low
-        if operation == _LOAD_GLOBAL:
-            read.add(code.co_names[argument >> 1])
-        high = argument << 8 if operation == _EXTENDED_ARG else 0
+        if operation == _EXTENDED_ARG:
+            high = argument << 8
+        else:
+            yield operation, argument
+            high = 0
+
+
+@functools.cache
+def _globals_read(code: types.CodeType) -> frozenset[str]:
+    """Names of the globals that a code loads."""
+    read = {code.co_names[at >> 1] for operation, at in _instructions(code) if operation == _LOAD_GLOBAL}
     inner = (_globals_read(c) for c in code.co_consts if isinstance(c, types.CodeType))
     return frozenset(read).union(*inner)
