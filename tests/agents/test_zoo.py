@@ -37,8 +37,12 @@ def test_a_policy_scores_again_what_its_card_says(training, run):
     assert first == TEST_SEEDS.start
     result = run_episodes(OnnxAgent(data), training.task, environment, TEST_SEEDS[: end - first])
     for name, score in run["test_scores"].items():
-        # other processors round otherwise, which seldom moves a strike by a sample
-        expected = pytest.approx(np.nan if score is None else score, rel=1e-3, nan_ok=True)
+        # other processors round otherwise, which seldom moves a strike by a sample, or, in images of which
+        # thousands of pixels are weighed, a few walks: by much less than what chance leaves unknown
+        chance = (
+            0.2 * float(np.std(result[name])) / np.sqrt(len(result[name])) if "pixels" in str(training) else 0
+        )
+        expected = pytest.approx(np.nan if score is None else score, rel=1e-3, abs=chance, nan_ok=True)
         assert result[name].mean() == expected, name
 
 

@@ -73,8 +73,10 @@ def test_an_erring_sensor_errs_at_the_start_too():
     states = [s.name for s in problem.model.states]
     expected = np.zeros(len(states))
     expected[states.index("reading")] = 1 / (PRIOR * problem.state_scale[states.index("reading")])
+    of_start = curves._of_start("gyro")
+    np.testing.assert_allclose(of_start[:, 0], expected)
+    assert not of_start[:, 1:].any()  # a window starts in its first segment
     # All of a table's columns together add one everywhere.
-    np.testing.assert_allclose(curves._of_start(curve).sum(axis=2), np.tile(expected, (len(problem), 1)))
     one = offsets(problem, 0).sum(axis=2)
     rows = np.concatenate([one @ fitted.whitener.T, np.tile(expected, (len(problem), 1))], axis=1)
     rows -= np.einsum("wfs,wgs,wg->wf", fitted.basis, fitted.basis, rows)

@@ -487,15 +487,16 @@ class _Screen:
     def powers(self, waves: Curve, count: int) -> FloatArray:
         """What each pair of a curve's columns explains of the residual beside the basis, shape (count,)."""
         answers, values = self._curves.answers(waves), waves.values
-        pairs = (*values.shape[:2], count, 2)
         with_others = np.tensordot(self._of(answers), values, ((0, 1), (0, 1))).reshape(-1, count, 2)
-        cross = with_others[:-1]
-        power = np.einsum(
-            "wskc,wskd->kcd", values.reshape(pairs), (answers.products @ values).reshape(pairs)
-        ) - np.einsum("fkc,fkd->kcd", cross, cross)
+        cross, pairs = with_others[:-1], values.reshape(*values.shape[:2], count, 2)
+        whole = np.einsum("wskc,wskd->kcd", pairs, (answers.products @ values).reshape(pairs.shape))
+        own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
         slopes = with_others[-1] - np.tensordot(self._left, cross, 1)
-        power += (1e-6 * np.trace(power, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(2)
-        return np.asarray(np.sum(slopes * np.linalg.solve(power, slopes[..., None])[..., 0], axis=1))
+        size, left = (np.trace(one, axis1=1, axis2=2) for one in (whole, own))
+        told = left > LEAST_SINE**2 * size  # others are what the free parameters do
+        own = np.where(told[:, None, None], own + 1e-6 * size[:, None, None] * np.eye(2), np.eye(2))
+        explained = np.sum(slopes * np.linalg.solve(own, slopes[..., None])[..., 0], axis=1)
+        return np.where(told, explained, 0.0)
 
     def _of(self, answers: Answers) -> FloatArray:
         if id(answers) not in self._with_others:
