@@ -28,7 +28,9 @@ def check(found):
         same = (values == expected) | (np.isnan(values) & np.isnan(expected))
         with np.errstate(invalid="ignore"):
             error = np.where(same, 0.0, np.abs(values - expected) / scale)
-        if not (error <= 1e-9).all():  # also if one is not a number
+        # plans are as exact as their solver (HiGHS: 1e-7), whose rounding differs between processors
+        allowed = 1e-8 if name.startswith("agent/uav_route/") else 1e-9
+        if not (error <= allowed).all():  # also if one is not a number
             wrong[name] = float(np.max(error))
     assert not wrong
 
