@@ -246,7 +246,8 @@ def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser,
         assert sideways(browser) <= 0
         browser.execute_script("document.querySelector('#signals').style.minWidth = '500px'")
         assert sideways(browser) > 0  # what is too wide would be noticed
-        errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+        log_of_page = [entry for entry in browser.get_log("browser") if served.address in entry["message"]]
+        errors = [entry for entry in log_of_page if entry["level"] == "SEVERE"]
         assert not errors
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -360,6 +360,14 @@ def test_a_terminal_is_told_what_is_being_compiled_until_it_is(tmp_path, monkeyp
         lines, _ = shown.getvalue().split("\r\x1b[K")[1:], shown.truncate(shown.seek(0))
         return lines
 
+    @compiled
+    def impossible(x):
+        return x.nothing_of_the_kind
+
+    with pytest.raises(numba.TypingError):
+        impossible(1.0)
+    assert shown.getvalue().endswith("\r\x1b[K")  # no longer under way
+    shown.truncate(shown.seek(0))
     first = told(2.0)
     assert "ahead" in first[0]
     assert first[-1] == ""

@@ -5,10 +5,10 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
-from fieldmodels.compiled.cache import KernelCache
+from fieldmodels.compiled.cache import KernelCache, in_peace
 from fieldmodels.compiled.fingerprint import fingerprint
 from fieldmodels.compiled.folder import cache_folder
-from fieldmodels.compiled.part import hand_parts_over, without_collections
+from fieldmodels.compiled.part import hand_parts_over
 
 __all__ = ["allocation_free", "allocation_free_inlined", "cache_folder", "compiled", "fingerprint", "inlined"]
 
@@ -49,6 +49,6 @@ def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
     kernel: Any = numba.njit(**settings)(function)
     if hasattr(kernel, "py_func"):  # with NUMBA_DISABLE_JIT the plain function comes back
         kernel._cache = KernelCache(kernel)
-        kernel.compile = without_collections(kernel.compile)
+        kernel.compile = in_peace(kernel.compile)
         hand_parts_over(kernel, function, settings)
     return cast(Callable[P, R], kernel)

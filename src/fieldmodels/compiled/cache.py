@@ -5,6 +5,7 @@ each other, and nothing to be invalidated: whoever edits a helper asks for anoth
 """
 
 import functools
+import gc
 import hashlib
 import os
 import pickle
@@ -13,6 +14,7 @@ import sys
 import time
 import uuid
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +141,26 @@ class KernelCache(_Cache):
 
 
 _compiling: list[str] = []
+
+
+def in_peace(work: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile without the collection of cyclic garbage, which goes through all that a compiler keeps.
+
+    What cannot be compiled is no longer said to be under way.
+    """
+
+    def done(*arguments: Any) -> Any:
+        collects, under_way = gc.isenabled(), len(_compiling)
+        gc.disable()
+        try:
+            return work(*arguments)
+        finally:
+            if collects:
+                gc.enable()
+            if len(_compiling) > under_way:
+                _say()
+
+    return done
 
 
 def _say(begun: str | None = None) -> None:

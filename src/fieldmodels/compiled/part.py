@@ -7,7 +7,6 @@ well: two thirds of the time that a first step on a new machine takes.
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from typing import Any
 
@@ -71,18 +70,3 @@ def hand_parts_over(kernel: Any, function: Callable[..., Any], settings: dict[st
 
     kernel.get_call_template = template
     kernel.get_overload = part.get_overload
-
-
-def without_collections(work: Callable[..., Any]) -> Callable[..., Any]:
-    """Work without the collection of cyclic garbage, which goes through all that a compiler keeps."""
-
-    def done(*arguments: Any) -> Any:
-        if not gc.isenabled():
-            return work(*arguments)
-        gc.disable()
-        try:
-            return work(*arguments)
-        finally:
-            gc.enable()
-
-    return done
