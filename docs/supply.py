@@ -1,8 +1,9 @@
 """What fieldgym is built on: pins with hashes, a bill of materials, and everybody's licence.
 
 ``python docs/supply.py`` reads ``constraints.txt`` and the metadata of what is installed, asks the package
-index for hashes by ``pip install --dry-run --report``, and writes ``requirements.lock``, ``sbom.cdx.json``
-(CycloneDX 1.6, which the wheel carries) and ``docs/licences.md``. ``--offline`` keeps the lock file.
+index for the hashes of Python 3.11 to 3.14 by ``pip install --dry-run --report`` (from pip 24 on without
+fetching them), and writes ``requirements.lock``, ``sbom.cdx.json`` (CycloneDX 1.6, which the wheel carries)
+and ``docs/licences.md``. ``--offline`` keeps the lock file.
 """
 
 import json
@@ -10,24 +11,27 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable, Mapping
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
+
+from packaging.requirements import Requirement
+from wheels import PLATFORMS, PYTHONS, plain
 
 ROOT = Path(__file__).parents[1]
 LOCK, SBOM, PAGE = ROOT / "requirements.lock", ROOT / "sbom.cdx.json", ROOT / "docs" / "licences.md"
 COPYLEFT = re.compile(r"\bA?L?GPL|Lesser General|Mozilla|MPL", re.IGNORECASE)
 
 
-def plain(name: str) -> str:
-    """A name as the index writes it."""
-    return re.sub(r"[-_.]+", "-", name).lower()
-
-
-def pins() -> dict[str, str]:
-    """Name to version of everything in ``constraints.txt``."""
+def pins(python: str | None = None) -> dict[str, str]:
+    """Name to version of everything in ``constraints.txt``, or of what a Python has of it."""
     lines = (ROOT / "constraints.txt").read_text().splitlines()
-    pinned = (line.partition(";")[0] for line in lines if "==" in line and not line.startswith("#"))
-    return dict(line.split("==") for line in pinned)
+    every = [Requirement(line) for line in lines if line and not line.startswith("#")]
+    return {
+        one.name: str(one.specifier).removeprefix("==")
+        for one in every
+        if python is None or one.marker is None or one.marker.evaluate({"python_version": python})
+    }
 
 
 def licence(found: Distribution) -> str:
@@ -78,7 +82,7 @@ def sbom(found: dict[str, tuple[str, str]]) -> str:
             "type": "library",
             "name": name,
             "version": version,
-            "purl": f"pkg:pypi/{re.sub(r'[-_.]+', '-', name).lower()}@{version}",
+            "purl": f"pkg:pypi/{plain(name)}@{version}",
             "licenses": [{"license": {"name": terms}}],
         }
         for name, (version, terms) in found.items()
@@ -94,32 +98,43 @@ def sbom(found: dict[str, tuple[str, str]]) -> str:
     return json.dumps(bill, indent=1) + "\n"
 
 
-def lock() -> str:
-    """The pins with the hashes of what pip would install here, for ``pip install --require-hashes``.
-
-    Raises:
-        ValueError: If a pin needs a package that is not pinned, with which no installation by hashes ends.
-    """
+def offered(python: str, pinned: list[str]) -> dict[str, str]:
+    """Plain name to the hash of what pip would take for a Python on Linux: a wheel, or else the sources."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
-        command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed"]
-        more = ["--quiet", "--report", str(report), "-r", str(ROOT / "constraints.txt")]
-        subprocess.run([*command, *more], check=True)
-        return locked(json.loads(report.read_text()))
+        command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--no-deps"]
+        command += ["--quiet", "--report", str(report), "--target", folder]
+        command += ["--python-version", f"{python}.99"]  # "3.11" would be 3.11.0, too old for some
+        for platform in PLATFORMS["Linux (x86-64)"]:
+            command += ["--platform", platform]
+        subprocess.run([*command, *pinned], check=True)
+        found = json.loads(report.read_text())["install"]
+    hashes = [one["download_info"]["archive_info"]["hashes"]["sha256"] for one in found]
+    return {plain(one["metadata"]["name"]): digest for one, digest in zip(found, hashes, strict=True)}
 
 
-def locked(report: dict) -> str:
-    """The lock file of pip's report."""
+def lock() -> str:
+    """The pins with the hashes of what pip would install, on each Python."""
+    hashes: dict[str, dict[str, None]] = {}
+    for python in PYTHONS:
+        pinned = [f"{name}=={version}" for name, version in pins(python).items()]
+        for name, digest in offered(python, pinned).items():
+            hashes.setdefault(name, {})[digest] = None
+    return locked(hashes)
+
+
+def locked(hashes: Mapping[str, Iterable[str]]) -> str:
+    """The lock file of these hashes; raises ValueError where a pin has none."""
     lines = [
-        "# Made by `python docs/supply.py`, for this platform: pip install --require-hashes -r <this file>"
+        "# Made by `python docs/supply.py`, for Linux (x86-64): pip install --require-hashes -r <this file>"
     ]
-    known = {plain(name) for name in pins()}
-    found = {one["metadata"]["name"]: one["metadata"]["version"] for one in report["install"]}
-    if missing := [f"{name}=={version}" for name, version in found.items() if plain(name) not in known]:
-        raise ValueError(f"constraints.txt lacks {', '.join(missing)}")
-    for one in sorted(report["install"], key=lambda one: one["metadata"]["name"].lower()):
-        digest = one["download_info"]["archive_info"]["hashes"]["sha256"]
-        lines.append(f"{one['metadata']['name']}=={one['metadata']['version']} --hash=sha256:{digest}")
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        if line and not line.startswith("#"):
+            found = hashes.get(plain(Requirement(line).name))
+            if not found:
+                raise ValueError(f"no hash for {line}")
+            given = (f"--hash=sha256:{one}" for one in sorted(found))
+            lines.append(" ".join([line.replace(";", " ;"), *given]))
     return "\n".join(lines) + "\n"
 
 

@@ -7,10 +7,12 @@ import shutil
 import subprocess
 import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.metadata import distributions
 from pathlib import Path
 from threading import Thread
 
 import pytest
+from packaging.requirements import Requirement
 
 from fieldagents.policies.zoo import ZooError, list_zoo
 
@@ -19,20 +21,65 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def pins():
-    lines = (ROOT / "constraints.txt").read_text().splitlines()
-    return {plain(line.split("==")[0]): line.split("==")[1] for line in lines if re.match(r"[\w.-]+==", line)}
+    lines = (ROOT / "constraints.txt").read_text().splitlines()[1:]
+    return {plain(one.name): str(one.specifier)[2:] for one in map(Requirement, lines)}
 
 
 def plain(name):
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def test_locked_versions_are_the_pinned_ones_each_with_a_hash(pins):
+def test_every_pin_is_locked_with_hashes_for_the_same_pythons():
+    pinned = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines()[1:]]
     lines = (ROOT / "requirements.lock").read_text().splitlines()[1:]
-    locked = dict(re.fullmatch(r"(\S+)==(\S+) --hash=sha256:[0-9a-f]{64}", line).groups() for line in lines)
-    assert len(locked) > 0.9 * len(pins)
-    for name, version in locked.items():
-        assert pins.get(plain(name), version) == version.partition("+")[0], name  # torch's "+cpu"
+    assert all(re.fullmatch(r"[^#]+?( --hash=sha256:[0-9a-f]{64})+", line) for line in lines)
+    locked = [Requirement(line.partition(" --hash")[0]) for line in lines]
+    assert [str(one) for one in locked] == [str(one) for one in pinned]
+
+
+def test_what_a_pin_needs_is_pinned(pins):
+    """An installation by hashes ends where one package has none."""
+    installed = {plain(one.metadata["Name"]): one for one in distributions()}
+    asked = [
+        Requirement(text) for name in pins if name in installed for text in installed[name].requires or []
+    ]
+    needed = {plain(one.name) for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})}
+    assert len(needed) > 50
+    assert needed - set(pins) == set()
+
+
+@pytest.mark.slow  # asks the package index
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
+def test_pip_takes_the_lock_on_every_python(python, tmp_path):
+    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--no-deps"]
+    command += ["--quiet", "--target", str(tmp_path / "there"), "--python-version", f"{python}.99"]
+    for one in ("2_28", "2_27", "2_24", "2_17", "2_12", "2_5"):
+        command += ["--platform", f"manylinux_{one}_x86_64"]
+    command += [
+        "--platform",
+        "manylinux2014_x86_64",
+        "--require-hashes",
+        "--report",
+        str(tmp_path / "report"),
+    ]
+    # pip asks the markers of the Python that runs it
+    lines = (ROOT / "requirements.lock").read_text().splitlines()[1:]
+    split = [re.split(r"(?= --hash)", line, maxsplit=1) for line in lines]
+    asked = [(Requirement(what), hashes) for what, hashes in split]
+    (tmp_path / "lock.txt").write_text(
+        "\n".join(
+            f"{one.name}{one.specifier}{hashes}"
+            for one, hashes in asked
+            if one.marker is None or one.marker.evaluate({"python_version": python})
+        )
+    )
+    done = subprocess.run(
+        [*command, "-r", tmp_path / "lock.txt"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    for one in json.loads((tmp_path / "report").read_text())["install"]:
+        hashes = {plain(what.name): known for what, known in asked}[plain(one["metadata"]["name"])]
+        assert one["download_info"]["archive_info"]["hashes"]["sha256"] in hashes
 
 
 def test_the_bill_of_materials_is_of_the_pins(pins):
@@ -103,7 +150,7 @@ def test_the_audit_asks_for_every_pin_and_fails_where_something_is_known(tmp_pat
         assert done.returncode == 0, done.stderr
         asked = dict(WeaknessServer.asked)
         assert len(asked) > 0.9 * len(pins)
-        assert asked == {name: pins[name].partition(";")[0].strip() for name in asked}
+        assert asked == {name: pins[name] for name in asked}
         monkeypatch.setattr(WeaknessServer, "weak", ("torch",))
         done = audit()
         assert done.returncode != 0
