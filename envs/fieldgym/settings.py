@@ -87,6 +87,9 @@ def take_samplers(
     for name, value in source.items():
         one = known.get(name)
         own = isinstance(value, Mapping) and bool(set(value) - KINDS)  # a setting may be a mapping
+        if one is not None and _is_truth_for_number(value, one):
+            wrong.append((name, f"{name} must be a number, not {value!r}"))
+            del fixed[name]
         if not _drawn(value) or (own and (one is None or not _drawable(one))):
             continue
         try:
@@ -97,6 +100,12 @@ def take_samplers(
             wrong.append((name, str(error)))
             del fixed[name]
     return fixed, dict(sorted(samplers.items())), wrong
+
+
+def _is_truth_for_number(value: Any, one: Declared) -> bool:
+    """Whether true or false stands where a number belongs; Python would take them for 1 and 0."""
+    values = value if isinstance(value, list | tuple) and one.items else [value]
+    return bool(one.items or one.type in (int, float)) and any(isinstance(v, bool | np.bool_) for v in values)
 
 
 def _drawn(value: Any) -> bool:

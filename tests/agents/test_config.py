@@ -93,6 +93,9 @@ def test_all_mistakes_are_reported_at_once_with_their_lines(tmp_path):
     ("override", "message"),
     [
         ("count=abc", "--set count=abc: count: Input should be a valid integer"),
+        ("count=true", "--set count=true: count: must be a number"),
+        ("inner.rate=no", "--set inner.rate=no: inner.rate: Input should be a valid number"),
+        ("inner.rate=false", "--set inner.rate=false: inner.rate: must be a number"),
         ("inner.rat=1", "--set inner.rat=1: inner.rat: unknown key (did you mean 'rate'?)"),
         ("listed.3=1", "--set listed.3=1: 3 is not an index of a list of 0"),
         ("count", "--set count: write --set key=value"),

@@ -16,6 +16,7 @@ from gymnasium.utils.env_checker import check_env
 
 import fieldgym
 import fieldgym.base
+from fieldmodels.settings import declared
 
 IDS = sorted(task.env_id for task in fieldgym.TASKS.values())
 every_environment = pytest.mark.parametrize("env_id", IDS)
@@ -245,6 +246,17 @@ def test_all_wrong_settings_are_reported_at_once(env_id):
         gym.make(env_id, settings={"nonsense_a": 1, "nonsense_b": 2})
     assert "nonsense_a" in str(error.value)
     assert "nonsense_b" in str(error.value)
+
+
+@every_environment
+def test_true_and_false_are_no_numbers(env_id):
+    settings = type(gym.make(env_id).unwrapped.settings)
+    numbers = [one for one in declared(settings).values() if one.items or one.type in (int, float)]
+    assert numbers
+    for one in numbers:
+        value = [True] * len(one.items) if one.items else True
+        with pytest.raises(fieldgym.SettingsError, match=f"{one.name} must be a number, not "):
+            gym.make(env_id, settings={one.name: value})
 
 
 @every_environment
