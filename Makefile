@@ -8,7 +8,7 @@ export OMP_NUM_THREADS ?= 1
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check exam mutants bench docs build audit clean help
+.PHONY: demo test check exam mutants bench docs build lock audit clean help
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -41,6 +41,12 @@ docs: $(READY)  ## the docs site, in site/
 
 build: $(READY)  ## wheel and source distribution, in dist/
 	$(BIN)/python -m build
+
+lock: $(READY)  ## requirements.lock: every dependency with its hashes, on every platform (asks the network)
+	$(BIN)/pip install --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --all-extras --constraint constraints.txt --universal \
+		--python-version 3.11.5 --upgrade --generate-hashes --no-annotate --quiet \
+		--custom-compile-command 'make lock' --output-file requirements.lock
 
 audit: $(READY)  ## known weaknesses of the pinned dependencies (asks the network)
 	$(BIN)/pip install --quiet pip-audit

@@ -35,8 +35,7 @@ def strongest(place: Curve, power: Power) -> Curve | None:
         return None
     powers = []
     for some in np.array_split(counts, -(-len(counts) // TRIED)):
-        columns = np.concatenate([wave(x, count) for count in some], axis=-1)
-        powers.append(power(replace(place, values=columns), len(some)))
+        powers.append(power(replace(place, values=_waves(x, some)), len(some)))
     count = float(counts[np.argmax(np.concatenate(powers))])
     points = np.linspace(0.0, 1.0, POINTS * int(np.ceil(count)) + 1)
     return replace(
@@ -47,6 +46,14 @@ def strongest(place: Curve, power: Power) -> Curve | None:
         formula=f"{WAVE} {span / count:.3g} {place.over_unit}",
         tried=len(counts),
     )
+
+
+def _waves(x: FloatArray, counts: FloatArray) -> FloatArray:
+    """Cosine and sine of evenly spaced numbers of cycles, by recurrence: sines would take twice as long."""
+    turns = np.empty((*x.shape, len(counts)), dtype=np.complex128)
+    turns[..., 0] = np.exp(2j * np.pi * counts[0] * x)
+    turns[..., 1:] = np.exp(2j * np.pi * (counts[1] - counts[0]) * x)[..., None] if len(counts) > 1 else 0.0
+    return np.multiply.accumulate(turns, axis=-1).view(np.float64)
 
 
 def places(
