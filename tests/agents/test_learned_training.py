@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -438,6 +439,12 @@ def test_checkpoints_keep_every_kind_of_value(tmp_path):
     assert loaded["generator"] == state["generator"]
     assert loaded["number"] == 0.1
     assert loaded["nothing"] is None
+
+
+def test_a_training_leaves_no_thread_behind(tmp_path):
+    before = set(threading.enumerate())
+    train(tiny(), progress=False, out=tmp_path / "run")
+    assert not set(threading.enumerate()) - before
 
 
 def test_a_finished_run_is_not_trained_again(finished, capsys):

@@ -307,6 +307,24 @@ def test_rgb_array_has_the_promised_shape(env_id):
     env.close()
 
 
+def test_other_environments_that_quit_pygame_leave_pictures_as_they_were():
+    """In a process of its own: a font kept over the end of pygame crashes Python itself."""
+    code = (
+        "import gymnasium as gym, numpy as np, fieldgym, pygame\n"
+        "env = gym.make('fieldgym/Excitation-v0', render_mode='rgb_array')\n"
+        "env.reset(seed=0)\n"
+        "before = env.render()\n"
+        "for begins_again in (False, True):\n"
+        "    other = gym.make('Pendulum-v1', render_mode='rgb_array')\n"
+        "    other.reset(seed=0), other.render(), other.close()\n"
+        "    if begins_again:\n"
+        "        pygame.init()\n"
+        "    np.testing.assert_array_equal(env.render(), before)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 @every_environment
 def test_human_mode_opens_and_closes_a_window(env_id):
     env = gym.make(env_id, render_mode="human").unwrapped

@@ -57,8 +57,9 @@ def _run_training(
         for environment, share in zip(config.environments, shares, strict=True)
     ]
     run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed, twins=config.twins))
+    logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     try:
-        run.model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+        run.model.set_logger(logger)
         state = latest_checkpoint(folder / "checkpoints", lambda problem: print(problem, file=sys.stderr))
         if state is not None:
             _restore(run, state, folder)
@@ -81,6 +82,7 @@ def _run_training(
             raise
         raise DivergedError(run.model.num_timesteps) from error
     finally:
+        logger.close()  # ends its writer's thread
         run.environment.close()
 
 

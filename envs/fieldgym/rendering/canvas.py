@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,22 +27,13 @@ WIDTH, HEIGHT = 960, 540
 _SCALE = 2
 
 
-@lru_cache(maxsize=32)
-def _font(size: int, bold: bool) -> Any:
-    """DejaVu Sans as shipped with matplotlib, so that text looks the same on every machine."""
-    if not pygame.font.get_init():
-        pygame.font.init()
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    path = Path(matplotlib.get_data_path(), "fonts", "ttf", name)
-    return pygame.font.Font(str(path), size * _SCALE)
-
-
 class Canvas:
     """A picture of ``WIDTH`` by ``HEIGHT`` logical pixels; y points down."""
 
     def __init__(self, background: Color) -> None:
         self._surface = pygame.Surface((WIDTH * _SCALE, HEIGHT * _SCALE))
         self._surface.fill(background)
+        self._fonts: dict[tuple[int, bool], Any] = {}
 
     def rectangle(self, x: float, y: float, w: float, h: float, color: Color, radius: float = 0) -> None:
         """Fill a rectangle given by its top left corner and its size."""
@@ -89,10 +79,23 @@ class Canvas:
         align: Literal["left", "center", "right"] = "left",
     ) -> None:
         """Write one line; ``position`` is the middle of its left end, its center or its right end."""
-        image = _font(size, bold).render(text, True, color)
+        image = self._font(size, bold).render(text, True, color)
         x, y = position[0] * _SCALE, position[1] * _SCALE - image.get_height() / 2
         x -= {"left": 0.0, "center": image.get_width() / 2, "right": image.get_width()}[align]
         self._surface.blit(image, (round(x), round(y)))
+
+    def _font(self, size: int, bold: bool) -> Any:
+        """DejaVu Sans as shipped with matplotlib, so that text looks the same on every machine.
+
+        A canvas keeps its own fonts: one kept for longer is dead, and crashes Python, once another
+        environment's ``close`` has called ``pygame.quit``.
+        """
+        if (size, bold) not in self._fonts:
+            pygame.font.init()
+            name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+            path = Path(matplotlib.get_data_path(), "fonts", "ttf", name)
+            self._fonts[size, bold] = pygame.font.Font(str(path), size * _SCALE)
+        return self._fonts[size, bold]
 
     def image(self, levels: NDArray[np.uint8], x: float, y: float, w: float, h: float) -> None:
         """Put an image, grey of shape (rows, columns) or colour (rows, columns, 3), into a rectangle."""
