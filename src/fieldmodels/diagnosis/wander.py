@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dpbtrf, dtbtrs
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
@@ -59,7 +59,7 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
     if fitted.runs is not None:  # one start for many windows: what they share is no offset of each
         return Wander(0.5 * float(np.sum(fitted.residual**2)), 0.0, ())
     walks = _Walks(problem, fitted)
-    without = walks.cost({}, 1.0)
+    without = walks.without
     cost, paces = without, dict[int, float]()
     singly = {j: walks.best({}, j)[0] for j in walks.shown}
     for j in sorted(singly, key=lambda j: singly[j]):
@@ -101,43 +101,64 @@ class _Walks:
         )
         flat = stacked(self._columns)
         self._products, self._precision = flat.T @ flat, _precision(problem)
+        self.without = 0.5 * float(_left(self._products[None])[0])
 
     def best(self, paces: dict[int, float], j: int) -> tuple[float, float]:
         """Least cost with one output more, and its pace."""
         typical = max(float(np.mean(np.sum(self.shown[j] ** 2, axis=1))), 1e-300)
-        return min(
-            (self.cost(paces | {j: pace}, share), pace) for pace in PACES / typical for share in SHARES
-        )
+        tried = [([*paces.values(), pace], share) for pace in PACES / typical for share in SHARES]
+        costs = self.costs([*paces, j], tried)
+        k = int(np.argmin(costs))
+        return float(costs[k]), float(tried[k][0][-1])
 
-    def cost(self, paces: dict[int, float], share: float) -> float:
-        """Negative log-likelihood with these walks, parameters at their optimum."""
-        products, change = self._products, 0.0
-        if paces:
+    def costs(self, outputs: list[int], tried: list[tuple[list[float], float]]) -> FloatArray:
+        """Negative log-likelihoods beside walks of these outputs, parameters at their optimum.
+
+        Args:
+            outputs: Whose zeros walk.
+            tried: Their paces, and the share of the errors along the offsets that is left.
+        """
+        shown = np.stack([self.shown[j] for j in outputs], axis=2)
+        across = shown.transpose(0, 2, 1)
+        power, score = across @ shown, across @ self._columns
+        along = stacked(score).T @ stacked(np.linalg.pinv(power, hermitian=True) @ score)
+        products, changes = [], []
+        for paces, share in tried:
+            prior = _banded(self._precision, paces)
+            taken, change = _integrated(prior, power / share, stacked(score) / share)
             # Errors have the covariance (1 - V) + share V + walks, where V projects on the offsets.
-            offsets = np.stack([self.shown[j] for j in paces], axis=2)
-            across = offsets.transpose(0, 2, 1)
-            power, score = across @ offsets, across @ self._columns
-            inverse = np.linalg.pinv(power, hermitian=True)
-            prior = _banded(self._precision, list(paces.values()))
-            both = prior.copy()
-            size = len(paces)
-            for a in range(size):
-                for b in range(a, size):
-                    both[size - (b - a), b::size] += power[:, a, b] / share
-            try:
-                factor, before = cholesky_banded(both), cholesky_banded(prior)
-            except LinAlgError:
-                return float("inf")
-            right = score.reshape(-1, score.shape[2]) / share
-            products = (
-                products
-                + (1.0 / share - 1.0) * np.einsum("wak,wab,wbl->kl", score, inverse, score)
-                - right.T @ cho_solve_banded((factor, False), right)
-            )
-            change = float(np.sum(np.log(factor[size] / before[size])))
-            change += 0.5 * size * len(power) * np.log(share)
-        own, cross, rest = products[0, 0], products[0, 1:], products[1:, 1:]
-        return 0.5 * float(own - cross @ np.linalg.pinv(rest, hermitian=True) @ cross) + change
+            products.append(self._products + (1.0 / share - 1.0) * along - taken)
+            changes.append(change - self._spread(paces) + 0.5 * power[:, 0].size * np.log(share))
+        return np.asarray(0.5 * _left(np.array(products)) + changes, dtype=np.float64)
+
+    def _spread(self, paces: list[float]) -> float:
+        """Half the logarithm of the determinant of the walks' precision."""
+        size, above = self._precision.shape[1], self._precision[1]
+        own = float(np.sum(np.log(-above[above < 0.0])))
+        return 0.5 * float(np.sum(own - size * np.log(paces)))
+
+
+def _integrated(prior: FloatArray, power: FloatArray, score: FloatArray) -> tuple[FloatArray, float]:
+    """What walks take off the products of the columns, and half the log-determinant of their precision."""
+    both, size = prior.copy(), power.shape[1]
+    for a in range(size):
+        for b in range(a, size):
+            both[size - (b - a), b::size] += power[:, a, b]
+    factor, failed = dpbtrf(both)
+    if failed:
+        return np.zeros((score.shape[1],) * 2), float("inf")
+    half = dtbtrs(factor, score, uplo="U", trans="T")[0]
+    return half.T @ half, float(np.sum(np.log(factor[size])))
+
+
+def _left(products: FloatArray) -> FloatArray:
+    """Square of the first column outside the others, from the products of all, shape (cases,)."""
+    try:  # the last pivot of Cholesky's factor
+        return np.asarray(np.linalg.cholesky(products[:, ::-1, ::-1])[:, -1, -1] ** 2)
+    except np.linalg.LinAlgError:  # columns depend on each other
+        own, cross, rest = products[:, 0, 0], products[:, 0, 1:], products[:, 1:, 1:]
+        inverse = np.linalg.pinv(rest, hermitian=True)
+        return np.asarray(own - np.einsum("ck,ckl,cl->c", cross, inverse, cross))
 
 
 def _pushed(problem: Problem, fitted: Fit) -> FloatArray:
