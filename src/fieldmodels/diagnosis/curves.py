@@ -489,8 +489,8 @@ class _Screen:
         answers, values = self._curves.answers(waves), waves.values
         with_others = np.tensordot(self._of(answers), values, ((0, 1), (0, 1))).reshape(-1, count, 2)
         cross, pairs = with_others[:-1], values.reshape(*values.shape[:2], count, 2)
-        whole = np.einsum("wskc,wskd->kcd", pairs, (answers.products @ values).reshape(pairs.shape))
-        own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
+        whole = _squares(pairs, (answers.products @ values).reshape(pairs.shape))
+        own = whole - _squares(cross, cross)
         slopes = with_others[-1] - np.tensordot(self._left, cross, 1)
         size, left = (np.trace(one, axis1=1, axis2=2) for one in (whole, own))
         told = left > LEAST_SINE**2 * size  # others are what the free parameters do
@@ -502,6 +502,18 @@ class _Screen:
         if id(answers) not in self._with_others:
             self._with_others[id(answers)] = answers.with_all(self._others)
         return self._with_others[id(answers)]
+
+
+def _squares(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Products (..., k, c) with (..., k, d), equal if c and d change places, shape (k, c, d).
+
+    Ten times as fast as one ``einsum`` over pairs.
+    """
+    left, right = (one.reshape(-1, *one.shape[-2:]) for one in (left, right))
+    result = np.empty((*left.shape[1:], 2))
+    result[:, [0, 1], [0, 1]] = np.einsum("nkc,nkc->kc", left, right)
+    result[:, [0, 1], [1, 0]] = np.einsum("nk,nk->k", left[..., 0], right[..., 1])[:, None]
+    return result
 
 
 def _identifiable(
