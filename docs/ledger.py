@@ -22,16 +22,17 @@ from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.reproduce.ledger import claims_of
 from fieldagents.task import all_tasks
 from fieldmodels.files import write_text
+from fieldmodels.html import AMBER, BEFORE, GREEN, GREY, INK, PURPLE
 from fieldmodels.rounding import words
 
 FOLDER = Path(__file__).parent
 NUMBERS = FOLDER / "ledger.json"
 COLOURS = {
-    "reproduced": "#1a7f4b",
-    "depends": "#b8860b",
-    "refuted": "#b3402a",
-    "undecided": "#7a5195",
-    "not computable": "#8a8f98",
+    "reproduced": GREEN,
+    "depends": AMBER,
+    "refuted": BEFORE,
+    "undecided": PURPLE,
+    "not computable": GREY,
 }
 
 INTRODUCTION = """# The sources' claims
@@ -64,9 +65,7 @@ def draw(claims: Iterable[Decided], path: Path) -> None:
         widths = [counts[task, verdict] for task in tasks]
         if any(widths):
             bars = axes.barh([words(task) for task in tasks], widths, left=left, color=colour, label=verdict)
-            axes.bar_label(
-                bars, [str(n or "") for n in widths], label_type="center", fontsize=8, color="white"
-            )
+            axes.bar_label(bars, [str(n or "") for n in widths], label_type="center", fontsize=8, color=INK)
             left = [a + b for a, b in zip(left, widths, strict=True)]
     axes.set_xlabel("claims")
     axes.spines[["top", "right", "left"]].set_visible(False)

@@ -15,8 +15,10 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fieldmodels.html import AFTER, BEFORE, GREEN, PURPLE
+
 FOLDER = Path(__file__).parent
-DARK, LIGHT, GOOD, BAD = "#1f4e9c", "#9db4d6", "#1a7f4b", "#b3402a"
+DARK, LIGHT, GOOD, BAD = AFTER, PURPLE, GREEN, BEFORE
 Rows = list[list[str]]
 
 
