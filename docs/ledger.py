@@ -64,8 +64,9 @@ def draw(claims: Iterable[Decided], path: Path) -> None:
     for verdict, colour in COLOURS.items():
         widths = [counts[task, verdict] for task in tasks]
         if any(widths):
+            ink = "white" if colour == GREY else INK
             bars = axes.barh([words(task) for task in tasks], widths, left=left, color=colour, label=verdict)
-            axes.bar_label(bars, [str(n or "") for n in widths], label_type="center", fontsize=8, color=INK)
+            axes.bar_label(bars, [str(n or "") for n in widths], label_type="center", fontsize=8, color=ink)
             left = [a + b for a, b in zip(left, widths, strict=True)]
     axes.set_xlabel("claims")
     axes.spines[["top", "right", "left"]].set_visible(False)
