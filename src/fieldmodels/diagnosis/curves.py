@@ -193,8 +193,9 @@ class Curves:
         needed = self._needed_of(among) + float(np.log(scored.curve.tried))
         if scored.curve.place == "odds":
             return True
-        gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
-        return gain > needed + (self.options.same_gain if left > 0.0 else 0.0)
+        options, more = self.options, self.options.same_gain
+        gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, options.price, needed + more)
+        return gain > needed + (more if left > 0.0 else 0.0)
 
     def _in_few_blocks(self, scored: Scored, needed: float) -> bool:
         """Whether a curve that acts in few blocks is called for nevertheless; see ``selection.accepted``."""

@@ -7,12 +7,13 @@ the simulation: what is said to be missing must bring its gain beside offsets th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpbtrf, dtbtrs
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
 from fieldmodels.diagnosis.problem import Problem
 
@@ -61,22 +62,29 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
     walks = _Walks(problem, fitted)
     without = walks.without
     cost, paces = without, dict[int, float]()
-    singly = {j: walks.best({}, j)[0] for j in walks.shown}
-    for j in sorted(singly, key=lambda j: singly[j]):
-        trial, pace = walks.best(paces, j)
+    singly = {j: walks.best({}, j) for j in walks.shown}
+    for j in sorted(singly, key=lambda j: singly[j][0]):
+        trial, pace = walks.best(paces, j) if paces else singly[j]
         if trial + price < cost:
             cost, paces = trial + price, paces | {j: pace}
     return Wander(cost, without - cost, tuple(sorted(paces.keys() - {FORCE})))
 
 
-def beside(problem: Problem, parent: Fit, child: Fit, price: float) -> tuple[float, float]:
+def beside(
+    problem: Problem, parent: Fit, child: Fit, price: float, enough: float = math.inf
+) -> tuple[float, float]:
     """Gain [nats] of a child's further columns beside what wanders, and what walks still bring beside it.
 
-    A nat a column, what it costs on held-out data (Akaike 1974), is taken off.
+    A nat a column, what it costs on held-out data (Akaike 1974), is taken off. Walks beside the child raise
+    the gain; where it is ``enough`` without, they are not sought, and bring infinitely much.
     """
-    before, after = (wander(problem, one, price) for one in (parent, child))
-    gain = before.cost - after.cost - (int(child.active.sum()) - int(parent.active.sum()))
-    return gain, after.gain
+    before = wander(problem, parent, price).cost + int(parent.active.sum()) - int(child.active.sum())
+    if child.runs is None:
+        least = before - 0.5 * float(_left(_products(_columns(child))[None])[0])
+        if least > enough:
+            return least, math.inf
+    after = wander(problem, child, price)
+    return before - after.cost, after.gain
 
 
 class _Walks:
@@ -96,11 +104,8 @@ class _Walks:
                 self.shown[int(j)] = shown
         if problem.model.noisy_inputs:  # a random force is another one each moment: a steady one is a fault
             self.shown[FORCE] = _pushed(problem, fitted)
-        self._columns = np.concatenate(
-            [fitted.residual[:, :, None], fitted.jacobian[:, :, fitted.active]], axis=2
-        )
-        flat = stacked(self._columns)
-        self._products, self._precision = flat.T @ flat, _precision(problem)
+        self._columns = _columns(fitted)
+        self._products, self._precision = _products(self._columns), _precision(problem)
         self.without = 0.5 * float(_left(self._products[None])[0])
 
     def best(self, paces: dict[int, float], j: int) -> tuple[float, float]:
@@ -121,34 +126,95 @@ class _Walks:
         shown = np.stack([self.shown[j] for j in outputs], axis=2)
         across = shown.transpose(0, 2, 1)
         power, score = across @ shown, across @ self._columns
-        along = stacked(score).T @ stacked(np.linalg.pinv(power, hermitian=True) @ score)
-        products, changes = [], []
-        for paces, share in tried:
-            prior = _banded(self._precision, paces)
-            taken, change = _integrated(prior, power / share, stacked(score) / share)
-            # Errors have the covariance (1 - V) + share V + walks, where V projects on the offsets.
-            products.append(self._products + (1.0 / share - 1.0) * along - taken)
-            changes.append(change - self._spread(paces) + 0.5 * power[:, 0].size * np.log(share))
-        return np.asarray(0.5 * _left(np.array(products)) + changes, dtype=np.float64)
+        along = stacked(score).T @ stacked(_inverse(power) @ score)
+        paces, shares = np.array([own for own, _ in tried]), np.array([share for _, share in tried])
+        taken, changes = _integrated(self._precision, power, score, paces, shares)
+        # Errors have the covariance (1 - V) + share V + walks, where V projects on the offsets.
+        products = self._products + np.multiply.outer(1.0 / shares - 1.0, along) - taken
+        changes += 0.5 * power[:, 0].size * np.log(shares) - self._spread(paces)
+        return np.asarray(0.5 * _left(products) + changes, dtype=np.float64)
 
-    def _spread(self, paces: list[float]) -> float:
-        """Half the logarithm of the determinant of the walks' precision."""
+    def _spread(self, paces: FloatArray) -> FloatArray:
+        """Half the logarithm of the determinant of the walks' precision, shape (cases,)."""
         size, above = self._precision.shape[1], self._precision[1]
         own = float(np.sum(np.log(-above[above < 0.0])))
-        return 0.5 * float(np.sum(own - size * np.log(paces)))
+        return np.asarray(0.5 * np.sum(own - size * np.log(paces), axis=1))
 
 
-def _integrated(prior: FloatArray, power: FloatArray, score: FloatArray) -> tuple[FloatArray, float]:
-    """What walks take off the products of the columns, and half the log-determinant of their precision."""
-    both, size = prior.copy(), power.shape[1]
-    for a in range(size):
-        for b in range(a, size):
-            both[size - (b - a), b::size] += power[:, a, b]
-    factor, failed = dpbtrf(both)
-    if failed:
-        return np.zeros((score.shape[1],) * 2), float("inf")
-    half = dtbtrs(factor, score, uplo="U", trans="T")[0]
-    return half.T @ half, float(np.sum(np.log(factor[size])))
+@compiled
+def _integrated(
+    precision: FloatArray, power: FloatArray, score: FloatArray, paces: FloatArray, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What walks take off the products of the columns, and half the log-determinant of their precision.
+
+    By Cholesky's factor of the banded precision, row by row, a window's offsets side by side.
+
+    Args:
+        precision: Of a walk with variance one, as of ``_precision``.
+        power: Products of a window's offsets, shape (windows, walks, walks).
+        score: The same with the columns, shape (windows, walks, columns).
+        paces: Shape (cases, walks).
+        shares: Of the errors' variance along the offsets that is left, shape (cases,).
+
+    Returns:
+        Shapes (cases, columns, columns) and (cases,); infinite where a precision is none.
+    """
+    windows, walks, columns = score.shape
+    taken = np.zeros((len(paces), columns, columns))
+    logs = np.zeros(len(paces))
+    factor = np.zeros((windows * walks, walks + 1))  # of row r the columns r - walks to r
+    half = np.zeros((windows * walks, columns))
+    for case in range(len(paces)):
+        share = shares[case]
+        for r in range(windows * walks):
+            w, a = r // walks, r % walks
+            for i in range(walks + 1):
+                c = r - walks + i
+                if c < 0:
+                    continue
+                value = power[w, a, i - walks + a] / share if i >= walks - a else 0.0
+                if i == walks:
+                    value += precision[0, w] / paces[case, a]
+                elif i == 0:
+                    value += precision[1, w - 1] / paces[case, a]
+                for k in range(max(i - walks, 0, walks - r), i):
+                    value -= factor[r, k] * factor[c, k + walks - i]
+                if i < walks:
+                    factor[r, i] = value / factor[c, walks]
+                elif value > 0.0:
+                    factor[r, walks] = math.sqrt(value)
+                    logs[case] += math.log(factor[r, walks])
+                else:
+                    factor[r, walks] = 1.0
+                    logs[case] = np.inf
+            for m in range(columns):
+                half[r, m] = score[w, a, m] / share
+            for i in range(max(walks - r, 0), walks):
+                for m in range(columns):
+                    half[r, m] -= factor[r, i] * half[r - walks + i, m]
+            for m in range(columns):
+                half[r, m] /= factor[r, walks]
+        if logs[case] < np.inf:
+            taken[case] = half.T @ half
+    return taken, logs
+
+
+def _inverse(power: FloatArray) -> FloatArray:
+    """Pseudo-inverses of symmetric matrices, shape (windows, n, n)."""
+    if power.shape[1] == 1:
+        return np.divide(1.0, power, out=np.zeros_like(power), where=power > 0.0)
+    return np.asarray(np.linalg.pinv(power, hermitian=True))
+
+
+def _columns(fitted: Fit) -> FloatArray:
+    """The residual and what is free to change it, shape (windows, rows, 1 + free)."""
+    return np.concatenate([fitted.residual[:, :, None], fitted.jacobian[:, :, fitted.active]], axis=2)
+
+
+def _products(columns: FloatArray) -> FloatArray:
+    """Of columns over all windows, shape (columns, columns)."""
+    flat = stacked(columns)
+    return np.asarray(flat.T @ flat)
 
 
 def _left(products: FloatArray) -> FloatArray:
@@ -184,14 +250,4 @@ def _precision(problem: Problem) -> FloatArray:
         result[0, own] = np.append(True, ~same) + np.append(inverse, 0.0) + np.append(0.0, inverse)
         result[1, first : own.stop - 1] = -inverse
         first = own.stop
-    return result
-
-
-def _banded(precision: FloatArray, paces: list[float]) -> FloatArray:
-    """Precision of several walks, a window's offsets side by side, in upper banded form."""
-    size, count = len(paces), precision.shape[1]
-    result = np.zeros((size + 1, size * count))
-    for k, pace in enumerate(paces):
-        result[size, k::size] = precision[0] / pace
-        result[0, size + k :: size] = precision[1, :-1] / pace
     return result
