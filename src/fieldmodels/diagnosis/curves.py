@@ -10,6 +10,7 @@ jointly with the free parameters and to first order.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -334,23 +335,27 @@ class Curves:
         remembered = {name: s for name, s in signals.items() if name not in lasting}
         outputs = {s.name: s.unit for s in model.outputs}
         own = {n: {k: s for k, s in remembered.items() if f" {n} " in k} for n in outputs}
+        made = {name: tuple(tables({name: one})) for name, one in signals.items()}
+
+        def tabled(names: Iterable[str]) -> Iterator[Curve]:
+            return itertools.chain.from_iterable(made[name] for name in names)
+
         for push in model.pushes:
             over = {**plain, **remembered}
             if sum(weight != 0.0 for weight in push.weights) > 1:  # part of others, which have all variables
                 over = {n: s for n, s in over.items() if push.rate in n}
-            for curve in tables(over):
+            for curve in tabled(over):
                 yield replace(curve, target=push.name, unit=push.unit or "1")
             if push.rate in signals:
                 places = {n: s for n, s in plain.items() if n in outputs or n == "time"}
                 per = signals[push.rate][0]
                 share = "1" if per == push.unit else f"{push.unit} / ({per})"
-                for curve in tables(places):
+                for curve in tabled(places):
                     yield self._perhaps_share(replace(curve, target=SHARE + push.name, unit=share))
         for curve in products(plain):
             yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
-        signals = lasting
         for name in events:
-            for curve in (*tables(signals), *products(signals)):
+            for curve in (*tabled(lasting), *products(lasting)):
                 yield replace(curve, place="odds", target=name, unit="1")
         # Where chance drives the machine, it is told from a sensor's error alone by what that depends on.
         chance = model.random_force
@@ -358,12 +363,13 @@ class Curves:
             over = (
                 {name: plain[name]} if name in plain and chance else {} if chance else {**plain, **own[name]}
             )
-            for curve in tables(over):
+            for curve in tabled(over):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])
         first = len(model.parameters) if chance else 0
+        of_windows = tuple(window_tables(plain))
         for i in self.fitted.free[self.fitted.free >= first]:
-            for curve in window_tables(plain):
-                p = model.all_parameters[i]
+            p = model.all_parameters[i]
+            for curve in of_windows:
                 yield replace(curve, place="parameter", target=model.names[i], unit=p.unit)
 
     def _waves(self, screen: _Screen) -> Iterator[Curve]:

@@ -24,7 +24,7 @@ def failed_tests(
     time, on an output or on an input would reduce it on held-out windows. p-values of the best of
     several directions are multiplied by their number (Bonferroni).
     """
-    result = []
+    result, curves = [], Curves(problem, base.fit, options)
     for j in np.unique(problem.outputs):
         signal = problem.model.outputs[j].name
         mask = problem.outputs == j
@@ -38,8 +38,7 @@ def failed_tests(
                 FailedTest(signal, "whiteness", p, "neighbouring errors within a window are correlated")
             )
         candidate = Candidate((), own, 0.0, held_out_loss(own, problem.folds))
-        curves = Curves(problem, own, options)
-        judged = curves.judge(candidate)
+        judged = curves.reweighed(own).judge(candidate)
         for found in judged[:2]:
             p = min(1.0, found.p_value * len(judged))
             if p < options.level:
