@@ -67,6 +67,7 @@ from fieldmodels.model import Combination, Signal
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
 NEAR_BEST = 3  # tables whose known functions compete with names
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
+TOGETHER = 500_000  # numbers of curves that are looked at together, which bounds memory
 SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
 SAME_SINE = 0.24  # below which a curve is what effects do anyhow: a sign over another width is 0.22
@@ -161,12 +162,11 @@ class Curves:
         """
         basis, _ = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))
         screen = _Screen(self, basis, candidate.fit.residual.reshape(-1))
-        promising: list[tuple[float, Curve, FloatArray]] = []
-        for curve in (*self.all, *self._waves(screen)) if curves is None else curves:
-            seen = _identifiable(*screen.products(curve))
-            if seen is not None:
-                gain, combination = seen
-                promising.append((gain - candidate.price * combination.shape[1], curve, combination))
+        tried = (*self.all, *self._waves(screen)) if curves is None else tuple(curves)
+        promising = [
+            (gain - candidate.price * combination.shape[1], tried[k], combination)
+            for k, gain, combination in screen.identifiable(tried)
+        ]
         promising.sort(key=lambda one: -one[0])
         found = [self._scored(candidate, *one[1:]) for one in promising[:SCREENED]]
         return sorted(found, key=lambda s: s.candidate.total)
@@ -484,12 +484,32 @@ class _Screen:
         self._left = basis.T @ residual
         self._with_others: dict[int, FloatArray] = {}
 
-    def products(self, curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Of a curve's columns, as of ``_identifiable``."""
-        answers, values = self._curves.answers(curve), _by_segments(curve)
-        with_others = np.tensordot(self._of(answers), values, ((0, 1), (0, 1)))
-        gram = np.tensordot(values, answers.products @ values, ((0, 1), (0, 1)))
-        return gram, with_others[:-1], with_others[-1], self._left
+    def identifiable(self, curves: Sequence[Curve]) -> list[tuple[int, float, FloatArray]]:
+        """Those of some curves that are identifiable: number, and as of ``_identifiable``; in their order.
+
+        Curves at one place with equally many columns are looked at together.
+        """
+        alike: dict[tuple[int, int], list[int]] = {}
+        for k, curve in enumerate(curves):
+            key = id(self._curves.answers(curve)), curve.values.shape[-1]
+            alike.setdefault(key, []).append(k)
+        found = []
+        for (_, columns), numbers in alike.items():
+            answers = self._curves.answers(curves[numbers[0]])
+            windows, _, segments = answers.columns.shape
+            at_once = max(TOGETHER // (windows * segments * columns), 1)
+            for i in range(0, len(numbers), at_once):
+                some = numbers[i : i + at_once]
+                # Windows first, so that each takes one product for all curves.
+                values = np.stack([_by_segments(curves[k]) for k in some], axis=2)
+                apart = np.ascontiguousarray(values.reshape(-1, len(some), columns).transpose(1, 2, 0))
+                flat = values.reshape(windows, segments, -1)
+                image = (answers.products @ flat).reshape(-1, len(some), columns).transpose(1, 0, 2)
+                others = apart @ self._of(answers).reshape(windows * segments, -1)
+                gram = apart @ np.ascontiguousarray(image)
+                seen = _identifiable(gram, others[:, :, :-1].transpose(0, 2, 1), others[:, :, -1], self._left)
+                found += [(k, *one) for k, one in zip(some, seen, strict=True) if one is not None]
+        return sorted(found, key=lambda one: one[0])
 
     def powers(self, waves: Curve, count: int) -> FloatArray:
         """What each pair of a curve's columns explains of the residual beside the basis, shape (count,)."""
@@ -525,33 +545,39 @@ def _squares(left: FloatArray, right: FloatArray) -> FloatArray:
 
 def _identifiable(
     gram: FloatArray, cross: FloatArray, slopes: FloatArray, left: FloatArray
-) -> tuple[float, FloatArray] | None:
-    """What of a curve the free parameters cannot reproduce.
+) -> list[tuple[float, FloatArray] | None]:
+    """What of some curves the free parameters cannot reproduce.
 
     A curve that is nearly collinear with a free parameter (a force proportional to the angle, with the
     stiffness free) would get a huge coefficient, whose small remaining component fits the noise.
 
     Args:
-        gram: Products of the response to the curve's columns, shape (columns, columns).
-        cross: The same with an orthonormal basis of the free parameters' sensitivities, (free, columns).
-        slopes: The same with the residual, shape (columns,).
+        gram: Products of the response to a curve's columns, shape (curves, columns, columns).
+        cross: The same with an orthonormal basis of the free parameters' sensitivities, (curves, free,
+            columns).
+        slopes: The same with the residual, shape (curves, columns).
         left: Of the basis with the residual, shape (free,).
 
     Returns:
-        What the identifiable combinations gain on the fitted windows [nats], and these, shape (columns,
-        combinations); None if there are none.
+        Of each curve what the identifiable combinations gain on the fitted windows [nats], and these, shape
+        (columns, combinations); None if there are none.
     """
-    scale = np.sqrt(np.maximum(np.diag(gram), 0.0)) + 1e-30
-    size, turn = np.linalg.eigh(gram / np.multiply.outer(scale, scale))
-    sound = size > SOUND * max(float(size[-1]), 1e-30)
-    white = turn[:, sound] / np.sqrt(size[sound]) / scale[:, None]
+    scale = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0)) + 1e-30
+    size, turn = np.linalg.eigh(gram / (scale[:, :, None] * scale[:, None, :]))
+    sound = size > SOUND * np.maximum(size[:, -1:], 1e-30)
+    rooted = np.sqrt(np.where(sound, size, 1.0))
+    white = np.where(sound[:, None, :], turn / rooted[:, None, :] / scale[:, :, None], 0.0)
     across = cross @ white
-    squares, turn = np.linalg.eigh(np.eye(across.shape[1]) - across.T @ across)
+    own = np.eye(gram.shape[1]) * sound[:, None, :]
+    squares, turn = np.linalg.eigh(own - across.transpose(0, 2, 1) @ across)
     kept = squares > LEAST_SINE**2
-    if not kept.any():
-        return None
-    explained = (slopes @ white - left @ across) @ turn[:, kept]
-    return 0.5 * float(np.sum(explained**2 / squares[kept])), np.asarray(white @ turn[:, kept])
+    combined = white @ turn
+    explained = (slopes[:, None, :] @ combined)[:, 0] - ((left @ across)[:, None, :] @ turn)[:, 0]
+    gains = 0.5 * np.sum(np.where(kept, explained**2, 0.0) / np.where(kept, squares, 1.0), axis=1)
+    return [
+        (float(gain), np.ascontiguousarray(all_of[:, these])) if these.any() else None
+        for gain, all_of, these in zip(gains, combined, kept, strict=True)
+    ]
 
 
 def _beyond_span(columns: FloatArray, others: FloatArray) -> FloatArray:
