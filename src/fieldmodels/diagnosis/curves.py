@@ -49,7 +49,7 @@ from fieldmodels.diagnosis.shapes import (
     window_tables,
 )
 from fieldmodels.diagnosis.wander import beside
-from fieldmodels.diagnosis.waves import places, strongest
+from fieldmodels.diagnosis.waves import places, spectrum, strongest
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
     CHANGE,
@@ -144,13 +144,14 @@ class Curves:
         }
         self.signals = self._variables()
         self._answers: dict[tuple[str, str], Answers] = {}
+        self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
         self.all = tuple(self._curves())
         self._wave_places = tuple(places(model, self.signals, self._shown, self._averaged))
 
     def reweighed(self, fitted: Fit) -> Curves:
         """The same curves beside the same fit with other weights."""
         result = copy(self)
-        result.fitted, result._answers = fitted, {}
+        result.fitted, result._answers, result._wave_products = fitted, {}, {}
         return result
 
     def judge(self, candidate: Candidate, curves: Iterable[Curve] | None = None) -> list[Scored]:
@@ -375,7 +376,7 @@ class Curves:
     def _waves(self, screen: _Screen) -> Iterator[Curve]:
         """The strongest wave at each place over each variable."""
         for place in self._wave_places:
-            found = strongest(place, lambda waves, count: screen.powers(self._perhaps_share(waves), count))
+            found = strongest(place, screen.powers)
             if found is not None:
                 yield self._perhaps_share(found)
 
@@ -383,8 +384,30 @@ class Curves:
         """What a share of a direction's own rate adds to it; any other curve as it is."""
         if not curve.target.startswith(SHARE):
             return curve
+        return replace(curve, values=curve.values * self.share_of(curve)[..., None])
+
+    def share_of(self, curve: Curve) -> FloatArray:
+        """The rate of which a curve is a share, on the segments of every window; of any other curve one."""
+        if not curve.target.startswith(SHARE):
+            return np.ones((1, 1))
         (rate,) = [p.rate for p in self.problem.model.pushes if p.name == curve.target.removeprefix(SHARE)]
-        return replace(curve, values=curve.values * self.signals[rate][1][..., None])
+        return self.signals[rate][1]
+
+    def wave_products(self, place: Curve, counts: FloatArray) -> FloatArray:
+        """Products of what the cosine and the sine of so many cycles at a place answer, (counts, 2, 2)."""
+        key = place.place, place.target, place.over
+        if key not in self._wave_products:
+            x, share = place.values, self.share_of(place)
+            products = self.answers(place).products * share[..., None] * share[:, None, :]
+            # Products of waves are waves of the sum and the difference.
+            sums, differences = (
+                spectrum(both.ravel(), products.reshape(-1, 1), counts)[0]
+                for both in (x[:, :, None] + x[:, None, :], x[:, :, None] - x[:, None, :])
+            )
+            even, odd = 0.5 * differences.real, 0.5 * sums
+            result = np.stack([even + odd.real, odd.imag, odd.imag, even - odd.real], axis=-1)
+            self._wave_products[key] = result.reshape(-1, 2, 2)
+        return self._wave_products[key]
 
     def _variables(self) -> Signals:
         """Candidate variables averaged over the segments: outputs, their rates, inputs, memory, and time."""
@@ -511,14 +534,16 @@ class _Screen:
                 found += [(k, *one) for k, one in zip(some, seen, strict=True) if one is not None]
         return sorted(found, key=lambda one: one[0])
 
-    def powers(self, waves: Curve, count: int) -> FloatArray:
-        """What each pair of a curve's columns explains of the residual beside the basis, shape (count,)."""
-        answers, values = self._curves.answers(waves), waves.values
-        with_others = np.tensordot(self._of(answers), values, ((0, 1), (0, 1))).reshape(-1, count, 2)
-        cross, pairs = with_others[:-1], values.reshape(*values.shape[:2], count, 2)
-        whole = _squares(pairs, (answers.products @ values).reshape(pairs.shape))
-        own = whole - _squares(cross, cross)
-        slopes = with_others[-1] - np.tensordot(self._left, cross, 1)
+    def powers(self, place: Curve, counts: FloatArray) -> FloatArray:
+        """What waves of so many cycles at a place explain beside the basis, shape (counts,)."""
+        curves, x = self._curves, place.values
+        share = curves.share_of(place)
+        others = self._of(curves.answers(place)) * share[..., None]
+        sums = spectrum(x.ravel(), others.reshape(x.size, -1), counts)
+        pairs = np.stack([sums.real, sums.imag], axis=-1)
+        cross, whole = pairs[:-1], curves.wave_products(place, counts)
+        own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
+        slopes = pairs[-1] - np.tensordot(self._left, cross, 1)
         size, left = (np.trace(one, axis1=1, axis2=2) for one in (whole, own))
         told = left > LEAST_SINE**2 * size  # others are what the free parameters do
         own = np.where(told[:, None, None], own + 1e-6 * size[:, None, None] * np.eye(2), np.eye(2))
@@ -529,18 +554,6 @@ class _Screen:
         if id(answers) not in self._with_others:
             self._with_others[id(answers)] = answers.with_all(self._others)
         return self._with_others[id(answers)]
-
-
-def _squares(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Products (..., k, c) with (..., k, d), equal if c and d change places, shape (k, c, d).
-
-    Ten times as fast as one ``einsum`` over pairs.
-    """
-    left, right = (one.reshape(-1, *one.shape[-2:]) for one in (left, right))
-    result = np.empty((*left.shape[1:], 2))
-    result[:, [0, 1], [0, 1]] = np.einsum("nkc,nkc->kc", left, right)
-    result[:, [0, 1], [1, 0]] = np.einsum("nk,nk->k", left[..., 0], right[..., 1])[:, None]
-    return result
 
 
 def _identifiable(

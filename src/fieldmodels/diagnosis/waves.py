@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.result import WAVE
 from fieldmodels.diagnosis.shapes import Curve, Place, Signals, wave
 from fieldmodels.drivers.variables import SHARE, WAY
 from fieldmodels.model import Model
 
 CYCLES = 600.0  # of a wave over the whole range of its variable, at most
-TRIED = 64  # waves at a time, which bounds memory
 POINTS = 16  # of a cycle, where its table is given
 
-Power = Callable[[Curve, int], FloatArray]
+WIDTH, SHARPNESS = 14, 2.3 * 14  # of the bell by which a sample is spread over a grid, in its points
 
 
-def strongest(place: Curve, power: Power) -> Curve | None:
+def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) -> Curve | None:
     """The strongest wave at a place; None if its variable is too fast for any.
 
     Args:
         place: Where, over what; its values from zero to one in place of columns, see ``places``.
-        power: What each of some waves, given as the columns of one curve, two a wave, explains.
+        power: What waves at a place of so many cycles explain.
     """
     # Faster waves are lost in the averages over a segment.
     x, span = place.values, float(place.knots[1] - place.knots[0])
@@ -33,10 +36,7 @@ def strongest(place: Curve, power: Power) -> Curve | None:
     counts = np.arange(2.0, min(0.5 / passed, CYCLES), 0.5)
     if not len(counts):
         return None
-    powers = []
-    for some in np.array_split(counts, -(-len(counts) // TRIED)):
-        powers.append(power(replace(place, values=_waves(x, some)), len(some)))
-    count = float(counts[np.argmax(np.concatenate(powers))])
+    count = float(counts[np.argmax(power(place, counts))])
     points = np.linspace(0.0, 1.0, POINTS * int(np.ceil(count)) + 1)
     return replace(
         place,
@@ -48,12 +48,42 @@ def strongest(place: Curve, power: Power) -> Curve | None:
     )
 
 
-def _waves(x: FloatArray, counts: FloatArray) -> FloatArray:
-    """Cosine and sine of evenly spaced numbers of cycles, by recurrence: sines would take twice as long."""
-    turns = np.empty((*x.shape, len(counts)), dtype=np.complex128)
-    turns[..., 0] = np.exp(2j * np.pi * counts[0] * x)
-    turns[..., 1:] = np.exp(2j * np.pi * (counts[1] - counts[0]) * x)[..., None] if len(counts) > 1 else 0.0
-    return np.multiply.accumulate(turns, axis=-1).view(np.float64)
+def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[np.complex128]:
+    """Sums of columns times exp(2 pi i count x), for whole and half counts, to 1e-11 of the columns' size.
+
+    Samples are spread over a grid by a narrow bell, whose own spectrum is divided out of the grid's
+    (Barnett, Magland and af Klinteberg 2019, SIAM J. Sci. Comput. 41).
+
+    Args:
+        x: Shape (samples,).
+        columns: Shape (samples, columns).
+        counts: Multiples of a half, none negative, shape (counts,).
+
+    Returns:
+        Shape (columns, counts).
+    """
+    modes = np.round(2.0 * counts).astype(np.int64)
+    size = next_fast_len(4 * (int(modes.max()) + WIDTH), real=True)
+    grid = _spread(0.5 * x % 1.0, columns, size)
+    nodes, weights = np.polynomial.legendre.leggauss(2 * WIDTH)
+    bell = np.exp(SHARPNESS * (np.sqrt(1.0 - nodes**2) - 1.0))
+    own = 0.5 * WIDTH * np.cos(np.pi * WIDTH / size * np.multiply.outer(modes, nodes)) @ (weights * bell)
+    return np.asarray(np.conj(rfft(grid, axis=1)[:, modes]) / own)
+
+
+@compiled
+def _spread(places: FloatArray, columns: FloatArray, size: int) -> FloatArray:
+    """Columns spread over a periodic grid by a bell around each place, from zero to one, (columns, size)."""
+    result = np.zeros((columns.shape[1], size))
+    for n in range(len(places)):
+        middle = places[n] * size
+        first = math.ceil(middle - 0.5 * WIDTH)
+        for point in range(first, first + WIDTH):
+            z = (point - middle) / (0.5 * WIDTH)
+            share = math.exp(SHARPNESS * (math.sqrt(max(1.0 - z * z, 0.0)) - 1.0))
+            for k in range(columns.shape[1]):
+                result[k, point % size] += share * columns[n, k]
+    return result
 
 
 def places(
