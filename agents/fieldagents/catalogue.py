@@ -155,7 +155,7 @@ def show(found: dict[str, Any], console: Console) -> None:
         console.print(f"\n[bold]Task {task['name']}[/bold] ({task['env_id']}): {task['description']}")
         table = Table("agent", "sees", "what it does")
         for agent in task["agents"]:
-            table.add_row(agent["name"], agent["sees"], agent["title"])
+            table.add_row(agent["name"], agent["sees"], escape(agent["title"]))
         console.print(table)
         if "settings" not in task:
             continue

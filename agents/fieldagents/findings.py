@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fieldagents.config import ConfigError
 from fieldmodels.model import Model, ModelError
 from fieldmodels.names import did_you_mean
+from fieldmodels.rounding import with_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,8 +83,7 @@ def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = (
 
 def _value(entry: Mapping[str, Any]) -> str:
     std = entry.get("std")
-    spread = f" ± {std:.2g}" if std is not None else ""
-    return f"{entry['value']:.4g}{spread} {entry['unit']}"
+    return with_error(entry["value"], math.nan if std is None else std, entry["unit"])
 
 
 def _gain(gain: Mapping[str, Any] | None) -> str:

@@ -15,9 +15,8 @@ from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.bench import EPISODE, NAME, TIME, Bench, Channel, beside
 from fieldmodels.recording.datasets import is_public, open_recording
 from fieldmodels.recording.files import named, recording_of
-from fieldmodels.recording.merging import JoinedTable
-from fieldmodels.recording.proposals import Proposal, clock_of, propose
-from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.proposals import Proposal, propose
+from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
 
 Ask = Callable[[str], bool]
@@ -54,7 +53,7 @@ class Logs:
         specs = {**self.columns.get("", {}), **self._own(source)}
         if is_public(source):
             return open_recording(source, self.model, specs)
-        table = _opened(source)
+        table = read_log(source)
         declared = Bench.of(specs, table.header, self.rate)
         known = self._known(table, declared)
         if known is None:
@@ -149,14 +148,6 @@ def asked(question: str) -> bool:
     """Put a question to the user at the terminal."""
     print(question, end=" [y/N] ", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja", "o", "oui", "s", "si", "sì")
-
-
-def _opened(source: str) -> Table:
-    parts = [Path(p) for p in source.split("+")]
-    if len(parts) == 1 or Path(source).exists():
-        return read_table(source)
-    tables = [read_table(part) for part in parts]
-    return JoinedTable(tables, [clock_of(table) for table in tables])
 
 
 def _over(bench: Bench, declared: Bench) -> Bench:

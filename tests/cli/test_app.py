@@ -123,6 +123,33 @@ def test_no_path_is_built_from_the_name_of_a_dropped_log(served: Served, tmp_pat
         assert served.ask(path)[0] == 404
 
 
+def test_signals_are_shown_over_seconds_by_whatever_clock_a_log_has(tmp_path: Path):
+    """Milliseconds of another language, two loggers with a rate each, runs in a row, no clock at all."""
+    session = Session(tmp_path / "results")
+    time, why = session.times(session.open(write_log(tmp_path / "german.csv", seconds=2.0)), "Winkel [deg]")
+    np.testing.assert_allclose(time, 0.01 * np.arange(200), atol=1e-9)
+    assert why == "Zeit [ms]"
+    fast, slow = np.arange(1000), np.arange(100)
+    rng = np.random.default_rng(3)
+    shared = np.cumsum(rng.standard_normal(1000))
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    pa.csv.write_csv(pa.table({"time [ms]": 5e6 + fast, "u": shared, "force": -shared}), a)
+    pa.csv.write_csv(pa.table({"stamp [s]": 70 + 0.01 * slow, "seen": shared[::10]}), b)
+    both = session.open(f"{a}+{b}")
+    np.testing.assert_allclose(session.times(both, "force")[0], 1e-3 * fast, atol=1e-9)
+    times, why = session.times(both, "seen")
+    np.testing.assert_allclose(times, 0.01 * slow, atol=2e-3)
+    assert why == "stamp [s]"
+    runs, none = tmp_path / "runs.csv", tmp_path / "none.csv"
+    pa.csv.write_csv(pa.table({"t": np.r_[0.01 * slow, 0.01 * slow], "u": np.arange(200.0)}), runs)
+    pa.csv.write_csv(pa.table({"u": shared, "v": -shared}), none)
+    for path, name, count in ((runs, "u", 200), (none, "v", 1000)):
+        time, why = session.times(session.open(path), name)
+        np.testing.assert_array_equal(time, np.arange(count))
+        assert not why
+    assert "read_log(name)" in session.script()
+
+
 def test_few_points_draw_what_all_samples_draw():
     rng = np.random.default_rng(2)
     time = np.arange(100_000) * 0.01
@@ -215,7 +242,9 @@ def test_from_a_log_to_an_export_by_keyboard_on_a_phone(served: Served, browser,
         tab_to(browser, "#path")
         press(browser, str(log), Keys.ENTER)
         _until(browser, lambda b: b.find_element(By.TAG_NAME, "body").get_attribute("data-drawn"))
-        assert len(browser.find_elements(By.CSS_SELECTOR, "#signals canvas")) == 4
+        assert len(browser.find_elements(By.CSS_SELECTOR, "#signals canvas")) == 3
+        assert find("logs").text == "bench.csv: 2500 rows of 3 signals, 24.99 s by Zeit [ms]"
+        assert find("against").text == "Each log over seconds from its start."
         tab_to(browser, "[data-zoom=in]")
         press(browser, Keys.ENTER)
         tab_to(browser, "#model")
@@ -311,8 +340,8 @@ def test_a_large_log_is_dropped_seen_and_diagnosed(served: Served, browser, tmp_
         browser.execute_cdp_cmd("Input.dispatchDragEvent", {"type": kind, "data": data, **at})
     _until(browser, lambda _b: drawn() or find("trouble").text)
     opened = time.process_time() - began  # the page's server is a thread of this process
-    assert find("logs").text == "large.csv: 900000 rows, 21 columns"
-    assert len(browser.find_elements(By.CSS_SELECTOR, "#signals canvas")) == 21
+    assert find("logs").text == "large.csv: 900000 rows of 20 signals, 900.0 s by t"
+    assert len(browser.find_elements(By.CSS_SELECTOR, "#signals canvas")) == 20
     began, before = time.process_time(), drawn()
     browser.find_element(By.CSS_SELECTOR, "[data-zoom=in]").click()
     _until(browser, lambda _b: drawn() != before)

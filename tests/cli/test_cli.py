@@ -142,6 +142,7 @@ def test_list_names_what_there_is():
         "adaptive",
         "dfki_simple_pendulum/ddp",
         "heel_strike/figure-2.12",
+        "fieldgym[filters]",  # brackets are text, not markup
     ):
         assert name in shown
 
@@ -472,7 +473,7 @@ def test_what_a_diagnosis_found_reads_in_the_terminal():
     shown = console.export_text()
     answer, verdict, *_ = shown.strip().splitlines()
     assert (answer.strip(), verdict.strip()) == ("The simulation lacks Coulomb friction.", "Verdict: named")
-    for part in ("named", "coulomb_friction", "0.18 ± 0.01 N m", "52.1 % (48.0 to 61.0)", "0.66", "0.2 s"):
+    for part in ("named", "coulomb_friction", "0.180 ± 0.010 N m", "52.1 % (48.0 to 61.0)", "0.66", "0.2 s"):
         assert part in shown
 
 

@@ -1,6 +1,7 @@
 """Every page that fieldgym writes is opened in a real browser: no error, nothing from outside, readable."""
 
 import re
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -243,8 +244,15 @@ def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
     diagnosis = diagnose(pendulum, records[:1], records[1:])
     assert diagnosis.verdict == verdict
     written = write_results(diagnosis, tmp_path)
-    words = check_page(open_page(written["report.html"]), figures=2)
+    browser = open_page(written["report.html"])
+    words = check_page(browser, figures=2)
     assert in_words(diagnosis)[0] in words  # the terminal says the same
+    if verdict == "named":
+        several = replace(diagnosis, causes=2 * diagnosis.causes)
+        assert ("With it" in words, "With them" in in_words(several)[0]) == (True, True)
+        strokes = "return [...document.querySelectorAll('figure svg path')].map(e => e.style.strokeWidth)"
+        widths = sorted(float(width) for width in browser.execute_script(strokes) if width)
+        assert widths[-1] > 3 * widths[len(widths) // 2]  # the measured curve shows beside one on top of it
     for effect in REALITIES[verdict]:
         assert effect.replace("_", " ") in words.lower()
     assert (tmp_path / "figures/answer.png").stat().st_size > 10_000

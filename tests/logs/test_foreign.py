@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from foreign import SETS, Log
+from foreign import SETS, Log, text
 from goals import MOST, actions
 
 from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.recording.bench import Bench
 from fieldmodels.recording.files import recording_of
 from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.sources import read_log
 from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
 
 
 @pytest.fixture(scope="module", params=sorted(SETS))
@@ -24,9 +27,7 @@ def logs(request, tmp_path_factory) -> list[Log]:
 
 def read(log: Log) -> tuple[Recording, dict[str, float]]:
     """The recording as proposed, and each signal's gain."""
-    from fieldagents.logs import _opened
-
-    table, model = _opened(log.source), get_model(log.run.model)
+    table, model = read_log(log.source), get_model(log.run.model)
     proposal = propose(table, model, log.options.get("rate"))
     assert not proposal.missing, f"{log.about}: {proposal.missing}, {table.header}"
     with warnings.catch_warnings():
@@ -69,3 +70,23 @@ def test_logs_lead_to_the_right_cause(tmp_path):
     right = [row for row in rows if row["right"] and row["seconds"] <= 60]
     assert len(right) >= 18, rows
     assert [row["reversed_said"] for row in rows if row["reversed"]] == [True] * 5
+
+
+def test_two_loggers_may_count_time_in_units_of_their_own(tmp_path):
+    """Milliseconds and seconds, 7 s apart: one clock, to a tenth of a step."""
+    rig = get_model("rig")
+    run = synthesise(rig, {}, "mixed", duration=20.0, step=0.01, amplitude=5.0, rng=np.random.default_rng(4))
+    drive, daq = tmp_path / "drive.csv", tmp_path / "daq.csv"
+    text(drive, ["time [ms],force,encoder"], [1e3 * run.time, run["force"], run["position"]])
+    text(daq, ["t,position"], [run.time + 7.0, run["position"]])
+    both = read_log(f"{drive}+{daq}")
+    bench = Bench.of({"t": "t", "force": "force", "position": "position"}, both.header)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = recording_of(both, bench, rig)
+        np.testing.assert_allclose(found.step, 0.01, rtol=1e-6)
+        forces = np.interp(found.time, run.time + found.time[0], run["force"])
+        assert np.mean(np.abs(found["force"] - forces) < 1e-5) > 0.95
+        declared = Bench.of({"t": "time [ms]:ms", "force": "force", "position": "position"}, both.header)
+        with pytest.raises(RecordingError, match=r"time \[ms\].*read in seconds, not ms"):
+            recording_of(both, declared, rig)

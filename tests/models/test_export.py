@@ -133,6 +133,15 @@ def test_a_machine_of_ones_own_with_its_helpers(tmp_path: Path):
         for _ in range(100):
             speed += 1e-4 * ((10 * voltage - speed) / 0.1 - 0.3 * np.tanh(speed))
     np.testing.assert_allclose(out["speed"], expected, atol=0.03)
+    for text, said in (
+        ("time,voltage\n0,1\n1,1\n", "no column t; its columns are time, voltage"),
+        ("Prüfstand,1\n", "no table of comma-separated values in UTF-8: "),
+    ):
+        (tmp_path / "other.csv").write_bytes(text.encode("latin-1"))
+        command = [sys.executable, "model.py", "other.csv", "out.csv"]
+        told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert told.returncode == 1
+        assert told.stderr.startswith(f"other.csv: {said}")
 
 
 def test_what_cannot_be_exported_says_why(tmp_path: Path):

@@ -109,15 +109,20 @@ class Page:
         }
 
     def _described(self, log: Log) -> Any:
-        time = self.session.times(log)
-        units = {name: log.table.units.get(name, "") for name in log.table.numbers()}
-        ends = [float(time[0]), float(time[-1])]
-        return {"name": log.name, "columns": units, "rows": len(time), "span": ends}
+        names = log.table.numbers()
+        times = {clock: time for time, clock in (self.session.times(log, name) for name in names)}
+        return {
+            "name": log.name,
+            "columns": {name: log.table.units.get(name, "") for name in names if name not in times},
+            "rows": max(map(len, times.values())),
+            "span": [min(t[0] for t in times.values()), max(t[-1] for t in times.values())],
+            "clock": ", ".join(clock for clock in times if clock),
+        }
 
     def signal(self, query: Any, _body: Any) -> Any:
         """A signal as few points: times, then values, as float64."""
         log = self.session.log(int(query["log"]))
-        time, width = self.session.times(log), min(int(query["width"]), WIDEST)
+        (time, _), width = self.session.times(log, query["name"]), min(int(query["width"]), WIDEST)
         begin, end = float(query.get("begin", time[0])), float(query.get("end", time[-1]))
         return buckets(time, log.column(query["name"]), begin, end, max(width, 1))
 

@@ -18,11 +18,12 @@ from fieldmodels.diagnosis.report import write_results
 from fieldmodels.export import write_model
 from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, RecordingError
-from fieldmodels.recording.bench import TIME, Bench
+from fieldmodels.recording.bench import TIME, Bench, Channel
 from fieldmodels.recording.files import recording_of
-from fieldmodels.recording.proposals import Proposal, propose
-from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.proposals import Proposal, clock_of, propose
+from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
+from fieldmodels.recording.units import UnitError, factor
 from fieldmodels.registry import get_model
 
 IMPORTS = """from pathlib import Path
@@ -31,7 +32,7 @@ from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.recording.bench import Bench
 from fieldmodels.recording.files import recording_of
-from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.sources import read_log
 from fieldmodels.registry import get_model
 """
 
@@ -49,12 +50,16 @@ class Log:
         path: Where it lies.
         table: Its columns.
         values: All of its columns of numbers, once one was looked at.
+        clock: The column of its times, None if there is none or each rate has its own.
+        times: Seconds from the log's start by each clock that was asked for, None where it is no clock.
     """
 
     name: str
     path: Path
     table: Table
     values: dict[str, FloatArray] = field(default_factory=dict)
+    clock: Channel | None = None
+    times: dict[Channel, FloatArray | None] = field(default_factory=dict)
 
     def column(self, name: str) -> FloatArray:
         """Values of a column, read once, shape (n,).
@@ -115,13 +120,15 @@ class Session:
         self.job = Job()
         self._worker: threading.Thread | None = None
 
-    def open(self, path: Path, name: str = "") -> Log:
-        """Open a log.
+    def open(self, path: str | Path, name: str = "") -> Log:
+        """Open a log; ``a.csv+b.csv`` are files of one run.
 
         Raises:
             RecordingError: If it cannot be read.
         """
-        log = Log(name or path.name, path, read_table(path))
+        table = read_log(path)
+        clock = clock_of(table)
+        log = Log(name or Path(path).name, Path(path), table, clock=clock.channel if clock else None)
         self.logs.append(log)
         return log
 
@@ -252,7 +259,7 @@ class Session:
         lines = [IMPORTS]
         if self.model_name:
             lines.append(f"model = get_model({self.model_name!r})")
-        lines.append(f"tables = [read_table(name) for name in {[str(log.path) for log in self.logs]!r}]")
+        lines.append(f"tables = [read_log(name) for name in {[str(log.path) for log in self.logs]!r}]")
         if self.specs:
             rate = f", rate={self.rate!r}" if self.rate else ""
             lines += [
@@ -270,10 +277,30 @@ class Session:
             ]
         return "\n".join(lines) + "\n"
 
-    def times(self, log: Log) -> FloatArray:
-        """Times of a log's rows [s], their numbers where no column holds any, shape (n,)."""
-        clock = self.specs.get(TIME) or next((n for n in log.table.header if n.lower() in ("t", "time")), "")
-        name = Bench.of({TIME: clock}, log.table.header).columns[TIME].column if clock else ""
-        if name in log.table.numbers():
-            return log.column(name)
-        return np.arange(len(log.column(log.table.numbers()[0])), dtype=np.float64)
+    def times(self, log: Log, name: str) -> tuple[FloatArray, str]:
+        """Times of a column's values, shape (n,), and the column that holds them.
+
+        Returns:
+            Seconds from the log's start; numbers of rows and "" where no clock rises all the way.
+        """
+        header, own = log.table.header, log.table.clocks.get(name)
+        given = Channel(own, log.table.units.get(own, "")) if own else log.clock
+        if not own and TIME in self.specs:  # as confirmed
+            said = Channel.parse(self.specs[TIME], header)
+            given = said if said.column in header else None
+        if given is not None and given not in log.times:
+            log.times[given] = self._seconds(log, given)
+        found = None if given is None else log.times[given]
+        if given is None or found is None:
+            return np.arange(len(log.column(name)), dtype=np.float64), ""
+        return found, given.column
+
+    def _seconds(self, log: Log, clock: Channel) -> FloatArray | None:
+        values = log.column(clock.column)
+        if not np.all(np.diff(values) >= 0):  # runs one after the other, each with times of its own
+            return None
+        first = min(log.column(one)[0] for one in {clock.column, *log.table.clocks.values()})
+        try:
+            return np.asarray((values - first) * factor(clock.unit or "s", "s"), dtype=np.float64)
+        except UnitError:
+            return None

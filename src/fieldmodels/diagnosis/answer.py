@@ -46,10 +46,14 @@ def by_how_much(diagnosis: Diagnosis) -> str:
     after = gain.rmse_with_curves if curved else gain.rmse_after
     if not share.percent > 0:
         return ""
-    added = "it" if diagnosis.causes else "the curve that helps most"
+    added = "the curve that helps most" if not diagnosis.causes else _it(diagnosis)
     fell = f"{with_error(gain.rmse_before)} to {with_error(after, unit=gain.unit)}"
     lower = percent(share.percent)
     return f"With {added}, the error of the predicted {words(found)} falls from {fell}: {lower} less."
+
+
+def _it(diagnosis: Diagnosis) -> str:
+    return "it" if len(diagnosis.causes) == 1 else "them"
 
 
 def what_is_left(diagnosis: Diagnosis) -> str:
@@ -105,7 +109,7 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
     if diagnosis.next_measurement:
         steps.append(text(diagnosis.next_measurement.why))
     if len(diagnosis.runs) > 1:
-        what = "it" if diagnosis.causes else "that curve"
+        what = _it(diagnosis) if diagnosis.causes else "that curve"
         steps.append(
             f"Simulate with {what}: <code>extended.yaml</code> holds the extended simulation, for "
             '<code>gym.make(..., reality="extended.yaml")</code> and <code>fieldgym export</code>.'

@@ -26,6 +26,8 @@ LINES: Mapping[str, Mapping[str, Any]] = {
     "after": {"color": AFTER, "lw": 1.5},
 }
 """How a line is drawn: colour and stroke, so that either alone tells it from the others."""
+BENEATH: Mapping[str, Any] = {"lw": 5.0, "alpha": 0.35}
+"""What was measured where a simulation may lie on it: a broad band, seen beside the line."""
 
 
 def free(
@@ -70,7 +72,7 @@ def free(
             axis.axhline(0, color=INK, lw=0.5)
             _limit(axis, np.concatenate([values - run.simulated[key][name] for key in runs[-1:]]), values)
         else:
-            axis.plot(time, values, label="measured", **LINES["measured"])
+            axis.plot(time, values, label="measured", **{**LINES["measured"], **BENEATH})
             for key in runs:
                 axis.plot(time, run.simulated[key][name], label=names[key], **LINES[key])
             _limit(axis, values, values)

@@ -15,7 +15,7 @@ from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
 from fieldmodels.recording.checks import check_episodes, check_length, check_time, is_even, suspicions
-from fieldmodels.recording.merging import held_or_between
+from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
 from fieldmodels.recording.tables import EMPTY, Problem, Table, write_table
@@ -122,6 +122,9 @@ def recording_of(
         raise table.fail(problems)
     single = {len(v) for v in values.values()} == {rows} and not sparse and len(set(clocks.values())) == 1
     clock = next(c for c in wanted if c.signal == TIME)
+    if isinstance(table, JoinedTable) and clock.channel.unit not in ("", "s"):
+        what = f"times of several files are read in seconds, not {clock.channel.unit}; declare no unit"
+        raise table.fail([Problem(what, clock.name)])
     used = {c.signal: values[c.name] if single else values[c.name].copy() for c in wanted if c.name}
     if bench.rate is not None and not clock.name:
         used[TIME] = np.arange(rows) / bench.rate

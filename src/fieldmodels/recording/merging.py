@@ -9,8 +9,10 @@ import numpy as np
 from scipy.signal import correlate
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.recording.bench import Channel
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import Table
+from fieldmodels.recording.units import factor
 
 ALIKE = 0.8
 """Least correlation at which two loggers' signals tell how far apart their clocks are."""
@@ -38,11 +40,13 @@ class Shift:
 class JoinedTable(Table):
     """The columns of several files of one run, each with its own clock."""
 
-    def __init__(self, tables: Sequence[Table], clocks: Sequence[str]) -> None:
+    def __init__(self, tables: Sequence[Table], channels: Sequence[Channel]) -> None:
+        clocks = [channel.column for channel in channels]
         names = [name for table in tables for name in table.header]
         self.path = tables[0].path
         self._places: dict[str, tuple[int, str]] = {}
         self._shifts = [0.0] * len(tables)
+        self._seconds = [factor(channel.unit or "s", "s") for channel in channels]
         self._tables = list(tables)
         units: dict[str, str] = {}
         marks: dict[str, str] = {}
@@ -53,17 +57,18 @@ class JoinedTable(Table):
                 marks[new[name]] = new[table.clocks.get(name) or clock]
                 if name in table.units:
                     units[new[name]] = table.units[name]
+            units[new[clock]] = "s"
         self.header, self.units, self.clocks = tuple(self._places), units, marks
         self.notes = tuple(self._aligned(k, clocks[0], clocks[k]) for k in range(1, len(tables)))
 
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:
-        """Read columns of all files; times are the first file's."""
+        """Read columns of all files; times are the first file's, in seconds."""
         result = {}
         for name in names:
             k, inner = self._places[name]
             result[name] = self._tables[k].read([inner], rows)[inner]
             if self.clocks[name] == name:
-                result[name] = result[name] + self._shifts[k]
+                result[name] = self._seconds[k] * result[name] + self._shifts[k]
         return result
 
     def numbers(self) -> tuple[str, ...]:
@@ -75,6 +80,7 @@ class JoinedTable(Table):
         first, second = self._tables[0], self._tables[k]
         a = {n: first[n] for n in [clock, *[n for n in first.numbers() if n != clock][:_TRIED]]}
         b = {n: second[n] for n in [other, *[n for n in second.numbers() if n != other][:_TRIED]]}
+        a[clock], b[other] = self._seconds[0] * a[clock], self._seconds[k] * b[other]
         apart = b[other][0] > a[clock][-1] or a[clock][0] > b[other][-1]
         shift = clock_shift(a.pop(clock), a, b.pop(other), b)
         if shift is None:

@@ -217,17 +217,10 @@ def _declared(table: Table, model: Model, role: str, channel: Channel) -> Column
     return ColumnProposal(role, channel.column, unit, channel.gain, channel.offset, evidence=(DECLARED,))
 
 
-def clock_of(table: Table) -> str:
-    """The column that holds a file's times.
-
-    Raises:
-        RecordingError: If there is none.
-    """
+def clock_of(table: Table) -> ColumnProposal | None:
+    """The column that holds a file's times, None if there is none or each rate has its own."""
     values = table.read(table.numbers(), ROWS)
-    found = _clock(table, 0.2, {n: v for n, v in values.items() if np.isfinite(v).any()})
-    if found is None:
-        raise RecordingError(f"{table.path}: no column holds times")
-    return found.column
+    return _clock(table, 0.2, {n: v for n, v in values.items() if np.isfinite(v).any()})
 
 
 def _by_names(

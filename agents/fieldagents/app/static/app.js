@@ -94,7 +94,13 @@ function limits(...all) {
 async function show(next, logsChanged) {
   state = next;
   $("logs").replaceChildren();
-  for (const log of state.logs) add($("logs"), "li", `${log.name}: ${log.rows} rows, ${Object.keys(log.columns).length} columns`);
+  for (const log of state.logs) {
+    const clock = log.clock ? `${log.span[1].toPrecision(4)} s by ${log.clock}` : "no column of times";
+    add($("logs"), "li", `${log.name}: ${log.rows} rows of ${Object.keys(log.columns).length} signals, ${clock}`);
+  }
+  const timed = state.logs.map((log) => log.clock ? "seconds from its start" : "rows");
+  $("against").textContent = !timed.length ? "" : new Set(timed).size === 1 ? `Each log over ${timed[0]}.`
+    : `Over ${state.logs.map((log, k) => `${timed[k]} (${log.name})`).join(", ")}.`;
   if (!$("model").options.length)
     for (const name of state.models) add($("model"), "option", name, { value: name, selected: name === "rig" });
   $("files").replaceChildren();
