@@ -399,10 +399,12 @@ class Curves:
         if key not in self._wave_products:
             x, share = place.values, self.share_of(place)
             products = self.answers(place).products * share[..., None] * share[:, None, :]
+            first, second = np.triu_indices(x.shape[1])  # the others are the same
+            weights = (products[:, first, second] * np.where(first == second, 1.0, 2.0)).reshape(-1, 1)
             # Products of waves are waves of the sum and the difference.
             sums, differences = (
-                spectrum(both.ravel(), products.reshape(-1, 1), counts)[0]
-                for both in (x[:, :, None] + x[:, None, :], x[:, :, None] - x[:, None, :])
+                spectrum(both.ravel(), weights, counts)[0]
+                for both in (x[:, first] + x[:, second], x[:, first] - x[:, second])
             )
             even, odd = 0.5 * differences.real, 0.5 * sums
             result = np.stack([even + odd.real, odd.imag, odd.imag, even - odd.real], axis=-1)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
@@ -91,11 +92,18 @@ def planned(
 
 def slowed(values: FloatArray, limits: Limits) -> FloatArray:
     """The same values, changing from sample to sample by no more than was recorded."""
+    first = np.clip(np.zeros(values.shape[1]), limits.lowest, limits.highest)
+    return _slowed(np.ascontiguousarray(values, dtype=np.float64), first, limits.change)
+
+
+@compiled
+def _slowed(values: FloatArray, first: FloatArray, change: FloatArray) -> FloatArray:
     result = np.empty_like(values)
-    now = np.clip(np.zeros(values.shape[1]), limits.lowest, limits.highest)
-    for i, aim in enumerate(values):
-        now = now + np.clip(aim - now, -limits.change, limits.change)
-        result[i] = now
+    for k in range(values.shape[1]):
+        now = first[k]
+        for i in range(len(values)):
+            now += min(max(values[i, k] - now, -change[k]), change[k])
+            result[i, k] = now
     return result
 
 

@@ -20,7 +20,9 @@ from fieldmodels.model import Model
 CYCLES = 600.0  # of a wave over the whole range of its variable, at most
 POINTS = 16  # of a cycle, where its table is given
 
-WIDTH, SHARPNESS = 14, 2.3 * 14  # of the bell by which a sample is spread over a grid, in its points
+WIDTH, SHARPNESS = 12, 2.3 * 12  # of the bell by which a sample is spread over a grid, in its points
+NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2 * WIDTH)
+BELL = 0.5 * WIDTH * _WEIGHTS * np.exp(SHARPNESS * (np.sqrt(1.0 - NODES**2) - 1.0))
 
 
 def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) -> Curve | None:
@@ -49,7 +51,7 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
 
 
 def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[np.complex128]:
-    """Sums of columns times exp(2 pi i count x), for whole and half counts, to 1e-11 of the columns' size.
+    """Sums of columns times exp(2 pi i count x), for whole and half counts, to 1e-10 of the columns' size.
 
     Samples are spread over a grid by a narrow bell, whose own spectrum is divided out of the grid's
     (Barnett, Magland and af Klinteberg 2019, SIAM J. Sci. Comput. 41).
@@ -65,9 +67,7 @@ def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[
     modes = np.round(2.0 * counts).astype(np.int64)
     size = next_fast_len(4 * (int(modes.max()) + WIDTH), real=True)
     grid = _spread(0.5 * x % 1.0, columns, size)
-    nodes, weights = np.polynomial.legendre.leggauss(2 * WIDTH)
-    bell = np.exp(SHARPNESS * (np.sqrt(1.0 - nodes**2) - 1.0))
-    own = 0.5 * WIDTH * np.cos(np.pi * WIDTH / size * np.multiply.outer(modes, nodes)) @ (weights * bell)
+    own = np.cos(np.pi * WIDTH / size * np.multiply.outer(modes, NODES)) @ BELL
     return np.asarray(np.conj(rfft(grid, axis=1)[:, modes]) / own)
 
 

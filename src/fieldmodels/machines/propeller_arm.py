@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.windows import Once
 from fieldmodels.effects import actuator, force
 from fieldmodels.elementary import sine
 from fieldmodels.machine import Force, number
@@ -16,8 +17,10 @@ from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.machines.one_axis.scales import Scales
 from fieldmodels.machines.pendulum import PERIPHERY, SHAFT, Pendulum
 from fieldmodels.model import Effect, Parameter, Signal
-from fieldmodels.recording import Windows
+from fieldmodels.recording import Recording, Windows
 
+KEPT = 16
+"""Exponents whose thrust is kept: a fit asks for few, many times."""
 BENCH = "identified on the quarter-drone bench"
 EXPONENT = "thrust_curve.exponent"
 THRUST_CURVE = Effect(
@@ -69,6 +72,7 @@ class PropellerArm(OneAxis):
         """Declare parameters and effects for an arm of these scales (default: nominal)."""
         super().__init__(scales, driven_by_measured)
         self.measured_inputs = ()  # thrust on a bench is not measured
+        self._thrusts: Once[dict[float, Recording]] = Once(lambda _: {})
 
     def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of angle and velocity."""
@@ -93,5 +97,11 @@ class PropellerArm(OneAxis):
         """The windows with thrust in place of commands."""
         exponent = parameters[self.index(EXPONENT)]
         recording, name = windows.recording, self.inputs[0].name
-        thrust = np.sign(recording[name]) * np.abs(recording[name]) ** exponent
-        return replace(windows, recording=replace(recording, signals={**recording.signals, name: thrust}))
+        known = self._thrusts(recording)
+        driven = known.get(exponent)
+        if driven is None:
+            if len(known) >= KEPT:
+                known.clear()
+            thrust = np.sign(recording[name]) * np.abs(recording[name]) ** exponent
+            driven = known[exponent] = replace(recording, signals={**recording.signals, name: thrust})
+        return replace(windows, recording=driven)
