@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.budget import SEARCH, Budget
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.effort import shared, threads_of
@@ -19,7 +20,7 @@ from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps, windo
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import responses, sample_times
+from fieldmodels.diagnosis.response import Answers, responses, sample_times
 from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.model import Effect, Model
 
@@ -38,6 +39,7 @@ USUAL = 0.5  # the same of a resonance
 MAX_FREQUENCIES = 1000  # half a spectral line apart, those nearest to the usual one
 CLEAR = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
 EXTRAPOLATED = 5.0  # nats above its fitted loss from which on a window's held-out one is simulated
+SEEN = 1e-8  # of a wave's power, what the free parameters leave at least where anything is told of it
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as identifiable
 
 
@@ -232,21 +234,22 @@ class Candidates:
     def lines(self, parent: Candidate, grid: FloatArray) -> tuple[float, ...]:
         """Frequencies of a periodic force that explain most of a parent's residual, by its force response."""
         first, time = self.problem.model.pushes[0].name, sample_times(self.problem)
-        response = responses(self.problem, parent.fit, [first])[first]
-        gains = []
-        for i in range(0, len(grid), BATCH):
-            phase = 2 * np.pi * time[:, :, None] * grid[None, None, i : i + BATCH]
-            waves = np.concatenate([np.sin(phase), np.cos(phase)], axis=2)
-            flat, residual = self.beside(parent.fit, project(parent.fit, response @ waves))
-            half = flat.shape[1] // 2
-            sine, cosine = flat[:, :half], flat[:, half:]
-            a, b, c = (np.sum(x, axis=0) + 1e-300 for x in (sine**2, cosine**2, sine * cosine))
-            s, t = sine.T @ residual, cosine.T @ residual
+        answers = Answers(project(parent.fit, responses(self.problem, parent.fit, [first])[first]))
+        basis = np.linalg.qr(stacked(parent.fit.jacobian[:, :, parent.fit.active]))[0]
+        residual = parent.fit.residual.reshape(-1)
+        others = answers.with_all(np.column_stack([basis, residual]))
+        gain = np.empty(len(grid))
+        for some in _evenly_spaced(grid):
+            pairs = waves.against(time, others, grid[some])
+            whole, cross = waves.products(time, answers.products, grid[some]), pairs[:-1]
+            own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
+            s, t = (pairs[-1] - np.tensordot(basis.T @ residual, cross, 1)).T
+            a, b, c = own[:, 0, 0], own[:, 1, 1], own[:, 0, 1]
             determinant = np.maximum(a * b - c**2, 1e-6 * a * b)
             power = b * s**2 - 2 * c * s * t + a * t**2
-            # A force without any response brings nothing, at no frequency.
-            gains.append(np.divide(power, determinant, out=np.zeros_like(power), where=determinant > 0))
-        gain = np.nan_to_num(np.concatenate(gains), posinf=0.0)
+            # A force without any response beside the parameters' brings nothing, at no frequency.
+            told = np.minimum(a, b) > SEEN * np.trace(whole, axis1=1, axis2=2)
+            gain[some] = np.divide(power, determinant, out=np.zeros_like(power), where=told)
         peaks = [i for i in np.argsort(-gain) if gain[i] >= gain[max(i - 1, 0) : i + 2].max()]
         return tuple(grid[peaks[:LINES]].tolist())
 
@@ -370,6 +373,16 @@ class Candidates:
                     best = trial
                 reach /= 8
         return best
+
+
+def _evenly_spaced(grid: FloatArray) -> list[IntArray]:
+    """Numbers of the frequencies of a rising grid in parts with even steps: nearly all, and single ones."""
+    step = float(np.median(np.diff(grid))) if len(grid) > 1 else 1.0
+    turns = (grid - grid[len(grid) // 2]) / step
+    even = np.abs(turns - np.rint(turns)) < 1e-6
+    numbers = np.flatnonzero(even)
+    breaks = np.flatnonzero(np.diff(np.rint(turns[even])) != 1) + 1
+    return [*np.split(numbers, breaks), *np.flatnonzero(~even)[:, None]]
 
 
 def simpler(model: Model, effect: Effect, parameters: FloatArray) -> str:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import held_out_loss
@@ -49,7 +50,6 @@ from fieldmodels.diagnosis.shapes import (
     window_tables,
 )
 from fieldmodels.diagnosis.wander import beside
-from fieldmodels.diagnosis.waves import places, spectrum, strongest
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
     CHANGE,
@@ -146,7 +146,7 @@ class Curves:
         self._answers: dict[tuple[str, str], Answers] = {}
         self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
         self.all = tuple(self._curves())
-        self._wave_places = tuple(places(model, self.signals, self._shown, self._averaged))
+        self._wave_places = tuple(waves.places(model, self.signals, self._shown, self._averaged))
 
     def reweighed(self, fitted: Fit) -> Curves:
         """The same curves beside the same fit with other weights."""
@@ -376,7 +376,7 @@ class Curves:
     def _waves(self, screen: _Screen) -> Iterator[Curve]:
         """The strongest wave at each place over each variable."""
         for place in self._wave_places:
-            found = strongest(place, screen.powers)
+            found = waves.strongest(place, screen.powers)
             if found is not None:
                 yield self._perhaps_share(found)
 
@@ -397,18 +397,9 @@ class Curves:
         """Products of what the cosine and the sine of so many cycles at a place answer, (counts, 2, 2)."""
         key = place.place, place.target, place.over
         if key not in self._wave_products:
-            x, share = place.values, self.share_of(place)
-            products = self.answers(place).products * share[..., None] * share[:, None, :]
-            first, second = np.triu_indices(x.shape[1])  # the others are the same
-            weights = (products[:, first, second] * np.where(first == second, 1.0, 2.0)).reshape(-1, 1)
-            # Products of waves are waves of the sum and the difference.
-            sums, differences = (
-                spectrum(both.ravel(), weights, counts)[0]
-                for both in (x[:, first] + x[:, second], x[:, first] - x[:, second])
-            )
-            even, odd = 0.5 * differences.real, 0.5 * sums
-            result = np.stack([even + odd.real, odd.imag, odd.imag, even - odd.real], axis=-1)
-            self._wave_products[key] = result.reshape(-1, 2, 2)
+            share = self.share_of(place)
+            answers = self.answers(place).products * share[..., None] * share[:, None, :]
+            self._wave_products[key] = waves.products(place.values, answers, counts)
         return self._wave_products[key]
 
     def _variables(self) -> Signals:
@@ -538,11 +529,9 @@ class _Screen:
 
     def powers(self, place: Curve, counts: FloatArray) -> FloatArray:
         """What waves of so many cycles at a place explain beside the basis, shape (counts,)."""
-        curves, x = self._curves, place.values
-        share = curves.share_of(place)
-        others = self._of(curves.answers(place)) * share[..., None]
-        sums = spectrum(x.ravel(), others.reshape(x.size, -1), counts)
-        pairs = np.stack([sums.real, sums.imag], axis=-1)
+        curves = self._curves
+        others = self._of(curves.answers(place)) * curves.share_of(place)[..., None]
+        pairs = waves.against(place.values, others, counts)
         cross, whole = pairs[:-1], curves.wave_products(place, counts)
         own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
         slopes = pairs[-1] - np.tensordot(self._left, cross, 1)

@@ -51,7 +51,7 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
 
 
 def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[np.complex128]:
-    """Sums of columns times exp(2 pi i count x), for whole and half counts, to 1e-10 of the columns' size.
+    """Sums of columns times exp(2 pi i count x), to 1e-10 of the columns' size.
 
     Samples are spread over a grid by a narrow bell, whose own spectrum is divided out of the grid's
     (Barnett, Magland and af Klinteberg 2019, SIAM J. Sci. Comput. 41).
@@ -59,16 +59,53 @@ def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[
     Args:
         x: Shape (samples,).
         columns: Shape (samples, columns).
-        counts: Multiples of a half, none negative, shape (counts,).
+        counts: Evenly spaced, rising, none negative, shape (counts,).
 
     Returns:
         Shape (columns, counts).
     """
-    modes = np.round(2.0 * counts).astype(np.int64)
-    size = next_fast_len(4 * (int(modes.max()) + WIDTH), real=True)
-    grid = _spread(0.5 * x % 1.0, columns, size)
+    step = float(counts[-1] - counts[0]) / (len(counts) - 1) if len(counts) > 1 else 1.0
+    modes = np.rint(counts[0] / step) + np.arange(len(counts))
+    rest = float(counts[0] - modes[0] * step)
+    if abs(rest) > 1e-12 * step:
+        turned = columns[:, :, None] * np.exp(2j * np.pi * rest * x)[:, None, None].view(np.float64)
+        columns = turned.reshape(len(x), -1)
+    size = next_fast_len(4 * (int(modes[-1]) + WIDTH), real=True)
+    grid = _spread(step * x % 1.0, columns, size)
     own = np.cos(np.pi * WIDTH / size * np.multiply.outer(modes, NODES)) @ BELL
-    return np.asarray(np.conj(rfft(grid, axis=1)[:, modes]) / own)
+    sums = np.conj(rfft(grid, axis=1)[:, modes.astype(np.int64)]) / own
+    return np.asarray(sums if abs(rest) <= 1e-12 * step else sums[0::2] + 1j * sums[1::2])
+
+
+def products(x: FloatArray, answers: FloatArray, counts: FloatArray) -> FloatArray:
+    """Products of the answers to a cosine and to a sine of each count, shape (counts, 2, 2).
+
+    Args:
+        x: The variable, shape (windows, segments).
+        answers: Products of the answers to each segment, shape (windows, segments, segments).
+        counts: As of ``spectrum``.
+    """
+    first, second = np.triu_indices(x.shape[1])  # the others are the same
+    weights = (answers[:, first, second] * np.where(first == second, 1.0, 2.0)).reshape(-1, 1)
+    # Products of waves are waves of the sum and the difference.
+    sums, differences = (
+        spectrum(both.ravel(), weights, counts)[0]
+        for both in (x[:, first] + x[:, second], x[:, first] - x[:, second])
+    )
+    even, odd = 0.5 * differences.real, 0.5 * sums
+    return np.stack([even + odd.real, odd.imag, odd.imag, even - odd.real], axis=-1).reshape(-1, 2, 2)
+
+
+def against(x: FloatArray, others: FloatArray, counts: FloatArray) -> FloatArray:
+    """Products of the answers to a cosine and to a sine of each count with others, (others, counts, 2).
+
+    Args:
+        x: The variable, shape (windows, segments).
+        others: Products of the answers to each segment with others, shape (windows, segments, others).
+        counts: As of ``spectrum``.
+    """
+    sums = spectrum(x.ravel(), others.reshape(x.size, -1), counts)
+    return np.stack([sums.real, sums.imag], axis=-1)
 
 
 @compiled
