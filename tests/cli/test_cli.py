@@ -64,7 +64,7 @@ def mistake(*arguments: object) -> str:
         ("watch --agent straight", {"straight"}),
         ("list pose", {"pose_reaching"}),
         ("list rig", {"rig"}),
-        ("train heel_strike/", {"heel_strike/ppo", "heel_strike/ppo_twins", "heel_strike/student"}),
+        ("train heel_strike/", {"heel_strike/pathwise", "heel_strike/ppo", "heel_strike/ppo_twins"}),
         ("evaluate heel_strike/", {"heel_strike/benchmark"}),
         ("evaluate bench", {"benchmark"}),
         ("sweep heel_strike/", {"heel_strike/sweep", "heel_strike/tune"}),

@@ -33,6 +33,8 @@ class NativeVecEnv(VecEnv):
 
     Attributes:
         rows: Which rows each part has.
+        first_seed: Of the first reset.
+        twins: Rows in a group.
         exact: Whether a state that `get_state` gave leads to the same steps; third-party environments and
             wrappers only say where their generators stand, and begin new episodes.
         infos: What each part last said beside its observations, of the episodes now under way. No learner is
@@ -63,8 +65,9 @@ class NativeVecEnv(VecEnv):
         self.exact = not any(isinstance(part, RowsVectorEnv) for part in parts)
         self.rows = [slice(end - part.num_envs, end) for part, end in zip(parts, ends, strict=True)]
         self.infos: list[dict[str, Any]] = [{} for _ in parts]
+        self.first_seed = seed
         self._seed: int | None = seed
-        self._twins = twins
+        self.twins = twins
         self._returns = np.zeros(ends[-1])
         self._lengths = np.zeros(ends[-1], dtype=np.int64)
         self._actions: NDArray[Any] | None = None
@@ -74,7 +77,7 @@ class NativeVecEnv(VecEnv):
         """Begin new episodes everywhere; the first time from the seed handed in."""
         observations = []
         for i, (part, rows) in enumerate(zip(self.parts, self.rows, strict=True)):
-            numbers = (np.arange(rows.start, rows.stop) // self._twins).tolist()
+            numbers = (np.arange(rows.start, rows.stop) // self.twins).tolist()
             seeds: Any = None if self._seed is None else [self._seed + number for number in numbers]
             observation, self.infos[i] = part.reset(seed=seeds)
             observations.append(observation)
@@ -107,8 +110,8 @@ class NativeVecEnv(VecEnv):
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
         self._returns[ended], self._lengths[ended] = 0.0, 0
-        if self._twins > 1:
-            groups = reward.reshape(-1, self._twins)
+        if self.twins > 1:
+            groups = reward.reshape(-1, self.twins)
             reward = (groups - groups.mean(axis=1, keepdims=True)).reshape(-1)
         return observation, reward, ended, infos
 
