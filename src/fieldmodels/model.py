@@ -191,6 +191,8 @@ class Model(ABC):
         resolution: Error of the simulation by its longest integration steps, over a signal's spread; one
             for all outputs, or one each.
         inputs_are_free: False if inputs cannot be chosen freely (a walker's own steering).
+        windows_apart: False if how finely a window is simulated depends on the others, so that some of them
+            cannot be simulated alone.
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
         wrapped_outputs: Outputs that are measured within a turn, [-pi, pi): its errors go by that.
         measured_states: Which output a window's state is taken from, where it has another name.
@@ -213,6 +215,7 @@ class Model(ABC):
     noisy_inputs: bool = False
     resolution: float | tuple[float, ...] = 1.3e-5
     inputs_are_free: bool = True
+    windows_apart: bool = True
     unbounded_outputs: tuple[str, ...] = ()
     measured_inputs: tuple[Signal, ...] = ()
     wrapped_outputs: tuple[str, ...] = ()

@@ -31,6 +31,7 @@ Result = TypeVar("Result")
 NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
+HELD = 3  # better points in a row at which a bound holds a fit that then counts as the simpler effect there
 LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
@@ -149,7 +150,7 @@ class Candidates:
         best = min(tries, key=lambda f: f.cost)
         if not np.isfinite(best.cost):
             return None
-        best = refit(self.problem, best, self.whitener, MOST)
+        best = refit(self.problem, best, self.whitener, MOST, _Twin(self.problem.model, effect))
         best = self._profiled(best, effect)
         if simpler(self.problem.model, effect, best.parameters):
             return None
@@ -385,15 +386,34 @@ def _evenly_spaced(grid: FloatArray) -> list[IntArray]:
     return [*np.split(numbers, breaks), *np.flatnonzero(~even)[:, None]]
 
 
+class _Twin:
+    """Says when a fit has come to a simpler effect for good: its bound holds, time after time."""
+
+    def __init__(self, model: Model, effect: Effect) -> None:
+        self.model, self.effect, self.times = model, effect, 0
+
+    def __call__(self, here: Fit) -> bool:
+        """Whether it has, at the next better point of the fit."""
+        at, _ = _reached(self.model, self.effect, here.parameters)
+        held = at is not None and bool((~here.active & (here.free == at)).any())
+        self.times = self.times + 1 if held else 0
+        return self.times == HELD
+
+
 def simpler(model: Model, effect: Effect, parameters: FloatArray) -> str:
     """The simpler effect of the model that an effect equals where it has ended; empty if there is none."""
+    return _reached(model, effect, parameters)[1]
+
+
+def _reached(model: Model, effect: Effect, parameters: FloatArray) -> tuple[int | None, str]:
+    """Index of the parameter at whose bound an effect equals a simpler one, and that; None if it does not."""
     place, listed = model.slice_of(effect.name).start, {e.name for e in model.effects}
-    for k, p in enumerate(effect.parameters):
-        at = (parameters[place + k] < 1.02 * p.lower, parameters[place + k] > p.upper / 1.02)
+    for i, p in enumerate(effect.parameters, place):
+        at = (parameters[i] < 1.02 * p.lower, parameters[i] > p.upper / 1.02)
         for reached, twin in zip(at, p.twins, strict=True):
             if reached and twin in listed:
-                return twin
-    return ""
+                return i, twin
+    return None, ""
 
 
 def is_quantisation(effect: Effect) -> bool:

@@ -6,6 +6,7 @@ step; given the parameters windows are independent, and each accepts its own cha
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,12 +52,28 @@ def fit(
     return _improved(problem, linearise(problem, parameters, free, whitener, states, raw), iterations)
 
 
-def refit(problem: Problem, fitted: Fit, whitener: FloatArray, iterations: int = 6) -> Fit:
-    """Fit on from where a fit of the same problem ended, with the same whitener or another."""
-    return _improved(problem, reweighed(problem, fitted, whitener), iterations)
+def refit(
+    problem: Problem,
+    fitted: Fit,
+    whitener: FloatArray,
+    iterations: int = 6,
+    enough: Callable[[Fit], bool] = lambda _: False,
+) -> Fit:
+    """Fit on from where a fit of the same problem ended, with the same whitener or another.
+
+    Args:
+        problem: The windows.
+        fitted: Where it begins.
+        whitener: As of ``fit``.
+        iterations: As of ``fit``.
+        enough: Asked at every better point: whether it may end there.
+    """
+    return _improved(problem, reweighed(problem, fitted, whitener), iterations, enough)
 
 
-def _improved(problem: Problem, here: Fit, iterations: int) -> Fit:
+def _improved(
+    problem: Problem, here: Fit, iterations: int, enough: Callable[[Fit], bool] = lambda _: False
+) -> Fit:
     """The best point that so many steps reach."""
     free, whitener = here.free, here.whitener
     coordinates = Coordinates(problem.model.all_parameters, free)
@@ -77,7 +94,7 @@ def _improved(problem: Problem, here: Fit, iterations: int) -> Fit:
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
             here = linearise(problem, trial.parameters, free, whitener, trial.states, trial.raw)
             damping = max(damping * 0.1, 1e-6)
-            if gained < SETTLED and not searching:
+            if (gained < SETTLED and not searching) or enough(here):
                 break
         else:
             damping = max(damping * 10, 1e-3)
@@ -138,7 +155,8 @@ def _moved(
         states = here.states + (share * reach)[:, None] * change
         if share == 0.0 and not lost.all():
             states[lost] = np.median(here.states[~lost], axis=0)
-        raw = problem.features - problem.simulate(parameters[None], states)[0]
+        raw = best.raw.copy()
+        raw[poor] = problem.features[poor] - problem.simulate_some(parameters, states, poor)
         losses = losses_of(problem, raw, states, here.whitener)
         better = poor & (losses < best.losses)
         next_reach = np.minimum(4.0 * reach, 1.0) if share == 1.0 else max(share, SHARES[-2] / 4) * reach

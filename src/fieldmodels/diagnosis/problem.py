@@ -176,6 +176,20 @@ class Problem:
             first = last
         return results[0] if len(results) == 1 else np.concatenate(results, axis=1)
 
+    def simulate_some(
+        self, parameters: FloatArray, states: FloatArray, some: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Simulated features of one parameter vector in some windows, shape (some, features).
+
+        Args:
+            parameters: The vector, shape (parameters,).
+            states: Initial states of all windows, shape (windows, states).
+            some: Which windows, shape (windows,).
+        """
+        if some.all() or self.runs is not None or not self.model.windows_apart:
+            return np.asarray(self.simulate(parameters[None], states)[0][some])
+        return np.asarray(self.select(some).simulate(parameters[None], states[some])[0])
+
     def simulate_from(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
         """Simulated features of one parameter vector from as many sets of initial states as there are states.
 

@@ -88,7 +88,7 @@ class Surrounded(Model):
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
             "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
-            "unbounded_outputs", "wrapped_outputs", "measured_states", "measured_inputs",
+            "unbounded_outputs", "windows_apart", "wrapped_outputs", "measured_states", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self._signals = {

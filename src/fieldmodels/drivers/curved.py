@@ -59,7 +59,7 @@ class Curved(Model):
         for name in (
             "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
             "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
-            "unbounded_outputs", "wrapped_outputs", "measured_states", "measured_inputs",
+            "unbounded_outputs", "windows_apart", "wrapped_outputs", "measured_states", "measured_inputs",
         ):  # fmt: skip
             setattr(self, name, getattr(inner, name))
         self.effects = (*inner.effects, *(self._effect(k, c) for k, c in enumerate(curves)))

@@ -141,6 +141,7 @@ class Declaration(Model):
         Raises:
             ModelError: For a declaration that cannot be; the message says which.
         """
+        self.windows_apart = self.pace is not None  # else it is that of some of the windows
         if (self.derivative is None) == (self.step is None):
             raise ModelError(f"{type(self).__name__}: give either derivative or step")
         if self.numbers:
