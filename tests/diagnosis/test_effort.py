@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldmodels.diagnosis import diagnose
-from fieldmodels.diagnosis.effort import VARIABLE, shared, threads_of
+from fieldmodels.diagnosis import candidates, diagnose
+from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.effort import VARIABLE, metered, shared, threads_of
 from fieldmodels.diagnosis.fit import fit
-from fieldmodels.diagnosis.linearisation import Fit, linearise, reweighed
+from fieldmodels.diagnosis.linearisation import Fit, linearise, pseudo_inverse, reweighed
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.model import Model
@@ -103,3 +104,60 @@ def test_states_are_moved_one_at_a_time(problem: Problem, fitted: Fit) -> None:
     for j, step in enumerate(steps):
         alone = problem.simulate(fitted.parameters[None], fitted.states + step)[0]
         np.testing.assert_allclose(together[j], alone, rtol=1e-12)
+
+
+def test_some_windows_alone_are_simulated_to_the_bit_as_among_all(problem: Problem, fitted: Fit) -> None:
+    some = np.arange(len(problem)) % 5 == 2
+    alone = problem.simulate_some(fitted.parameters, fitted.states, some)
+    assert np.array_equal(alone, problem.simulate(fitted.parameters[None], fitted.states)[0][some])
+
+
+def test_where_steps_follow_from_some_windows_all_are_simulated(
+    problem: Problem, fitted: Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = type(problem.model)
+    assert problem.model.windows_apart
+    monkeypatch.setattr(rig, "pace", None)
+    model = rig()
+    assert not model.windows_apart
+    some = np.arange(len(problem)) < 2
+    with metered() as meter:
+        replace(problem, model=model).simulate_some(fitted.parameters, fitted.states, some)
+    assert meter.windows == len(problem)
+
+
+def test_a_fit_that_stays_at_its_bound_ends_as_the_simpler_effect_and_early(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On dry friction a bristle's distance shrinks to nothing."""
+    hidden = {"coulomb_friction": {"force": 0.3}, "actuator_delay": {"delay": 0.03}}
+    data = synthesise(
+        get_model("rig"), hidden, "mixed", duration=40.0, step=0.01, amplitude=8.0,
+        rng=np.random.default_rng(1),
+    )  # fmt: skip
+    model = get_model("rig").scaled_to([data])
+    problem = build(model, [data], model.horizons[1])
+
+    def tried() -> tuple[Candidate | None, int]:
+        search = Candidates(
+            problem=problem, start=problem.model.nominal, fixed=frozenset(), folds=problem.folds,
+            whitener=np.diag(1 / problem.output_scale),
+        )  # fmt: skip
+        base = search.base()
+        with metered() as meter:
+            found = search.extend(base, "hysteresis")
+        return found, meter.windows
+
+    early, few = tried()
+    monkeypatch.setattr(candidates, "HELD", 1000)
+    late, many = tried()
+    assert early is late is None
+    assert few < many
+
+
+def test_pseudo_inverses_are_numpys() -> None:
+    half = np.random.default_rng(5).normal(size=(6, 4, 3))
+    powers = half @ half.swapaxes(1, 2)  # of rank three
+    assert pseudo_inverse(powers) == pytest.approx(np.linalg.pinv(powers, hermitian=True), rel=1e-6, abs=1e-9)
+    assert pseudo_inverse(np.zeros((2, 3, 3))) == pytest.approx(np.zeros((2, 3, 3)))
+    assert pseudo_inverse(np.zeros((2, 0, 0))).shape == (2, 0, 0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.gain import Prediction
 from fieldmodels.diagnosis.linearisation import PRIOR, STATE_STEP
 from fieldmodels.diagnosis.problem import Part, Problem
@@ -103,13 +104,17 @@ def _centred(values: FloatArray) -> FloatArray:
     return np.where(known, values - mean, 0.0)
 
 
+@compiled
 def _autocorrelation(errors: FloatArray, reach: int) -> FloatArray:
-    """Correlation within windows at lags 1 to ``reach`` samples; errors of shape (..., windows, samples)."""
-    power = np.sum(errors**2, axis=(-2, -1)) + 1e-300
-    products = [
-        np.sum(errors[..., lag:] * errors[..., :-lag], axis=(-2, -1)) / power for lag in range(1, reach + 1)
-    ]
-    return np.stack(products, axis=-1)
+    """Correlation within windows at lags 1 to ``reach`` samples; errors of shape (windows, samples)."""
+    power, result = 1e-300, np.zeros(reach)
+    for own in errors:
+        for value in own:
+            power += value * value
+        for lag in range(1, reach + 1):
+            for n in range(lag, len(own)):
+                result[lag - 1] += own[n] * own[n - lag]
+    return result / power
 
 
 def _inputs(problem: Problem, starts: IntArray, samples: int, reach: int) -> dict[str, FloatArray]:

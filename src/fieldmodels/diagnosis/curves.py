@@ -22,7 +22,7 @@ from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import held_out_loss
-from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
+from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import (
@@ -596,7 +596,7 @@ def _solved(wide: Fit) -> tuple[FloatArray, FloatArray]:
     """Gauss-Newton step of all active columns, zero for the others, and its covariance."""
     active = wide.active
     flat = stacked(wide.jacobian[:, :, active])
-    inverse = np.linalg.pinv(flat.T @ flat, hermitian=True, rcond=1e-8)
+    inverse = pseudo_inverse(flat.T @ flat, 1e-8)
     step, covariance = np.zeros(len(active)), np.zeros((len(active), len(active)))
     step[active] = inverse @ (flat.T @ wide.residual.reshape(-1))
     covariance[np.ix_(active, active)] = inverse

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.linearisation import Fit, stacked
+from fieldmodels.diagnosis.linearisation import Fit, pseudo_inverse, stacked
 
 TAIL = 10.0  # degrees of freedom of the held-out likelihood: bad windows count less than in a Gaussian
 INSENSITIVE = (
@@ -52,7 +52,7 @@ def leave_out_steps(fitted: Fit, folds: IntArray) -> Iterator[tuple[int, FloatAr
         rest[k] -= flat.T @ flat
         left[k] -= flat.T @ fitted.residual[inside].reshape(-1)
     steps = np.zeros((len(numbers), len(active)))
-    steps[:, active] = np.einsum("kij,kj->ki", np.linalg.pinv(rest, hermitian=True), left)
+    steps[:, active] = (pseudo_inverse(rest) @ left[:, :, None])[:, :, 0]
     yield from zip(numbers.tolist(), steps, strict=True)
 
 

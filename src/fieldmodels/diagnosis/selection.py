@@ -12,7 +12,7 @@ from scipy import special
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.linearisation import Fit, project, stacked
+from fieldmodels.diagnosis.linearisation import Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.wander import beside
 from fieldmodels.diagnosis.whitening import covariance_whitener
@@ -150,7 +150,7 @@ def dispersion(fitted: Fit, which: NDArray[np.bool_], blocks: IntArray) -> float
         score, power = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
         np.add.at(score, number, scores)
         np.add.at(power, number, powers)
-        inverse = np.linalg.pinv(power, hermitian=True, rcond=1e-6)
+        inverse = pseudo_inverse(power, 1e-6)
         result = max(result, float(np.einsum("bk,bkl,bl->b", score, inverse, score).mean()) / count)
     return result
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import INSENSITIVE
-from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.linearisation import Fit, pseudo_inverse
 from fieldmodels.diagnosis.problem import Problem
 
 
@@ -34,7 +34,7 @@ def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
     size = np.sqrt(np.sum(fitted.jacobian**2, axis=(0, 1)))
     # The probability of an event may be so certain that no derivative is left: its profile says more.
     used = size > (INSENSITIVE if fitted.observations is None else -1.0)
-    variances = [np.diag(np.linalg.pinv(_powers(fitted, used).sum(axis=0), hermitian=True))]
+    variances = [np.diag(pseudo_inverse(_powers(fitted, used).sum(axis=0)))]
     free = used & fitted.active
     at = np.flatnonzero(free[used])
     for pooled in (1, 2):
@@ -67,6 +67,6 @@ def _jackknife(problem: Problem, fitted: Fit, which: NDArray[np.bool_], pooled: 
     powers, scores = np.zeros((groups, *power.shape[1:])), np.zeros((groups, score.shape[1]))
     np.add.at(powers, number, power)
     np.add.at(scores, number, score)
-    inverse = np.linalg.pinv(powers.sum(axis=0) - powers, hermitian=True)
+    inverse = pseudo_inverse(powers.sum(axis=0) - powers)
     changes = (inverse @ scores[:, :, None])[:, :, 0]
     return np.asarray((groups - 1) / groups * np.sum(changes**2, axis=0))

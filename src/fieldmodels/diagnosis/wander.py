@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
-from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, stacked
+from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.problem import Problem
 
 PACES = np.logspace(-2, 6, 9)
@@ -126,7 +126,7 @@ class _Walks:
         shown = np.stack([self.shown[j] for j in outputs], axis=2)
         across = shown.transpose(0, 2, 1)
         power, score = across @ shown, across @ self._columns
-        along = stacked(score).T @ stacked(_inverse(power) @ score)
+        along = stacked(score).T @ stacked(pseudo_inverse(power) @ score)
         paces, shares = np.array([own for own, _ in tried]), np.array([share for _, share in tried])
         taken, changes = _integrated(self._precision, power, score, paces, shares)
         # Errors have the covariance (1 - V) + share V + walks, where V projects on the offsets.
@@ -199,13 +199,6 @@ def _integrated(
     return taken, logs
 
 
-def _inverse(power: FloatArray) -> FloatArray:
-    """Pseudo-inverses of symmetric matrices, shape (windows, n, n)."""
-    if power.shape[1] == 1:
-        return np.divide(1.0, power, out=np.zeros_like(power), where=power > 0.0)
-    return np.asarray(np.linalg.pinv(power, hermitian=True))
-
-
 def _columns(fitted: Fit) -> FloatArray:
     """The residual and what is free to change it, shape (windows, rows, 1 + free)."""
     return np.concatenate([fitted.residual[:, :, None], fitted.jacobian[:, :, fitted.active]], axis=2)
@@ -223,7 +216,7 @@ def _left(products: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.cholesky(products[:, ::-1, ::-1])[:, -1, -1] ** 2)
     except np.linalg.LinAlgError:  # columns depend on each other
         own, cross, rest = products[:, 0, 0], products[:, 0, 1:], products[:, 1:, 1:]
-        inverse = np.linalg.pinv(rest, hermitian=True)
+        inverse = pseudo_inverse(rest)
         return np.asarray(own - np.einsum("ck,ckl,cl->c", cross, inverse, cross))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.result import WAVE
 from fieldmodels.diagnosis.shapes import Curve, Place, Signals, wave
 from fieldmodels.drivers.variables import SHARE, WAY
+from fieldmodels.elementary import exponential
 from fieldmodels.model import Model
 
 CYCLES = 600.0  # of a wave over the whole range of its variable, at most
@@ -71,9 +73,8 @@ def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[
         turned = columns[:, :, None] * np.exp(2j * np.pi * rest * x)[:, None, None].view(np.float64)
         columns = turned.reshape(len(x), -1)
     size = next_fast_len(4 * (int(modes[-1]) + WIDTH), real=True)
-    grid = _spread(step * x % 1.0, columns, size)
-    own = np.cos(np.pi * WIDTH / size * np.multiply.outer(modes, NODES)) @ BELL
-    sums = np.conj(rfft(grid, axis=1)[:, modes.astype(np.int64)]) / own
+    grid = _spread(step * x % 1.0, np.ascontiguousarray(columns), size)
+    sums = np.conj(rfft(grid, axis=1)[:, modes.astype(np.int64)]) / _of_bell(modes[0], len(modes), size)
     return np.asarray(sums if abs(rest) <= 1e-12 * step else sums[0::2] + 1j * sums[1::2])
 
 
@@ -108,18 +109,30 @@ def against(x: FloatArray, others: FloatArray, counts: FloatArray) -> FloatArray
     return np.stack([sums.real, sums.imag], axis=-1)
 
 
+@lru_cache(64)
+def _of_bell(first: float, count: int, size: int) -> FloatArray:
+    """The bell's own spectrum at some modes of a grid, shape (modes,)."""
+    modes = first + np.arange(count)
+    return np.asarray(np.cos(np.pi * WIDTH / size * np.multiply.outer(modes, NODES)) @ BELL)
+
+
 @compiled
 def _spread(places: FloatArray, columns: FloatArray, size: int) -> FloatArray:
     """Columns spread over a periodic grid by a bell around each place, from zero to one, (columns, size)."""
-    result = np.zeros((columns.shape[1], size))
+    wide = np.zeros((columns.shape[1], size + 2 * WIDTH))
+    shares = np.empty(WIDTH)
     for n in range(len(places)):
         middle = places[n] * size
         first = math.ceil(middle - 0.5 * WIDTH)
-        for point in range(first, first + WIDTH):
-            z = (point - middle) / (0.5 * WIDTH)
-            share = math.exp(SHARPNESS * (math.sqrt(max(1.0 - z * z, 0.0)) - 1.0))
-            for k in range(columns.shape[1]):
-                result[k, point % size] += share * columns[n, k]
+        for i in range(WIDTH):
+            z = ((first - middle) + i) * (2.0 / WIDTH)
+            shares[i] = exponential(SHARPNESS * (math.sqrt(max(1.0 - z * z, 0.0)) - 1.0))
+        for k in range(columns.shape[1]):
+            for i in range(WIDTH):
+                wide[k, first + WIDTH + i] += shares[i] * columns[n, k]
+    result = wide[:, WIDTH : size + WIDTH].copy()
+    result[:, -WIDTH:] += wide[:, :WIDTH]
+    result[:, :WIDTH] += wide[:, size + WIDTH :]
     return result
 
 
