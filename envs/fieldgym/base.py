@@ -110,13 +110,17 @@ class BatchTask(ABC):
         for i, generator in zip(rows, generators, strict=True):
             if not self.keyed_once or i in fresh:
                 self.draw_key(i, generator)
-        if self.drawn.random:
-            self.drawn.draw(rows, generators)
-            self.set_drawn(rows)
+        self.redraw(rows, generators)
         if options:
             self.begin_with(rows, options)
         else:
             self.begin(rows)
+
+    def redraw(self, rows: list[int], generators: Sequence[np.random.Generator]) -> None:
+        """Draw what is random of some rows' next episodes, and put it in force."""
+        if self.drawn.random:
+            self.drawn.draw(rows, generators)
+            self.set_drawn(rows)
 
     def set_drawn(self, rows: list[int]) -> None:
         """Put in force what has been drawn for some rows."""
@@ -504,7 +508,7 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
         render_mode: str | None = None,
         threads: int = 1,
     ) -> None:
-        """Make the rows; ``threads`` are used where a step is long: by HeelStrike and Excitation."""
+        """Make the rows; ``threads`` are used where steps are long: HeelStrike, Excitation, UavRoute."""
         if threads < 1:
             raise ValueError(f"threads={threads}: one is the least")
         check_render_mode(render_mode, self.metadata)

@@ -7,7 +7,7 @@ wheeled and legged robots", Cornell University 2015, chapter 4 ("the dissertatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,8 +17,17 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
-from fieldgym.info import Info
+from fieldgym.base import (
+    BatchTask,
+    Flags,
+    Floats,
+    Outcome,
+    RealityLike,
+    TaskEnv,
+    TaskVectorEnv,
+    VectorStep,
+)
+from fieldgym.info import Info, complete
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
@@ -29,7 +38,6 @@ from fieldmodels.machines.uav_route.batch import (
     Leg,
     Rules,
     check_plants,
-    nearest_bearing,
     observed_names,
 )
 from fieldmodels.machines.uav_route.model import UavRoute
@@ -49,7 +57,7 @@ from fieldmodels.machines.uav_route.parameters import (
     World,
 )
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
-from fieldmodels.machines.uav_route.state import FLYING, NUMBERS
+from fieldmodels.machines.uav_route.state import BOUND, FLYING, KNOWN, NUMBERS, OF_RADAR
 from fieldmodels.machines.uav_route.team import Team, team_names
 from fieldmodels.model import Model, ModelError
 from fieldmodels.settings import Setting, part_of
@@ -60,8 +68,6 @@ if TYPE_CHECKING:
 
 Place = tuple[Annotated[float, Field(allow_inf_nan=False)], Annotated[float, Field(allow_inf_nan=False)]]
 
-OBSERVED = 100.0
-"""Bound of an observation: 10,000 km from the goal."""
 TRACED = 4.0
 """Longest time between the points of a drawn path [s]."""
 
@@ -200,28 +206,6 @@ def legs_of(actions: Floats, least: float, longest: float) -> Floats:
     return legs
 
 
-@compiled
-def copies(
-    flights: NDArray[Any], count: int
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
-    """Course [rad], timers, detections, start, goal, place, radars of flights, of shape (batch, ...)."""
-    batch = len(flights)
-    course, timers, detected = np.empty(batch), np.empty((batch, count, 3)), np.empty((batch, count))
-    start, goal, place = np.empty((batch, 2)), np.empty((batch, 2)), np.empty((batch, 2))
-    radars = np.empty((batch, count, 2))
-    for i in range(batch):
-        one = flights[i]
-        course[i] = math.atan2(one.course[1], one.course[0])
-        for k in range(2):
-            start[i, k], goal[i, k], place[i, k] = one.start[k], one.goal[k], one.place[k]
-        for r in range(count):
-            detected[i, r] = one.detected[r]
-            radars[i, r, 0], radars[i, r, 1] = one.radars[r, 0], one.radars[r, 1]
-            for k in range(3):
-                timers[i, r, k] = one.timers[r, k]
-    return course, timers, detected, start, goal, place, radars
-
-
 def model_of(settings: UavRouteSettings) -> UavRoute:
     """The model of what is set: its nominal speed is the settings'."""
     return UavRoute(settings.world)
@@ -263,6 +247,10 @@ class _UavRouteTask(BatchTask):
         self._plan: Floats | None = None
         self._seen: Leg | None = None
 
+    def use_threads(self, threads: int) -> None:
+        """See ``BatchTask.use_threads``."""
+        self.flights.threads = threads
+
     @property
     def most_steps(self) -> int:
         """See ``BatchTask.most_steps``."""
@@ -274,7 +262,7 @@ class _UavRouteTask(BatchTask):
         columns = self._aircraft * len(names(self.flights.rules.count))
         return (
             Box(-1.0, 1.0, (2 * self._aircraft,), np.float32),
-            Box(-OBSERVED, OBSERVED, (columns,), np.float32),
+            Box(-BOUND, BOUND, (columns,), np.float32),
         )
 
     def _by_episode(self, each: NDArray[Any]) -> NDArray[Any]:
@@ -300,8 +288,7 @@ class _UavRouteTask(BatchTask):
         """Begin new episodes of some flights."""
         for i in self._flights_of(rows):
             self._trails[i] = []
-        self.flights.restart(rows)
-        self._seen = self.flights.observe()
+        self._seen = self.flights.restart(rows)
 
     def _flights_of(self, rows: list[int]) -> list[int]:
         """The flights of some episodes."""
@@ -316,20 +303,38 @@ class _UavRouteTask(BatchTask):
 
     def observation(self) -> NDArray[Any]:
         """Goal, radars and timers."""
-        observed = np.minimum(np.maximum(self.seen.observed, -OBSERVED), OBSERVED)
+        observed = self.seen.observed
         return observed if self._aircraft == 1 else observed.reshape(-1, self._aircraft * observed.shape[1])
 
     def reset_info(self) -> Info:
         """The info that ``reset`` returns: the same as after each step."""
         return self._info(self.seen)
 
+    def advance(
+        self, actions: NDArray[Any], begin: Flags, generators: Sequence[np.random.Generator]
+    ) -> VectorStep:
+        """See ``BatchTask.advance``; one kernel flies some and restarts the others where it can."""
+        if self._aircraft > 1 or self.stock is not None or self._drawing or not begin.any():
+            return super().advance(actions, begin, generators)
+        rows = np.flatnonzero(begin).tolist()
+        begun = [generators[i] for i in rows]
+        for i, generator in zip(rows, begun, strict=True):
+            self.flights.rekey(i, generator)
+        self.redraw(rows, begun)
+        flown = self._fly(actions, restarting=True)
+        return (*flown[:4], complete(flown.info, len(begin)))
+
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every flight through one leg, or several aircraft on until the first leg ends."""
+        return self._fly(actions)
+
+    def _fly(self, actions: NDArray[Any], restarting: bool = False) -> Outcome:
+        """As ``step``; ``restarting`` begins the next episodes of flights that are over."""
         settings = self.settings
         actions = actions if self._aircraft == 1 else actions.reshape(-1, 2)
         before = self.flights.flights.copy() if self._drawing else None
         legs = legs_of(actions, settings.least_leg, settings.longest_leg)
-        leg = self._seen = self.flights.advance(legs)
+        leg = self._seen = self.flights.advance(legs, restarting)
         if before is not None:
             for i in np.flatnonzero(before["over"] == FLYING).tolist():
                 self._trace(i, before[i])
@@ -350,17 +355,21 @@ class _UavRouteTask(BatchTask):
     def _info(self, leg: Leg) -> Info:
         """The info."""
         count, numbers = self.flights.rules.count, leg.numbers
-        known = copies(self.flights.flights, count)
-        radars = known[-1]
-        course, timers, detected, start, goal, place = map(self._by_episode, known[:-1])
-        others: dict[str, Any] = {
-            "place": self._by_episode(leg.places),
-            "course": course,
-            "radial": self._by_episode(nearest_bearing(leg.places, radars)),
-            "timers": timers,
-            "detected": detected,
-            "layout": {"start": start, "goal": goal, "radars": radars[:: self._aircraft]},
-            "privileged": {"place": place, **self.drawn.info},
+        known = self._by_episode(leg.known)
+        radars = known[..., len(KNOWN) :].reshape(*known.shape[:-1], count, len(OF_RADAR))
+        of_all = radars if self._aircraft == 1 else radars[:, 0]
+        others: dict[str, Any] = {  # places in the orders of KNOWN and OF_RADAR
+            "place": known[..., 0:2],
+            "course": known[..., 2],
+            "radial": known[..., 3],
+            "timers": radars[..., 2:5],
+            "detected": radars[..., 5],
+            "layout": {
+                "start": known[..., 6:8],
+                "goal": known[..., 8:10],
+                "radars": of_all[..., 0:2],
+            },
+            "privileged": {"place": known[..., 4:6], **self.drawn.info},
         }
         if isinstance(self.flights, Team):
             split = numbers.reshape(len(NUMBERS), -1, self._aircraft)

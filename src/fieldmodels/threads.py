@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -45,12 +45,14 @@ def run_rows(
         kernel(*arguments)
         return
     ends = [batch * k // shares for k in range(shares + 1)]
-    running = [
-        _pool(threads).submit(
-            kernel,
-            *(a if i in whole else _cut(a, slice(*rows)) for i, a in enumerate(arguments)),
-        )
+    cut = [
+        [a if i in whole else _cut(a, slice(*rows)) for i, a in enumerate(arguments)]
         for rows in pairwise(ends)
     ]
+    running = [_pool(threads).submit(kernel, *share) for share in cut[1:]]
+    try:
+        kernel(*cut[0])
+    finally:
+        wait(running)
     for share in running:
         share.result()

@@ -16,6 +16,7 @@ from fieldmodels.model import ModelError
 from fieldmodels.reality import Reality, read_reality
 from fieldmodels.registry import get_model
 from fieldmodels.sampling import Choice, LogUniform, Normal, Uniform, read_sampler
+from fieldmodels.streams import drawn_key
 from fieldmodels.yaml import load_yaml, save_yaml
 
 MODEL = get_model("heel_strike")
@@ -144,3 +145,11 @@ def test_a_reality_goes_through_a_file(tmp_path):
     assert reality == Reality(
         effects={"gyro_bias": {"rate": Normal(0.0, 0.002)}, "gyro_delay": {"delay": 0.01}}
     )
+
+
+@pytest.mark.parametrize("kind", [np.random.PCG64, np.random.MT19937, np.random.Philox])
+def test_a_key_is_a_draw_of_64_bits_whatever_the_generator(kind):
+    one, other = (np.random.Generator(kind(3)) for _ in range(2))
+    for _ in range(5):
+        assert drawn_key(one) == other.integers(0, 2**64, dtype=np.uint64)
+    assert one.random() == other.random()

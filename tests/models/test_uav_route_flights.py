@@ -205,6 +205,27 @@ def test_a_batch_equals_flights_one_by_one_to_the_bit(detection):
     assert leg.observed.shape == (5, len(observed_names(2)))
 
 
+@pytest.mark.parametrize("engaged", ["accumulated", "unbroken", "elapsed"])
+@pytest.mark.parametrize("lock_loss", [{}, {"engage": 20.0}, {"lose": 5.0, "target": 0.0}, None])
+@pytest.mark.parametrize("threshold", [0.01, 0.1, 0.5])
+def test_a_flight_past_radars_equals_one_scanned_step_by_step_to_the_bit(engaged, lock_loss, threshold):
+    """A wind that moves nothing, not even the last bit, makes the kernel ask each radar at each step."""
+    loss = INSTANT_KILL if lock_loss is None else LockLoss(engaged=engaged, **lock_loss)
+    rules = Rules(World(detection=Detection(threshold=threshold), lock_loss=loss), radars=3)
+    breath = nominal_plant(0.25)
+    breath["wind"]["north"] = 1e-300
+    quick, stepped = make(30, rules), make(30, rules, breath)
+    rng, over = np.random.default_rng(5), np.zeros(30)
+    for k in range(30):
+        legs = random_actions(rng, 30) * [1.0, 8.0 if k % 2 else 100.0]  # some of more steps than fit at once
+        one, other = (flights.advance(legs, restarting=True) for flights in (quick, stepped))
+        assert (one.observed == other.observed).all()
+        assert (one.numbers == other.numbers).all()
+        over = np.maximum(over, number(one, "time_over"))
+    assert quick.state().tobytes() == stepped.state().tobytes()
+    assert (over > 0.0).any()
+
+
 def test_state_returns_exactly():
     flights, rng = (
         make(4, Rules(World(detection=Detection(detection="stochastic")))),

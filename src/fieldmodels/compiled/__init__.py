@@ -46,6 +46,8 @@ def allocation_free_inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
     settings: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
+    # Said even where it is off: a kernel takes what it does not say from the one that calls it first.
+    settings.setdefault("forceinline", False)
     kernel: Any = numba.njit(**settings)(function)
     if hasattr(kernel, "py_func"):  # with NUMBA_DISABLE_JIT the plain function comes back
         kernel._cache = KernelCache(kernel)

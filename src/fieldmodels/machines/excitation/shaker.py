@@ -57,6 +57,7 @@ from fieldmodels.machines.excitation.sensors import (
 )
 from fieldmodels.model import ModelError
 from fieldmodels.settings import kernel_rows
+from fieldmodels.streams import drawn_key
 from fieldmodels.threads import run_rows
 
 CHANNELS = Channels(
@@ -384,7 +385,7 @@ class Shakers:
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Draw the key of experiment ``i``'s noise and its vehicle's factors; ``begin`` then starts it."""
-        self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
+        self._keys[i] = drawn_key(rng)
         self._factors[i] = rng.uniform(-1.0, 1.0, FACTORS)
 
     def begin(self, rows: list[int]) -> None:

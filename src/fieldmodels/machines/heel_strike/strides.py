@@ -26,6 +26,7 @@ from fieldmodels.machines.heel_strike.walker import (
     kernel_walk,
 )
 from fieldmodels.model import ModelError
+from fieldmodels.streams import drawn_key
 from fieldmodels.threads import run_rows
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ class Strides:
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Start walker ``i`` anew with streams keyed by one draw from ``rng``."""
-        self._keys[i] = rng.integers(0, 2**64, dtype=np.uint64)
+        self._keys[i] = drawn_key(rng)
         self._start(i)
         if self.stock is not None:
             self.stock.begin([i])

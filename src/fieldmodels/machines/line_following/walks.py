@@ -41,6 +41,7 @@ from fieldmodels.machines.line_following.sensor import make_optics
 from fieldmodels.machines.line_following.tracks import Track
 from fieldmodels.model import ModelError
 from fieldmodels.settings import kernel_rows
+from fieldmodels.streams import drawn_key
 
 Image = NDArray[np.uint8]
 YAW, LATERAL, SENSOR, PIXELS = 0, 1, 2, 5
@@ -167,7 +168,7 @@ class Walks:
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Key the noise of walk ``i`` by one draw from ``rng``; ``begin`` then starts it."""
-        self.walks[i]["key"] = rng.integers(0, 2**64, dtype=np.uint64)
+        self.walks["key"][i] = drawn_key(rng)
 
     def begin(self, rows: list[int]) -> None:
         """Start several walks, whose noise has been keyed."""

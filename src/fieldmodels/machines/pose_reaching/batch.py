@@ -31,6 +31,7 @@ from fieldmodels.machines.pose_reaching.kernel import (
 from fieldmodels.machines.pose_reaching.parameters import FIELD, LOOSE, STRICT, Arrival, Field, Limits
 from fieldmodels.model import ModelError
 from fieldmodels.settings import Setting, check_declared, kernel_rows
+from fieldmodels.streams import drawn_key
 
 NOBODY = np.zeros(0, dtype=np.int64)
 INSTANT = 0.01
@@ -271,7 +272,7 @@ class Robots:
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Give robot ``i`` a stream keyed by one draw from ``rng``; its next episode is its first."""
-        self.robots[i]["key"] = rng.integers(0, 2**64, dtype=np.uint64)
+        self.robots["key"][i] = drawn_key(rng)
         self.robots[i]["episode"] = 0
         self._seeded[i] = True
         self._ready = False

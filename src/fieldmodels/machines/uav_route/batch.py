@@ -18,12 +18,14 @@ from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.compiled import compiled
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.uav_route.declaration import KM, PLANT, as_plants, nominal_plant
-from fieldmodels.machines.uav_route.kernel import advance_all, start_all
+from fieldmodels.machines.uav_route.kernel import advance_all
 from fieldmodels.machines.uav_route.layouts import banked_range, side_on_range
 from fieldmodels.machines.uav_route.parameters import RADARS, Layout, LegRules, World
-from fieldmodels.machines.uav_route.state import EACH, FLIGHT, NUMBERS, OWN
+from fieldmodels.machines.uav_route.state import EACH, FLIGHT, KNOWN, LATE, NUMBERS, OF_RADAR, OWN
 from fieldmodels.model import ModelError
 from fieldmodels.settings import Setting, kernel_rows
+from fieldmodels.streams import drawn_key
+from fieldmodels.threads import run_rows
 
 
 @dataclass(frozen=True)
@@ -88,21 +90,38 @@ class Leg:
 
     Attributes:
         observed: What is observed of each flight, shape (batch, 8 + 9 radars), float32, columns as in
-            ``observed_names``: all in the frame of the nearest radar's bearing.
+            ``observed_names``: all in the frame of the nearest radar's bearing, within 100 of zero.
         numbers: Shape (10, batch), rows as in ``NUMBERS``: 1 where the goal is reached; 1 where the
             aircraft is hit; time [s]; length of the path [km]; distance left to the goal [km]; time over
             the threshold or detected [s]; longest such time without a break [s]; largest probability of
             detection in any scan; lock losses; legs.
-        places: North and east of each aircraft as measured [km], shape (batch, 2).
+        known: What is known of each flight [km, rad, s], shape (batch, 10 + 6 radars): ``KNOWN``, then
+            ``OF_RADAR`` of each radar.
         reward: Score of the leg, shape (batch,).
         over: 0 while a flight goes on, 1 arrived, 2 hit, 3 out of legs; shape (batch,).
     """
 
     observed: NDArray[np.float32]
     numbers: FloatArray
-    places: FloatArray
+    known: FloatArray
     reward: FloatArray
     over: NDArray[np.int64]
+
+    @property
+    def places(self) -> FloatArray:
+        """North and east of each aircraft as measured [km], shape (batch, 2)."""
+        return self.known[:, :2]
+
+
+def empty_leg(batch: int, columns: int, radars: int) -> Leg:
+    """Room for what a leg of every flight gives, with so many columns of observations."""
+    return Leg(
+        np.empty((batch, columns), dtype=np.float32),
+        np.empty((len(NUMBERS), batch)),
+        np.empty((batch, len(KNOWN) + radars * len(OF_RADAR))),
+        np.empty(batch),
+        np.empty(batch, dtype=np.int64),
+    )
 
 
 def observed_names(radars: int) -> tuple[str, ...]:
@@ -143,7 +162,10 @@ class Flights:
         plants: What each aircraft truly is, shape (batch,), as ``UavRoute.plant`` gives it; where stock
             effects act on sensors, its sensor's bias is how far the position that they show is off.
         stock: Stock effects around the flights, or None.
+        threads: On which the flights advance, side by side.
     """
+
+    threads = 1
 
     def __init__(
         self,
@@ -178,7 +200,7 @@ class Flights:
         self.plants = np.array(np.broadcast_to(own, (batch,)))
         self.records = kernel_rules(self.rules, batch)
         self._columns = len(OWN) + self.rules.count * len(EACH)
-        self._still = np.zeros((batch, 2))
+        self._still, self._rows = np.zeros((batch, 2)), np.arange(batch)
         self._seeded = np.zeros(batch, dtype=np.bool_)
         self._begun = np.zeros(batch, dtype=np.bool_)
         self._ready = False
@@ -206,14 +228,21 @@ class Flights:
 
     def seed(self, i: int, rng: np.random.Generator) -> None:
         """Give flight ``i`` a stream keyed by one draw from ``rng``; its next episode is its first."""
-        self.flights[i]["key"] = rng.integers(0, 2**64, dtype=np.uint64)
-        self.flights[i]["episode"] = 0
-        self._seeded[i] = True
+        self.rekey(i, rng)
         self._begun[i] = False
         self._ready = False
 
-    def restart(self, which: Iterable[int]) -> None:
+    def rekey(self, i: int, rng: np.random.Generator) -> None:
+        """As ``seed``, for a flight that is over: ``advance`` may begin its next episode."""
+        self.flights["key"][i] = drawn_key(rng)
+        self.flights["episode"][i] = 0
+        self._seeded[i] = True
+
+    def restart(self, which: Iterable[int]) -> Leg | None:
         """Begin the next episode of some flights.
+
+        Returns:
+            As ``observe``, where all flights have begun and nothing remains to be sensed; else None.
 
         Raises:
             ModelError: If a flight was never seeded.
@@ -221,11 +250,13 @@ class Flights:
         rows = np.fromiter(which, dtype=np.int64)
         if not self._seeded[rows].all():
             raise ModelError("seed every flight before its first episode")
-        start_all(self.flights, rows, self.records)
+        self.flights["over"][rows] = LATE  # whatever is over begins anew
         self._begun[rows] = True
+        begun = self._run(rows, self._still, restarting=True)
         self._ready = bool(self._begun.all())
         if self.stock is not None:
             self._begin_stock(rows, self.stock)
+        return begun if len(rows) == len(self) and self.stock is None else None
 
     def observe(self) -> Leg:
         """What is observed of every flight as it stands; the rewards are zero."""
@@ -341,6 +372,8 @@ class Flights:
         array = np.ascontiguousarray(values, dtype=np.float64)
         if array.shape != (len(self), 2):
             raise ModelError(f"every flight needs two numbers, shape ({len(self)}, 2), not {array.shape}")
+        if np.count_nonzero(np.isfinite(array)) != array.size:
+            raise ModelError(f"actions must be finite numbers, not {array}")
         return array
 
     def _step(
@@ -348,20 +381,22 @@ class Flights:
     ) -> Leg:
         if not self._ready:
             raise ModelError("seed and restart every flight before the first leg")
-        batch = len(self)
-        leg = Leg(
-            np.empty((batch, self._columns), dtype=np.float32),
-            np.empty((len(NUMBERS), batch)),
-            np.empty((batch, 2)),
-            np.empty(batch),
-            np.empty(batch, dtype=np.int64),
-        )
-        finite = advance_all(
-            self.flights, actions, flying, relative, restarting, self.plants, self.records,
-            leg.observed, leg.numbers, leg.places, leg.reward, leg.over,
+        return self._run(self._rows, actions, flying, relative, restarting)
+
+    def _run(
+        self, rows: IntArray, actions: FloatArray, flying: bool = True, relative: bool = False,
+        restarting: bool = False,
+    ) -> Leg:  # fmt: skip
+        """Run the kernel on some flights; of the others nothing is written down."""
+        leg = empty_leg(len(self), self._columns, self.rules.count)
+        arguments = (
+            rows, self.flights, actions, flying, relative, restarting, self.plants, self.records,
+            leg.observed, leg.numbers, leg.known, leg.reward, leg.over,
         )  # fmt: skip
-        if not finite:
-            raise ModelError(f"actions must be finite numbers, not {actions}")
+        if self.threads == 1:
+            advance_all(*arguments)
+        else:
+            run_rows(self.threads, len(rows), advance_all, *arguments, whole=range(1, len(arguments)))
         return leg
 
 

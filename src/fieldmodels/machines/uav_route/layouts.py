@@ -13,12 +13,13 @@ import math
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free_inlined as inlined
+from fieldmodels.compiled import compiled
 from fieldmodels.machines.uav_route.detection import detection_range
 from fieldmodels.machines.uav_route.parameters import RADARS, Detection, Layout
 from fieldmodels.machines.uav_route.signature import AZIMUTHS
 from fieldmodels.model import ModelError
-from fieldmodels.streams import symmetric, uniform
+from fieldmodels.streams import drawn_key, symmetric, uniform
 
 START_NEAR, START_FAR = 1.01, 1.29
 """Distance of the start from the first radar, in side-on ranges."""
@@ -149,7 +150,7 @@ def random_layout(rng: np.random.Generator, radars: int = 1, detection: Detectio
         raise ModelError(f"a layout has 1 to {RADARS} radars, not {radars}")
     detection = detection or Detection()
     start, goal, sites = np.zeros(2), np.zeros(2), np.zeros((RADARS, 2))
-    key = rng.integers(0, 2**64, dtype=np.uint64)
+    key = drawn_key(rng)
     _draw(key, radars, side_on_range(detection), banked_range(detection), start, goal, sites)
     return Layout(
         (float(start[0]), float(start[1])),
@@ -208,13 +209,17 @@ def distance_around(place: FloatArray, goal: FloatArray, radars: FloatArray, sid
     inner = max(math.hypot(goal_north, goal_east), 1e-9)
     cosine = (north * goal_north + east * goal_east) / (outer * inner)
     separation = math.acos(min(max(cosine, -1.0), 1.0))
-    own_edge = WEDGE - math.asin(min(math.sin(WEDGE) * inner / max(outer, inner), 1.0))
-    if outer >= inner and separation <= own_edge:
-        return straight
+    edge = 0.0
+    if outer >= inner:
+        edge = WEDGE - math.asin(math.sin(WEDGE) * inner / outer)
+        if separation <= edge:
+            return straight
     radius = max(min(outer, side_on), inner)  # at which the wedge is entered
-    edge = WEDGE - math.asin(math.sin(WEDGE) * inner / radius)  # its bearing there, from the goal's
+    if radius != outer:
+        edge = WEDGE - math.asin(math.sin(WEDGE) * inner / radius)  # its bearing there, from the goal's
     to_edge = separation - edge
-    seen = math.acos(side_on / max(outer, side_on))  # from the bearing of the tangent's point
+    # angle seen from the radar to the tangent's point
+    seen = math.acos(side_on / outer) if outer > side_on else 0.0
     if outer < side_on:
         way = abs(outer - radius) + side_on * to_edge
     elif to_edge > seen:

@@ -9,8 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import inlined
-from fieldmodels.machines.uav_route.state import ARRIVED, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN
+from fieldmodels.compiled import allocation_free_inlined as inlined
+from fieldmodels.machines.uav_route.state import ARRIVED, BOUND, DAMAGED, EACH, ENGAGE, LAUNCH, LOSE, OWN
+
+
+@inlined
+def within(value: float) -> float:
+    """An observation within its bounds."""
+    return min(max(value, -BOUND), BOUND)
 
 
 @inlined
@@ -81,7 +87,7 @@ def observe(flight: Any, plant: Any, p: Any, observed: NDArray[np.float32], orde
         1.0 - flight.legs / p.max_legs,
     )
     for i in range(len(own)):
-        observed[i] = own[i]
+        observed[i] = within(own[i])
     for k in range(p.radars):
         r = int(order[0, k])
         row = observed[len(OWN) + k * len(EACH) :]
@@ -100,13 +106,13 @@ def observe(flight: Any, plant: Any, p: Any, observed: NDArray[np.float32], orde
             float(flight.detected[r]),
         )
         for i in range(len(each)):
-            row[i] = each[i]
+            row[i] = within(each[i])
 
 
 @inlined
 def write(
     flight: Any, plant: Any, b: int, p: Any, order: Any, observed: NDArray[np.float32],
-    numbers: FloatArray, places: FloatArray,
+    numbers: FloatArray, known: FloatArray,
 ) -> None:  # fmt: skip
     """Write down what is observed of flight ``b``, and its ``NUMBERS``."""
     observe(flight, plant, p, observed[b], order)
@@ -124,4 +130,24 @@ def write(
     )
     for i in range(len(values)):
         numbers[i, b] = values[i]
-    places[b, 0], places[b, 1] = measured_place(flight, plant)
+    north, east = measured_place(flight, plant)
+    r = nearest_radar(flight, north, east, p.radars)
+    of_all = (  # in the order of KNOWN
+        north,
+        east,
+        math.atan2(flight.course[1], flight.course[0]),
+        math.atan2(flight.radars[r, 1] - east, flight.radars[r, 0] - north),
+        flight.place[0],
+        flight.place[1],
+        flight.start[0],
+        flight.start[1],
+        flight.goal[0],
+        flight.goal[1],
+    )
+    for i in range(len(of_all)):
+        known[b, i] = of_all[i]
+    for r in range(p.radars):
+        row = known[b, len(of_all) + 6 * r :]
+        row[0], row[1] = flight.radars[r, 0], flight.radars[r, 1]
+        row[2], row[3], row[4] = flight.timers[r, LOSE], flight.timers[r, ENGAGE], flight.timers[r, LAUNCH]
+        row[5] = flight.detected[r]

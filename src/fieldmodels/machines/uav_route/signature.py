@@ -16,6 +16,9 @@ NOSE = float(AZIMUTHS[2])
 """Where the nose cone ends: from here to the tail cone the table does not depend on the azimuth [rad]."""
 ELEVATIONS = np.radians([0.0, 20.0, 45.0, 90.0])
 """Rows of Table 4.1 [rad]; the table is symmetric."""
+_FRONT, _BESIDE, _BEHIND, _BACK = np.tan(np.radians([29.9, 31.1, 180.0 - 158.9, 180.0 - 160.1])).tolist()
+"""Sides of triangles well within the cones and well between them."""
+_LEVEL = math.tan(math.radians(19.9)) ** 2
 SIGNATURES = np.array(
     [
         [5e-5, 5e-5, 5e-1, 5e-1, 5e-5, 5e-5],
@@ -25,6 +28,32 @@ SIGNATURES = np.array(
     ]
 )
 """Table 4.1: signature by elevation and azimuth."""
+
+
+@inlined
+def body_axes(
+    north: float, east: float, down: float, cosine: float, sine: float, bank_cosine: float, bank_sine: float
+) -> tuple[float, float, float]:  # fmt: skip
+    """Place of a radar ahead of the nose, to the right, below [km]; arguments as of ``aspect``."""
+    nose = north * cosine + east * sine
+    level = east * cosine - north * sine
+    return nose, level * bank_cosine + down * bank_sine, down * bank_cosine - level * bank_sine
+
+
+@inlined
+def angles_of_table(nose: float, right: float, belly: float) -> tuple[float, float]:
+    """Azimuth and elevation [rad], or others with the same signature to the bit that cost no arctangent.
+
+    Within a cone, or between them, Table 4.1 does not depend on the azimuth; level from the side, not on the
+    elevation either.
+    """
+    flat, aside = nose * nose + right * right, abs(right)
+    if aside < (_FRONT if nose > 0.0 else _BACK) * abs(nose):
+        return 0.0 if nose > 0.0 else math.pi, math.atan2(-belly, math.sqrt(flat))
+    if aside > (_BESIDE if nose > 0.0 else _BEHIND) * abs(nose):
+        level = belly * belly < _LEVEL * flat
+        return 0.5 * math.pi, 0.0 if level else math.atan2(-belly, math.sqrt(flat))
+    return math.atan2(right, nose), math.atan2(-belly, math.sqrt(flat))
 
 
 @inlined
@@ -51,10 +80,7 @@ def aspect(
     Returns:
         Azimuth is positive to the right of the nose, elevation above the wings' plane.
     """
-    nose = north * cosine + east * sine
-    level = east * cosine - north * sine
-    right = level * bank_cosine + down * bank_sine
-    belly = down * bank_cosine - level * bank_sine
+    nose, right, belly = body_axes(north, east, down, cosine, sine, bank_cosine, bank_sine)
     flat = nose * nose + right * right
     return (
         math.sqrt(flat + belly * belly),

@@ -27,6 +27,7 @@ FLIGHT = np.dtype(
         ("probability", np.float64, (RADARS,)),  # of detection, in the last scan
         ("detected", np.int64, (RADARS,)),  # the last scan's result
         ("unbroken", np.float64, (RADARS,)),  # time since the present detection began [s]
+        ("way", np.float64),  # left to the goal, as progress is measured [km]
         ("time", np.float64),  # [s]
         ("path", np.float64),  # [km]
         ("time_over", np.float64),  # in which a radar detected [s]
@@ -49,6 +50,8 @@ NUMBERS = (
     "lock_losses",
     "legs",
 )
+BOUND = 100.0
+"""Of an observation: 10,000 km from the goal."""
 OWN = (
     "goal_ahead",
     "goal_right",
@@ -70,3 +73,16 @@ EACH = (
     "launch_timer",
     "detected",
 )
+KNOWN = (
+    "measured_north",
+    "measured_east",
+    "course",
+    "radial",
+    "north",
+    "east",
+    "start_north",
+    "start_east",
+    "goal_north",
+    "goal_east",
+)
+OF_RADAR = ("north", "east", "lose_timer", "engage_timer", "launch_timer", "detected")

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, kernel_rules, observed_names
+from fieldmodels.machines.uav_route.batch import Flights, Leg, Rules, empty_leg, kernel_rules, observed_names
 from fieldmodels.machines.uav_route.parameters import RADARS
-from fieldmodels.machines.uav_route.state import NUMBERS
 from fieldmodels.machines.uav_route.team_kernel import FREE, UNDERWAY, advance_team, start_team
 from fieldmodels.model import ModelError
 
@@ -77,7 +76,7 @@ class Team(Flights):
         self.flights["episode"][rows] = 0
         self._seeded[rows], self._begun[rows] = True, False
 
-    def restart(self, which: Iterable[int]) -> None:
+    def restart(self, which: Iterable[int]) -> Leg | None:
         """Begin the next episode of some teams.
 
         Raises:
@@ -91,6 +90,7 @@ class Team(Flights):
                    self._grid(self.records))  # fmt: skip
         self._begun[rows] = True
         self._ready = bool(self._begun.all())
+        return None
 
     def observe(self) -> Leg:
         """What is observed of every aircraft as it stands; the rewards are zero."""
@@ -117,17 +117,10 @@ class Team(Flights):
     def _fly(self, actions: FloatArray, *, flying: bool) -> Leg:
         if not self._ready:
             raise ModelError("seed and restart every flight before the first leg")
-        batch = len(self)
-        leg = Leg(
-            np.empty((batch, self._columns), dtype=np.float32),
-            np.empty((len(NUMBERS), batch)),
-            np.empty((batch, 2)),
-            np.empty(batch),
-            np.empty(batch, dtype=np.int64),
-        )
+        leg = empty_leg(len(self), self._columns, self.rules.count)
         finite = advance_team(
             self._grid(self.flights), self.legs, self.tracked, actions, flying, self._grid(self.plants),
-            self._grid(self.records), leg.observed, leg.numbers, leg.places, leg.reward, leg.over,
+            self._grid(self.records), leg.observed, leg.numbers, leg.known, leg.reward, leg.over,
         )  # fmt: skip
         if not finite:
             raise ModelError(f"actions must be finite numbers, not {actions}")

@@ -20,10 +20,9 @@ from fieldmodels.machines.uav_route.kernel import (
     run_timers,
     scan,
     score,
-    way_left,
 )
 from fieldmodels.machines.uav_route.layouts import draw_further
-from fieldmodels.machines.uav_route.observation import radial, write
+from fieldmodels.machines.uav_route.observation import radial, within, write
 from fieldmodels.machines.uav_route.parameters import ONE, RADARS, STOCHASTIC
 from fieldmodels.machines.uav_route.state import ENGAGE, FLYING
 from fieldmodels.streams import GAMMA, mixed
@@ -83,8 +82,7 @@ def scan_all(flights: Any, legs: Any, flown: float, plants: Any, p: Any) -> None
     for a in range(len(flights)):
         if legs[a].going == 1:
             flight, phase = flights[a], phase_now(legs[a], plants[a], p)
-            north, east = flight.place[0] + flown * phase.north, flight.place[1] + flown * phase.east
-            scan(flight, north, east, phase.attitude, plants[a], p)
+            scan(flight, flown, phase, plants[a], p)
             if p.detection == STOCHASTIC:
                 draw_scans(flight, p)
 
@@ -169,7 +167,7 @@ def start_team(
                 flight.radars[:, :] = flights[g, 0].radars
                 key = mixed(flight.key + np.uint64(flight.episode) * GAMMA)
                 draw_further(key, p.radars, p.side_on, p.banked, flight.start, flight.goal, flight.radars)
-                put_at_start(flight)
+                put_at_start(flight, p)
             under.going, under.hit, under.way, under.banked = 0, 0, 0.0, 0.0
 
 
@@ -184,7 +182,7 @@ def advance_team(
     rules: NDArray[Any],
     observed: NDArray[np.float32],
     numbers: FloatArray,
-    places: FloatArray,
+    known: FloatArray,
     reward: FloatArray,
     over: NDArray[np.int64],
 ) -> bool:
@@ -200,7 +198,7 @@ def advance_team(
         rules: Shape (teams, aircraft).
         observed: Filled, shape (teams * aircraft, columns), and so are the others, as ``advance_all`` does.
         numbers: Shape (numbers, teams * aircraft).
-        places: Shape (teams * aircraft, 2).
+        known: Shape (teams * aircraft, columns).
         reward: Shape (teams * aircraft,).
         over: Shape (teams * aircraft,).
 
@@ -211,12 +209,12 @@ def advance_team(
     order = np.zeros((2, RADARS))
     if flying and not np.isfinite(actions).all():
         return False
-    before = np.empty((count, 3))
+    before = np.empty((count, 2))
     for g in range(teams):
         p = rules[g, 0]
         for a in range(count):
             flight, under, plant, i = flights[g, a], legs[g, a], plants[g, a], g * count + a
-            before[a, 0], before[a, 1], before[a, 2] = way_left(flight, p), flight.path, flight.time_over
+            before[a, 0], before[a, 1] = flight.path, flight.time_over
             reward[i] = 0.0
             if flying and flight.over == FLYING and under.going == 0:
                 cosine, sine = radial(flight, plant, p.radars)
@@ -230,12 +228,12 @@ def advance_team(
         for a in range(count):
             flight, i = flights[g, a], g * count + a
             if flying and over[i] == FLYING:
-                detected = flight.time_over - before[a, 2]
-                reward[i] = score(flight, before[a, 0], before[a, 1], detected, p)
+                detected = flight.time_over - before[a, 1]
+                reward[i] = score(flight, before[a, 0], detected, p)
             over[i] = flight.over
-            write(flight, plants[g, a], i, p, order, observed, numbers, places)
+            write(flight, plants[g, a], i, p, order, observed, numbers, known)
             own = observed[i, observed.shape[1] - 2 - p.radars :]
-            own[0], own[1] = legs[g, a].way / 100.0, 1.0 if flight.over == FLYING else 0.0
+            own[0], own[1] = within(legs[g, a].way / 100.0), 1.0 if flight.over == FLYING else 0.0
             for k in range(p.radars):
                 follows = tracked[g, int(order[0, k])]
                 own[2 + k] = 0.0 if follows in (FREE, a) else 1.0
