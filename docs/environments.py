@@ -80,9 +80,10 @@ def film(task: Task, path: Path) -> None:
     frames = [env.render() for _ in islice(episode.steps(), MOST_STEPS)]
     chosen = np.unique(np.linspace(0, len(frames) - 1, FRAMES).astype(int))
     small = [Image.fromarray(frames[i]).resize(SIZE, Image.Resampling.LANCZOS) for i in chosen]
+    pace = 90 if len(small) > 20 else 1000  # milliseconds; few steps are long ones, each to be read
     with replacing(path) as temporary:
         small[0].save(
-            temporary, save_all=True, append_images=small[1:], duration=90, loop=0, quality=40, method=6
+            temporary, save_all=True, append_images=small[1:], duration=pace, loop=0, quality=40, method=6
         )
 
 
