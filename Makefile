@@ -3,6 +3,7 @@ PYTHON ?= python3
 # Where public recordings are looked for before they are fetched (empty: fetch on demand).
 export FIELDGYM_DATA ?= $(wildcard $(CURDIR)/../shared/data)
 # One thread a process: two processes on two cores beat two processes that fight for them.
+# Each process keeps to its own half of the tests (worksteal), so that what one compiles or prepares is made once.
 export OMP_NUM_THREADS ?= 1
 
 BIN := .venv/bin
@@ -17,7 +18,7 @@ demo: $(READY)  ## evaluate the agents, diagnose a recording, end in results/dem
 	$(BIN)/fieldgym demo
 
 test: $(READY)  ## the test suite (long exams: make exam)
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist worksteal
 
 check: $(READY)  ## style, types, floors
 	$(BIN)/ruff format --check .
@@ -26,7 +27,7 @@ check: $(READY)  ## style, types, floors
 	$(BIN)/lint-imports
 
 exam: $(READY)  ## the long exams
-	$(BIN)/pytest -n 2 -m slow
+	$(BIN)/pytest -n 2 --dist worksteal -m slow
 
 mutants: $(READY)  ## put errors into copies of the project and see the tests notice each
 	$(BIN)/python tests/mutants/run.py --publish

@@ -305,7 +305,7 @@ def test_two_hidden_effects_are_both_found(machine: str, pair: tuple[str, ...]):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(90_101, 90_105), *(pytest.param(s, marks=SLOW) for s in range(90_105, 90_111))]
+    "seed", [90_101, 90_102, *(pytest.param(s, marks=SLOW) for s in range(90_103, 90_111))]
 )
 @pytest.mark.parametrize("machine", some([(m,) for m in SIZES]))
 def test_where_nothing_is_hidden_nothing_is_named(machine: str, seed: int):
