@@ -17,8 +17,8 @@ from fieldagents.progress import Report
 from fieldagents.task import get_task
 from fieldmodels import html
 from fieldmodels.diagnosis import answer, diagnose
+from fieldmodels.diagnosis.report import pictures, write_results
 from fieldmodels.diagnosis.report import report_section as diagnosis_section
-from fieldmodels.diagnosis.report import write_results
 from fieldmodels.files import write_text
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
@@ -96,7 +96,8 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
     summary = evaluate(config, out / "heel_strike", _share(progress, 0.02, 0.6))
     diagnosis = diagnose(pendulum, [bench.train], [bench.test], progress=_share(progress, 0.6, 0.95))
     progress("Writing the report", 0.95)
-    write_results(diagnosis, out / "pendulum")
+    drawn = pictures(diagnosis)
+    write_results(diagnosis, out / "pendulum", drawn)
     found = f"{answer.headline(diagnosis)} {answer.by_how_much(diagnosis)}".strip()
     compared = lead(summary)
     body = "\n".join(
@@ -106,7 +107,7 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
             f'<p><b>Heel-strike estimators</b><br>{compared} <a href="#agents">More</a></p></div>',
             '<h2 id="diagnosis">1. Diagnosis: what does the simulation of this pendulum get wrong?</h2>',
             f"<p>{html.text(bench.about)}</p>",
-            _below(diagnosis_section(diagnosis, "pendulum/figures")),
+            _below(diagnosis_section(diagnosis, drawn, "pendulum/figures")),
             '<h2 id="agents">2. Agents: a walking robot\'s heel-strike estimator</h2>',
             "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
             "estimator's gains under noise whose level it does not know. The score is the error in the "

@@ -60,12 +60,16 @@ class Picture:
         Args:
             folder: Where ``save`` has put the files, as the page sees it; "" for no links.
         """
-        content = _twice(self.draw, self.says)
         names = [f"{self.name}.png", *([f"{self.name}.csv"] if folder and self.data else [])]
         links = " ".join(f'<a href="{text(f"{folder}/{n}")}" download>{n[-3:].upper()}</a>' for n in names)
         said = f'{text(self.caption)} <span class="files">{links}</span>' if folder else text(self.caption)
         below = f"<figcaption>{said}</figcaption>" if said else ""
-        return f"<figure>{content}{below}</figure>"
+        return f"<figure>{self.content}{below}</figure>"
+
+    @cached_property
+    def content(self) -> str:
+        """What is drawn, as HTML; it is drawn once, on however many pages it stands."""
+        return _twice(self.draw, self.says)
 
     @cached_property
     def data(self) -> Numbers:

@@ -26,6 +26,21 @@ def test_page_needs_nothing_from_outside():
     assert '<td class="number">1.5</td>' in result
 
 
+def test_a_picture_on_several_pages_is_drawn_once():
+    widths = []
+
+    def draw(width):
+        widths.append(width)
+        return small_figure()
+
+    picture = html.Picture("line", draw, "A line.", "a line", {"x": [0, 1]})
+    first, second = picture.fragment("figures"), picture.fragment()
+    assert widths == [html.WIDE, html.NARROW]
+    assert picture.content in first
+    assert picture.content in second
+    assert ("line.png" in first, "line.png" in second) == (True, False)
+
+
 def test_ids_of_two_svgs_differ():
     first, second = html.figure(small_figure()), html.figure(small_figure())
     ids = [set(re.findall(r'\bid="([^"]+)"', f)) for f in (first, second)]

@@ -12,7 +12,7 @@ from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.correlation import correlations
 from fieldmodels.diagnosis.gain import by_horizon, predict
-from fieldmodels.diagnosis.report import report_section, write_results
+from fieldmodels.diagnosis.report import pictures, report_section, write_results
 from fieldmodels.reality import read_reality
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
@@ -91,7 +91,7 @@ def test_the_page_and_the_extended_model_show_it(tmp_path) -> None:
     hidden = {"coulomb_friction": {"force": 0.8}}
     diagnosis = diagnose(MODEL, [record(7701, hidden)], [record(7702, hidden)])
     assert [c.effect for c in diagnosis.causes] == ["coulomb_friction"]
-    section = report_section(diagnosis)
+    section = report_section(diagnosis, pictures(diagnosis), "")
     assert "Correlations of the errors" in section
     assert "-F_c sign(v)" in section
     gain = diagnosis.to_json()["gain"]["position"]["horizons"]

@@ -28,7 +28,6 @@ from fieldagents.app.session import Log, Session
 from fieldmodels import html
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import answer
-from fieldmodels.diagnosis.report import pictures
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.proposals import Proposal
 from fieldmodels.registry import model_names
@@ -154,7 +153,7 @@ class Page:
         diagnosis = self.session.diagnosis
         if diagnosis is None:
             raise RecordingError("there is no diagnosis yet")
-        picture = pictures(diagnosis).get("answer")
+        picture = self.session.drawn.get("answer")
         numbers = [
             {"name": name, "value": value, "low": low, "high": high, "unit": unit}
             for name, (value, low, high, unit) in self.session.numbers().items()

@@ -14,8 +14,9 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.free_run import FreeRun
 from fieldmodels.diagnosis.outcome import Diagnosis
-from fieldmodels.diagnosis.report import write_results
+from fieldmodels.diagnosis.report import pictures, write_results
 from fieldmodels.export import write_model
+from fieldmodels.html import Picture
 from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.recording.bench import TIME, Bench, Channel
@@ -104,6 +105,7 @@ class Session:
         model_name: Name or file of the model, empty if none is chosen.
         specs: Signal to column, as the user has confirmed them.
         diagnosis: The last one, None if there is none.
+        drawn: Its pictures by name.
         job: The one at work, or the last one.
     """
 
@@ -116,6 +118,7 @@ class Session:
         self.specs: dict[str, str] = {}
         self.rate: float | None = None
         self.diagnosis: Diagnosis | None = None
+        self.drawn: dict[str, Picture] = {}
         self.written: dict[str, Path] = {}
         self.job = Job()
         self._worker: threading.Thread | None = None
@@ -187,7 +190,9 @@ class Session:
         try:
             found = diagnose(model, [train], test, progress=job.report)
             job.report("writing the report", 1.0)
-            self.written = write_results(found, self.folder)
+            drawn = pictures(found)
+            self.written = write_results(found, self.folder, drawn)
+            self.drawn = drawn
             self.diagnosis = found
         except CancelledError:
             job.error = "stopped"

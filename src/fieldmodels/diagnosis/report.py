@@ -19,12 +19,19 @@ from fieldmodels.rounding import percent, with_error, words
 from fieldmodels.yaml import save_yaml
 
 
-def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
+def write_results(
+    diagnosis: Diagnosis, directory: Path, drawn: Mapping[str, Picture] | None = None
+) -> dict[str, Path]:
     """Write ``diagnosis.json``, ``report.html`` and ``extended.yaml``; each appears whole or not at all.
 
     The folder ``figures`` holds each figure of the report as PNG, and its data as CSV. If a next measurement
     is planned, also its commands, ``next_input.csv``, and ``next_record.yaml``, with which ``fieldgym
     record`` plays them.
+
+    Args:
+        diagnosis: The diagnosis.
+        directory: Where to.
+        drawn: Its ``pictures``, if they stand on other pages, too.
 
     Returns:
         File name to path.
@@ -32,11 +39,11 @@ def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
     paths = {name: directory / name for name in ("diagnosis.json", "report.html", "extended.yaml")}
     content = json.dumps(diagnosis.to_json(), indent=2, allow_nan=False, ensure_ascii=False)
     write_text(paths["diagnosis.json"], content + "\n")
-    drawn = pictures(diagnosis)
+    drawn = pictures(diagnosis) if drawn is None else drawn
     for picture in drawn.values():
         picture.save(directory / FIGURES)
     title = f"Diagnosis of {words(diagnosis.model)}"
-    write_text(paths["report.html"], html.page(title, _section(diagnosis, drawn, FIGURES)))
+    write_text(paths["report.html"], html.page(title, report_section(diagnosis, drawn, FIGURES)))
     save_yaml(diagnosis.extended(), paths["extended.yaml"])
     plan = diagnosis.next_measurement.plan if diagnosis.next_measurement else None
     if plan is not None:
@@ -55,17 +62,14 @@ def write_results(diagnosis: Diagnosis, directory: Path) -> dict[str, Path]:
     return paths
 
 
-def report_section(diagnosis: Diagnosis, folder: str = "") -> str:
+def report_section(diagnosis: Diagnosis, drawn: Mapping[str, Picture], folder: str) -> str:
     """The report as an HTML fragment with its figures inline.
 
     Args:
         diagnosis: The diagnosis.
-        folder: Where its figures are beside the page; "" for no links to them.
+        drawn: Its ``pictures``.
+        folder: Where their files are beside the page; "" for no links to them.
     """
-    return _section(diagnosis, pictures(diagnosis), folder)
-
-
-def _section(diagnosis: Diagnosis, drawn: Mapping[str, Picture], folder: str) -> str:
     shown = {name: picture.fragment(folder) for name, picture in drawn.items()}
     first = answer.section(diagnosis, shown.get("answer", ""))
     evidence = [
