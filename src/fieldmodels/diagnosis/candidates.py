@@ -84,6 +84,7 @@ class Candidates:
         options: Thresholds and prices.
         budget: How long the search may take.
         seen: Cached results of ``screened``, by parent and effect.
+        made: The same of ``again`` and ``without``, by candidate, effect and whitener.
     """
 
     problem: Problem
@@ -95,6 +96,7 @@ class Candidates:
     budget: Budget = field(default_factory=Budget)
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
+    made: dict[tuple[int, str, int], tuple[Candidate, FloatArray, Candidate]] = field(default_factory=dict)
 
     def free(self, effects: Names) -> IntArray:
         """Indices of the parameters that are fitted by gradient: base and effects, except fixed ones."""
@@ -159,18 +161,33 @@ class Candidates:
 
     def again(self, candidate: Candidate) -> Candidate:
         """Refit a candidate with the current whitener."""
-        return self._judged(
-            candidate.effects, refit(self.problem, candidate.fit, self.whitener, MOST), candidate.search
-        )
+
+        def refitted() -> Candidate:
+            fitted = refit(self.problem, candidate.fit, self.whitener, MOST)
+            return self._judged(candidate.effects, fitted, candidate.search)
+
+        return self._once(candidate, "", refitted)
 
     def without(self, candidate: Candidate, gone: str) -> Candidate:
         """Refit a set with one effect removed."""
         model = self.problem.model
-        effects = tuple(name for name in candidate.effects if name != gone)
-        start = candidate.fit.parameters.copy()
-        start[model.slice_of(gone)] = self.start[model.slice_of(gone)]
-        fitted = fit(self.problem, start, self.free(effects), self.whitener, candidate.fit.states)
-        return self._judged(effects, fitted, candidate.search)
+
+        def refitted() -> Candidate:
+            effects = tuple(name for name in candidate.effects if name != gone)
+            start = candidate.fit.parameters.copy()
+            start[model.slice_of(gone)] = self.start[model.slice_of(gone)]
+            fitted = fit(self.problem, start, self.free(effects), self.whitener, candidate.fit.states)
+            return self._judged(effects, fitted, candidate.search)
+
+        return self._once(candidate, gone, refitted)
+
+    def _once(self, candidate: Candidate, gone: str, make: Callable[[], Candidate]) -> Candidate:
+        """What was made of a candidate, perhaps without an effect, with the same weights; else make it."""
+        key = id(candidate), gone, id(self.whitener)
+        if key not in self.made:
+            # Both are kept with their ids, so that these cannot be used again.
+            self.made[key] = candidate, self.whitener, make()
+        return self.made[key][2]
 
     def simplified(self, candidate: Candidate) -> Candidate:
         """The set with the simpler effect in place of one that has come to equal it when it was refitted."""
