@@ -69,18 +69,29 @@ class Picture:
     @cached_property
     def content(self) -> str:
         """What is drawn, as HTML; it is drawn once, on however many pages it stands."""
-        return _twice(self.draw, self.says)
+        with palette():
+            svgs = (
+                ("wide", _svg(self._wide, self.says)),
+                ("narrow", _svg(_laid_out(self.draw(NARROW)), self.says)),
+            )
+        return "".join(f'<div class="{kind}">{svg}</div>' for kind, svg in svgs)
+
+    @cached_property
+    def _wide(self) -> Any:
+        """As it is for a screen, in a file, and in its data."""
+        with palette():
+            return _laid_out(self.draw(WIDE))
 
     @cached_property
     def data(self) -> Numbers:
         """Its data; none of a photograph."""
-        return drawn(self.draw(WIDE)) if self.numbers is None else self.numbers
+        return drawn(self._wide) if self.numbers is None else self.numbers
 
     def save(self, folder: Path) -> list[Path]:
         """Write a PNG and, where there are data, a CSV file."""
         stream = io.BytesIO()
         with palette():
-            self.draw(WIDE).savefig(stream, format="png", dpi=150, facecolor="white")
+            self._wide.savefig(stream, format="png", dpi=150, facecolor="white")
         paths = [folder / f"{self.name}.png"]
         write_bytes(paths[0], stream.getvalue())
         if self.data:
@@ -124,11 +135,13 @@ def plain(fragment: str) -> list[str]:
     return [html.unescape(re.sub("<[^>]+>", "", line)) for line in fragment.split("<br>")]
 
 
-def _twice(draw: Callable[[float], Any], says: str) -> str:
-    """A figure for a screen and for a phone."""
-    sizes = (("wide", WIDE), ("narrow", NARROW))
-    with palette():
-        return "".join(f'<div class="{kind}">{_svg(draw(width), says)}</div>' for kind, width in sizes)
+def _laid_out(drawing: Any) -> Any:
+    """A figure whose layout is found once, and not anew for every file: that takes a third of the time."""
+    engine = drawing.get_layout_engine()
+    if engine is not None:
+        engine.execute(drawing)
+        drawing.set_layout_engine("none")
+    return drawing
 
 
 def palette() -> AbstractContextManager[None]:
