@@ -175,6 +175,9 @@ def test_without_a_hidden_reality_the_extended_simulation_says_that_it_is_a_fore
     assert result.agents == ("nominal", "retuned")
     assert result.recovered is None
     assert "forecast" in result.sentence()
+    page = (tmp_path / "retune.html").read_text()
+    assert "what counts is on the machine itself" in page
+    assert "counts is in the hidden" not in page
     assert json.loads((tmp_path / "retune.json").read_text())["hidden_known"] is False
 
 

@@ -105,10 +105,11 @@ TUNED_IN = ("nominal simulation", "extended simulation", "hidden reality (oracle
 
 def _caption(result: Retuning) -> str:
     better = "lower" if result.metric.lower_is_better else "higher"
+    counts = "on the machine itself" if result.recovered is None else "in the hidden reality"
     return (
         f"{result.metric.label}, mean and 95 % interval over the same {result.evaluation.episodes} episodes; "
         f"{better} is better. The grey agent in the nominal simulation is what was predicted; what counts is "
-        f"in the hidden reality."
+        f"{counts}."
     )
 
 

@@ -85,15 +85,16 @@ class Retuning:
             for agent, mean in means.items()
         }
         begin = (
-            f"{self.agent} in the {self.tested_in}, {self.metric.title}: {said[NOMINAL]} tuned in the "
-            f"nominal simulation, {said[RETUNED]} tuned in the extended one"
+            f"{self.metric.title} of {self.agent}, tested in the {self.tested_in}: {said[NOMINAL]} if "
+            f"tuned in the nominal simulation, {said[RETUNED]} if tuned in the extended one"
         )
+        begin = begin[0].upper() + begin[1:]
         if self.recovered is None:
             return (
                 f"{begin}. No hidden reality is known, so this is the extended simulation's forecast, "
-                "not a measurement: fly both on the machine."
+                "not a measurement: try both on the machine."
             )
-        begin += f", {said[ORACLE]} tuned in the hidden reality itself (the oracle)"
+        begin += f", {said[ORACLE]} if tuned in the hidden reality itself (the oracle)"
         if self.recovered.outcome == "nothing to recover":
             return f"{begin}. Nothing to recover: the oracle is not better than the nominal agent."
         if self.recovered.share is None:
