@@ -97,10 +97,10 @@ def _smallest(shape: _Shape, candidate: Candidate, curves: Curves) -> float:
     """The smallest size at which four of five would be found; infinite if the data show none."""
     convinced = False
     for size in shape.least * GROWTH ** np.arange(TRIES):
-        trials = [_Trial(shape, sign * size, candidate, curves) for sign in (1.0, -1.0)]
-        convinced = convinced or all(trial.convinces for trial in trials)
-        if convinced and trials[0].found:
-            return float(size * (1.0 + POWER_QUANTILE / np.sqrt(2.0 * trials[0].gain)))
+        trial = _Trial(shape, size, candidate, curves)
+        convinced = convinced or (trial.convinces and _Trial(shape, -size, candidate, curves).convinces)
+        if convinced and trial.found:
+            return float(size * (1.0 + POWER_QUANTILE / np.sqrt(2.0 * trial.gain)))
     return float("inf")
 
 
