@@ -35,7 +35,7 @@ def test_a_recording_of_the_extended_simulation_is_its_free_run(tmp_path: Path):
         for k in range(2)
     ]
     found = diagnose(interpolated, logs[:1], logs[1:])
-    path = write_results(found, tmp_path)["extended.yaml"]
+    path = write_results(found, tmp_path, drawn={})["extended.yaml"]
     model, reality = flown(get_model("rig"), path)
     assert (reality.hold, model.hold) == ("interpolated", "interpolated")
     again = synthesise(

@@ -75,7 +75,7 @@ def test_the_planned_measurement_decides_between_lag_and_delay(late, tmp_path):
     expected = found.next_measurement.input
     assert expected["nats"] == max(expected["nats"], *expected["compared"].values())
     assert 0.5 < expected["probability"] <= 1.0
-    paths = write_results(found, tmp_path)
+    paths = write_results(found, tmp_path, drawn={})
     config = load_config(
         paths["next_record.yaml"], RecordConfig, ["reality.actuator_delay.delay=0.006", "seed=5"]
     )

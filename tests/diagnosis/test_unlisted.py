@@ -139,7 +139,7 @@ def test_a_wave_is_stated_by_its_period_and_runs(tmp_path: Path, kind: str, peri
     assert float(number) == pytest.approx(period, rel=0.03)
     assert np.ptp(result.curves[0].curve[:, 1]) == pytest.approx(6e-4, rel=0.15)
     assert not result.not_runnable
-    env = as_env("rig", reality=write_results(result, tmp_path)["extended.yaml"])
+    env = as_env("rig", reality=write_results(result, tmp_path, drawn={})["extended.yaml"])
     [effect] = [e for e in env.unwrapped._task.machine.effects if e.name.startswith("sensor_on_position")]
     if unit == "m":  # the time that a curve over the time runs on is the log's own
         values = [p.nominal for p in effect.parameters if p.name.startswith("value_")]
@@ -179,7 +179,7 @@ def test_a_curve_runs_on_in_a_free_run_and_in_an_environment(tmp_path: Path):
     errors = [float(np.std(d.simulate(log)["position"] - log["position"])) for d in (base, result)]
     assert errors[1] < 1.5 * NOISE["position"]
     assert errors[1] < 0.7 * errors[0]
-    paths = write_results(result, tmp_path)
+    paths = write_results(result, tmp_path, drawn={})
     env = as_env("rig", reality=paths["extended.yaml"])
     assert "force_on_velocity_over_position" in {e.name for e in env.unwrapped._task.machine.effects}
     env.reset(seed=1)

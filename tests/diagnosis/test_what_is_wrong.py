@@ -91,13 +91,14 @@ def test_the_page_and_the_extended_model_show_it(tmp_path) -> None:
     hidden = {"coulomb_friction": {"force": 0.8}}
     diagnosis = diagnose(MODEL, [record(7701, hidden)], [record(7702, hidden)])
     assert [c.effect for c in diagnosis.causes] == ["coulomb_friction"]
-    section = report_section(diagnosis, pictures(diagnosis), "")
+    drawn = pictures(diagnosis)
+    section = report_section(diagnosis, drawn, "")
     assert "Correlations of the errors" in section
     assert "-F_c sign(v)" in section
     gain = diagnosis.to_json()["gain"]["position"]["horizons"]
     assert [row["horizon_s"] for row in gain] == list(MODEL.horizons)
     assert all(row["percent"] > 20 and row["ci95"][0] > 0 for row in gain)
-    written = write_results(diagnosis, tmp_path)
+    written = write_results(diagnosis, tmp_path, drawn)
     text = written["extended.yaml"].read_text()
     assert "symbols: -F_c sign(v)" in text
     values = read_reality(written["extended.yaml"], MODEL).effects
