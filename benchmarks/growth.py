@@ -1,4 +1,4 @@
-"""Exponents of cost: how a step's time grows with copies and radars, a diagnosis' with rate and recordings.
+"""Exponents of cost: how a step's time grows with copies and radars, a diagnosis' with data and candidates.
 
 ``run.py`` shows them among what users wait for; 1 is a cost in proportion, less is better.
 """
@@ -15,6 +15,7 @@ from diagnosis_speed import COULOMB, DELAY, record
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.machines.rig import Rig
 from fieldmodels.registry import get_model
 
 ROUNDS = 5
@@ -65,6 +66,21 @@ def diagnosing(*sizes: tuple[int, float]) -> Callable[[], object]:
     """A diagnosis of a rig with friction and a delay on one thread: rows and step of each recording."""
     data = [record(COULOMB | DELAY, *size) for size in sizes]
     return lambda: diagnose(get_model("rig"), data, options=DiagnosisOptions(threads=1))
+
+
+def with_candidates() -> float:
+    """Cost of a diagnosis of a rig with friction where all its effects may be the cause, over that with 8.
+
+    No exponent: that is near zero, and a factor of it says nothing.
+    """
+    data = [record(COULOMB, 1000, 0.01)]
+
+    def looked(count: int) -> Callable[[], object]:
+        model = type(f"Rig{count}", (Rig,), {"effects": Rig.effects[:count]})()
+        return lambda: diagnose(model, data, options=DiagnosisOptions(threads=1))
+
+    few, many = 8, len(Rig.effects)
+    return float((many / few) ** exponent({count: looked(count) for count in (few, 15, many)}, 1))
 
 
 def with_rate() -> float:

@@ -26,13 +26,17 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 from diagnosis_speed import RECORDS, record
-from growth import with_copies, with_radars, with_rate, with_recordings
+from growth import with_candidates, with_copies, with_radars, with_rate, with_recordings
 from steppers import native, scalar, steps_a_second
 
 import fieldgym
+from fieldagents.tasks.uav_route.certified import certified_plan
+from fieldagents.tasks.uav_route.lattice import lattice_plan
+from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.files import write_text
+from fieldmodels.machines.uav_route.layouts import random_layout
 from fieldmodels.registry import get_model
 
 HERE = Path(__file__).parent
@@ -45,6 +49,10 @@ LONG = {"HeelStrike": {"strides": 1_000_000}, "Excitation": {"decisions": 100_00
 """Settings whose episodes don't end while they are timed."""
 ROWS = {"LineFollowingPixels": 16, "Excitation": 16}
 """Rows of a vector environment whose step is long; 64 of the others."""
+
+
+MAIN = "import sys; from fieldagents.cli import main; sys.argv[0] = 'fieldgym'; main()"
+"""The command line, in a process of its own."""
 
 
 class Ratio(NamedTuple):
@@ -103,33 +111,84 @@ def many() -> Iterator[Ratio]:
 
 
 def growths() -> Iterator[Ratio]:
-    """Exponents of cost against copies, radars, rate and recordings."""
+    """Exponents of cost against copies, radars, rate, recordings and candidates."""
     for name in MANY:
         found = with_copies(named(name), settings_of(named(name)))
         yield Ratio(f"{name}: growth with copies", found, "exponent of processor time, 16 to 256 copies")
     yield Ratio("UavRoute: growth with radars", with_radars(named("UavRoute")), "exponent of processor time")
     yield Ratio("diagnosis: growth with rate", with_rate(), "exponent of processor time, 100 Hz to 1 kHz")
     yield Ratio("diagnosis: growth with recordings", with_recordings(), "exponent of processor time")
+    yield Ratio("diagnosis: growth with candidates", with_candidates(), "with 23, times that with 8")
 
 
 def demonstration() -> Iterator[Ratio]:
     """All of ``fieldgym demo``, its children included."""
     with tempfile.TemporaryDirectory() as folder:
-        main = "import sys; from fieldagents.cli import main; sys.argv[0] = 'fieldgym'; main()"
-        own = spent([sys.executable, "-c", main, "demo", "--out", folder])
+        own = spent([sys.executable, "-c", MAIN, "demo", "--out", folder])
     unit = in_turns([additions])[0]
     yield Ratio("fieldgym demo", own / unit, "times a million additions in Python")
 
 
+THREADED = {"HeelStrike": 64, "Excitation": 64, "UavRoute": 1024}
+
+
 def threads() -> Iterator[Ratio]:
-    """Wall time on two threads against one, for the environments whose steps are long."""
-    for name in ("HeelStrike", "Excitation"):
-        envs = [gym.make_vec(named(name), num_envs=64, settings=LONG[name], threads=n) for n in (1, 2)]
+    """The busier one's time where two threads share the rows, for the environments whose steps are long.
+
+    It is what a step takes where both find a processor free; a busy machine does not change it.
+    """
+    for name, rows in THREADED.items():
+        settings = settings_of(named(name))
+        envs = [gym.make_vec(named(name), num_envs=rows, settings=settings, threads=n) for n in (1, 2)]
         for env in envs:
             env.reset(seed=0)
-        action = np.zeros(envs[0].action_space.shape, np.float32)
-        one, two = in_turns([partial(env.step, action) for env in envs], time.perf_counter, 25)
-        yield Ratio(f"{name}: 64 rows on two threads", two / one, "of the wall time on one")
+        rng = np.random.default_rng(0)
+        actions = rng.uniform(-1.0, 1.0, (26, *envs[0].action_space.shape)).astype(np.float32)
+        alone, shared = [], []
+        for action in actions:
+            for env, times in zip(envs, (alone, shared), strict=True):
+                began = time.process_time(), time.thread_time()
+                env.step(action)
+                whole, here = time.process_time() - began[0], time.thread_time() - began[1]
+                times.append(max(here, whole - here))
+        ratio = median(shared[1:]) / median(alone[1:])
+        yield Ratio(
+            f"{name}: {rows} rows on two threads", ratio, "of one's processor time, the busier thread"
+        )
+
+
+def planners() -> Iterator[Ratio]:
+    """Planners of UavRoute, on a random layout."""
+    layouts = {n: random_layout(np.random.default_rng(n), n) for n in (1, 3)}
+    works = {
+        "legs past 3 radars": partial(leg_plan, layouts[3]),
+        "lattice past 1 radar": partial(lattice_plan, layouts[1]),
+        "certified past 1 radar": partial(certified_plan, layouts[1]),
+    }
+    *own, unit = in_turns([*works.values(), additions], rounds=3)
+    for name, value in zip(works, own, strict=True):
+        yield Ratio(f"planner: {name}", value / unit, "times a million additions in Python")
+
+
+ENOUGH = -130.0
+"""Return of an episode of HeelStrike that a small training reaches; one without any has -197."""
+TRAINING = ["train", "heel_strike/ppo", "--set", "steps=40000", "--set", "network.hidden=[32]",
+            "--set", "validation.episodes=4"]  # fmt: skip
+
+
+def training() -> Iterator[Ratio]:
+    """A small training, which must reach a score."""
+    with tempfile.TemporaryDirectory() as folder:
+        own = spent([sys.executable, "-c", MAIN, *TRAINING, "--out", f"{folder}/run"])
+        reached = json.loads(Path(folder, "run", "run.json").read_text())["validation_return"]
+    if reached < ENOUGH:
+        raise RuntimeError(f"{' '.join(TRAINING)} reached a return of {reached:.0f}, not {ENOUGH:.0f}")
+    unit = in_turns([additions])[0]
+    yield Ratio(
+        f"training of HeelStrike to a return of {ENOUGH:.0f}",
+        own / unit,
+        "times a million additions in Python",
+    )
 
 
 def in_turns(
@@ -175,8 +234,7 @@ def commands() -> Iterator[Ratio]:
     def started(*arguments: str) -> Callable[[], None]:
         return lambda: subprocess.run([sys.executable, *arguments], check=True, capture_output=True) and None
 
-    main = "import sys; from fieldagents.cli import main; sys.argv[0] = 'fieldgym'; main()"
-    works = [started("-c", main, *words) for words in (("--help",), ("list",))]
+    works = [started("-c", MAIN, *words) for words in (("--help",), ("list",))]
     *own, base = in_turns([*works, started("-c", "import numpy")], time.perf_counter)
     for name, value in zip(("--help", "list"), own, strict=True):
         yield Ratio(f"fieldgym {name}", value / base, "times a start of Python with NumPy")
@@ -205,7 +263,8 @@ def first_steps() -> Iterator[Ratio]:
 
 GROUPS: dict[str, Callable[[], Iterator[Ratio]]] = {
     "step": steps, "many": many, "threads": threads, "growth": growths, "diagnosis": diagnoses,
-    "command": commands, "first": first_steps, "demo": demonstration,
+    "command": commands, "first": first_steps, "planner": planners, "training": training,
+    "demo": demonstration,
 }  # fmt: skip
 
 

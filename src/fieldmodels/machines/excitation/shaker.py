@@ -443,7 +443,7 @@ class Shakers:
             raise ModelError(f"commands must be finite and have shape ({batch}, 3), not {wanted.shape}")
         if not (self._counts >= 0).all():
             raise ModelError("restart every experiment before the first decision")
-        features = np.zeros((batch, MODES, SAMPLES, FEATURES))
+        features = np.empty((batch, MODES, SAMPLES, FEATURES))
         noise = np.zeros((batch, MODES, FEATURES, FEATURES))
         traced = batch if traces else 0
         motion, bodies = np.empty((traced, SAMPLES + 1, 3)), np.empty((traced, MODES, SAMPLES, 6))
