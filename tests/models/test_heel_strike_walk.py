@@ -8,7 +8,7 @@ from fieldmodels.compiled import compiled
 from fieldmodels.machines.heel_strike.declaration import as_plants
 from fieldmodels.machines.heel_strike.leg import leg_step
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
-from fieldmodels.machines.heel_strike.parameters import SILENT, Gains, Leg, Noise, Regimes
+from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains, stride_errors
 from fieldmodels.machines.heel_strike.strides import Strides
 from fieldmodels.model import ModelError
@@ -230,7 +230,3 @@ def test_bad_input_is_refused():
         Noise(floor=-0.1)
     with pytest.raises(ValueError, match="each of process must be at least 0"):
         Regimes(process=(0.1, -0.2))
-
-
-def test_gains_row():
-    assert Gains(0.1, 0.2, 0.3).as_row() == pytest.approx((0.1, 0.2, 0.3, 1000 / 3))

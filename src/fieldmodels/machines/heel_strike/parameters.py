@@ -189,24 +189,3 @@ class Regimes(CommonNoise):
             collision=(noise.collision, noise.collision),
             dwell=math.inf,
         )
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Gains of the model-based estimator (2.14), with the model-sensor ratio gated by the stride's phase.
-
-    Attributes:
-        sensor_early: S_MS while the collision dies down (the envelope's time after a strike).
-        sensor_late: S_MS in the rest of the stride; equal to ``sensor_early`` it is the paper's estimator.
-        reset: S_HR, share of the geometry's angle in the heel-strike reset (2.10).
-        decay: S_FD [1/s], inverse of the gyro filter's decay time.
-    """
-
-    sensor_early: float
-    sensor_late: float
-    reset: float
-    decay: float = 1000 / 3
-
-    def as_row(self) -> tuple[float, float, float, float]:
-        """The gains in the order of ``Strides.advance``'s columns."""
-        return (self.sensor_early, self.sensor_late, self.reset, self.decay)

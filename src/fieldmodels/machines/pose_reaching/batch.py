@@ -250,11 +250,6 @@ class Robots:
         """Number of robots."""
         return len(self.robots)
 
-    @property
-    def seeded(self) -> NDArray[np.bool_]:
-        """Which robots have a stream, shape (batch,)."""
-        return self._seeded
-
     def set_reality(self, rows: Sequence[int] | IntArray, vectors: FloatArray) -> None:
         """Give some robots, before their next episode, other parameters; shape (len(rows), n)."""
         if self.extended is None:
