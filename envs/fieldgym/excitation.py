@@ -37,6 +37,7 @@ from fieldmodels.machines.excitation.parameters import (
     Rules,
 )
 from fieldmodels.machines.excitation.rewards import GROUPS, bits, relative_accuracy, weight_of_each
+from fieldmodels.machines.excitation.sensors import mean_draw
 from fieldmodels.machines.excitation.shaker import (
     CHANNELS,
     FINEST,
@@ -152,9 +153,10 @@ def observe(
 def score(
     mean: Floats, naive: Floats, information: Floats, information_naive: Floats, truth: Floats,
     counted: Flags, elapsed: NDArray[np.int64], below_since: NDArray[np.int64],
+    keys: NDArray[np.uint64], samples: NDArray[np.int64],
 ) -> Floats:  # fmt: skip
-    """``NUMBERS``, shape (9, batch); ``below_since`` follows the average error."""
-    numbers = np.empty((9, len(mean)))
+    """``NUMBERS``, and the mean draw, shape (10, batch); ``below_since`` follows the average error."""
+    numbers = np.empty((10, len(mean)))
     for i in range(len(mean)):
         own, own_naive = error_percent(mean[i], truth[i], counted), error_percent(naive[i], truth[i], counted)
         if elapsed[i] == 0 or own[0] >= REACHED_PERCENT:
@@ -165,6 +167,7 @@ def score(
         values = (
             time, information[i].sum(), information_naive[i].sum(), own[0], own[1], own_naive[0],
             own_naive[1], 1.0 if reached else 0.0, below_since[i] * DECISION if reached else time,
+            mean_draw(keys[i], samples[i]),
         )  # fmt: skip
         for k in range(len(values)):
             numbers[k, i] = values[k]
@@ -298,10 +301,10 @@ class _ExcitationTask(BatchTask):
         shaken, truth = self.shaken, self.shakers.truth
         numbers = score(
             shaken.mean, shaken.mean_naive, shaken.bits, shaken.bits_naive, truth, self.shakers.estimated,
-            self.elapsed, self.below_since,
+            self.elapsed, self.below_since, *self.shakers.streams,
         )  # fmt: skip
         others = {
-            "noise_draw": self.shakers.draws,
+            "noise_draw": numbers[len(NUMBERS)],
             "information": shaken.bits,
             "estimate": {
                 "mean": shaken.mean,
@@ -315,7 +318,7 @@ class _ExcitationTask(BatchTask):
             "variances": shaken.variances,
             "privileged": {"truth": truth, "error": shaken.mean - truth, **self.drawn.info},
         }
-        return Info(NUMBERS, numbers, others)
+        return Info(NUMBERS, numbers[: len(NUMBERS)], others)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""

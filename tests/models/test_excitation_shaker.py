@@ -25,7 +25,7 @@ from fieldmodels.machines.excitation.parameters import (
 )
 from fieldmodels.machines.excitation.regression import ANGLE, POSITION, SIGNALS
 from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS, measure_with_effects
-from fieldmodels.machines.excitation.sensors import corrupt, first_draw, full_scale, mean_draws
+from fieldmodels.machines.excitation.sensors import corrupt, first_draw, full_scale, mean_draw
 from fieldmodels.machines.excitation.shaker import (
     FACTORS,
     Shakers,
@@ -69,13 +69,14 @@ def test_normalised_error_counts_in_ranges():
     assert error_percents(mean[None], TABLE1[None], np.arange(22) == 0)[1] == pytest.approx([10.0])
 
 
-def test_mean_draws_is_that_of_the_noise_at_the_latest_sample():
+def test_mean_draw_is_that_of_the_noise_at_the_latest_sample():
     key, samples = np.uint64(7), 2 * SAMPLES
     zeros, ones, noise = np.zeros(SIGNALS), np.ones(SIGNALS), np.empty((3, SIGNALS))
     for mode in range(3):
         corrupt(zeros, ones, False, 1.0, key, first_draw(samples - 1, mode), noise[mode])
     keys = np.array([key, key])
-    assert mean_draws(keys, np.array([samples, 0])) == pytest.approx([noise.mean(), 0.0], rel=1e-12)
+    assert mean_draw(keys[0], samples) == pytest.approx(noise.mean(), rel=1e-12)
+    assert mean_draw(keys[1], 0) == 0.0
 
 
 def test_decisions_join_to_one_run():

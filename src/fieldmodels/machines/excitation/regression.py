@@ -85,6 +85,17 @@ TERMS = _terms()
 """Row (0 to 5), column (22 is F), feature and coefficient of every term of one mode, in four arrays."""
 
 
+PLAIN = np.array(
+    [
+        (feature + i, signal + i)
+        for feature, signal in (
+            (Y_VELOCITY, VELOCITY), (Y_POSITION, POSITION), (Y_TURNING, TURNING), (Y_ANGLE, ANGLE),
+            (Y_FORCE, FORCE), (Y_TORQUE, TORQUE),
+        )
+        for i in range(3)
+    ]
+)  # fmt: skip
+"""Features that are a signal: their numbers, and the signal's."""
 SMALL = 0.04
 """Squares of angles [rad2] below which few terms of a series are exact to the 15th digit, and far faster."""
 
@@ -126,17 +137,13 @@ def fill_features(signals: FloatArray, variances: FloatArray, gravity: float, y:
     y[Y_SPECIFIC] = gx - signals[ACCELERATION]
     y[Y_SPECIFIC + 1] = gy - signals[ACCELERATION + 1]
     y[Y_SPECIFIC + 2] = gz - signals[ACCELERATION + 2]
+    for n in range(len(PLAIN)):
+        y[PLAIN[n, 0]] = signals[PLAIN[n, 1]]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        y[Y_VELOCITY + i] = signals[VELOCITY + i]
-        y[Y_POSITION + i] = signals[POSITION + i]
-        y[Y_TURNING + i] = signals[TURNING + i]
         y[Y_PRODUCT + i] = signals[RATE + j] * signals[RATE + k]
         y[Y_SQUARE + i] = signals[RATE + i] * signals[RATE + i] - variances[RATE + i]
         y[Y_RATE + i] = signals[RATE + i]
-        y[Y_ANGLE + i] = signals[ANGLE + i]
-        y[Y_FORCE + i] = signals[FORCE + i]
-        y[Y_TORQUE + i] = signals[TORQUE + i]
 
 
 @inlined
@@ -157,12 +164,9 @@ def add_feature_noise(
     """
     for i in range(3):
         covariance[Y_SPECIFIC + i, Y_SPECIFIC + i] += variances[ACCELERATION + i]
-        covariance[Y_VELOCITY + i, Y_VELOCITY + i] += variances[VELOCITY + i]
-        covariance[Y_POSITION + i, Y_POSITION + i] += variances[POSITION + i]
-        covariance[Y_TURNING + i, Y_TURNING + i] += variances[TURNING + i]
-        covariance[Y_ANGLE + i, Y_ANGLE + i] += variances[ANGLE + i]
-        covariance[Y_FORCE + i, Y_FORCE + i] += variances[FORCE + i]
-        covariance[Y_TORQUE + i, Y_TORQUE + i] += variances[TORQUE + i]
+    for n in range(len(PLAIN)):
+        k = PLAIN[n, 0]
+        covariance[k, k] += variances[PLAIN[n, 1]]
     # Slopes of d(R^-1 g) with respect to the angles, to second order in these.
     x, y, z = 0.5 * signals[ANGLE], 0.5 * signals[ANGLE + 1], 0.5 * signals[ANGLE + 2]
     slope = ((-z, 1.0, -x), (-1.0, -z, -y), (2.0 * x, 2.0 * y, 0.0))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import inlined
 from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
 from fieldmodels.machines.excitation.motion import CONSTANT, DECISION, arm_motion
 from fieldmodels.machines.excitation.parameters import (
@@ -94,28 +94,26 @@ def first_draw(sample: int, mode: int) -> int:
     return (sample * MODES + mode) * SIGNALS
 
 
-@compiled
-def mean_draws(keys: NDArray[np.uint64], samples: NDArray[np.int64]) -> FloatArray:
+@inlined
+def mean_draw(key: np.uint64, samples: int) -> float:
     """Mean of the standard draws behind the noise of the latest sample, in (-1, 1); 0 before the first.
 
     It depends on neither motion nor estimate: equal for all who met the same noise.
 
     Args:
-        keys: Streams, shape (batch,).
-        samples: Samples so far, shape (batch,).
+        key: Stream of the noise.
+        samples: Samples so far.
 
     Returns:
-        Means over all modes and signals, shape (batch,).
+        Mean over all modes and signals.
     """
-    result = np.zeros(len(keys))
-    count = MODES * SIGNALS
-    for b in range(len(keys)):
-        if samples[b] > 0:
-            first = first_draw(samples[b] - 1, 0)
-            for i in range(count):
-                result[b] += symmetric(keys[b], first + i)
-            result[b] /= count
-    return result
+    total, count = 0.0, MODES * SIGNALS
+    if samples > 0:
+        first = first_draw(samples - 1, 0)
+        for i in range(count):
+            total += symmetric(key, first + i)
+        total /= count
+    return total
 
 
 def full_scale(vehicle: FloatArray, arm: Arm | None = None, *, per_mode: bool = False) -> FloatArray:

@@ -52,7 +52,6 @@ from fieldmodels.machines.excitation.sensors import (
     FULL,
     TABLE2,
     Variant,
-    mean_draws,
     variances,
 )
 from fieldmodels.model import ModelError
@@ -358,9 +357,9 @@ class Shakers:
         return information_of(self._filters.covariance[self._estimator], self.estimated, self._records)
 
     @property
-    def draws(self) -> FloatArray:
-        """Mean of the draws behind the latest sample's noise, whatever was commanded, shape (batch,)."""
-        return np.asarray(mean_draws(self._keys, self._counts))
+    def streams(self) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
+        """Keys of the noise and samples so far, each of shape (batch,); see ``sensors.mean_draw``."""
+        return self._keys, self._counts
 
     def restart(self, which: Iterable[int], rngs: Iterable[np.random.Generator]) -> None:
         """Begin several experiments anew, each from its own generator: at rest, the arm in eq (24)."""
