@@ -16,6 +16,7 @@ from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import noise_floor, predict
 from fieldmodels.diagnosis.informative import evenly
+from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.model import Model
@@ -44,9 +45,10 @@ def mistaken_columns(
     """
     if model.random_force:
         return ""
-    if not _error(training, start, fixed)[1]:
+    refitted = _refitted(training, start, fixed)
+    if not _error(*refitted)[1]:
         return ""
-    present, far = _error(training, start, fixed, offsets=True)
+    present, far = _error(*_with_zeros(*refitted))
     if not far:
         return ""
     if said := _dead(model, train):
@@ -58,7 +60,7 @@ def mistaken_columns(
             problem = build(model.scaled_to(changed), changed, training.horizon, training)
         except RecordingError:
             continue
-        errors[said], _ = _error(problem, start, fixed, offsets=True)
+        errors[said], _ = _error(*_with_zeros(*_refitted(problem, start, fixed)))
     best = min(errors.values(), default=present)
     if not best < BETTER * present:
         return ""
@@ -98,31 +100,29 @@ def _changed(recording: Recording, changes: Mapping[str, tuple[str, float]]) -> 
     return replace(recording, signals={**recording.signals, **signals})
 
 
-def _error(
-    problem: Problem, start: FloatArray, fixed: frozenset[str], offsets: bool = False
-) -> tuple[float, bool]:
-    """Error of the refitted base by the spread of the signals, and whether it is far from the noise.
-
-    Args:
-        problem: The windows.
-        start: Parameter vector with the fixed values.
-        fixed: Names of parameters that are not fitted.
-        offsets: Whether the sensors' zeros are fitted, too: a reversed sensor may have one.
-    """
+def _refitted(problem: Problem, start: FloatArray, fixed: frozenset[str]) -> tuple[Problem, Fit]:
+    """Windows enough for the decision, and the base refitted to them; see ``mistaken_columns``."""
     problem, _ = evenly(problem, ENOUGH, FEWEST)
     candidates = Candidates(
         problem=problem, start=start, fixed=fixed, folds=problem.folds,
         whitener=np.diag(1 / problem.output_scale),
     )  # fmt: skip
-    fitted = candidates.base().fit
-    if offsets:
-        shown = {problem.model.outputs[j].name for j in np.unique(problem.outputs[~problem.events])}
-        zeros = [FreeCurve("sensor", name, "time", np.array([0.0, 1.0]), np.ones((2, 1))) for name in shown]
-        problem = replace(problem, model=Curved(problem.model, zeros))
-        count = len(fitted.parameters)
-        first = np.concatenate([fitted.parameters, np.zeros(len(zeros))])
-        free = np.concatenate([fitted.free, np.arange(count, len(first))])
-        fitted = fit(problem, first, free, fitted.whitener, fitted.states, STEPS)
+    return problem, candidates.base().fit
+
+
+def _with_zeros(problem: Problem, fitted: Fit) -> tuple[Problem, Fit]:
+    """The same with the sensors' zeros fitted, too: a reversed sensor may have one."""
+    shown = {problem.model.outputs[j].name for j in np.unique(problem.outputs[~problem.events])}
+    zeros = [FreeCurve("sensor", name, "time", np.array([0.0, 1.0]), np.ones((2, 1))) for name in shown]
+    problem = replace(problem, model=Curved(problem.model, zeros))
+    count = len(fitted.parameters)
+    first = np.concatenate([fitted.parameters, np.zeros(len(zeros))])
+    free = np.concatenate([fitted.free, np.arange(count, len(first))])
+    return problem, fit(problem, first, free, fitted.whitener, fitted.states, STEPS)
+
+
+def _error(problem: Problem, fitted: Fit) -> tuple[float, bool]:
+    """Error of a fit by the spread of the signals, and whether it is far from the noise."""
     prediction = predict(problem, fitted.parameters)
     rmse, logs, far = prediction.rmse(), [], False
     for j in np.unique(problem.outputs[~problem.events]):
