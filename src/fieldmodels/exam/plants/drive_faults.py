@@ -263,7 +263,59 @@ def _sagging_supply(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
     _command(drive, sag)
 
 
+def _worn_wheel(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _rim(drive, lambda rim, side, t: rim * (1.0 - 0.005 * k * (t / s.duration) * (side > 0)))
+
+
+def _heading_scale(drive: Drive, k: float, _s: Scale, _rng: Rng) -> None:
+    drive.sensors.append(lambda p, _true, _t: (p[0], p[1], p[2] * (1.0 + 0.002 * k)))
+
+
+def _tracker_lens(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    reach = 5.0 * s.speed
+
+    def bend(p: Pose, _true: Pose, _t: float) -> Pose:
+        share = 1.0 + 0.01 * k * (p[0] ** 2 + p[1] ** 2) / reach**2
+        return p[0] * share, p[1] * share, p[2]
+
+    drive.sensors.append(bend)
+
+
+def _drag(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _on_ground(
+        drive, lambda m, _p, _t: (m[0] - 0.005 * k * s.speed * math.tanh(20.0 * m[0] / s.speed), *m[1:])
+    )
+
+
+def _side_skid(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
+    _on_ground(drive, lambda m, _p, _t: (m[0], m[1] - 0.01 * k * s.speed * (m[2] / s.rate) ** 2, m[2]))
+
+
+def _gusts(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    gusts, gust = [], 0.0
+    for drawn in rng.standard_normal(_samples(s)).tolist():
+        gust = 0.9 * gust + 0.44 * drawn
+        gusts.append(0.01 * k * s.rate * gust)
+    _on_ground(drive, lambda m, _p, t: (m[0], m[1], m[2] + gusts[int(t / s.step + 1e-6)]))
+
+
+def _furrows(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    length, phase = 1.5 * s.speed, rng.uniform(0.0, 2.0 * math.pi)
+    size = 0.01 * k * s.rate
+    _on_ground(
+        drive,
+        lambda m, p, _t: (m[0], m[1], m[2] + size * math.sin(2.0 * math.pi * p[0] / length + phase)),
+    )
+
+
 DEVELOP: Mapping[str, DriveFault] = {
+    "worn_wheel": Fault("One wheel becomes smaller.", _worn_wheel),
+    "heading_scale": Fault("The heading is shown too large.", _heading_scale, ("heading_gain",)),
+    "tracker_lens": Fault("The tracker's picture is stretched towards its rim.", _tracker_lens),
+    "drag": Fault("A constant share of its speed is lost either way.", _drag),
+    "side_skid": Fault("It skids to one side in turns of either sense.", _side_skid),
+    "gusts": Fault("Gusts of wind turn it.", _gusts, random=True),
+    "furrows": Fault("Furrows turn it, each time it crosses one.", _furrows),
     "weak_left": Fault("It turns less to the left than to the right.", _weak_left),
     "surging_drive": Fault("It surges once a turn of an eccentric wheel.", _surging_drive),
     "marker_ahead": Fault("The tracked marker is ahead of the axle.", _marker_ahead),

@@ -252,7 +252,39 @@ def _rain(flight: Flight, k: float, _s: float, rng: Rng) -> None:
     flight.reaches.append(lambda _t, b: math.exp(-depth * max(math.cos(b - middle), 0.0)))
 
 
+def _tidal_wind(flight: Flight, k: float, s: float, rng: Rng) -> None:
+    blow, phase = cmath.rect(k, rng.uniform(0.0, 2.0 * math.pi)), rng.uniform(0.0, 2.0 * math.pi)
+    flight.drifts.append(lambda t, _p, _c, _b: blow * math.sin(6.0 * math.pi * t / s + phase))
+
+
+def _gauge_scale(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
+    flight.gauge.append(lambda bank, _t: bank * (1.0 + 0.01 * k))
+
+
+def _map_lens(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
+    flight.tracker.append(lambda p, _t: p * (1.0 + 2e-4 * k * (abs(p) / RING[1]) ** 2))
+
+
+def _thin_air(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
+    flight.throttles.append(lambda _t, p: 1.0 + 0.2 * math.tanh(0.01 * k) * p.imag / RING[1])
+
+
+def _blind_sector(flight: Flight, k: float, _s: float, rng: Rng) -> None:
+    middle, share = rng.uniform(-math.pi, math.pi), 1.0 - math.exp(-0.05 * k)
+    flight.scans.append(lambda p, _t, b: p * (1.0 - share * (math.cos(b - middle) > 0.5)))
+
+
+def _pilot_slips(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
+    flight.drifts.append(lambda _t, _p, c, _b: 0.5 * k * c * 1j)
+
+
 DEVELOP: Mapping[str, FlightFault] = {
+    "tidal_wind": Fault("The wind swings slowly.", _tidal_wind),
+    "gauge_scale": Fault("The bank is shown too large.", _gauge_scale, ("bank_gain",)),
+    "map_lens": Fault("The tracker's map is stretched towards its rim.", _map_lens),
+    "thin_air": Fault("It is faster in the east.", _thin_air),
+    "blind_sector": Fault("The radar sees less in a sector.", _blind_sector),
+    "pilot_slips": Fault("It always flies a little to the right of its nose.", _pilot_slips),
     "wind_shear": Fault("The wind is another one farther north.", _wind_shear),
     "engine_fades": Fault("The engine gives less and less.", _engine_fades),
     "slow_gauge": Fault("The bank is shown with a lag.", _slow_gauge, ("bank_lag", "bank_delay")),

@@ -234,7 +234,44 @@ def _hum(leg: Leg, k: float, _s: float, rng: Rng) -> None:
     leg.gyro.append(lambda y, t: y + 0.002 * k * math.sin(turns * t + phase))
 
 
+def _gyro_square(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
+    leg.gyro.append(lambda y, _t: y + 0.005 * k * y * y)
+
+
+def _fading_gyro(leg: Leg, k: float, s: float, _rng: Rng) -> None:
+    leg.gyro.append(lambda y, t: y * (1.0 - 0.01 * k * t / s))
+
+
+def _force_step(leg: Leg, k: float, s: float, rng: Rng) -> None:
+    when = rng.uniform(0.3, 0.7) * s
+    leg.forces.append(lambda t, _x, _v: 0.01 * k if t > when else 0.0)
+
+
+def _geometry_scale(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
+    leg.geometry.append(lambda angle, _t: angle * (1.0 + 0.01 * k))
+
+
+def _knee_stop(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
+    leg.forces.append(lambda _t, x, _v: -k * max(x - 0.2, 0.0))
+
+
+def _worn_bearing(leg: Leg, k: float, s: float, _rng: Rng) -> None:
+    leg.forces.append(lambda t, _x, v: -0.05 * k * v * t / s)
+
+
+def _gyro_dead_band(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
+    band = 0.01 * k
+    leg.gyro.append(lambda y, _t: math.copysign(max(abs(y) - band, 0.0), y))
+
+
 DEVELOP: Mapping[str, LegFault] = {
+    "gyro_square": Fault("The gyro is bent by a square.", _gyro_square, ("bend",)),
+    "fading_gyro": Fault("The gyro shows less and less.", _fading_gyro),
+    "force_step": Fault("From some time on a constant force acts.", _force_step),
+    "geometry_scale": Fault("The geometry's angle is too large.", _geometry_scale, ("strike_angle_gain",)),
+    "knee_stop": Fault("A stop resists beyond an angle.", _knee_stop),
+    "worn_bearing": Fault("Damping grows while it walks.", _worn_bearing),
+    "gyro_dead_band": Fault("The gyro does not show slow turns.", _gyro_dead_band),
     "gear_ripple": Fault("A gear's ripple has strong harmonics.", _gear_ripple, ("cogging",)),
     "gusts": Fault("Gusts of wind push.", _gusts, random=True),
     "place_damping": Fault("Damping grows with the square of the angle.", _place_damping),

@@ -364,7 +364,43 @@ def _bent_force_sensor(vehicle: Vehicle, k: float, _s: float, _rng: Rng) -> None
     vehicle.sensors.append(bend)
 
 
+def _hot_dampers(vehicle: Vehicle, k: float, s: float, _rng: Rng) -> None:
+    vehicle.loads.append(lambda t, _x, v: -(1.0 - math.exp(-0.05 * k)) * vehicle.damping * v * t / s)
+
+
+def _bump_stop(vehicle: Vehicle, k: float, _s: float, _rng: Rng) -> None:
+    vehicle.loads.append(lambda _t, x, _v: _only(2, 500.0 * k * np.maximum(np.abs(x[2]) - 0.002, 0.0)
+                                                 * np.sign(x[2])))  # fmt: skip
+
+
+def _arm_scale(vehicle: Vehicle, k: float, _s: float, _rng: Rng) -> None:
+    vehicle.arm.append(lambda f: f[:1] + (1.0 + 0.01 * k) * (f - f[:1]))
+
+
+def _drifting_tilt(vehicle: Vehicle, k: float, s: float, _rng: Rng) -> None:
+    def drift(shown: FloatArray, times: FloatArray) -> FloatArray:
+        result = shown.copy()
+        result[:, 3] += 0.001 * k * (times / s)[:, None]
+        return result
+
+    vehicle.sensors.append(drift)
+
+
+def _deaf_torque(vehicle: Vehicle, k: float, _s: float, _rng: Rng) -> None:
+    def band(shown: FloatArray, _times: FloatArray) -> FloatArray:
+        result, width = shown.copy(), 0.02 * k
+        result[:, 8:11] = np.sign(shown[:, 8:11]) * np.maximum(np.abs(shown[:, 8:11]) - width, 0.0)
+        return result
+
+    vehicle.sensors.append(band)
+
+
 DEVELOP: Mapping[str, VehicleFault] = {
+    "hot_dampers": Fault("The damping fades.", _hot_dampers),
+    "bump_stop": Fault("A rubber stop ends the suspension's travel.", _bump_stop),
+    "arm_scale": Fault("The arm turns too far.", _arm_scale, ("arm_angle_gain",)),
+    "drifting_tilt": Fault("The inclinometer drifts.", _drifting_tilt, ("drift",)),
+    "deaf_torque": Fault("The torque sensor does not feel small torques.", _deaf_torque),
     "one_way_spring": Fault("The suspension is stiffer when it is pressed.", _one_way_spring),
     "arm_cubic": Fault("The arm's angle is off by a cubic.", _arm_cubic, ("arm_angle_bend",)),
     "tilted_accelerometer": Fault("Its axis x feels axis z.", _tilted_accelerometer),

@@ -252,7 +252,45 @@ def _gusts(walker: Walker, k: float, n: int, rng: Rng) -> None:
     walker.pushes = lambda stride: winds[stride]
 
 
+def _square_turn(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
+    walker.turns.append(lambda turn, _k: turn + 0.5 * k * turn * turn)
+
+
+def _sinking_camera(walker: Walker, k: float, n: int, _rng: Rng) -> None:
+    walker.sights.append(lambda line, stride: line * (1.0 + 0.02 * k * stride / n))
+
+
+def _swaying_camera(walker: Walker, k: float, _n: int, rng: Rng) -> None:
+    phase = rng.uniform(0.0, 2.0 * math.pi)
+    walker.sights.append(lambda line, stride: line + 0.005 * k * math.sin(0.9 * stride + phase))
+
+
+def _camera_knocked(walker: Walker, k: float, n: int, rng: Rng) -> None:
+    when = rng.uniform(0.3, 0.7) * n
+    walker.sights.append(lambda line, stride: line + (0.005 * k if stride > when else 0.0))
+
+
+def _sideways_square(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
+    walker.sideways = lambda turn: k * turn * abs(turn)
+
+
+def _sluggish_turn(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
+    share, last = 1.0 - math.exp(-0.1 * k), [0.0]
+
+    def follow(turn: float, _stride: int) -> float:
+        last[0] += (1.0 - share) * (turn - last[0])
+        return last[0]
+
+    walker.turns.append(follow)
+
+
 DEVELOP: Mapping[str, WalkFault] = {
+    "square_turn": Fault("Turns are larger to the left, the more the larger.", _square_turn),
+    "sinking_camera": Fault("The camera's scale grows while it walks.", _sinking_camera),
+    "swaying_camera": Fault("The camera sways.", _swaying_camera),
+    "camera_knocked": Fault("The camera was knocked aside at some time.", _camera_knocked),
+    "sideways_square": Fault("It slides to the side in sharp turns.", _sideways_square),
+    "sluggish_turn": Fault("Turns follow their commands slowly.", _sluggish_turn, ("lag",)),
     "weak_left": Fault("It turns less to the left than to the right.", _weak_left),
     "smeared_camera": Fault("The camera still shows a share of what it saw before.", _smeared_camera),
     "limp": Fault("It limps: every other stride turns it.", _limp),
