@@ -24,6 +24,7 @@ from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.diagnosis.own_weights import with_own_weights
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import (
     Answers,
@@ -66,6 +67,7 @@ from fieldmodels.model import Combination, Signal
 
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
 NEAR_BEST = 3  # tables whose known functions compete with names
+TRIED = 6  # of the best tables and functions, of which the first that the data call for is taken
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
 TOGETHER = 500_000  # numbers of curves that are looked at together, which bounds memory
 SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
@@ -180,7 +182,13 @@ class Curves:
             scored: The curve.
             among: Of how many curves it is the best; by default of all.
         """
-        return self.convinces(candidate, scored, among) and self.outdoes_noise(candidate, scored, among)
+        if self.convinces(candidate, scored, among) and self.outdoes_noise(candidate, scored, among):
+            return True
+        own = with_own_weights(self, candidate, scored)
+        if own is None:
+            return False
+        curves, candidate, scored = own
+        return curves.convinces(candidate, scored, among) and curves.outdoes_noise(candidate, scored, among)
 
     def convinces(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether a curve brings what the best of so many must, on held-out windows; see ``called_for``."""
@@ -238,6 +246,15 @@ class Curves:
             found.append(best[0])
             candidate = best[0].candidate
         return found
+
+    def first(self, candidate: Candidate) -> list[Scored]:
+        """The best curve that the data call for beside a fit, a table or a known function; none or one.
+
+        A function pays for one value or two where a table pays for eight.
+        """
+        tables = self.judge(candidate)[:NEAR_BEST]
+        both = sorted([*tables, *self.as_known(candidate, tables)], key=lambda s: s.candidate.total)
+        return [one for one in both[:TRIED] if self.called_for(candidate, one)][:1]
 
     def as_formula(self, candidate: Candidate, scored: Scored) -> Scored:
         """The same curve as a known function of its variable, where that is as good."""

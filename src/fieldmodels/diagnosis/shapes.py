@@ -34,6 +34,7 @@ def _bend(x: FloatArray) -> FloatArray:
 
 FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
     "constant": (np.ones_like,),
+    "in proportion": (np.array,),
     "sign": (_step,),
     "sign and constant": (_step, np.ones_like),
     "size": (np.abs,),

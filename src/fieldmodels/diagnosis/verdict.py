@@ -55,9 +55,10 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     options, problem = candidates.options, candidates.problem
     if not chosen.effects:
         curves = Curves(problem, base.fit, options)
-        rivals = curves.rivals(base)
-        if not rivals or not curves.called_for(base, rivals[0]):
+        rivals = curves.first(base)
+        if not rivals:
             return Judgement(base, curves)
+        rivals += curves.rivals(rivals[0].candidate, options.most_curves - 1)
         return Judgement(base, curves, _with_formulas(curves, base, rivals))
     curves = Curves(problem, base.fit, options)
     rivals = curves.rivals(base)
