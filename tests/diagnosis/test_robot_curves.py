@@ -190,11 +190,12 @@ def test_a_push_moves_a_drive_ahead_and_to_its_left():
     n, turn = 30, 0.4
     signals = {name: np.zeros(n) for name in ("speed", "turn_rate", "x", "y", "heading")}
     windows = windows_of(signals, [0], n, np.zeros(n, dtype=int))
-    pushed = windows.with_disturbance(np.tile([turn, 0.5, 0.2], (n, 1)))
+    pushed = windows.with_disturbance(np.tile([turn, 0.5, 0.2, 0.03, -0.05], (n, 1)))
     model = PoseReaching()
     out = model.simulate(model.nominal, pushed)[0, 0]
     angle = turn * STEP * np.arange(n)
     way = (0.5 + 0.2j) * (np.exp(1j * angle) - 1.0) / (1j * turn)
+    way += (0.03 - 0.05j) * STEP * np.arange(n)  # the ground's own way, which does not turn with the drive
     np.testing.assert_allclose(out[:, 2], angle, atol=1e-12)
     np.testing.assert_allclose(out[:, 0] + 1j * out[:, 1], way, atol=1e-12)
     wheels = np.array([0.5 - 0.5 * TRACK_OF * turn, 0.5 + 0.5 * TRACK_OF * turn]) / RADIUS_OF
@@ -220,18 +221,19 @@ def test_a_push_moves_a_walker_along_its_stride_and_to_its_left():
 
 
 def test_a_push_to_the_right_of_an_aircraft_s_course():
-    """Towards the north a speed to the right goes east; the course stays."""
+    """Towards the east a speed to the right goes south, and a wind goes its own way; the course stays."""
     model, n = UavRoute(), 12
-    signals = {"to_north": np.full(n, 1e5), "to_east": np.zeros(n), "north": np.zeros(n), "east": np.zeros(n)}
+    signals = {"to_north": np.zeros(n), "to_east": np.full(n, 1e5), "north": np.zeros(n), "east": np.zeros(n)}
     recording = Recording(time=np.arange(n) * 2.0, signals={**signals, "bank": np.zeros(n)})
     observed = np.ones((1, n, len(model.outputs)), dtype=np.bool_)
-    windows = Windows(recording, np.array([0]), np.array([n]), np.zeros((1, 3)), observed)
+    states = np.array([[0.0, 0.0, 0.5 * math.pi]])
+    windows = Windows(recording, np.array([0]), np.array([n]), states, observed)
     on, off = (
         model.simulate(model.nominal, windows.with_disturbance(push))[0, 0]
-        for push in (np.tile([1.0, 0.5], (n, 1)), None)
+        for push in (np.tile([1.0, 0.5, 0.3, 0.2], (n, 1)), None)
     )
     names = [signal.name for signal in model.outputs]
     north, east = names.index("north"), names.index("east")
     time = 2.0 * np.arange(n)
-    np.testing.assert_allclose((on - off)[:, north], time, atol=1e-6)
-    np.testing.assert_allclose((on - off)[:, east], 0.5 * time, atol=1e-6)
+    np.testing.assert_allclose((on - off)[:, north], (-0.5 + 0.3) * time, atol=1e-6)
+    np.testing.assert_allclose((on - off)[:, east], (1.0 + 0.2) * time, atol=1e-6)

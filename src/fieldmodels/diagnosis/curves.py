@@ -358,8 +358,12 @@ class Curves:
         def tabled(names: Iterable[str]) -> Iterator[Curve]:
             return itertools.chain.from_iterable(made[name] for name in names)
 
+        # Where chance drives the machine, it is told from a sensor's error alone by what that depends on.
+        chance = model.random_force
         for push in model.pushes:
             over = {**plain, **remembered}
+            if chance:
+                over = {n: s for n, s in over.items() if not any(n in one for one in own.values())}
             if sum(weight != 0.0 for weight in push.weights) > 1:  # part of others, which have all variables
                 over = {n: s for n, s in over.items() if push.rate in n}
             for curve in tabled(over):
@@ -375,12 +379,9 @@ class Curves:
         for name in events:
             for curve in (*tabled(lasting), *products(lasting)):
                 yield replace(curve, place="odds", target=name, unit="1")
-        # Where chance drives the machine, it is told from a sensor's error alone by what that depends on.
-        chance = model.random_force
         for name in self._shown:
-            over = (
-                {name: plain[name]} if name in plain and chance else {} if chance else {**plain, **own[name]}
-            )
+            apart = {name: plain[name]} if name in plain else {}
+            over = {**(apart if chance else plain), **own[name]}
             for curve in tabled(over):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])
         first = len(model.parameters) if chance else 0
@@ -474,6 +475,9 @@ class Curves:
                 continue
             if self._is_told(j, 0):
                 yield signal.name, signal.unit
+            if model.random_force and not signal.event:
+                for name in remembering(signal.name, duration, float(np.nanstd(np.concatenate(values)))):
+                    yield name, signal.unit
             if model.random_force or signal.event or not self._is_told(j, 1):
                 continue  # random forces drive the rates, so that these do not reveal what forces depend on
             if f"{signal.unit}/s" not in units:

@@ -77,4 +77,3 @@ def _left_out(wide: Fit, folds: IntArray) -> FloatArray:
         inside = folds == fold
         left[inside] -= wide.jacobian[inside, :features] @ step
     return np.asarray(np.linalg.solve(wide.whitener, left.T).T)
-

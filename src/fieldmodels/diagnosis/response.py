@@ -54,11 +54,15 @@ def segments(lengths: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
 
 
 def averaged(values: FloatArray, segment: NDArray[np.int64]) -> FloatArray:
-    """Mean over each segment, shape (windows, segments)."""
+    """Mean over each segment, shape (windows, segments); one without a sample has that of the one before.
+
+    A window of a slow machine has fewer samples than segments.
+    """
     result = np.zeros((len(values), SEGMENTS))
     for k in range(SEGMENTS):
         inside = (segment == k) & np.isfinite(values)
-        result[:, k] = np.where(inside, values, 0.0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
+        mean = np.where(inside, values, 0.0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
+        result[:, k] = np.where(inside.any(axis=1) | (k == 0), mean, result[:, k - 1])
     return result
 
 

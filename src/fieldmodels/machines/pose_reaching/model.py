@@ -140,11 +140,13 @@ class PoseReaching(Model):
             )
             names = *(signal.name for signal in self.inputs), *rates
         self.directions = (
-            Combination("turn rate", "rad/s", (1.0, 0.0, 0.0), names[1]),
-            Combination("forward speed", "m/s", (0.0, 1.0, 0.0), names[0]),
-            Combination("sideways speed", "m/s", (0.0, 0.0, 1.0)),
-            Combination("left wheel", "m/s", (-1.0 / track, 0.5, 0.0), names[2]),
-            Combination("right wheel", "m/s", (1.0 / track, 0.5, 0.0), names[3]),
+            Combination("turn rate", "rad/s", (1.0, 0.0, 0.0, 0.0, 0.0), names[1]),
+            Combination("forward speed", "m/s", (0.0, 1.0, 0.0, 0.0, 0.0), names[0]),
+            Combination("sideways speed", "m/s", (0.0, 0.0, 1.0, 0.0, 0.0)),
+            Combination("ground's speed along x", "m/s", (0.0, 0.0, 0.0, 1.0, 0.0)),
+            Combination("ground's speed along y", "m/s", (0.0, 0.0, 0.0, 0.0, 1.0)),
+            Combination("left wheel", "m/s", (-1.0 / track, 0.5, 0.0, 0.0, 0.0), names[2]),
+            Combination("right wheel", "m/s", (1.0 / track, 0.5, 0.0, 0.0, 0.0), names[3]),
         )
 
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
@@ -181,7 +183,7 @@ class PoseReaching(Model):
             last=np.repeat(recording.bounds[:, 1] - 1, counts),
             time=np.ascontiguousarray(recording.time),
             step=recording.step,
-            disturbance=windows.pushed(3),
+            disturbance=windows.pushed(5),
         )
         simulate(
             rows,

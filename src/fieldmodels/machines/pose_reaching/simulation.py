@@ -49,7 +49,8 @@ class Log(NamedTuple):
         last: Last sample of each sample's episode, shape (n,).
         time: Sample times [s], shape (n,).
         step: Sampling interval [s].
-        disturbance: Additional turn rate [rad/s], speed ahead and to the left [m/s], shape (n, 3), or (0, 3).
+        disturbance: Additional turn rate [rad/s], speed ahead and to the left, and along x and y [m/s], shape
+            (n, 5), or (0, 5).
     """
 
     commands: FloatArray
@@ -63,11 +64,17 @@ class Log(NamedTuple):
 
 
 @inlined
-def disturbance_at(log: Log, i: int) -> tuple[float, float, float]:
-    """Additional turn rate [rad/s], speed ahead and to the left [m/s] from sample ``i`` on."""
+def disturbance_at(log: Log, i: int) -> tuple[float, float, float, float, float]:
+    """Additional turn rate [rad/s], speed ahead and to the left, along x and y [m/s] from sample ``i`` on."""
     if len(log.disturbance) == 0:
-        return 0.0, 0.0, 0.0
-    return log.disturbance[i, 0], log.disturbance[i, 1], log.disturbance[i, 2]
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    return (
+        log.disturbance[i, 0],
+        log.disturbance[i, 1],
+        log.disturbance[i, 2],
+        log.disturbance[i, 3],
+        log.disturbance[i, 4],
+    )
 
 
 @inlined
@@ -181,7 +188,7 @@ def predict_wheels(
     part = whole - late
     for j in range(len(out)):
         # A motion that nobody commanded shows in both stages.
-        turning, forward, _ = disturbance_at(log, start + j)
+        turning, forward, _, _, _ = disturbance_at(log, start + j)
         extra = 0.5 * q.track * turning
         at = start + j - whole
         for side in range(2):
@@ -224,7 +231,7 @@ def predict_pose(
         out[j, X], out[j, Y], out[j, HEADING] = x, y, heading + q.heading_bias.angle
         if j == len(out) - 1:
             break
-        extra, forward, aside = disturbance_at(log, start + j)
+        extra, forward, aside, drift_x, drift_y = disturbance_at(log, start + j)
         # From `part` of a step after sample `at` to as much after the next, where a command switches in
         # between: the first half of the pieces fills up sample `at`, the second begins the next one.
         at = start + j - whole
@@ -249,6 +256,7 @@ def predict_pose(
                 x, y, cosine, sine, left, right, aside * duration, duration, extra, q
             )
             heading += turn
+            x, y = x + drift_x * duration, y + drift_y * duration
 
 
 @compiled

@@ -49,8 +49,10 @@ class UavRoute(Model):
     horizons = (40.0, 120.0, 300.0)
     disturbance_unit = "m/s"
     directions = (
-        Combination("speed along the course", "m/s", (1.0, 0.0)),
-        Combination("speed to the right", "m/s", (0.0, 1.0)),
+        Combination("speed along the course", "m/s", (1.0, 0.0, 0.0, 0.0)),
+        Combination("speed to the right", "m/s", (0.0, 1.0, 0.0, 0.0)),
+        Combination("wind to the north", "m/s", (0.0, 0.0, 1.0, 0.0)),
+        Combination("wind to the east", "m/s", (0.0, 0.0, 0.0, 1.0)),
     )
 
     def __init__(self, world: World | None = None) -> None:
@@ -86,7 +88,7 @@ class UavRoute(Model):
                 waypoints=waypoints,
                 begun=_leg_starts(recording),
                 first=np.repeat(recording.bounds[:, 0], counts),
-                force=windows.pushed(2),
+                force=windows.pushed(4),
                 step=recording.step,
             ),
             windows.starts,

@@ -26,7 +26,8 @@ class Commands(NamedTuple):
         waypoints: North and east of the waypoint that is flown to [m], shape (n, 2).
         begun: Sample at which it was commanded, shape (n,).
         first: First sample of the episode, shape (n,).
-        force: Speeds that are added along the course and to the right [m/s], shape (n, 2) or (0, 2).
+        force: Speeds that are added along the course, to the right, to the north and to the east [m/s], shape
+            (n, 4) or (0, 4).
         step: Time between samples [s].
     """
 
@@ -141,8 +142,8 @@ def predict(
         east += aside
         if len(log.force) > 0:
             along, right = step * log.force[i, 0] / KM, step * log.force[i, 1] / KM
-            north += along * cosine - right * sine
-            east += along * sine + right * cosine
+            north += along * cosine - right * sine + step * log.force[i, 2] / KM
+            east += along * sine + right * cosine + step * log.force[i, 3] / KM
         bank = leg.bank * share
         since += step
 
