@@ -1,7 +1,7 @@
 """A curve judged with the weights of the errors that it leaves itself.
 
-Errors are weighed by the covariance of those that a fit leaves, in which what it lacks counts as noise: on few
-windows nothing could then ever bring more than half a nat a window in its own direction, however large it is.
+Errors are weighed by the covariance of those that a fit leaves, in which what it lacks counts as noise: on
+few windows nothing could ever bring more than half a nat a window in its own direction, however large it is.
 So a simulation and the same with a curve are compared as two Gaussian models, each with a covariance of its
 own; the curve's is that of windows to which it was not fitted, so that a curve that fits noise gains nothing.
 """
