@@ -36,8 +36,8 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
     """
     # Faster waves are lost in the averages over a segment.
     x, span = place.values, float(place.knots[1] - place.knots[0])
-    passed = np.abs(np.diff(x, axis=1))
-    passed = float(np.median(passed[passed > 0.0])) if passed.any() else 1.0
+    steps = np.abs(np.diff(x, axis=1))
+    passed = float(np.median(steps[steps > 0.0])) if steps.any() else 1.0
     counts = np.arange(2.0, min(0.5 / passed, CYCLES), 0.5)
     if not len(counts):
         return None
