@@ -22,6 +22,7 @@ from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import held_out_loss
+from fieldmodels.diagnosis.jumps import strongest_jump
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.own_weights import with_own_weights
@@ -149,6 +150,10 @@ class Curves:
         self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
         self.all = tuple(self._curves())
         self._wave_places = tuple(waves.places(model, self.signals, self._shown, self._averaged))
+        forces = [
+            c for c in self.all if c.place == "force" and not c.formula and not c.target.startswith(SHARE)
+        ]
+        self._over_time = [c for c in (*forces, *self._wave_places) if c.over == "time"]
 
     def reweighed(self, fitted: Fit) -> Curves:
         """The same curves beside the same fit with other weights."""
@@ -165,7 +170,9 @@ class Curves:
         """
         basis, _ = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))
         screen = _Screen(self, basis, candidate.fit.residual.reshape(-1))
-        tried = (*self.all, *self._waves(screen)) if curves is None else tuple(curves)
+        if curves is None:
+            curves = (*self.all, *self._waves(screen), *self._jumps(screen))
+        tried = tuple(curves)
         promising = [
             (gain - candidate.price * combination.shape[1], tried[k], combination)
             for k, gain, combination in screen.identifiable(tried)
@@ -398,6 +405,14 @@ class Curves:
             if found is not None:
                 yield self._perhaps_share(found)
 
+    def _jumps(self, screen: _Screen) -> Iterator[Curve]:
+        """The strongest jump of each force and each sensor's zero."""
+        time = self.signals["time"][1]
+        for place in self._over_time:
+            found = strongest_jump(place, time, *screen.of_units(place), LEAST_SINE)
+            if found is not None:
+                yield found
+
     def _perhaps_share(self, curve: Curve) -> Curve:
         """What a share of a direction's own rate adds to it; any other curve as it is."""
         if not curve.target.startswith(SHARE):
@@ -561,6 +576,14 @@ class _Screen:
         own = np.where(told[:, None, None], own + 1e-6 * size[:, None, None] * np.eye(2), np.eye(2))
         explained = np.sum(slopes * np.linalg.solve(own, slopes[..., None])[..., 0], axis=1)
         return np.where(told, explained, 0.0)
+
+    def of_units(self, place: Curve) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a unit at a place throughout each window: square, products with all others, and these' own.
+
+        As of ``strongest_jump``.
+        """
+        answers = self._curves.answers(place)
+        return answers.products.sum(axis=(1, 2)), self._of(answers).sum(axis=1), self._left
 
     def _of(self, answers: Answers) -> FloatArray:
         if id(answers) not in self._with_others:

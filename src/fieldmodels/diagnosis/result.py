@@ -166,6 +166,8 @@ class SignalGain:
 
 WAVE = "repeats every"
 """Begins the formula of a curve that is a wave."""
+JUMP = "jumps; from"
+"""The same of one that is a jump."""
 
 
 @dataclass(frozen=True)

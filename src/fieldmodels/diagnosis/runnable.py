@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.result import WAVE, Estimate, MissingCurve
+from fieldmodels.diagnosis.result import JUMP, WAVE, Estimate, MissingCurve
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.followed import followed, followed_name
 from fieldmodels.drivers.named import curve_name
@@ -105,7 +105,7 @@ def _values(curve: MissingCurve, unit: str, mirrored: bool) -> dict[str, Estimat
     low, high = float(at[0]), float(at[-1])
     if mirrored:
         low = -high
-    knots = np.linspace(low, high, len(at) if WAVE in curve.formula else KNOTS)
+    knots = np.linspace(low, high, len(at) if curve.formula.startswith((WAVE, JUMP)) else KNOTS)
     places: FloatArray = np.abs(knots) if mirrored else knots
     return {
         "low": Estimate(low, 0.0, unit),
