@@ -46,6 +46,7 @@ from fieldmodels.diagnosis.selection import (
 from fieldmodels.diagnosis.shapes import (
     Curve,
     Signals,
+    fading,
     known_functions,
     products,
     tables,
@@ -383,13 +384,15 @@ class Curves:
                     yield self._perhaps_share(replace(curve, target=SHARE + push.name, unit=share))
         for curve in products(plain):
             yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
+        for name in (s.name for s in model.inputs if s.name in plain):
+            yield replace(fading(name, plain), target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
         for name in events:
             for curve in (*tabled(lasting), *products(lasting)):
                 yield replace(curve, place="odds", target=name, unit="1")
         for name in self._shown:
             apart = {name: plain[name]} if name in plain else {}
             over = {**(apart if chance else plain), **own[name]}
-            for curve in tabled(over):
+            for curve in (*tabled(over), *(fading(one, plain) for one in apart)):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])
         first = len(model.parameters) if chance else 0
         of_windows = tuple(window_tables(plain))

@@ -39,11 +39,11 @@ def with_own_weights(
         scored: The curve, scored beside it.
 
     Returns:
-        None where that is not defined: for events, whose weights are their probabilities, and beside curves.
+        None where that is not defined: in whole records, and beside further curves.
     """
     problem, fitted = curves.problem, candidate.fit
     linear = fitted.jacobian.shape[2] == fitted.by_free.shape[2]  # without curves of its own
-    if problem.observations is not None or fitted.weight is not None or fitted.runs is not None or not linear:
+    if fitted.runs is not None or not linear:
         return None
     plain, of_plain = _weighed(problem, candidate, candidate.fit)
     own, of_own = _weighed(problem, candidate, scored.candidate.fit)
@@ -62,7 +62,9 @@ def with_own_weights(
 
 def _weighed(problem: Problem, candidate: Candidate, wide: Fit) -> tuple[Candidate, float]:
     """A fit with the weights of what another leaves, and the logarithm of their determinant."""
-    left = replace(candidate.fit, raw=_left_out(wide, problem.folds))
+    # An event's weight is its probability's, whatever errors are left.
+    raw = np.where(problem.events, candidate.fit.raw, _left_out(wide, problem.folds))
+    left = replace(candidate.fit, raw=raw)
     whitener = covariance_whitener(problem, left)
     fitted = reweighed(problem, candidate.fit, whitener)
     loss = held_out_loss(fitted, problem.folds)

@@ -109,6 +109,12 @@ def products(signals: Signals) -> Iterator[Curve]:
         yield _line(f"{second} times size of {first}", unit, np.abs(a) * b)
 
 
+def fading(name: str, signals: Signals) -> Curve:
+    """A signal times the time: a gain that grows or fades."""
+    unit, values = signals[name]
+    return _line(f"{name} times time", f"{unit} s", values * signals["time"][1])
+
+
 def window_tables(signals: Signals) -> Iterator[Curve]:
     """Tables and lines of the mean and of the size of every signal in a window."""
     for name, (unit, values) in signals.items():

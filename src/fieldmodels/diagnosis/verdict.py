@@ -19,7 +19,7 @@ from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import Cause, MissingCurve, Verdict
 from fieldmodels.diagnosis.selection import block_p_value
-from fieldmodels.model import Effect
+from fieldmodels.model import Effect, Model
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,12 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         _with_formulas(beside, kept, left),
         twin if not beaten else None,
         beaten,
-        {**as_good, **varying_by_chance(problem, kept), **_varying(beside, kept)},
+        {
+            **as_good,
+            **_in_one_sensor(problem, kept, left),
+            **varying_by_chance(problem, kept),
+            **_varying(beside, kept),
+        },
     )
 
 
@@ -111,6 +116,30 @@ def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -
 def _words(scored: Scored) -> str:
     """A curve as an alternative to a name."""
     return f"curve of {scored.curve.direction}"
+
+
+def _in_one_sensor(problem: Problem, kept: Candidate, left: Sequence[Scored]) -> dict[str, str]:
+    """Named effects of a sensor in which more is missing: a curve of that sensor holds both.
+
+    Args:
+        problem: The windows.
+        kept: The names.
+        left: The curves that are called for beside them.
+    """
+    result, model = {}, problem.model
+    for name in (n for n in kept.effects if model.effect(n).where == "sensor"):
+        place = model.slice_of(name)
+        own = (kept.fit.free >= place.start) & (kept.fit.free < place.stop)
+        moved = np.nansum(kept.fit.by_free[:, :, own] ** 2, axis=(0, 2))
+        for one in left:
+            if one.curve.place == "sensor" and moved[problem.outputs == _output(model, one)].any():
+                result[name] = _words(one)
+    return result
+
+
+def _output(model: Model, scored: Scored) -> int:
+    """Number of the sensor in which a curve acts."""
+    return [s.name for s in model.outputs].index(scored.curve.target)
 
 
 def _varying(beside: Curves, kept: Candidate) -> dict[str, str]:
