@@ -18,7 +18,6 @@ from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.selection import block_p_value
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 if TYPE_CHECKING:
@@ -31,7 +30,8 @@ def with_own_weights(
     """The curves, the fit and the curve beside it, with the weights of the errors that the curve leaves.
 
     Losses hold the logarithms of both covariances' determinants, so that their difference is the logarithm of
-    a likelihood ratio.
+    a likelihood ratio. Whether the curve helps steadily (its p-value) is asked with its own weights alone: what
+    the determinants add is the same in all windows.
 
     Args:
         curves: What was tried.
@@ -56,7 +56,7 @@ def with_own_weights(
     return (
         beside,
         replace(own, loss=before),
-        replace(again, gain=gain, p_value=block_p_value(gain, problem.blocks)),
+        replace(again, gain=gain),
     )
 
 
