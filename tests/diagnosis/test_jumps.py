@@ -53,7 +53,7 @@ def knocked(seed: int, size: float) -> Recording:
     for n in range(count):
         rows[n] = angle, rate
         for _ in range(20):
-            push = torque[n] - names["viscous"] * rate - names["gravity_moment"] * np.sin(angle)
+            push = torque[n] - names["gravity_moment"] * np.sin(angle)
             rate += STEP / 20 * push / names["inertia"]
             angle += STEP / 20 * rate
     time = STEP * np.arange(count)
