@@ -32,12 +32,8 @@ def test_the_strongest_jump_is_that_of_least_squares():
         return float((column @ left) ** 2 / (column @ column))
 
     others = np.einsum("wr,wrk->wk", answer, np.column_stack([basis, residual]).reshape(windows, rows, -1))
-    place = Curve("sensor", "angle", "time", "s", "rad", time, np.zeros(2), np.eye(2))
-    found = strongest_jump(place, time, np.sum(answer**2, axis=1), others, basis.T @ residual, 0.1)
-    assert found is not None
-    best = max(range(3, windows - 3), key=explained)
-    assert found.formula == f"{JUMP} {best} s on"
-    assert (found.values[:, :, 0] == (time >= best)).all()
+    found = strongest_jump(time, np.sum(answer**2, axis=1), others, basis.T @ residual, 0.1)
+    assert found == (max(range(3, windows - 3), key=explained), windows - 6)
 
 
 STEP = 0.01

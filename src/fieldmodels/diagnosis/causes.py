@@ -151,7 +151,7 @@ def with_alternatives(
     for cause in causes:
         others: list[str] = []
         twin = f"curve of {judged.twin.curve.direction}" if judged.twin else ""
-        instead = judged.unsure.get(cause.effect, twin)
+        instead = twin or judged.unsure.get(cause.effect, "")
         for other in selection.alternatives if same else ():
             removed, added = chosen - set(other.effects), set(other.effects) - chosen
             if cause.effect in removed:

@@ -22,7 +22,7 @@ from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import held_out_loss
-from fieldmodels.diagnosis.jumps import strongest_jump
+from fieldmodels.diagnosis.jumps import jumps_near, strongest_jump
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.own_weights import with_own_weights
@@ -412,9 +412,13 @@ class Curves:
         """The strongest jump of each force and each sensor's zero."""
         time = self.signals["time"][1]
         for place in self._over_time:
-            found = strongest_jump(place, time, *screen.of_units(place), LEAST_SINE)
-            if found is not None:
-                yield found
+            found = strongest_jump(time, *screen.of_units(place), LEAST_SINE)
+            if found is None:
+                continue
+            near = jumps_near(place, time, *found)
+            seen = screen.identifiable(near)
+            if seen:
+                yield near[max(seen, key=lambda one: one[1])[0]]
 
     def _perhaps_share(self, curve: Curve) -> Curve:
         """What a share of a direction's own rate adds to it; any other curve as it is."""

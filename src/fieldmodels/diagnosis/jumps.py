@@ -16,13 +16,39 @@ POINTS = 257
 """Of its table."""
 
 
-def strongest_jump(
-    place: Curve, time: FloatArray, whole: FloatArray, others: FloatArray, left: FloatArray, sine: float
-) -> Curve | None:
-    """The strongest jump at a place, at the start of one of the windows; None if there are too few.
+def jump(place: Curve, time: FloatArray, begun: float, tried: int) -> Curve:
+    """A jump at a place.
 
     Args:
         place: A curve over time there, whose values are replaced.
+        time: Of every segment [s], shape (windows, segments).
+        begun: When it happens [s].
+        tried: Of how many it is the best.
+    """
+    knots = np.linspace(time.min(), time.max(), POINTS)
+    return replace(
+        place,
+        values=(time >= begun)[:, :, None].astype(np.float64),
+        knots=knots,
+        shapes=(knots >= begun)[:, None].astype(np.float64),
+        formula=f"{JUMP} {begun:.4g} {place.over_unit} on",
+        tried=tried,
+    )
+
+
+def jumps_near(place: Curve, time: FloatArray, begun: float, tried: int) -> list[Curve]:
+    """Jumps at every segment within a window's length of a time; arguments as of ``jump``."""
+    width = float(np.median(time[:, -1] - time[:, 0]))
+    near = np.unique(time[np.abs(time - begun) <= width])
+    return [jump(place, time, float(t), tried) for t in near]
+
+
+def strongest_jump(
+    time: FloatArray, whole: FloatArray, others: FloatArray, left: FloatArray, sine: float
+) -> tuple[float, int] | None:
+    """When the strongest jump is, at the start of one of the windows, and of how many; None if of too few.
+
+    Args:
         time: Of every segment [s], shape (windows, segments).
         whole: Square of what each window answers to a unit, shape (windows,).
         others: Products of that with an orthonormal basis of the free parameters and with the residual, shape
@@ -31,7 +57,7 @@ def strongest_jump(
         sine: Of the angle to the free parameters below which they are what the jump does.
     """
     order = np.argsort(time[:, 0], kind="stable")
-    if len(order) < 2 * EDGE:
+    if len(order) < 3 * EDGE:
         return None
 
     def from_there_on(values: FloatArray) -> FloatArray:
@@ -42,13 +68,4 @@ def strongest_jump(
     told = own > sine**2 * size
     slope = cross[:, -1] - cross[:, :-1] @ left
     power = np.where(told, slope**2 / np.where(told, own, 1.0), 0.0)
-    begun = float(time[order[EDGE + int(np.argmax(power))], 0])
-    knots = np.linspace(time.min(), time.max(), POINTS)
-    return replace(
-        place,
-        values=(time >= begun)[:, :, None].astype(np.float64),
-        knots=knots,
-        shapes=(knots >= begun)[:, None].astype(np.float64),
-        formula=f"{JUMP} {begun:.4g} {place.over_unit} on",
-        tried=len(power),
-    )
+    return float(time[order[EDGE + int(np.argmax(power))], 0]), len(power)

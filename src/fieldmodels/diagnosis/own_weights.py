@@ -30,8 +30,8 @@ def with_own_weights(
     """The curves, the fit and the curve beside it, with the weights of the errors that the curve leaves.
 
     Losses hold the logarithms of both covariances' determinants, so that their difference is the logarithm of
-    a likelihood ratio. Whether the curve helps steadily (its p-value) is asked with its weights alone: what the
-    determinants add is the same in all windows.
+    a likelihood ratio. Whether the curve helps steadily (its p-value) is asked with its weights alone: what
+    the determinants add is the same in all windows.
 
     Args:
         curves: What was tried.

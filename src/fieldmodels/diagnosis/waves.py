@@ -37,7 +37,9 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
     # Faster waves are lost in the averages over a segment.
     x, span = place.values, float(place.knots[1] - place.knots[0])
     steps = np.abs(np.diff(x, axis=1))
-    passed = float(np.median(steps[steps > 0.0])) if steps.any() else 1.0
+    if place.over == "time":  # which stands still only where a slow machine has no sample
+        steps = steps[steps > 0.0]
+    passed = float(np.median(steps)) + 1e-9
     counts = np.arange(2.0, min(0.5 / passed, CYCLES), 0.5)
     if not len(counts):
         return None
