@@ -100,6 +100,7 @@ HIDDEN = {
         {"shown": lambda x, v, u: x + 3e-4 * np.sin(2 * np.pi * np.arange(SAMPLES) * STEP / HUM)},
         "sensor", "time",
     ),
+    "an actuator that fades": ({"push": lambda t, x, v, u: -0.006 * t * u}, "force", "force times time"),
     "damping that grows": ({"damping": lambda t: DAMPING * (1 + 0.007 * t)}, "parameter", "time"),
 }  # fmt: skip
 """A fault, the place of its curve, and the variable that it depends on."""
