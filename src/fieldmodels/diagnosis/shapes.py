@@ -18,6 +18,7 @@ QUANTILES = tuple(np.linspace(0.01, 0.99, 8))  # of the variable, where a curve'
 ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the variable is extreme
 OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
 FINE = 129  # points of a known function
+BEYOND = 1.5  # times the largest value that was seen, up to which what is proportional goes on
 MULTIPLIED = 7  # signals whose products are tried
 LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
 NO_FACTORS = ("time", CHANGE, "rate of ")
@@ -134,8 +135,8 @@ def window_tables(signals: Signals) -> Iterator[Curve]:
 
 def _line(over: str, unit: str, values: FloatArray) -> Curve:
     """A force proportional to one quantity."""
-    low, high = np.quantile(values, [0.01, 0.99])
-    knots = np.linspace(low, high, 9)
+    largest = BEYOND * float(np.abs(values).max())
+    knots = np.linspace(-largest, largest, 9)
     return Curve("force", "", over, unit, "", values[:, :, None], knots, knots[:, None])
 
 
