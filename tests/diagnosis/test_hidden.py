@@ -225,16 +225,10 @@ OFTEN = {"payload", "actuator_lag", "one_way_spring"}
 """The shaken vehicle's diagnoses take long: the faults that are always asked for, and the pair."""
 
 
-SLOW_ERROR = pytest.mark.xfail(
-    strict=True, reason="a slow error of the place passes for a sensor that wanders"
-)
 MISSED = {
     ("uav_route", "radar_position"): pytest.mark.xfail(
         strict=True, reason="few readings change, where the aircraft seldom passes the radar's edge"
     ),
-    ("uav_route", "map_scale"): SLOW_ERROR,
-    ("servo", "force_step"): SLOW_ERROR,
-    ("uav_route", "wind_shear"): SLOW_ERROR,
     ("uav_route", "clutter"): pytest.mark.xfail(strict=True, reason="too few readings change to be seen"),
 }
 """What the diagnosis does not find."""

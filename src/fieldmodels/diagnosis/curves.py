@@ -69,7 +69,7 @@ from fieldmodels.model import Combination, Signal
 
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
 NEAR_BEST = 3  # tables whose known functions compete with names
-TRIED = 6  # of the best tables and functions, of which the first that the data call for is taken
+TRIED = 4  # of the best tables and functions, of which the first that the data call for is taken
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
 TOGETHER = 500_000  # numbers of curves that are looked at together, which bounds memory
 SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
@@ -258,11 +258,13 @@ class Curves:
     def first(self, candidate: Candidate) -> list[Scored]:
         """The best curve that the data call for beside a fit, a table or a known function; none or one.
 
-        A function pays for one value or two where a table pays for eight.
+        A function pays for one value or two where a table pays for eight. What the best one brings may be the
+        noise's, and the next is asked if it is nearly as good; not more, or one of many outdoes any noise.
         """
         tables = self.judge(candidate)[:NEAR_BEST]
         both = sorted([*tables, *self.as_known(candidate, tables)], key=lambda s: s.candidate.total)
-        return [one for one in both[:TRIED] if self.called_for(candidate, one)][:1]
+        near = [one for one in both if one.candidate.total < both[0].candidate.total + self.needed]
+        return [one for one in near[:TRIED] if self.called_for(candidate, one)][:1]
 
     def as_formula(self, candidate: Candidate, scored: Scored) -> Scored:
         """The same curve as a known function of its variable, where that is as good."""
@@ -391,7 +393,9 @@ class Curves:
                 yield replace(curve, place="odds", target=name, unit="1")
         for name in self._shown:
             apart = {name: plain[name]} if name in plain else {}
-            over = {**(apart if chance else plain), **own[name]}
+            # A controller's next command holds the sensor's noise, and so does its change.
+            steady = {n: s for n, s in plain.items() if not n.startswith(CHANGE)}
+            over = {**(apart if chance else steady), **own[name]}
             for curve in (*tabled(over), *(fading(one, plain) for one in apart)):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])
         first = len(model.parameters) if chance else 0
