@@ -215,6 +215,12 @@ class Curves:
         gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, options.price, needed + more)
         return gain > needed + (more if left > 0.0 else 0.0)
 
+    def beside_walks(self, candidate: Candidate, scored: Scored) -> float:
+        """Nats that a curve brings beside sensors whose zero wanders."""
+        if scored.curve.place == "odds":
+            return scored.total
+        return beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price, np.inf)[0]
+
     def _in_few_blocks(self, scored: Scored, needed: float) -> bool:
         """Whether a curve that acts in few blocks is called for nevertheless; see ``selection.accepted``."""
         blocks, fitted = self.problem.blocks, scored.candidate.fit
