@@ -22,8 +22,8 @@ from fieldmodels.diagnosis.selection import block_p_value
 from fieldmodels.model import Effect, Model
 
 HALF = 0.5
-"""Of what a curve must bring that a likely one must bring beside sensors that wander. Of three records in which
-the best one was likely, it brought 0.75 on a pendulum's swing-up; -0.5 and 0.2 where only the noise was slow."""
+"""Of what a curve must bring, that a likely one must bring beside sensors that wander. On a pendulum's
+swing-up the best one brought 0.75 of it; where only the noise was slow -0.5 and 0.2."""
 
 
 @dataclass(frozen=True)
