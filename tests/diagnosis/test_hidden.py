@@ -221,13 +221,16 @@ UNLISTED = [
 """Machine, a fault that it does not list, its size."""
 SEED, SECOND = 90_001, 90_002
 SLOW = pytest.mark.slow
-OFTEN = {"payload", "actuator_lag", "one_way_spring"}
+OFTEN = {"payload", "actuator_lag", "arm_cubic"}
 """The shaken vehicle's diagnoses take long: the faults that are always asked for, and the pair."""
 
 
 MISSED = {
     ("uav_route", "radar_position"): pytest.mark.xfail(
         strict=True, reason="few readings change, where the aircraft seldom passes the radar's edge"
+    ),
+    ("excitation", "one_way_spring"): pytest.mark.xfail(
+        strict=True, reason="no curve is sought in the suspension's forces, only in its stiffness, by windows"
     ),
     ("uav_route", "clutter"): pytest.mark.xfail(strict=True, reason="too few readings change to be seen"),
 }

@@ -52,9 +52,13 @@ class Tried:
     def judge(self, _kept):
         return list(self.judged)
 
+    def beside_walks(self, _kept, scored):
+        return scored.walks
 
-def scored(place, over, total, p):
-    return SimpleNamespace(curve=SimpleNamespace(place=place, over=over), total=total, p_value=p)
+
+def scored(place, over, total, p, walks=5.0):
+    curve = SimpleNamespace(place=place, over=over)
+    return SimpleNamespace(curve=curve, total=total, p_value=p, walks=walks)
 
 
 @pytest.mark.parametrize(
@@ -62,6 +66,7 @@ def scored(place, over, total, p):
     [
         (scored("force", "angle", 10.0, 0.06), False, True),
         (scored("force", "angle", 8.0, 0.06), False, False),  # too few nats
+        (scored("force", "angle", 31.0, 0.001, 4.0), False, False),  # a sensor that wanders
         (scored("force", "x", 25.0, 0.12), False, False),  # not steady over blocks
         (scored("sensor", "angle", 31.0, 0.015), False, False),  # of the sensor
         (scored("force", "time", 31.0, 0.015), False, False),  # a drift

@@ -11,7 +11,6 @@ from scipy.stats import multivariate_t
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.curves import Curves
 from fieldmodels.diagnosis.options import DEFAULT
-from fieldmodels.diagnosis.own_weights import with_own_weights
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.model import Model, Parameter, Signal
@@ -79,7 +78,7 @@ def test_the_gain_is_a_ratio_of_two_likelihoods_each_with_its_own_covariance():
     """By SciPy's multivariate t, after least squares without each fold."""
     curves, base = tried(log(1, 0.3))
     best = next(s for s in curves.judge(base) if s.curve.over == "other" and s.curve.target == "first")
-    beside, _, own = with_own_weights(curves, base, best)
+    beside, _, own = curves.with_own_weights(base, best)
     problem, folds = curves.problem, curves.problem.folds
     added = np.linalg.solve(base.fit.whitener, best.candidate.fit.jacobian[:, :, -len(best.coefficients) :])
 

@@ -125,13 +125,7 @@ def test_what_a_free_column_explains_is_no_walk():
     [
         ("rig", 1012),  # errors of 5 times the white noise
         ("rig", 1042),  # in closed loop; a curve of the velocity's sensor over time
-        pytest.param(  # the measured wheels wander, and drive
-            "pose_reaching",
-            1050,
-            marks=pytest.mark.xfail(
-                strict=True, reason="a curve of sideways speed over speed beats a heading that wanders"
-            ),
-        ),
+        ("pose_reaching", 1050),  # the measured wheels wander, and drive
         ("line_following", 1036),  # the start of a window is what a wandering sensor shows
         ("line_following", 1010),
     ],

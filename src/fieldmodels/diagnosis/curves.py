@@ -25,7 +25,7 @@ from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.jumps import jumps_near, strongest_jump
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
-from fieldmodels.diagnosis.own_weights import with_own_weights
+from fieldmodels.diagnosis.own_weights import has_own_weights, weighed
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import (
     Answers,
@@ -192,11 +192,34 @@ class Curves:
         """
         if self.convinces(candidate, scored, among) and self.outdoes_noise(candidate, scored, among):
             return True
-        own = with_own_weights(self, candidate, scored)
+        own = self.with_own_weights(candidate, scored)
         if own is None:
             return False
         curves, candidate, scored = own
         return curves.convinces(candidate, scored, among) and curves.outdoes_noise(candidate, scored, among)
+
+    def with_own_weights(
+        self, candidate: Candidate, scored: Scored
+    ) -> tuple[Curves, Candidate, Scored] | None:
+        """The curves, a fit and a curve beside it, with the weights of the errors that the curve leaves.
+
+        Losses hold the logarithms of both covariances' determinants, so that their difference is that of a
+        likelihood ratio. Whether the curve helps steadily (its p-value) is asked with its weights alone:
+        what the determinants add is the same in all windows.
+
+        Returns:
+            None where that is not defined, see ``own_weights``.
+        """
+        if not has_own_weights(candidate.fit):
+            return None
+        plain, of_plain = weighed(self.problem, candidate, candidate.fit)
+        own, of_own = weighed(self.problem, candidate, scored.candidate.fit)
+        beside = self.reweighed(own.fit)
+        again = next(iter(beside.judge(own, [scored.curve])), None)
+        if again is None:
+            return None
+        before = plain.loss + of_own - of_plain
+        return beside, replace(own, loss=before), replace(again, gain=before - again.candidate.loss)
 
     def convinces(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether a curve brings what the best of so many must, on held-out windows; see ``called_for``."""
