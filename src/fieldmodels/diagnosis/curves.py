@@ -287,13 +287,20 @@ class Curves:
     def first(self, candidate: Candidate) -> list[Scored]:
         """The best curve that the data call for beside a fit, a table or a known function; none or one.
 
-        A function pays for one value or two where a table pays for eight. What the best one brings may be the
-        noise's, and the next is asked if it is nearly as good; not more, or one of many outdoes any noise.
+        A function pays for one value or two where a table pays for eight.
         """
         tables = self.judge(candidate)[:NEAR_BEST]
-        both = sorted([*tables, *self.as_known(candidate, tables)], key=lambda s: s.candidate.total)
-        near = [one for one in both if one.candidate.total < both[0].candidate.total + self.needed]
-        return [one for one in near[:TRIED] if self.called_for(candidate, one)][:1]
+        return self.first_of(candidate, [*tables, *self.as_known(candidate, tables)], len(self.all))
+
+    def first_of(self, candidate: Candidate, scored: Sequence[Scored], among: int) -> list[Scored]:
+        """The best of some curves that the data call for; none or one.
+
+        What the best one brings may be the noise's, and the next is asked if it is nearly as good; not more, or one
+        of many outdoes any noise.
+        """
+        best = sorted(scored, key=lambda s: s.candidate.total)[:TRIED]
+        near = (one for one in best if one.candidate.total < best[0].candidate.total + self._needed_of(among))
+        return list(itertools.islice((one for one in near if self.called_for(candidate, one, among)), 1))
 
     def as_formula(self, candidate: Candidate, scored: Scored) -> Scored:
         """The same curve as a known function of its variable, where that is as good."""

@@ -154,9 +154,8 @@ def _varying(beside: Curves, kept: Candidate) -> dict[str, str]:
     result = {}
     for name in kept.effects:
         own = [c for c in beside.all if c.place == "parameter" and c.target.startswith(f"{name}.")]
-        for best in beside.judge(kept, own)[:1]:
-            if beside.called_for(kept, best, len(own)):
-                result[name] = _words(best)
+        for one in beside.first_of(kept, beside.judge(kept, own), len(own)):
+            result[name] = _words(one)
     return result
 
 
