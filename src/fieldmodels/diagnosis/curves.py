@@ -295,8 +295,8 @@ class Curves:
     def first_of(self, candidate: Candidate, scored: Sequence[Scored], among: int) -> list[Scored]:
         """The best of some curves that the data call for; none or one.
 
-        What the best one brings may be the noise's, and the next is asked if it is nearly as good; not more, or one
-        of many outdoes any noise.
+        What the best one brings may be the noise's, and the next is asked if it is nearly as good; not more,
+        or one of many outdoes any noise.
         """
         best = sorted(scored, key=lambda s: s.candidate.total)[:TRIED]
         near = (one for one in best if one.candidate.total < best[0].candidate.total + self._needed_of(among))
