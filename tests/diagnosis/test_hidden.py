@@ -216,12 +216,13 @@ UNLISTED = [
     ("uav_route", "clutter", 1.0),
     ("excitation", "one_way_spring", 1.89),
     ("excitation", "arm_cubic", 1.5),
+    ("excitation", "bent_force_sensor", 6.0),
     ("servo", "force_step", 0.11),
 ]
 """Machine, a fault that it does not list, its size."""
 SEED, SECOND = 90_001, 90_002
 SLOW = pytest.mark.slow
-OFTEN = {"payload", "actuator_lag", "arm_cubic"}
+OFTEN = {"payload", "actuator_lag", "arm_cubic", "bent_force_sensor"}
 """The shaken vehicle's diagnoses take long: the faults that are always asked for, and the pair."""
 
 

@@ -29,7 +29,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return "There is no relation between command and response."
     if diagnosis.verdict == "unknown":
         curve = diagnosis.unknown
-        where = f": it depends on {words(curve.direction)}" if curve and curve.certain else ""
+        where = f": it depends on {words(curve.words)}" if curve and curve.certain else ""
         return f"The simulation lacks something that no listed effect explains{where}."
     sets = [listed([words(c.effect), *map(words, c.alternatives)], "or") for c in diagnosis.causes]
     more = ", and something else" if diagnosis.curves else ""

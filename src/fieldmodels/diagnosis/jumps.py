@@ -31,7 +31,7 @@ def jump(place: Curve, time: FloatArray, begun: float, tried: int) -> Curve:
         values=(time >= begun)[:, :, None].astype(np.float64),
         knots=knots,
         shapes=(knots >= begun)[:, None].astype(np.float64),
-        formula=f"{JUMP} {begun:.4g} {place.over_unit} on",
+        formula=f"{JUMP} {begun:.4g} {place.over_unit}",
         tried=tried,
     )
 

@@ -284,7 +284,7 @@ class Diagnosis:
             shape = ""
             if self.unknown:
                 shape = (
-                    f"; it depends on {self.unknown.direction}"
+                    f"; it depends on {self.unknown.words}"
                     if self.unknown.certain
                     else "; no direction of it is certain"
                 )
@@ -298,7 +298,7 @@ class Diagnosis:
         rest = ""
         if self.unknown:
             rest = (
-                f" More is missing; it depends on {self.unknown.direction}."
+                f" More is missing; it depends on {self.unknown.words}."
                 if self.unknown.certain
                 else " More is missing; no direction of it is certain."
             )

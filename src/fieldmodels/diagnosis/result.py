@@ -166,7 +166,7 @@ class SignalGain:
 
 WAVE = "repeats every"
 """Begins the formula of a curve that is a wave."""
-JUMP = "jumps; from"
+JUMP = "jumps at"
 """The same of one that is a jump."""
 
 
@@ -202,6 +202,11 @@ class MissingCurve:
     def direction(self) -> str:
         """What it depends on and where it acts, in a few words."""
         return direction_of(self.place, self.target, self.over)
+
+    @property
+    def words(self) -> str:
+        """The same, and how it runs where that is a function that is known."""
+        return f"{self.direction} ({self.formula})" if self.formula else self.direction
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
