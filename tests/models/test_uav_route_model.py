@@ -7,6 +7,7 @@ from fieldmodels.machines.uav_route.declaration import nominal_plant
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.recording import record_flight
 from fieldmodels.model import ModelError
+from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
 MODEL = UavRoute()
@@ -168,3 +169,19 @@ def test_disturbance_is_a_speed_along_the_course():
     windows = MODEL.windows(recording, 300.0).with_disturbance(np.full(len(recording), 3.0))
     error = MODEL.simulate(MODEL.nominal, windows)[0] - windows.measured(OUTPUTS)
     assert np.nanmax(np.abs(error[:, :, :2])) < 1e-3
+
+
+def test_a_window_that_begins_with_a_leg_does_not_know_the_bank_before():
+    """Of windows of 20 samples the third begins with a leg; the mean bank there is that of the leg before."""
+    model, n = UavRoute(), 80
+    names = [s.name for s in model.outputs]
+    to_east = np.where(np.arange(n) < 40, 0.0, 5e4)
+    signals = {"to_north": np.full(n, 5e4), "to_east": to_east, "north": np.zeros(n), "east": np.zeros(n)}
+    recording = Recording(time=2.0 * np.arange(n), signals={**signals, "bank": np.zeros(n)})
+    windows = model.windows(recording, 38.0)
+    seen = windows.observed[:, 0, names.index("bank")]
+    begins = np.isin(windows.starts, [0, 40])
+    assert begins.any()
+    assert not begins.all()
+    assert (seen == ~begins).all()
+    assert windows.observed[:, 1, names.index("bank")].all()

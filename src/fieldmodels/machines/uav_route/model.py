@@ -66,14 +66,18 @@ class UavRoute(Model):
         return as_plants(vector)
 
     def windows(self, recording: Recording, horizon: float) -> Windows:
-        """See ``Model.windows``; what was not scanned is not observed."""
+        """See ``Model.windows``; what was not scanned, or was flown before the window, is not observed."""
         if GAP in recording:
             scanned = recording[GAP] > 0
             kept = {n: np.where(scanned, recording[n], np.nan) for n in (DETECTED, GAP) if n in recording}
             recording = replace(recording, signals={**recording.signals, **kept})
         windows = uniform_windows(recording, horizon, [s.name for s in self.outputs], self.initial_states)
         names = tuple(output.name for output in self.outputs)
-        return replace(windows, observed=windows.observed & np.isfinite(windows.measured(names)))
+        observed = windows.observed & np.isfinite(windows.measured(names))
+        # The mean bank before a leg's first sample is that of the leg before, which a window does not know.
+        begins = _leg_starts(recording)[windows.starts] == windows.starts
+        observed[begins, 0, names.index("bank")] = False
+        return replace(windows, observed=observed)
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
