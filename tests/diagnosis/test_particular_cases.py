@@ -60,9 +60,6 @@ def test_what_rigid_bodies_suffer_is_named(hardware: Hardware, effect: str):
     assert effect in (found.causes[0].effect, *found.causes[0].alternatives)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="beside a curve of the sideways way, twist is 0.175, 0.144, 0.174 on three walks"
-)
 def test_the_slip_that_is_named_is_the_bodies_own_response_to_one_turn():
     """A turn of 0.05 rad between straight strides: what is done at once, and what follows a stride later."""
     slippery = Hardware(friction=0.15)

@@ -196,7 +196,12 @@ class Curves:
         if own is None:
             return False
         curves, candidate, scored = own
-        return curves.convinces(candidate, scored, among) and curves.outdoes_noise(candidate, scored, among)
+        steady = scored.p_value < self.options.curve_level  # there is no second chance for one in few blocks
+        return (
+            steady
+            and curves.convinces(candidate, scored, among)
+            and curves.outdoes_noise(candidate, scored, among)
+        )
 
     def with_own_weights(
         self, candidate: Candidate, scored: Scored

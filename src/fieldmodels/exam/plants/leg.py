@@ -252,7 +252,7 @@ def _geometry_scale(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
 
 
 def _knee_stop(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
-    leg.forces.append(lambda _t, x, _v: -k * max(x - 0.2, 0.0))
+    leg.forces.append(lambda _t, x, _v: -k * max(x - 0.25, 0.0))
 
 
 def _worn_bearing(leg: Leg, k: float, s: float, _rng: Rng) -> None:
