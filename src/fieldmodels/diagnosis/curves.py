@@ -68,6 +68,7 @@ from fieldmodels.drivers.variables import (
 from fieldmodels.model import Combination, Signal
 
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
+HIDDEN = 2.0  # times as much a curve brings with weights of its own, if the others hid it
 NEAR_BEST = 3  # tables whose known functions compete with names
 TRIED = 4  # of the best tables and functions, of which the first that the data call for is taken
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
@@ -195,8 +196,10 @@ class Curves:
         own = self.with_own_weights(candidate, scored)
         if own is None:
             return False
-        curves, candidate, scored = own
-        steady = scored.p_value < self.options.curve_level  # there is no second chance for one in few blocks
+        curves, candidate, again = own
+        # One that acts in few blocks has its second chance only where the weights are what hid it.
+        steady = again.p_value < self.options.curve_level or again.total > HIDDEN * scored.total
+        scored = again
         return (
             steady
             and curves.convinces(candidate, scored, among)
