@@ -196,14 +196,11 @@ class Curves:
         own = self.with_own_weights(candidate, scored)
         if own is None:
             return False
-        curves, candidate, again = own
+        curves, parent, again = own
         # One that acts in few blocks has its second chance only where the weights are what hid it.
         steady = again.p_value < self.options.curve_level or again.total > HIDDEN * scored.total
-        scored = again
         return (
-            steady
-            and curves.convinces(candidate, scored, among)
-            and curves.outdoes_noise(candidate, scored, among)
+            steady and curves.convinces(parent, again, among) and curves.outdoes_noise(parent, again, among)
         )
 
     def with_own_weights(
