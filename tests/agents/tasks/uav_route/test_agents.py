@@ -14,6 +14,7 @@ from fieldagents.tasks.uav_route import agents, printed, programs
 from fieldagents.tasks.uav_route.agents import Planner
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of
+from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.machines.uav_route.parameters import EXAMPLE, SECOND_UAV, World
 
@@ -64,10 +65,19 @@ def test_further_radars_out_of_the_way_change_nothing() -> None:
     np.testing.assert_allclose(one["path_length"], three["path_length"])
 
 
-def test_receding_plans_again_and_arrives() -> None:
-    table = played("receding", NO_LOCK_LOSS | {"layout": "example"}, 1)
-    assert table["success"][0] == 1
-    assert table["time_over"][0] == 0
+def test_receding_plans_again_keeps_what_it_has_and_arrives() -> None:
+    once, again = (played(name, NO_LOCK_LOSS | {"layout": "example"}, 1) for name in ("legs", "receding"))
+    assert again["success"][0] == 1
+    assert again["time_over"][0] == 0
+    np.testing.assert_allclose(again["path_length"], once["path_length"], atol=agents.WORTH)
+
+
+def test_radars_out_of_sight_are_flown_into() -> None:
+    given = NO_LOCK_LOSS | {"layout": "example"}
+    blind = Planner("blind", "", read_settings(given, UavRouteSettings), agents.legs, sight=1.0)
+    table = run_episodes(blind, "uav_route", EnvironmentConfig(settings=given), range(1))
+    assert table["damaged"][0] == 1
+    assert table["legs"][0] == 1  # straight to the goal
 
 
 def test_a_plan_is_flown_as_planned() -> None:

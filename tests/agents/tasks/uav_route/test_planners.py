@@ -14,7 +14,6 @@ from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.limits import limits_of, probability_seen
 from fieldagents.tasks.uav_route.lower_bound import lower_bound
 from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan, safe_distances
-from fieldagents.tasks.uav_route.receding import receding_plan
 from fieldagents.tasks.uav_route.straight import straight_plan
 from fieldmodels.machines.uav_route.parameters import (
     EXAMPLE,
@@ -264,20 +263,6 @@ def test_exactly_three_of_four_forces_one_phase() -> None:
     assert free.search.objective <= forced.search.objective
 
 
-def test_planning_anew_keeps_what_it_has() -> None:
-    once, anew = leg_plan(EXAMPLE), receding_plan(EXAMPLE, legs=2)
-    assert anew.verification is not None
-    assert anew.verification.undetected
-    assert anew.length <= once.length + 1e-6
-
-
-def test_radars_out_of_sight_are_flown_into() -> None:
-    blind = receding_plan(EXAMPLE, sensing=1.0, legs=2)
-    np.testing.assert_allclose(blind.length, math.dist(EXAMPLE.start, EXAMPLE.goal))
-    assert blind.verification is not None
-    assert not blind.verification.undetected
-
-
 def test_the_straight_line_is_shortest_and_detected() -> None:
     plan = straight_plan(EXAMPLE)
     assert plan.verification is not None
@@ -353,7 +338,6 @@ def test_missing_pulp_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         (lambda: leg_plan(EXAMPLE, work=0), "work limit"),
         (lambda: lattice_plan(EXAMPLE, spacing=0.0), "spacing"),
         (lambda: lattice_plan(EXAMPLE, spacing=0.1), "too large"),
-        (lambda: receding_plan(EXAMPLE, advance=0.0), "advance"),
         (lambda: Form(steps=3, lock_loss=4), "2 to 3"),
     ],
 )
