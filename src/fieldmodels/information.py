@@ -32,38 +32,6 @@ _WIDEST = 1e4
 _NARROWEST = 1e-12
 
 
-def entropy(probabilities: ArrayLike) -> float:
-    """Entropy of a distribution over states [bits], eq (9) with K = 1/ln 2.
-
-    Args:
-        probabilities: Of any shape; non-negative, sum 1.
-
-    Raises:
-        ModelError: If these are no probabilities.
-    """
-    p = np.asarray(probabilities, dtype=np.float64)
-    if p.size == 0 or not np.all(p >= 0.0) or abs(p.sum() - 1.0) > 1e-9:
-        raise ModelError("probabilities must be non-negative and sum to 1")
-    p = p[p > 0.0]
-    return float(-np.sum(p * np.log2(p)))
-
-
-def mutual_information(joint: ArrayLike) -> float:
-    """Average mutual information of two discrete variables [bits], eq (13).
-
-    Args:
-        joint: p(x_i, y_j), shape (N, M).
-
-    Raises:
-        ModelError: If this is no joint distribution.
-    """
-    p = np.asarray(joint, dtype=np.float64)
-    if p.ndim != 2:
-        raise ModelError(f"a joint distribution has two axes, not {p.ndim}")
-    # (11) with property ii of (10): H(x) - H(x|y) = H(x) + H(y) - H(x, y).
-    return entropy(p.sum(axis=1)) + entropy(p.sum(axis=0)) - entropy(p)
-
-
 def binned(
     mean: ArrayLike,
     sigma: ArrayLike,

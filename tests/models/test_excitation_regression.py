@@ -28,8 +28,6 @@ from fieldmodels.machines.excitation.regression import (
     FORCE,
     POSITION,
     RATE,
-    SIGNAL_NAMES,
-    SIGNAL_UNITS,
     SIGNALS,
     TERMS,
     TORQUE,
@@ -146,12 +144,6 @@ def test_the_equations_are_those_of_newton_and_euler():
             rows = slice(6 * mode, 6 * mode + 6)
             found = a[sample, rows] @ vehicle - f[sample, rows]
             np.testing.assert_allclose(found, [*linear, *turn], rtol=1e-9, atol=1e-9)
-
-
-def test_signals_are_named() -> None:
-    assert len(SIGNAL_NAMES) == len(SIGNAL_UNITS) == SIGNALS
-    assert SIGNAL_NAMES[RATE] == "rate_x"
-    assert SIGNAL_UNITS[TORQUE] == "N m"
 
 
 def test_feature_noise_is_that_of_many_noisy_features() -> None:

@@ -24,7 +24,7 @@ from fieldmodels.machines.excitation.parameters import (
     Rules,
 )
 from fieldmodels.machines.excitation.regression import ANGLE, POSITION, SIGNALS
-from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS, measure_with_effects
+from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS, compensate, measure_raw
 from fieldmodels.machines.excitation.sensors import corrupt, first_draw, full_scale, mean_draw
 from fieldmodels.machines.excitation.shaker import (
     FACTORS,
@@ -244,7 +244,8 @@ def test_lag_goes_on_from_decision_to_decision():
 
 @compiled
 def measured(vehicles, gravity, history, signals):
-    measure_with_effects(vehicles[0], gravity, history, signals)
+    measure_raw(vehicles[0], gravity, history, signals)
+    compensate(gravity, signals)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.002, 0.005, 0.0125, 0.2])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmodels.machines.pose_reaching.batch import Robots, Rules
-from fieldmodels.machines.pose_reaching.dubins import dubins_lengths
+from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.kernel import NUMBERS, ROBOT
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.parameters import GOAL, Arrival, Field
@@ -94,9 +94,8 @@ def test_what_is_seen_is_the_pose():
     expected = [x, y, np.cos(heading), np.sin(heading), np.log(np.hypot(x, y)), np.cos(ball), np.sin(ball)]
     np.testing.assert_allclose(tick.observed, np.stack(expected, axis=1), atol=2e-6)
     starts = make(50).observe()
-    np.testing.assert_allclose(
-        number(tick, "dubins_length"), dubins_lengths(starts.poses, GOAL, 0.3), rtol=1e-12
-    )
+    lengths = [dubins_path(pose, GOAL, 0.3).length for pose in starts.poses]
+    np.testing.assert_allclose(number(tick, "dubins_length"), lengths, rtol=1e-12)
 
 
 @pytest.mark.parametrize("tick", [0.05, 0.1, 0.17])

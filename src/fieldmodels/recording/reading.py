@@ -32,7 +32,6 @@ _SUFFIXES = {
     ".ndjson": "json_files", ".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5", ".mf4": "mdf", ".mdf": "mdf",
     ".bag": "ros", ".db3": "ros", ".mcap": "ros",
 }  # fmt: skip
-FORMATS = ("text (CSV and its kin, also .gz)", *sorted(_SUFFIXES))
 
 
 def read_table(path: str | Path) -> Table:

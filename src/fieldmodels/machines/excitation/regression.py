@@ -32,15 +32,6 @@ SIGNALS = 24
 """Signals of one mode, components x, y, z in frame II (vehicle): dr, dr', dr'', then the rotation vector
 dtheta, the angular velocity w and acceleration w', then dF and dN of the arm's base."""
 
-SIGNAL_NAMES = tuple(
-    f"{kind}_{axis}"
-    for kind in ("position", "velocity", "acceleration", "angle", "rate", "turning", "force", "torque")
-    for axis in ("x", "y", "z")
-)
-SIGNAL_UNITS = tuple(
-    unit for unit in ("m", "m/s", "m/s2", "rad", "rad/s", "rad/s2", "N", "N m") for _ in range(3)
-)
-
 Y_SPECIFIC, Y_VELOCITY, Y_POSITION, Y_TURNING, Y_PRODUCT, Y_SQUARE = 0, 3, 6, 9, 12, 15
 Y_RATE, Y_ANGLE, Y_FORCE, Y_TORQUE = 18, 21, 24, 27
 FEATURES = 30

@@ -177,13 +177,3 @@ def compensate(gravity: float, signals: FloatArray) -> None:
         s[ACCELERATION] += gx
         s[ACCELERATION + 1] += gy
         s[ACCELERATION + 2] += gz
-
-
-@inlined
-def measure_with_effects(q: Any, gravity: float, history: FloatArray, signals: FloatArray) -> None:
-    """Turn a decision's true signals into those of sensors with effects, before noise, in place.
-
-    Arguments as of ``measure_raw``.
-    """
-    measure_raw(q, gravity, history, signals)
-    compensate(gravity, signals)

@@ -104,15 +104,6 @@ def shortest(
 
 
 @compiled
-def _lengths(starts: FloatArray, goals: FloatArray, radius: float) -> FloatArray:
-    lengths = np.empty(len(starts))
-    for i in range(len(starts)):
-        s, g = starts[i], goals[i]
-        lengths[i] = shortest(s[0], s[1], s[2], g[0], g[1], g[2], radius)[0]
-    return lengths
-
-
-@compiled
 def _words(start: FloatArray, goal: FloatArray, radius: float) -> FloatArray:
     words = np.empty((6, 4))
     ahead, aside, turn = seen_from(start[0], start[1], start[2], goal[0], goal[1], goal[2])
@@ -183,39 +174,6 @@ class DubinsPath:
         return self.at(np.linspace(0.0, self.length, max(2, math.ceil(self.length / spacing) + 1)))
 
 
-def dubins_lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> FloatArray:
-    """Lengths of the shortest paths between pairs of poses.
-
-    Args:
-        starts: x [m], y [m], heading [rad], shape (..., 3).
-        goals: The same; the leading shapes are broadcast.
-        radius: Smallest turning radius [m].
-
-    Returns:
-        Lengths [m], of the broadcast shape.
-
-    Raises:
-        ModelError: If the radius is not positive or a pose does not have three finite numbers.
-    """
-    begin, end = np.broadcast_arrays(_poses(starts), _poses(goals))
-    shape, count = begin.shape[:-1], begin.size // 3
-    lengths = _lengths(
-        np.ascontiguousarray(begin).reshape(count, 3),
-        np.ascontiguousarray(end).reshape(count, 3),
-        _positive(radius),
-    )
-    return lengths.reshape(shape)
-
-
-def dubins_words(start: ArrayLike, goal: ArrayLike, radius: float) -> FloatArray:
-    """Lengths [m] of the paths by each of ``WORDS``, infinite where there is none, shape (6,).
-
-    Raises:
-        ModelError: As ``dubins_lengths``.
-    """
-    return _words(_pose(start), _pose(goal), _positive(radius))[:, 0]
-
-
 def dubins_path(start: ArrayLike, goal: ArrayLike, radius: float, word: str | None = None) -> DubinsPath:
     """The shortest path between two poses.
 
@@ -226,7 +184,8 @@ def dubins_path(start: ArrayLike, goal: ArrayLike, radius: float, word: str | No
         word: The path by this one of ``WORDS`` instead of the shortest.
 
     Raises:
-        ModelError: As ``dubins_lengths``; for an unknown word, or one without a path between these poses.
+        ModelError: If the radius is not positive, a pose does not have three finite numbers, the word is
+            unknown, or without a path between these poses.
     """
     begin = _pose(start)
     words = _words(begin, _pose(goal), _positive(radius))
@@ -238,18 +197,11 @@ def dubins_path(start: ArrayLike, goal: ArrayLike, radius: float, word: str | No
     return DubinsPath(begin, WORDS[chosen], words[chosen, 1:], float(radius))
 
 
-def _poses(values: ArrayLike) -> FloatArray:
-    poses = np.asarray(values, dtype=np.float64)
-    if poses.shape[-1:] != (3,) or not np.isfinite(poses).all():
-        raise ModelError(f"a pose is x [m], y [m] and heading [rad], not {values!r:.80}")
-    return poses
-
-
 def _pose(values: ArrayLike) -> FloatArray:
-    pose = _poses(values)
-    if pose.ndim != 1:
-        raise ModelError(f"one pose is needed, of shape (3,), not {pose.shape}")
-    return pose.copy()
+    pose = np.array(values, dtype=np.float64)
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise ModelError(f"a pose is x [m], y [m] and heading [rad], not {values!r:.80}")
+    return pose
 
 
 def _positive(radius: float) -> float:

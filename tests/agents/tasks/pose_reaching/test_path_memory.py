@@ -20,7 +20,6 @@ from fieldagents.tasks.pose_reaching.path_memory.matrices import (
     input_vector,
     lambdas,
     membership,
-    tent,
 )
 from fieldagents.tasks.pose_reaching.path_memory.memory import PathMemory, States
 from fieldagents.tasks.pose_reaching.path_memory.own_data import OwnData, babble
@@ -72,6 +71,11 @@ PRINTED_M_D = np.array(
 )
 PRINTED_LAMBDA_THETA = [0, 0, 0, 0.3, 0.2, 0.1, 0.4, 0.3, 0.1]
 PRINTED_LAMBDA_PSI = [0, 0, 0, 0.3, 0.1, 0.1, 0.5, 0.2, 0.1]
+
+
+def tent(away):
+    """What interpolation times (0.25, 0.5, 0.25) amounts to, of distances in columns."""
+    return np.maximum(0.0, 0.5 - 0.25 * np.abs(away))
 
 
 def test_omega_is_the_heading_in_the_goals_frame():

@@ -117,12 +117,3 @@ def lambdas(matrices: Sequence[Floats], measured: Sequence[float], grids: Sequen
 def combined(each: Sequence[ArrayLike]) -> Floats:
     """Multiply lambda vectors element by element (section 5.2.4)."""
     return np.asarray(np.prod([np.asarray(one, dtype=np.float64) for one in each], axis=0))
-
-
-def tent(away: ArrayLike) -> Floats:
-    """What interpolation times (0.25, 0.5, 0.25) amounts to: lambda = max(0, 0.5 - 0.25 |away|).
-
-    Args:
-        away: Distance of a measurement from a remembered value, in columns.
-    """
-    return np.maximum(0.0, 0.5 - 0.25 * np.abs(away))

@@ -10,7 +10,6 @@ happens; only faster ways replace what is there (self-imitation, Oh et al. 2018)
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,6 @@ from scipy.spatial import KDTree
 from fieldagents.tasks.pose_reaching.path_memory.matrices import FULL_TURN, Floats
 from fieldmodels.compiled import compiled
 from fieldmodels.machines.pose_reaching.parameters import Field
-
-Step = Callable[[NDArray[np.float32]], tuple[Floats, NDArray[np.bool_]]]
 
 FIELD = Field()
 LONGEST = 8.0
