@@ -455,6 +455,43 @@ class Model(ABC):
         return result
 
 
+class Wrapper(Model):
+    """A model around another one, which has the other's signals and parameters, and its own simulation.
+
+    Attributes:
+        inner: The other model.
+    """
+
+    def __init__(self, inner: Model) -> None:
+        self.inner = inner
+        for name in Model.__annotations__:
+            setattr(self, name, getattr(inner, name))
+
+    def initial_states(self, recording: Recording, starts: NDArray[np.int64]) -> FloatArray:
+        """The inner model's."""
+        return self.inner.initial_states(recording, starts)
+
+    def windows(self, recording: Recording, horizon: float) -> Windows:
+        """The inner model's."""
+        return self.inner.windows(recording, horizon)
+
+    def runs(self, windows: Windows) -> NDArray[np.int64] | None:
+        """The inner model's."""
+        return self.inner.runs(windows)
+
+    def between(self, commands: FloatArray, refine: int) -> FloatArray:
+        """The inner model's."""
+        return self.inner.between(commands, refine)
+
+    def with_commands(self, recording: Recording, commands: Mapping[str, FloatArray]) -> Recording:
+        """The inner model's."""
+        return self.inner.with_commands(recording, commands)
+
+    def derived(self, outputs: FloatArray, shown: FloatArray, windows: Windows) -> FloatArray:
+        """The inner model's."""
+        return self.inner.derived(outputs, shown, windows)
+
+
 def _by_state(model: Model, parameters: FloatArray, windows: Windows, j: int) -> FloatArray:
     """Central differences of the outputs by an initial state."""
     values = windows.states[:, j]

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.model import Model, Stage
+from fieldmodels.model import Model, Stage, Wrapper
 from fieldmodels.recording import Recording, Windows
 
 LONGER = (
@@ -22,21 +22,12 @@ LONGER = (
 """What to say where windows have no power."""
 
 
-class WholeRecords(Model):
-    """A model whose windows are pieces of one run through each episode.
-
-    Attributes:
-        inner: The model.
-    """
+class WholeRecords(Wrapper):
+    """A model whose windows are pieces of one run through each episode."""
 
     def __init__(self, inner: Model) -> None:
-        self.inner = inner
-        for name in (
-            "name", "inputs", "outputs", "states", "parameters", "effects", "horizons", "disturbance_unit",
-            "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
-            "unbounded_outputs", "wrapped_outputs", "measured_states", "measured_inputs",
-        ):  # fmt: skip
-            setattr(self, name, getattr(inner, name))
+        super().__init__(inner)
+        self.whole_records = False  # they are the windows
 
     def windows(self, recording: Recording, horizon: float) -> Windows:
         """The model's own windows, each with its episode's start."""
@@ -71,10 +62,6 @@ class WholeRecords(Model):
         """Each episode is a run; see ``Model.runs``."""
         return _episodes(windows)
 
-    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
-        """The model's own."""
-        return self.inner.initial_states(recording, starts)
-
     def scaled_to(self, recordings: Sequence[Recording]) -> WholeRecords:
         """The model's own, over whole records."""
         return WholeRecords(self.inner.scaled_to(recordings))
@@ -82,10 +69,6 @@ class WholeRecords(Model):
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
         """The model's own stages, each over whole records."""
         return tuple(replace(s, model=WholeRecords(s.model)) for s in self.inner.stages(recordings))
-
-    def between(self, commands: FloatArray, refine: int) -> FloatArray:
-        """The model's own; see ``Model.between``."""
-        return self.inner.between(commands, refine)
 
 
 def _episodes(windows: Windows) -> IntArray:

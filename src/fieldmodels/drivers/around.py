@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.sizes import measured_sizes
 from fieldmodels.drivers.stepped import (
     LAYOUTS,
@@ -36,7 +36,7 @@ from fieldmodels.drivers.stepped import (
 from fieldmodels.effects import actuators, changes, sensors
 from fieldmodels.effects.curves import Curve, on_curve
 from fieldmodels.effects.stock import Names, Sizes, Stock
-from fieldmodels.model import Model, ModelError, Stage
+from fieldmodels.model import Model, ModelError, Wrapper
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, Windows
 
@@ -70,11 +70,10 @@ def surrounded(model: Model, *stock: Stock | Sequence[Stock]) -> Model:
     return Surrounded(model, flat)
 
 
-class Surrounded(Model):
+class Surrounded(Wrapper):
     """A model with stock effects around it; see `surrounded`.
 
     Attributes:
-        inner: The model.
         stock: What is around it.
         kinds: Kinds of stock effects that it simulates, by their place.
     """
@@ -82,15 +81,10 @@ class Surrounded(Model):
     kinds: ClassVar[Mapping[str, frozenset[str]]] = KINDS
 
     def __init__(self, inner: Model, stock: Sequence[Stock], sizes: Sequence[Sizes] | None = None) -> None:
-        self.inner, self.stock = inner, tuple(stock)
+        super().__init__(inner)
+        self.stock = tuple(stock)
         self.sizes = tuple(sizes or [Sizes()] * len(self.stock))
         self.forces: tuple[()] = ()
-        for name in (
-            "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
-            "unbounded_outputs", "windows_apart", "wrapped_outputs", "measured_states", "measured_inputs",
-        ):  # fmt: skip
-            setattr(self, name, getattr(inner, name))
         self._signals = {
             "actuator": [s.name for s in inner.inputs],
             "sensor": [s.name for s in inner.outputs],
@@ -136,22 +130,6 @@ class Surrounded(Model):
         inner = self.inner.scaled_to(recordings)
         machine: Any = self  # has all that sizes are measured of
         return type(self)(inner, self.stock, measured_sizes(machine, recordings))
-
-    def windows(self, recording: Recording, horizon: float) -> Windows:
-        """The model's own windows."""
-        return self.inner.windows(recording, horizon)
-
-    def between(self, commands: FloatArray, refine: int) -> FloatArray:
-        """The model's own; see ``Model.between``."""
-        return self.inner.between(commands, refine)
-
-    def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
-        """The whole: what is around acts on all of it."""
-        return super().stages(recordings)
-
-    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
-        """The model's own, as the sensors measure them."""
-        return self.inner.initial_states(recording, starts)
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Simulate every window; see ``Model.simulate``."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.variables import SHARE, direction_of, rows_of, variable
-from fieldmodels.model import Effect, Model, ModelError, Parameter
-from fieldmodels.recording import Recording, Windows
+from fieldmodels.model import Effect, Model, ModelError, Parameter, Wrapper
+from fieldmodels.recording import Windows
 
 REPETITIONS, SETTLED = 2, 1e-12
 FAR = 1e9  # coefficients are of the order of one standard error: no bound
@@ -43,11 +43,10 @@ class FreeCurve:
         return np.asarray(np.interp(variable, self.knots, self.basis @ coefficients))
 
 
-class Curved(Model):
+class Curved(Wrapper):
     """A model with curves as further effects, whose coefficients follow its own parameters.
 
     Attributes:
-        inner: The model.
         curves: Its curves.
         repetitions: How often it is run again at most, until nothing changes.
     """
@@ -55,13 +54,8 @@ class Curved(Model):
     repetitions = REPETITIONS
 
     def __init__(self, inner: Model, curves: Sequence[FreeCurve]) -> None:
-        self.inner, self.curves = inner, tuple(curves)
-        for name in (
-            "name", "inputs", "outputs", "states", "parameters", "horizons", "disturbance_unit",
-            "directions", "sums", "random_force", "noisy_inputs", "resolution", "inputs_are_free",
-            "unbounded_outputs", "windows_apart", "wrapped_outputs", "measured_states", "measured_inputs",
-        ):  # fmt: skip
-            setattr(self, name, getattr(inner, name))
+        super().__init__(inner)
+        self.curves = tuple(curves)
         self.effects = (*inner.effects, *(self._effect(k, c) for k, c in enumerate(curves)))
 
     @staticmethod
@@ -90,22 +84,6 @@ class Curved(Model):
             if any(c.any() for c in mine):
                 out[b] = self._curved(own[b], mine, windows, out[b])
         return out
-
-    def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
-        """The model's own."""
-        return self.inner.initial_states(recording, starts)
-
-    def windows(self, recording: Recording, horizon: float) -> Windows:
-        """The model's own windows."""
-        return self.inner.windows(recording, horizon)
-
-    def runs(self, windows: Windows) -> IntArray | None:
-        """The model's own; see ``Model.runs``."""
-        return self.inner.runs(windows)
-
-    def between(self, commands: FloatArray, refine: int) -> FloatArray:
-        """The model's own; see ``Model.between``."""
-        return self.inner.between(commands, refine)
 
     def _curved(
         self, own: FloatArray, coefficients: Sequence[FloatArray], windows: Windows, plain: FloatArray
