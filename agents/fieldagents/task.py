@@ -163,22 +163,21 @@ class Reproduction:
     """A table or figure of a source, redone.
 
     Attributes:
-        title: What it is, in a line.
         source: Where it is printed: work, section, table or figure number.
         table: The numbers, with the printed ones beside ours where the source prints any.
         figures: File name (without ending) to a figure.
         remarks: What agrees, what does not and why; one sentence or two each.
         statistics: Numbers that decide claims, by the name under which these ask for them.
-        decided: The claims that they decide; `fieldagents.reproduce` fills them in.
+        decided: The claims that they decide; `fieldagents.reproduce` fills them in, and the title.
     """
 
-    title: str
     source: str
     table: pd.DataFrame
     figures: Mapping[str, Figure] = field(default_factory=dict)
     remarks: Sequence[str] = ()
     statistics: Mapping[str, Statistic] = field(default_factory=dict)
     decided: Sequence[Decided] = ()
+    title: str = ""
 
 
 @dataclass(frozen=True)
@@ -187,25 +186,35 @@ class Reproducible:
 
     Attributes:
         name: Its name within the task, such as ``table-1``.
-        title: What it is, in a line.
-        run: Redoes it from the result folder and a ``Report`` of progress. Its keyword-only parameters, all
-            with a default and a type, are what ``--set`` may change.
+        run: Redoes it, given a ``Report`` of progress. Its keyword-only parameters, all with a default and a
+            type, are what ``--set`` may change; its docstring's first line is the title.
         quick: Options with which it takes seconds and still decides its claims.
         processor_s: What it took when it was recorded, in full and quick, compiled kernels at hand
             [s of one processor]; None if nobody has recorded it.
     """
 
     name: str
-    title: str
     run: Callable[..., Reproduction]
     quick: Mapping[str, Any] = field(default_factory=dict)
     processor_s: tuple[float, float] | None = None
+
+    @property
+    def title(self) -> str:
+        """What it is, in a line."""
+        return (self.run.__doc__ or "").partition("\n")[0].removesuffix(".")
 
     @property
     def options(self) -> dict[str, Any]:
         """Name and default of each option."""
         parameters = inspect.signature(self.run).parameters.values()
         return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
+
+
+def reproduces(
+    name: str, *, quick: Mapping[str, Any] | None = None, processor_s: tuple[float, float] | None = None
+) -> Callable[[Callable[..., Reproduction]], Reproducible]:
+    """Declare that a function redoes a table or figure; arguments as of `Reproducible`."""
+    return lambda run: Reproducible(name, run, quick or {}, processor_s)
 
 
 class Drives(Protocol):

@@ -22,7 +22,7 @@ from fieldagents.reproduce import run as running
 from fieldagents.reproduce import runs
 from fieldagents.reproduce.pages import show_ledger
 from fieldagents.reproduce.statistics import exact, mean_of, median_of, share_of
-from fieldagents.task import Reproducible, Reproduction, all_tasks
+from fieldagents.task import Reproduction, all_tasks, reproduces
 from fieldmodels.code import files_reached
 
 CLAIMS = [(task, claim) for task in all_tasks() for claim in task.claims.values()]
@@ -149,11 +149,14 @@ def small(monkeypatch):
     """Two runs and three claims in place of the tasks'."""
     done = []
 
-    def good(out, progress, *, size: int = 4) -> Reproduction:
+    @reproduces("good", quick={"size": 5}, processor_s=(10, 2))
+    def good(progress, *, size: int = 4) -> Reproduction:
+        """Good."""
         done.append(("good", size))
-        return Reproduction("Good", "a source", pd.DataFrame({"x": [1.0]}), statistics={"x": exact(size)})
+        return Reproduction("a source", pd.DataFrame({"x": [1.0]}), statistics={"x": exact(size)})
 
-    def bad(out, progress) -> Reproduction:
+    @reproduces("bad")
+    def bad(progress) -> Reproduction:
         done.append(("bad",))
         raise RuntimeError("the leg fell")
 
@@ -163,9 +166,8 @@ def small(monkeypatch):
         Claim("misspelt", ("Fig 3",), "It is y.", "1", near(1, 1), Ours("good", "y")),
         Claim("photo", ("Fig 4",), "A photograph.", because="a photograph"),
     )
-    entries = (Reproducible("good", "Good", good, {"size": 5}, (10, 2)), Reproducible("bad", "Bad", bad))
     task = SimpleNamespace(
-        name="small", figures={e.name: e for e in entries}, claims={c.name: c for c in claims}
+        name="small", figures={"good": good, "bad": bad}, claims={c.name: c for c in claims}
     )
     for module in (books, running):
         monkeypatch.setattr(module, "all_tasks", lambda: [task])

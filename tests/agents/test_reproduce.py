@@ -23,7 +23,8 @@ def test_every_entry_has_a_function_with_typed_options(name):
     entry = reproducible()[name]
     assert get_type_hints(entry.run)["return"] is Reproduction
     positional = [p for p in inspect.signature(entry.run).parameters.values() if p.kind is not p.KEYWORD_ONLY]
-    assert len(positional) == 2
+    assert len(positional) == 1
+    assert entry.title
     types = get_type_hints(entry.run, include_extras=True)
     for option, default in entry.options.items():
         TypeAdapter(types[option]).validate_python(default)

@@ -58,8 +58,9 @@ def carry_out(what: str, out: Path, options: Mapping[str, Any], progress: Report
         if name not in entry.options:
             raise ReproductionError(f"{what} has no option {name!r}{did_you_mean(name, entry.options)}")
     with palette():
-        result = entry.run(out, progress, **options)
-    result = replace(result, decided=_decided(what, {**entry.options, **options}, result))
+        result = entry.run(progress, **options)
+    decided = _decided(what, {**entry.options, **options}, result)
+    result = replace(result, title=entry.title, decided=decided)
     write(what, result, out)
     return result
 

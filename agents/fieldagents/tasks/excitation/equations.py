@@ -7,7 +7,6 @@ written out here once more.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -20,7 +19,7 @@ from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, ratio_of
 from fieldagents.seeds import TUNING_SEEDS
-from fieldagents.task import Reproducible, Reproduction, get_task
+from fieldagents.task import Reproduction, get_task, reproduces
 from fieldagents.tasks.excitation.course import SOURCE, Episodes, play
 from fieldgym.excitation import ExcitationSettings, ExcitationVectorEnv
 from fieldmodels.information import BITS
@@ -34,8 +33,9 @@ Floats = NDArray[np.float64]
 POLICIES, DECISIONS = 48, 25
 
 
-def equations(out: Path, progress: Report) -> Reproduction:  # noqa: ARG001 - quick, and nothing of its own to save
-    """A x = F, its two solutions, the metric and its cost."""
+@reproduces("equations", processor_s=(1, 1))
+def equations(_progress: Report) -> Reproduction:
+    """Equations (4), (9) to (16)."""
     commands = np.array([[2 * np.pi / 9, np.pi / 2, np.pi / 4]] * DECISIONS)
     moved, _ = arm_motion(commands, 25.0, start=(np.pi / 4, 0.0, 0.0), per_decision=320)
     signals = simulate(TABLE1, moved, Arm().row(), SAMPLE)[0]
@@ -66,7 +66,6 @@ def equations(out: Path, progress: Report) -> Reproduction:  # noqa: ARG001 - qu
     }
     table = pd.DataFrame({"what": list(statistics), "ours": [one.value for one in statistics.values()]})
     return Reproduction(
-        "Equations (4), (9) to (16)",
         SOURCE + "sections III to VI: the constant excitation (24) on Table I's vehicle",
         table,
         statistics=statistics,
@@ -93,14 +92,14 @@ def _information(sign: int, sigma: float = 0.01) -> float:
     return float(sign * (-np.log2(count)) - sign * (q * np.log2(q)).sum())
 
 
+@reproduces("condition-number", quick={"episodes": 60}, processor_s=(75, 24))
 def condition_number(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     episodes: Episodes = 200,
     limits: Literal["paper", "wide"] = "paper",
 ) -> Reproduction:
-    """Convergence under the information metric and under the condition number of A."""
+    """Convergence under information and under the condition number."""
     settings = ExcitationSettings(limits=limits)
     courses = {}
     for i, name in enumerate(("condition_number", "frozen_weight")):
@@ -118,7 +117,6 @@ def condition_number(
         }
     )
     return Reproduction(
-        "Information against the condition number",
         SOURCE + f"section VII-A, limits {limits}, {episodes} runs",
         table,
         statistics={
@@ -128,15 +126,15 @@ def condition_number(
     )
 
 
+@reproduces("weightings", quick={"seeds": 12}, processor_s=(48, 24))
 def weightings(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     limits: Literal["paper", "wide"] = "paper",
     kind: Literal["various", "alike"] = "various",
     seeds: Annotated[int, Field(ge=4, le=1000)] = 24,
 ) -> Reproduction:
-    """Which reward ranks motions by the error that they leave: bits, weighted bits, relative error.
+    """Which reward ranks motions by their error.
 
     Policies look at nothing. The various ones hold a command for the episode or for five decisions; those
     that are alike draw a new one at every decision.
@@ -158,7 +156,6 @@ def weightings(
         rows.append({"reward": name, "rank correlation": str(found), "error with itself": itself})
         statistics[f"rank correlation of return and error, {name}"] = found
     return Reproduction(
-        "Rewards, and the error that motions leave",
         SOURCE + f"section VI; limits {limits}, {POLICIES} policies ({kind}) on {seeds} seeds each",
         pd.DataFrame(rows),
         remarks=(
@@ -188,21 +185,5 @@ def _rank_correlation(a: Floats, b: Floats) -> Statistic:
     return Statistic(float(spearmanr(a, b).statistic), float(low), float(high))
 
 
-EQUATIONS = (
-    Reproducible("equations", "Equations (4), (9) to (16)", equations, processor_s=(1, 1)),
-    Reproducible(
-        "condition-number",
-        "Convergence under information and under the condition number",
-        condition_number,
-        quick={"episodes": 60},
-        processor_s=(75, 24),
-    ),
-    Reproducible(
-        "weightings",
-        "Which reward ranks motions by their error",
-        weightings,
-        quick={"seeds": 12},
-        processor_s=(48, 24),
-    ),
-)
+EQUATIONS = (equations, condition_number, weightings)
 """In the order of presentation."""

@@ -6,7 +6,6 @@ identification", IEEE/ASME Trans. Mechatronics 8(2), 2003.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, ratio_of
-from fieldagents.task import Reproducible, Reproduction, get_task
+from fieldagents.task import Reproduction, get_task, reproduces
 from fieldagents.tasks.excitation.course import SOURCE, Course, Episodes, Floats, play
 from fieldagents.tasks.excitation.equations import EQUATIONS
 from fieldgym.excitation import ExcitationSettings
@@ -75,8 +74,8 @@ def printed_average(column: tuple[str, ...], rows: NDArray[np.bool_] | None = No
     return 100 * np.array(errors), averages
 
 
+@reproduces("table-1", quick={"episodes": 60}, processor_s=(42, 14))
 def table_1(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     episodes: Episodes = 200,
@@ -84,7 +83,7 @@ def table_1(
     noise: Literal["full_scale", "running_max"] = "full_scale",
     adaptive: str = "frozen_weight",
 ) -> Reproduction:
-    """Estimates of the 22 unknowns under constant and adaptive excitation, with Figs 7 to 10."""
+    """The 22 unknowns under constant and adaptive excitation (with Figs 7 to 10)."""
     settings = ExcitationSettings(limits=limits, noise=noise)
     agents = ("constant", adaptive)
     courses = {}
@@ -125,7 +124,6 @@ def table_1(
         f"as published, {factors[1]:.1f} times with the compensated one."
     )
     return Reproduction(
-        "Identification of the 22 unknowns, constant against adaptive excitation",
         SOURCE + f"Table I and Figs 7 to 10; limits {limits}, noise {noise}, {episodes} runs",
         table,
         {
@@ -212,15 +210,15 @@ def _remarks_on_print() -> list[str]:
     return remarks
 
 
+@reproduces("table-2", quick={"episodes": 60}, processor_s=(36, 12))
 def table_2(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     episodes: Episodes = 200,
     limits: Literal["paper", "wide"] = "paper",
     adaptive: str = "frozen_weight",
 ) -> Reproduction:
-    """The five unknowns of the experiment with an inclinometer alone, with Figs 11 to 13."""
+    """Five unknowns without an accelerometer (with Figs 11 to 13)."""
     chosen: dict[str, Any] = {"limits": limits, "variant": "table2", "preset": "soft"}
     settings = ExcitationSettings(**chosen)
     vehicle = SOFT.copy()
@@ -241,7 +239,6 @@ def table_2(
     table["printed |error| %"] = printed
     last = {"parameter": "average |error| %", "printed |error| %": printed.mean(), **averages}
     return Reproduction(
-        "Identification of five unknowns without an accelerometer",
         SOURCE + f"Table II and Figs 11 to 13; limits {limits}, {episodes} simulated runs",
         pd.concat([table, pd.DataFrame([last])], ignore_index=True),
         {
@@ -337,21 +334,5 @@ def convergence_figure(courses: dict[str, Course], parameters: tuple[str, ...]) 
     return figure
 
 
-FIGURES = (
-    Reproducible(
-        "table-1",
-        "The 22 unknowns under constant and adaptive excitation (with Figs 7 to 10)",
-        table_1,
-        quick={"episodes": 60},
-        processor_s=(42, 14),
-    ),
-    Reproducible(
-        "table-2",
-        "Five unknowns without an accelerometer (with Figs 11 to 13)",
-        table_2,
-        quick={"episodes": 60},
-        processor_s=(36, 12),
-    ),
-    *EQUATIONS,
-)
+FIGURES = (table_1, table_2, *EQUATIONS)
 """In the order of presentation."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.special import ellipk
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of
-from fieldagents.task import Reproducible, Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.heel_strike.sweeps import SOURCE
 from fieldmodels.arrays import FloatArray
 from fieldmodels.html import AFTER, BEFORE, GREY, LINE
@@ -37,14 +36,14 @@ BLUE, RED = AFTER, BEFORE
 State = tuple[float, float]
 
 
+@reproduces("figure-2.3", quick={"records": 4}, processor_s=(2, 1))
 def figure_2_3(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
-    progress: Report,  # noqa: ARG001
+    _progress: Report,
     *,
     records: Annotated[int, Field(ge=2, le=1000)] = 20,
     minutes: Annotated[float, Field(gt=0, le=1000)] = 105.0,
 ) -> Reproduction:
-    """White noise of the gyro at rest, and what a box car of 600 ms leaves of it."""
+    """A gyro at rest."""
     from matplotlib.figure import Figure
 
     samples = int(minutes * 60 / STEP) // 300 * 300
@@ -68,7 +67,6 @@ def figure_2_3(
         {"peak to peak, raw over averaged": ratios, "standard deviation, raw over averaged": deviations}
     )
     return Reproduction(
-        "A gyro at rest",
         SOURCE
         + "Fig 2.3: 105 minutes at 500 Hz, mean -0.0043 rad/s, here with noise of 0.0041 rad/s and no drift",
         table,
@@ -80,8 +78,9 @@ def figure_2_3(
     )
 
 
-def figures_2_7_2_8_and_2_11(out: Path, progress: Report) -> Reproduction:  # noqa: ARG001
-    """A pendulum without noise: its strikes, the model alone for 20 s, the filter at its bounds for 2 s."""
+@reproduces("figure-2.8", processor_s=(1, 1))
+def figures_2_7_2_8_and_2_11(_progress: Report) -> Reproduction:
+    """A pendulum without noise (Figs 2.7, 2.8, 2.11, section 2.4.2)."""
     trace = _silent_trace((0.0, 0.0, 0.0, 0.0), strides=20)
     column = {name: trace[:, i] for i, name in enumerate(TRACES)}
     error = np.abs(column["theta_agent"] - column["theta"])[column["time"] <= 20]
@@ -100,7 +99,6 @@ def figures_2_7_2_8_and_2_11(out: Path, progress: Report) -> Reproduction:  # no
         **{f"order of the energy's gain a cycle, {name}": exact(order) for name, order in orders.items()},
     }
     return Reproduction(
-        "A pendulum without noise",
         SOURCE + "Figs 2.7, 2.8 and 2.11, sections 2.4.2 and 2.5.1",
         pd.DataFrame({"what": list(statistics), "ours": [one.value for one in statistics.values()]}),
         {"figures-2.7-2.8-2.11": _silent_figure(column, strikes)},
@@ -180,8 +178,9 @@ def _rk4_error() -> float:
     return float(np.abs(trace[use, TRACES.index("theta")] - exactly.y[0]).max())
 
 
-def numbers_in_the_text(out: Path, progress: Report) -> Reproduction:  # noqa: ARG001
-    """Arithmetic of chapter 2 done again."""
+@reproduces("numbers", processor_s=(0.1, 0.1))
+def numbers_in_the_text(_progress: Report) -> Reproduction:
+    """Arithmetic in the text."""
     count = 2 * math.pi / 2**13
     statistics: dict[str, Statistic] = {
         "one count of the encoder [rad]": exact(count),
@@ -193,9 +192,7 @@ def numbers_in_the_text(out: Path, progress: Report) -> Reproduction:  # noqa: A
         "greatest stable S_FD by |1 - S_FD| < 1 [1/s]": exact(2.0),
     }
     table = pd.DataFrame({"what": list(statistics), "ours": [one.value for one in statistics.values()]})
-    return Reproduction(
-        "Numbers in the text", SOURCE + "sections 2.3.1, 2.3.2, 2.4.3, 2.5.1", table, statistics=statistics
-    )
+    return Reproduction(SOURCE + "sections 2.3.1, 2.3.2, 2.4.3, 2.5.1", table, statistics=statistics)
 
 
 def _silent_figure(column: dict[str, FloatArray], strikes: NDArray[np.intp]) -> Figure:
@@ -225,14 +222,5 @@ def _silent_figure(column: dict[str, FloatArray], strikes: NDArray[np.intp]) -> 
     return figure
 
 
-BASICS = (
-    Reproducible("figure-2.3", "A gyro at rest", figure_2_3, quick={"records": 4}, processor_s=(2, 1)),
-    Reproducible(
-        "figure-2.8",
-        "A pendulum without noise (Figs 2.7, 2.8, 2.11, section 2.4.2)",
-        figures_2_7_2_8_and_2_11,
-        processor_s=(1, 1),
-    ),
-    Reproducible("numbers", "Arithmetic in the text", numbers_in_the_text, processor_s=(0.1, 0.1)),
-)
+BASICS = (figure_2_3, figures_2_7_2_8_and_2_11, numbers_in_the_text)
 """In the order of presentation."""

@@ -6,7 +6,6 @@ Source: A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015, c
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from pydantic import Field
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, share_of
-from fieldagents.task import Reproducible, Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.heel_strike.basics import BASICS
 from fieldagents.tasks.heel_strike.gait import GAIT
 from fieldagents.tasks.heel_strike.sweeps import DECAY, SOURCE, SWEEPS, Seed
@@ -28,14 +27,14 @@ from fieldmodels.machines.heel_strike.strides import Strides
 from fieldmodels.machines.heel_strike.walker import TRACES
 
 
+@reproduces("figure-2.10", processor_s=(1, 1))
 def figure_2_10(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     seed: Seed = 0,
     walks: Annotated[int, Field(ge=1, le=10_000)] = 200,
 ) -> Reproduction:
-    """Angle and rate errors of Ranger's estimator over four strides, by kind of noise."""
+    """Ranger's estimator under gyro noise and under collision noise (with Fig 2.9)."""
     from matplotlib.figure import Figure
 
     cases = {
@@ -79,7 +78,6 @@ def figure_2_10(
     panels[-1][1].set_xlabel("time [s]: angular rate")
     figure.tight_layout()
     return Reproduction(
-        "Ranger's estimator under gyro noise and under collision noise",
         SOURCE + "Figs 2.9 and 2.10: S_MS = 1, S_HR = 0.1",
         pd.DataFrame(rows),
         {"figure-2.10": figure},
@@ -112,13 +110,13 @@ def _ranger_errors(noise: Noise, seed: int, walks: int) -> tuple[FloatArray, Flo
     return trace[0, :, column["time"]], angle, rate
 
 
+@reproduces("figure-2.12", quick={"strides": 300}, processor_s=(2, 1))
 def figure_2_12(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     strides: Annotated[int, Field(ge=10, le=100_000)] = 3000,
 ) -> Reproduction:
-    """Error without any noise against the filter's decay S_FD."""
+    """The best decay of the gyro filter."""
     from matplotlib.figure import Figure
 
     progress("walking without noise", 0.0)
@@ -147,7 +145,6 @@ def figure_2_12(
     table = pd.DataFrame({"S_FD [1/s]": decays, "ours: mean |error| [mm]": ours})
     table["printed best"] = np.where(decays == 333.0, "best", "")
     return Reproduction(
-        "The best decay of the gyro filter",
         SOURCE + "Fig 2.12: no noise, S_HR = 0.1",
         table,
         {"figure-2.12": figure},
@@ -165,22 +162,5 @@ def figure_2_12(
     )
 
 
-FIGURES = (
-    *BASICS,
-    *GAIT,
-    Reproducible(
-        "figure-2.10",
-        "Ranger's estimator under gyro noise and under collision noise (with Fig 2.9)",
-        figure_2_10,
-        processor_s=(1, 1),
-    ),
-    Reproducible(
-        "figure-2.12",
-        "The best decay of the gyro filter",
-        figure_2_12,
-        quick={"strides": 300},
-        processor_s=(2, 1),
-    ),
-    *SWEEPS,
-)
+FIGURES = (*BASICS, *GAIT, figure_2_10, figure_2_12, *SWEEPS)
 """In the order of presentation."""

@@ -7,7 +7,6 @@ leg; a heel strike takes away the speed along the leading leg. Between the two t
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.optimize import brentq
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of
-from fieldagents.task import Reproducible, Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.heel_strike.sweeps import SOURCE, gain_sets, walked
 from fieldmodels.arrays import FloatArray
 from fieldmodels.html import AFTER, AMBER, LINE
@@ -129,14 +128,14 @@ def double_pendulum(share: float, time: FloatArray) -> FloatArray:
     return np.asarray(solve_ivp(rates, (0, time[-1]), behind, "DOP853", time, rtol=1e-10, atol=1e-12).y[2])
 
 
+@reproduces("gait", quick={"strides": 600}, processor_s=(8, 5))
 def gait(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     strides: Annotated[int, Field(ge=100, le=100_000)] = 3000,
     walks: Annotated[int, Field(ge=3, le=100)] = 12,
 ) -> Reproduction:
-    """Work of a step by the time of the push-off, and what the estimators' errors in that time cost."""
+    """What an estimator's error costs a gait (section 2.3.3)."""
     from matplotlib.figure import Figure
 
     progress("push-off", 0.0)
@@ -176,7 +175,6 @@ def gait(
     axes.legend()
     table = pd.DataFrame({"lead [ms]": 1e3 * LEADS, "impulse [m/s]": impulses, "work [J/kg]": works})
     return Reproduction(
-        "What an estimator's error costs a gait",
         SOURCE + "sections 2.2 and 2.3.3: inverted pendulum, steps of 0.35 m in 0.6 s, impulsive push-off",
         table.iloc[::5],
         {"gait": figure},
@@ -204,13 +202,5 @@ def _expected(works: FloatArray, errors: FloatArray) -> NDArray[np.float64]:
     return np.asarray(means[means.mean(axis=1).argmin()])
 
 
-GAIT = (
-    Reproducible(
-        "gait",
-        "What an estimator's error costs a gait (section 2.3.3)",
-        gait,
-        quick={"strides": 600},
-        processor_s=(8, 5),
-    ),
-)
+GAIT = (gait,)
 """In the order of presentation."""

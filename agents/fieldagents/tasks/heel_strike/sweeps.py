@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from pydantic import Field
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, share_of
-from fieldagents.task import Reproducible, Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldmodels.arrays import FloatArray
 from fieldmodels.html import AFTER, LINE
 from fieldmodels.machines.heel_strike.parameters import Noise
@@ -107,14 +106,14 @@ def _ratio_figure(
     return figure
 
 
+@reproduces("figure-2.14", quick={"strides": 1500}, processor_s=(7, 4))
 def figures_2_13_to_2_15(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     strides: Strides = 3000,
     seed: Seed = 0,
 ) -> Reproduction:
-    """Error against S_MS for process noise of several amplitudes and hold times."""
+    """Model or sensor: the best share of each under process noise (Figs 2.13 to 2.15)."""
     shares = np.linspace(0, 1, 11)
     holds, amplitudes = (0.1, 0.2, 0.3, 0.4), (0.1, 0.3, 0.5, 0.7, 0.9)
     noises = [(h, a, Noise(process=a, hold=h, floor=0.0)) for h, a in product(holds, amplitudes)]
@@ -124,7 +123,6 @@ def figures_2_13_to_2_15(
     )
     best = table.pivot_table(index="panel", columns="curve", values="best S_MS")
     return Reproduction(
-        "Model or sensor: the best share of each under process noise",
         SOURCE + "Figs 2.13 to 2.15: S_HR = 0.1, nominal gyro and collision noise (low_pass), flat floor",
         table.rename(columns={"panel": "hold [s]", "curve": "process noise [rad/s2]"}),
         {"figure-2.14": figure},
@@ -147,14 +145,14 @@ def figures_2_13_to_2_15(
     )
 
 
+@reproduces("figure-2.16", quick={"strides": 1500}, processor_s=(7, 4))
 def figures_2_16_and_2_17(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     strides: Strides = 3000,
     seed: Seed = 0,
 ) -> Reproduction:
-    """Error against S_MS for gyro and collision noise of several sizes."""
+    """Model or sensor: the best share of each under sensor noise (Figs 2.16 and 2.17)."""
     shares = np.linspace(0, 1, 21)
     gyros, collisions = (0.001, 0.003, 0.005, 0.007), (0.1, 0.3, 0.5, 0.7, 0.9)
     noises = [(g, c, Noise(gyro=g, collision=c, floor=0.0)) for g, c in product(gyros, collisions)]
@@ -165,7 +163,6 @@ def figures_2_16_and_2_17(
     best = table.pivot_table(index="panel", columns="curve", values="best S_MS")
     by_collision, by_gyro = best[0.1] - best[0.9], best.loc[0.001] - best.loc[0.007]
     return Reproduction(
-        "Model or sensor: the best share of each under sensor noise",
         SOURCE + "Figs 2.16 and 2.17: S_HR = 0.1, process noise 0.5 rad/s2 for 0.25 s, flat floor",
         table.rename(columns={"panel": "gyro noise [rad/s]", "curve": "collision noise [rad/s]"}),
         {"figure-2.16": figure},
@@ -185,14 +182,14 @@ def figures_2_16_and_2_17(
     )
 
 
+@reproduces("figure-2.18", quick={"strides": 1500}, processor_s=(6, 3))
 def figure_2_18(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     strides: Strides = 3000,
     seed: Seed = 0,
 ) -> Reproduction:
-    """The best S_HR for each S_MS, by floor, process noise and sensor noise."""
+    """How much of the geometry to take at a strike."""
     from matplotlib.figure import Figure
 
     grid = np.linspace(0, 1, 21)
@@ -235,7 +232,6 @@ def figure_2_18(
 
     rough = np.array([values for (floor, _, _), values in best.items() if floor == 0.004])
     return Reproduction(
-        "How much of the geometry to take at a strike",
         SOURCE + "Fig 2.18: S_MS and S_HR from 0 to 1 by 0.05, floors of 1 and 4 mm",
         table,
         {"figure-2.18": figure},
@@ -255,15 +251,15 @@ def figure_2_18(
     )
 
 
+@reproduces("figure-2.19", quick={"strides": 100}, processor_s=(50, 16))
 def figure_2_19(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     strides: Strides = 300,
     most_process: Annotated[float, Field(gt=0, le=2)] = 0.8,
     seed: Seed = 0,
 ) -> Reproduction:
-    """The best S_FD over all kinds of noise, all three gains free."""
+    """The best decay of the gyro filter over all kinds of noise."""
     from matplotlib.figure import Figure
 
     noises = list(
@@ -306,7 +302,6 @@ def figure_2_19(
         near = np.abs(free[f"S_FD, {score}"] - DECAY) <= 51
         statistics[f"share of noises with the best S_FD within 50 / s of 333, {score}"] = share_of(near)
     return Reproduction(
-        "The best decay of the gyro filter over all kinds of noise",
         SOURCE
         + f"Fig 2.19: {len(noises)} noises, process noise to {most_process:g} rad/s2, {len(sets)} gain sets",
         table,
@@ -315,8 +310,8 @@ def figure_2_19(
     )
 
 
+@reproduces("figure-2.20", quick={"levels": 2, "strides": 400, "tests": 20}, processor_s=(54, 20))
 def figures_2_20_to_2_23(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     levels: Levels = 4,
@@ -324,7 +319,7 @@ def figures_2_20_to_2_23(
     tests: Annotated[int, Field(ge=2, le=100)] = 20,
     seed: Seed = 0,
 ) -> Reproduction:
-    """The best model-based against the best sensor-based estimator, by process and sensor noise."""
+    """The best model-based against the best sensor-based estimator (Figs 2.20 to 2.23)."""
     amplitudes = (0.0, 0.2, 0.5, 0.8)
     collision = np.linspace(0.8 / levels, 0.8, levels)
     cases = [
@@ -361,7 +356,6 @@ def figures_2_20_to_2_23(
                 ratio
             )
     return Reproduction(
-        "The best model-based against the best sensor-based estimator",
         SOURCE
         + f"Figs 2.20 to 2.23: all gains free, tuned on {strides} strides, tested on {tests} other walks",
         table,
@@ -421,8 +415,8 @@ def _dashes(table: pd.DataFrame, cases: list[tuple[str, str, FloatArray, float]]
     return figure
 
 
+@reproduces("section-2.7", quick={"strides": 3000, "tests": 150}, processor_s=(14, 6))
 def section_2_7(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     strides: Strides = 4000,
@@ -430,7 +424,7 @@ def section_2_7(
     process: Annotated[float, Field(ge=0, le=2)] = 0.5,
     seed: Seed = 0,
 ) -> Reproduction:
-    """What the model gains under nominal sensor noise on a floor of 4 mm, tuned and tested apart."""
+    """What a model gains."""
     progress("walking", 0.0)
     noise = Noise(process=process)  # the rest of its defaults is nominal, the floor 4 mm
     rows = _model_against_sensor((seed,), noise, strides, tests)
@@ -443,7 +437,6 @@ def section_2_7(
             row.pop("over Ranger as it is")
         )
     return Reproduction(
-        "What a model gains",
         SOURCE
         + f"section 2.7: nominal sensor noise, 4 mm, process noise {process:g} rad/s2, {tests} other walks",
         pd.DataFrame(rows),
@@ -452,47 +445,11 @@ def section_2_7(
 
 
 SWEEPS = (
-    Reproducible(
-        "figure-2.14",
-        "Model or sensor: the best share of each under process noise (Figs 2.13 to 2.15)",
-        figures_2_13_to_2_15,
-        quick={"strides": 1500},
-        processor_s=(7, 4),
-    ),
-    Reproducible(
-        "figure-2.16",
-        "Model or sensor: the best share of each under sensor noise (Figs 2.16 and 2.17)",
-        figures_2_16_and_2_17,
-        quick={"strides": 1500},
-        processor_s=(7, 4),
-    ),
-    Reproducible(
-        "figure-2.18",
-        "How much of the geometry to take at a strike",
-        figure_2_18,
-        quick={"strides": 1500},
-        processor_s=(6, 3),
-    ),
-    Reproducible(
-        "figure-2.19",
-        "The best decay of the gyro filter over all kinds of noise",
-        figure_2_19,
-        quick={"strides": 100},
-        processor_s=(50, 16),
-    ),
-    Reproducible(
-        "figure-2.20",
-        "The best model-based against the best sensor-based estimator (Figs 2.20 to 2.23)",
-        figures_2_20_to_2_23,
-        quick={"levels": 2, "strides": 400, "tests": 20},
-        processor_s=(54, 20),
-    ),
-    Reproducible(
-        "section-2.7",
-        "What a model gains",
-        section_2_7,
-        quick={"strides": 3000, "tests": 150},
-        processor_s=(14, 6),
-    ),
+    figures_2_13_to_2_15,
+    figures_2_16_and_2_17,
+    figure_2_18,
+    figure_2_19,
+    figures_2_20_to_2_23,
+    section_2_7,
 )
 """In the order of presentation."""

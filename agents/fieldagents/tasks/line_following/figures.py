@@ -5,7 +5,6 @@ Source: A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015, c
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from fieldagents.evaluation.comparison import mean_interval
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.progress import Report
 from fieldagents.seeds import TEST_SEEDS
-from fieldagents.task import Reproducible, Reproduction, get_task
+from fieldagents.task import Reproduction, get_task, reproduces
 from fieldagents.tasks.line_following import photographs, venues
 from fieldagents.tasks.line_following.photographs import SOURCE
 from fieldmodels.html import AFTER, AMBER, LINE, PURPLE
@@ -35,13 +34,13 @@ GIVEN = {
 TRACKS = ("straight", "s", "oval")
 
 
+@reproduces("information")
 def information(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     episodes: Annotated[int, Field(ge=20, le=10_000)] = 100,
 ) -> Reproduction:
-    """Distance from the line by what an agent is given: one band, two bands, everything."""
+    """What one band of the image does not hold."""
     rows: list[dict[str, Any]] = []
     runs = [(name, track) for names in GIVEN.values() for name in names for track in TRACKS]
     for k, (name, track) in enumerate(runs):
@@ -66,7 +65,6 @@ def information(
     found = pd.DataFrame(rows)
     means = found.groupby("given")["mean distance [mm]"].min()
     return Reproduction(
-        "What one band of the image does not hold",
         SOURCE + "section 3.5.3; the question is ours",
         found,
         {"information": _information_figure(found)},
@@ -108,53 +106,14 @@ def _information_figure(found: pd.DataFrame) -> Figure:
 
 
 FIGURES = (
-    Reproducible(
-        "side-sensors", "Colour sensors that look aside", photographs.side_sensors, {"readings": 500}, (1, 1)
-    ),
-    Reproducible(
-        "figure-3.5",
-        "The firmware's view of the line, and its centroid",
-        photographs.figure_3_5,
-        {"views": 60},
-        (1, 1),
-    ),
-    Reproducible(
-        "figure-3.8",
-        "Black tape on grey and white, and what exposure does to it (Figs 3.8, 3.9)",
-        photographs.figure_3_8,
-        {"photos": 50},
-        (1, 1),
-    ),
-    Reproducible(
-        "figure-3.11",
-        "Four tapes in one photograph, as taken and with altered levels (Figs 3.11, 3.12)",
-        photographs.figure_3_11,
-        {"photos": 50},
-        (1, 1),
-    ),
-    Reproducible(
-        "figure-3.13",
-        "Levels of tape and floor in red, green and blue by light, and the thresholds between them",
-        photographs.figure_3_13,
-        processor_s=(2, 2),
-    ),
-    Reproducible(
-        "law",
-        "The random search for the weights of the law (3.1); overshoot and effort",
-        venues.law,
-        {"searches": 3},
-        (4, 2),
-    ),
-    Reproducible(
-        "figure-3.16", "Self steering along a curve of 9 m", venues.figure_3_16, {"walks": 20}, (5, 2)
-    ),
-    Reproducible(
-        "figure-3.17",
-        "The exhibition's track by its light: laps, dark corner, thicker tape, shadow",
-        venues.figure_3_17,
-        {"walks": 40, "laps": 1},
-        (5, 3),
-    ),
-    Reproducible("information", "What one band of the image does not hold", information),
+    photographs.side_sensors,
+    photographs.figure_3_5,
+    photographs.figure_3_8,
+    photographs.figure_3_11,
+    photographs.figure_3_13,
+    venues.law,
+    venues.figure_3_16,
+    venues.figure_3_17,
+    information,
 )
 """In the order of presentation."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.signal import find_peaks
 
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, share_of
-from fieldagents.task import Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldmodels.html import AFTER, BEFORE, GREEN, GREY
 from fieldmodels.machines.line_following.firmware import calibrate, line_position
 from fieldmodels.machines.line_following.parameters import (
@@ -81,13 +80,13 @@ def _histogram(axes: Axes, levels: NDArray[np.float64], title: str) -> None:
     axes.set_title(title, loc="left", fontsize=10)
 
 
+@reproduces("figure-3.8", quick={"photos": 50}, processor_s=(1, 1))
 def figure_3_8(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     photos: Annotated[int, Field(ge=10, le=1000)] = 100,
 ) -> Reproduction:
-    """Black tape on grey and white, then on grey alone: how exposure moves the peaks."""
+    """Black tape on grey and white, and what exposure does to it (Figs 3.8, 3.9)."""
     from matplotlib.figure import Figure
 
     tape, grey, white = 0.0125, FLOORS["dark_grey"], FLOORS["white"]
@@ -122,7 +121,6 @@ def figure_3_8(
         _histogram(row[1], levels, f"Fig {name}")
     figure.tight_layout()
     return Reproduction(
-        "Black tape on grey and white backgrounds, and what exposure does to it",
         SOURCE + "Figs 3.8 and 3.9, section 3.4.1",
         table.mean().rename("mean of photographs").rename_axis("what").reset_index(),
         {"figure-3.8": figure},
@@ -143,13 +141,13 @@ def figure_3_8(
     )
 
 
+@reproduces("figure-3.11", quick={"photos": 50}, processor_s=(1, 1))
 def figure_3_11(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     photos: Annotated[int, Field(ge=10, le=1000)] = 100,
 ) -> Reproduction:
-    """Four tapes in one photograph, and the same photograph with other levels of black and white."""
+    """Four tapes in one photograph, as taken and with altered levels (Figs 3.11, 3.12)."""
     from matplotlib.figure import Figure
 
     names = ("duvetyne", "shurtape", "masking", "gaffer")
@@ -183,7 +181,6 @@ def figure_3_11(
         row[1].set_xlabel("level as taken, in powers of two")
     figure.tight_layout()
     return Reproduction(
-        "Four tapes in one photograph, as taken and with altered levels",
         SOURCE + "Figs 3.10 to 3.12, section 3.4.1",
         table.mean().rename("mean of photographs").rename_axis("what").reset_index(),
         {"figure-3.11": figure},
@@ -196,13 +193,13 @@ def figure_3_11(
     )
 
 
+@reproduces("figure-3.5", quick={"views": 60}, processor_s=(1, 1))
 def figure_3_5(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     views: Annotated[int, Field(ge=20, le=5000)] = 400,
 ) -> Reproduction:
-    """What the firmware makes of a view: the centroid of the middle third, against the line's geometry."""
+    """The firmware's view of the line, and its centroid."""
     from matplotlib.figure import Figure
 
     camera, track, limit = Camera(), oval(), Exposure().threshold
@@ -232,7 +229,6 @@ def figure_3_5(
         axes.set_axis_off()
         axes.set_title(title, loc="left", fontsize=10)
     return Reproduction(
-        "The firmware's view of the line, and its centroid",
         SOURCE + "Figs 3.5 and 3.6, section 3.3.2",
         pd.DataFrame({"views": [len(errors)], "mean error of the centroid [mm]": [np.mean(errors)]}),
         {"figure-3.5": figure},
@@ -241,14 +237,14 @@ def figure_3_5(
     )
 
 
+@reproduces("figure-3.13", processor_s=(2, 2))
 def figure_3_13(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     lights: tuple[Annotated[float, Field(ge=0, le=2)], ...] = (1.0, 0.4, 0.2, 0.12),
     frames: Annotated[int, Field(ge=10, le=1000)] = 40,
 ) -> Reproduction:
-    """Levels of tape and floor in red, green and blue, by light, and the thresholds between them."""
+    """Levels of tape and floor in red, green and blue by light, and the thresholds between them."""
     from matplotlib.figure import Figure
 
     camera = Camera()
@@ -290,7 +286,6 @@ def figure_3_13(
     full, dim = (taken[light, "duvetyne"] for light in (lights[0], lights[len(lights) // 2]))
     rises = [np.median(b[mask]) - np.median(a[mask]) for a, b in zip(full, dim, strict=True)]
     return Reproduction(
-        "Levels of tape and floor in red, green and blue, by light",
         SOURCE + "Fig 3.13 and sections 3.4.2, 3.6",
         pd.DataFrame(rows),
         {"figure-3.13": figure},
@@ -334,14 +329,14 @@ LAMPS: Mapping[str, tuple[float, float, float]] = {
 """Red, green and blue in the light of lamps, relative to daylight (assumed)."""
 
 
+@reproduces("side-sensors", quick={"readings": 500}, processor_s=(1, 1))
 def side_sensors(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     readings: Annotated[int, Field(ge=50, le=100_000)] = 2000,
     noise: Annotated[float, Field(ge=0, le=0.1)] = 0.005,
 ) -> Reproduction:
-    """Two colour sensors look aside: do they distinguish the red-brown lanes from the green beside them?"""
+    """Colour sensors that look aside."""
     from matplotlib.figure import Figure
 
     grounds = np.array([FLOORS["track_red"], FLOORS["track_green"]])
@@ -379,7 +374,6 @@ def side_sensors(
     axes.legend(frameon=False)
     figure.tight_layout()
     return Reproduction(
-        "Colour sensors that look aside",
         SOURCE + "section 3.1.2",
         pd.DataFrame(rows),
         {"side-sensors": figure},

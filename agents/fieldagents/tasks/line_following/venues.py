@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import gymnasium
@@ -20,7 +19,7 @@ from fieldagents.evaluation.agents import make_agent
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import mean_of, share_of
 from fieldagents.seeds import TEST_SEEDS
-from fieldagents.task import Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.line_following.photographs import INK, MUTED, RED, SOURCE
 from fieldagents.tasks.line_following.search import RANGES, SETS, STEPS, random_search
 from fieldgym import TASKS
@@ -91,14 +90,14 @@ def _traces(axes: Axes, walked: Walked, title: str) -> None:
     axes.set_ylabel("from the line [cm]")
 
 
+@reproduces("figure-3.16", quick={"walks": 20}, processor_s=(5, 2))
 def figure_3_16(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     walks: Annotated[int, Field(ge=10, le=10_000)] = 60,
     plant: Literal["kinematic", "pymunk"] = "kinematic",
 ) -> Reproduction:
-    """The curve of 9 m: how often the line lies between the inner feet."""
+    """Self steering along a curve of 9 m."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.5))
@@ -120,7 +119,6 @@ def figure_3_16(
         _traces(axes, walked, f"{agent} weights, curves of {RADIUS:g} m")
     figure.tight_layout()
     return Reproduction(
-        "Self steering along a curve of 9 m",
         SOURCE + "Fig 3.16 and section 3.6",
         pd.DataFrame(rows),
         {"figure-3.16": figure},
@@ -133,14 +131,14 @@ def figure_3_16(
     )
 
 
+@reproduces("figure-3.17", quick={"walks": 40, "laps": 1}, processor_s=(5, 3))
 def figure_3_17(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     walks: Annotated[int, Field(ge=10, le=10_000)] = 60,
     laps: Annotated[int, Field(ge=1, le=20)] = 3,
 ) -> Reproduction:
-    """The exhibition's track by its light: several laps, a dark corner, thicker tape, the own shadow."""
+    """The exhibition's track by its light: laps, dark corner, thicker tape, shadow."""
     from matplotlib.figure import Figure
 
     track = oval()
@@ -176,7 +174,6 @@ def figure_3_17(
         axes.plot(strides, 100 * walked.place[:, :20][strides, which], ".", color=RED, markersize=4)
     figure.tight_layout()
     return Reproduction(
-        "The exhibition's track by its light",
         SOURCE + "Fig 3.17 and section 3.6",
         pd.DataFrame(rows),
         {"figure-3.17": figure},
@@ -188,15 +185,15 @@ def figure_3_17(
     )
 
 
+@reproduces("law", quick={"searches": 3}, processor_s=(4, 2))
 def law(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     searches: Annotated[int, Field(ge=3, le=100)] = 8,
     walks: Annotated[int, Field(ge=10, le=1000)] = 40,
     noise: Annotated[float, Field(ge=0, le=2)] = 1.0,
 ) -> Reproduction:
-    """The random search for the law's weights, and overshoot against steering effort over all weights."""
+    """The random search for the weights of the law (3.1); overshoot and effort."""
     from matplotlib.figure import Figure
 
     lower, upper = np.array(list(RANGES.values())).T
@@ -229,7 +226,6 @@ def law(
     figure.tight_layout()
     table = pd.DataFrame(rows)
     return Reproduction(
-        "The random search for the weights of the law (3.1)",
         SOURCE + "eq (3.1) and section 3.5.3",
         table,
         {"law": figure},

@@ -20,7 +20,7 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, share_of
 from fieldagents.seeds import TEST_SEEDS
-from fieldagents.task import Reproducible, Reproduction, get_task
+from fieldagents.task import Reproduction, get_task, reproduces
 from fieldagents.tasks.pose_reaching.agents import memory_driver, nine_paths
 from fieldagents.tasks.pose_reaching.drives import RecordedDrives
 from fieldagents.tasks.pose_reaching.path_memory.matrices import (
@@ -63,8 +63,9 @@ def _angle(angles: Any) -> Any:
     return np.abs((np.asarray(angles) + math.pi) % FULL_TURN - math.pi)
 
 
-def worked_example(out: Path, progress: Report) -> Reproduction:  # noqa: ARG001 - nothing to save, no time
-    """The example of sections 5.2.2 to 5.2.4, number by number."""
+@reproduces("worked-example", processor_s=(0.02, 0.02))
+def worked_example(_progress: Report) -> Reproduction:
+    """The path memory's worked example (sections 5.2.2 to 5.2.4)."""
     d, theta, psi, v, omega = STATES.T
     matrix = membership(EXAMPLE_DISTANCE.nearest(d), EXAMPLE_DISTANCE)
     (lambda_d,) = lambdas([matrix], [3.2], [EXAMPLE_DISTANCE])
@@ -88,15 +89,15 @@ def worked_example(out: Path, progress: Report) -> Reproduction:  # noqa: ARG001
         "remembered states": float(len(nine_paths("graceful", SETTINGS))),
     }
     return Reproduction(
-        "The path memory's worked example",
         SOURCE + "sections 5.2.2 to 5.3.2",
         pd.DataFrame({"number": list(numbers), "ours": list(numbers.values())}),
         statistics={name: exact(value) for name, value in numbers.items()},
     )
 
 
-def crossing(out: Path, progress: Report, *, poses: Episodes = 2000) -> Reproduction:  # noqa: ARG001
-    """Whether the orientation of a robot decides which state is chosen, with and without psi as an input."""
+@reproduces("crossing", processor_s=(0.2, 0.2))
+def crossing(_progress: Report, *, poses: Episodes = 2000) -> Reproduction:
+    """Which state is chosen where paths cross."""
     rng = np.random.default_rng(10_000)
     places = rng.uniform((0.1, -1.4, -math.pi), (2.4, 1.4, math.pi), (poses, 3))
     turned = places + np.array([0, 0, math.pi / 2])
@@ -108,7 +109,6 @@ def crossing(out: Path, progress: Report, *, poses: Episodes = 2000) -> Reproduc
             winners[0] != winners[1]
         )
     return Reproduction(
-        "Which remembered state is chosen where paths cross",
         SOURCE + "section 5.3.2",
         pd.DataFrame({"inputs": list(statistics), "share": [one.value for one in statistics.values()]}),
         statistics=statistics,
@@ -116,14 +116,14 @@ def crossing(out: Path, progress: Report, *, poses: Episodes = 2000) -> Reproduc
     )
 
 
+@reproduces("taught", quick={"episodes": 60}, processor_s=(0.3, 0.2))
 def taught_by_a_human(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     paths: Annotated[int, Bounded(ge=1, le=50)] = 9,
     episodes: Episodes = 300,
 ) -> Reproduction:
-    """A memory taught by drives with the arrow keys; a stand-in for the human taps them, 0.2 s late."""
+    """Paths taught by a human operator (section 5.4)."""
     rows, statistics = [], {}
     with TemporaryDirectory() as folder:
         drives = RecordedDrives(Path(folder) / "drives.csv", {})
@@ -139,7 +139,6 @@ def taught_by_a_human(
             statistics[f"arrivals, {starts}"] = share_of(table["success"])
             rows.append(_row(starts, table) | {"drives": kept})
     return Reproduction(
-        "Paths taught by a human operator",
         SOURCE + "section 5.4",
         pd.DataFrame(rows),
         statistics=statistics,
@@ -147,8 +146,9 @@ def taught_by_a_human(
     )
 
 
-def omnidirectional(out: Path, progress: Report, *, episodes: Episodes = 300) -> Reproduction:  # noqa: ARG001
-    """What the robot gains that may drive sideways: time and way, beside the least that any robot needs."""
+@reproduces("omnidirectional", quick={"episodes": 60}, processor_s=(0.2, 0.1))
+def omnidirectional(progress: Report, *, episodes: Episodes = 300) -> Reproduction:
+    """The omnidirectional robot (section 5.3.2)."""
     env = PoseReachingEnv()
     starts = np.array([env.reset(seed=seed)[1]["pose"] for seed in TEST_SEEDS[:episodes]])
     limits, distance = Limits(), np.hypot(starts[:, 0], starts[:, 1])
@@ -175,7 +175,6 @@ def omnidirectional(out: Path, progress: Report, *, episodes: Episodes = 300) ->
         statistics[f"way over the straight line, {drive}, {name}"] = mean_of((way / straight)[straight > 0.3])
         statistics[f"time above the least [s], {drive}, {name}"] = mean_of((table["time"] - least)[arrived])
     return Reproduction(
-        "The omnidirectional robot",
         SOURCE + "section 5.3.2",
         pd.DataFrame(rows),
         statistics=statistics,
@@ -186,15 +185,15 @@ def omnidirectional(out: Path, progress: Report, *, episodes: Episodes = 300) ->
     )
 
 
+@reproduces("smoothness", quick={"episodes": 40}, processor_s=(1.6, 0.4))
 def smoothness(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     few: Annotated[int, Bounded(ge=2, le=200)] = 5,
     many: Annotated[int, Bounded(ge=2, le=200)] = 45,
     episodes: Episodes = 200,
 ) -> Reproduction:
-    """Bumps of generated paths with few and with many evenly spread training paths."""
+    """Bumps against the number of training paths."""
     bumps = {}
     for done, count in enumerate((few, many)):
         progress(f"{count} paths", done / 2)
@@ -203,7 +202,6 @@ def smoothness(
     both = np.isfinite(bumps[few]) & np.isfinite(bumps[many])
     ratio = bumps[many][both] / bumps[few][both]
     return Reproduction(
-        "Bumps against the number of training paths",
         SOURCE + "section 5.3.2",
         pd.DataFrame(
             {"paths": [few, many], "mean bump [deg]": [np.degrees(np.nanmean(bumps[c])) for c in (few, many)]}
@@ -245,33 +243,4 @@ def _row(name: str, table: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-EXTENSIONS = (
-    Reproducible(
-        "worked-example",
-        "The path memory's worked example (sections 5.2.2 to 5.2.4)",
-        worked_example,
-        processor_s=(0.02, 0.02),
-    ),
-    Reproducible("crossing", "Which state is chosen where paths cross", crossing, processor_s=(0.2, 0.2)),
-    Reproducible(
-        "smoothness",
-        "Bumps against the number of training paths",
-        smoothness,
-        {"episodes": 40},
-        (1.6, 0.4),
-    ),
-    Reproducible(
-        "taught",
-        "Paths taught by a human operator (section 5.4)",
-        taught_by_a_human,
-        {"episodes": 60},
-        (0.3, 0.2),
-    ),
-    Reproducible(
-        "omnidirectional",
-        "The omnidirectional robot (section 5.3.2)",
-        omnidirectional,
-        {"episodes": 60},
-        (0.2, 0.1),
-    ),
-)
+EXTENSIONS = (worked_example, crossing, smoothness, taught_by_a_human, omnidirectional)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, mean_of, share_of
 from fieldagents.seeds import TEST_SEEDS
-from fieldagents.task import Reproducible, Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.pose_reaching.agents import POINTS, SEED, Driver, nine_paths, table_driver
 from fieldagents.tasks.pose_reaching.extensions import EXTENSIONS
 from fieldagents.tasks.pose_reaching.path_memory.least_time import LeastTime, Resolution, Task
@@ -91,14 +90,14 @@ class Drive:
         return int((np.diff(self.away_paths) != 0).sum())
 
 
+@reproduces("figure-5.9", processor_s=(1.6, 1.6))
 def figures_5_3_to_5_9(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     paths: Count = 9,
     teacher: Teacher = "graceful",
 ) -> Reproduction:
-    """Training paths, five drives beside what the source says of them, and all of them together."""
+    """Training paths and generated paths of the path memory (Figs 5.3 to 5.9)."""
     states = nine_paths(teacher, SETTINGS, paths)
     memory = PathMemory(states)
     figures, rows, drives = {}, [], []
@@ -135,7 +134,6 @@ def figures_5_3_to_5_9(
     same = [float(np.mean(drive.away_paths == drive.paths[0])) for drive in drives]
     straight = rows[0]["straight until [m from the ball]"]
     return Reproduction(
-        "Training paths and generated paths of the path memory",
         SOURCE + "Figs 5.3 to 5.9, described in section 5.3.2",
         pd.DataFrame(rows),
         figures,
@@ -163,13 +161,13 @@ def figures_5_3_to_5_9(
     )
 
 
+@reproduces("rules", quick={"episodes": 60}, processor_s=(23, 7))
 def rules(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     episodes: Episodes = 300,
 ) -> Reproduction:
-    """Success of the nine-path memory with one rule changed at a time."""
+    """The path memory with one rule changed at a time."""
     readings: dict[str, Reading] = {
         "as it works": AS_IT_WORKS,
         "to the letter": AS_PRINTED,
@@ -203,7 +201,6 @@ def rules(
                 row[f"time over Dubins, {starts}"] = float(result["time_ratio"].mean())
             rows.append(row)
     return Reproduction(
-        "The path memory with one rule changed at a time",
         SOURCE + "sections 5.1.4 to 5.3.2",
         pd.DataFrame(rows),
         remarks=(
@@ -215,15 +212,15 @@ def rules(
     )
 
 
+@reproduces("paths", quick={"seeds": 2, "episodes": 60, "most": 15}, processor_s=(87, 6))
 def number_of_paths(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     seeds: Count = 8,
     episodes: Episodes = 200,
     most: Annotated[int, Bounded(ge=3, le=200)] = 200,
 ) -> Reproduction:
-    """Success from anywhere against the number of training paths, for several memories."""
+    """Success against the number of training paths."""
     from matplotlib.figure import Figure
 
     rows = []
@@ -265,7 +262,6 @@ def number_of_paths(
     axes.legend(fontsize=8)
     figure.tight_layout()
     return Reproduction(
-        "Success against the number of training paths",
         SOURCE
         + 'section 5.3.2: "increasing the number of training paths ... would allow for smoother paths"',
         table,
@@ -278,14 +274,14 @@ def number_of_paths(
     )
 
 
+@reproduces("own-data", quick={"seeds": 1, "episodes": 60}, processor_s=(17, 3))
 def own_training_data(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     seeds: Count = 5,
     episodes: Episodes = 200,
 ) -> Reproduction:
-    """Success and time against how long the robot babbled and practised, ideal and faulty robots."""
+    """The robot that makes its own training data (section 5.4)."""
     rows: list[dict[str, Any]] = []
     statistics = {}
     cases = [
@@ -330,7 +326,6 @@ def own_training_data(
             }
         )
     return Reproduction(
-        "The robot that makes its own training data",
         SOURCE + "section 5.4, future work",
         pd.DataFrame(rows),
         remarks=(
@@ -341,14 +336,14 @@ def own_training_data(
     )
 
 
+@reproduces("ceiling", quick={"episodes": 60, "finest": 2}, processor_s=(50, 11))
 def ceiling(
-    out: Path,  # noqa: ARG001
     progress: Report,
     *,
     episodes: Episodes = 500,
     finest: Annotated[int, Bounded(ge=2, le=4)] = 3,
 ) -> Reproduction:
-    """How near the ceiling is to the least time possible: grids of halving width, and their limit."""
+    """How near the ceiling is to the least time possible."""
     rows: list[dict[str, Any]] = []
     starts = _starts(episodes)
     for fine in range(1, finest + 1):
@@ -372,7 +367,6 @@ def ceiling(
     driven = float(_played(_least_time_agent(usual), episodes)["time"].mean())
     shape = " x ".join(map(str, usual.times.shape))
     return Reproduction(
-        "How near the ceiling is to the least time possible",
         "no source: value iteration on grids of falling width",
         table,
         remarks=(
@@ -492,37 +486,5 @@ def _generated(axes: Axes, drive: Drive, states: States) -> None:
         axes.plot(*drive.poses[:-1][drive.paths == path, :2].T, "o", color=f"C{i}", markersize=4)
 
 
-FIGURES = (
-    Reproducible(
-        "figure-5.9",
-        "Training paths and generated paths of the path memory (Figs 5.3 to 5.9)",
-        figures_5_3_to_5_9,
-        processor_s=(1.6, 1.6),
-    ),
-    *EXTENSIONS,
-    Reproducible(
-        "rules", "The path memory with one rule changed at a time", rules, {"episodes": 60}, (23, 7)
-    ),
-    Reproducible(
-        "paths",
-        "Success against the number of training paths",
-        number_of_paths,
-        {"seeds": 2, "episodes": 60, "most": 15},
-        (87, 6),
-    ),
-    Reproducible(
-        "own-data",
-        "The robot that makes its own training data (section 5.4)",
-        own_training_data,
-        {"seeds": 1, "episodes": 60},
-        (17, 3),
-    ),
-    Reproducible(
-        "ceiling",
-        "How near the ceiling is to the least time possible",
-        ceiling,
-        {"episodes": 60, "finest": 2},
-        (50, 11),
-    ),
-)
+FIGURES = (figures_5_3_to_5_9, *EXTENSIONS, rules, number_of_paths, own_training_data, ceiling)
 """In the order of presentation."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from pydantic import Field as Bounded
 from fieldagents.claim import Statistic
 from fieldagents.progress import Report
 from fieldagents.reproduce.statistics import exact, share_of
-from fieldagents.task import Reproducible, Reproduction
+from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.uav_route.lattice import lattice_plan
 from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.limits import limits_of
@@ -52,15 +51,15 @@ class Drawn:
     plan: Plan
 
 
+@reproduces("figure-4.5", quick={"lookup": "sets"})
 def figures_4_4_to_4_6(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
     progress: Report,
     *,
     sides: Annotated[int, Bounded(ge=24, le=72)] = 24,
     lookup: Literal["pairs", "sets"] = "pairs",
     work: Annotated[int, Bounded(ge=1)] = 200_000,
 ) -> Reproduction:
-    """Plan the source's example as it does, in whole legs, and with lock loss; M is ``sides``."""
+    """Paths under detection and lock loss (Figs 4.4 to 4.6)."""
     form, drawn = Form(sides=sides, lookup=lookup), []
     for i, threshold in enumerate(COLOURS):
         progress("planning", i / 4)
@@ -75,7 +74,6 @@ def figures_4_4_to_4_6(
     rows = [_row(s) for s in drawn]
     rows[0] |= PRINTED_COUNTS
     return Reproduction(
-        title="Paths under radar detection and lock loss: the source's program, and routes that hold",
         source=SOURCE,
         table=pd.DataFrame(rows),
         figures={
@@ -129,13 +127,13 @@ def _hit(plan: Plan) -> float:
     return math.nan if plan.verification is None else float(not plan.verification.survived)
 
 
+@reproduces("section-4.2")
 def equations_of_4_2(
-    out: Path,  # noqa: ARG001 - nothing of its own to save
-    progress: Report,  # noqa: ARG001 - a moment
+    _progress: Report,
     *,
     cases: Annotated[int, Bounded(ge=100)] = 20_000,
 ) -> Reproduction:
-    """The rule for a turn's side against geometry, and Table 4.2 against what is said of it."""
+    """The side of a turn, and Table 4.2."""
     rng = np.random.default_rng(0)
     place, velocity, waypoint = rng.uniform(-500.0, 500.0, (3, cases, 2))
     ahead = waypoint - place
@@ -152,9 +150,7 @@ def equations_of_4_2(
         ),
     }
     table = pd.DataFrame([{"what": name, "share": one.value} for name, one in numbers.items()])
-    return Reproduction(
-        title="The side of a turn, and Table 4.2", source=SOURCE, table=table, statistics=numbers
-    )
+    return Reproduction(source=SOURCE, table=table, statistics=numbers)
 
 
 def _row(drawn: Drawn) -> dict[str, object]:
@@ -209,13 +205,5 @@ def _figure(drawn: list[Drawn], title: str) -> Figure:
     return figure
 
 
-FIGURES = (
-    Reproducible(
-        "figure-4.5",
-        "Paths under detection and lock loss (Figs 4.4 to 4.6)",
-        figures_4_4_to_4_6,
-        quick={"lookup": "sets"},
-    ),
-    Reproducible("section-4.2", "The side of a turn, and Table 4.2", equations_of_4_2),
-)
+FIGURES = (figures_4_4_to_4_6, equations_of_4_2)
 """In the order of presentation."""

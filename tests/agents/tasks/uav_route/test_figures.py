@@ -8,8 +8,8 @@ from fieldagents.tasks.uav_route.figures import figures_4_4_to_4_6
 
 
 @pytest.mark.slow
-def test_the_source_s_paths_are_shown_beside_routes_that_hold(tmp_path):
-    done = figures_4_4_to_4_6(tmp_path, lambda _stage, _part: None)
+def test_the_source_s_paths_are_shown_beside_routes_that_hold():
+    done = figures_4_4_to_4_6.run(lambda _stage, _part: None)
     table = done.table.set_index(["planner", "Pd"])
     assert set(done.figures) == {"figure-4.4", "figure-4.5", "figure-4.6"}
     assert (table.loc["printed", "over the threshold [s]"] > 0).all()
