@@ -83,7 +83,7 @@ TASK = TaskDefinition("{name}", (Metric("reached", "1", "reached", "reached", ov
 TOY_AGENTS = """
 from fieldagents.task import ReferenceAgent
 
-AGENTS = (ReferenceAgent("idle", "observation", "does nothing", lambda settings: None),)
+AGENTS = (ReferenceAgent("idle", "does nothing", lambda settings: None),)
 """
 
 

@@ -142,7 +142,7 @@ def test_search_finds_what_a_grid_finds(midway):
     rng = np.random.default_rng(1)
     grid = np.tile(rng.uniform(-1, 1, (1, 300, 1, 3)), (2, 1, 1, 1))
     for name in ("sum_of_bits", "a_optimal"):
-        agent = Search(name, "", settings, criteria.CRITERIA[name])
+        agent = Search(settings, criteria.CRITERIA[name])
         chosen = agent.act(observation, info)
         costs = criteria.CRITERIA[name](agent.foresee(info, grid))
         own = criteria.CRITERIA[name](agent.foresee(info, chosen[:, None, None].astype(float)))

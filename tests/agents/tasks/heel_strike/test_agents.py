@@ -121,7 +121,7 @@ def test_gains_out_of_range_are_taken_to_its_ends():
 
 
 def test_oracle_needs_what_others_must_not_see():
-    oracle = OracleGains("oracle", "", np.full((16, 3), 0.5))
+    oracle = OracleGains(np.full((16, 3), 0.5))
     info = {"privileged": {}, "_privileged": np.ones(1), "error_mm": np.ones(1)}
     assert not visible(info, "observation", "heel_strike")
     assert not visible(info, "model", "heel_strike")

@@ -65,8 +65,8 @@ def test_mean_errors_of_walks_are_those_of_their_strides():
     assert added == pytest.approx([2.0, 2.0, 2.0], rel=0.35)  # mean of |U(-4, 4)| mm
 
 
-def test_what_a_model_gains_depends_on_the_score(tmp_path):
-    result = sweeps.section_2_7(tmp_path, quiet, strides=1000, tests=30, process=0.2)
+def test_what_a_model_gains_depends_on_the_score():
+    result = sweeps.section_2_7.run(quiet, strides=1000, tests=30, process=0.2)
     estimate, added = (
         result.statistics[f"gain over Ranger's estimator, {score} [%]"] for score in sweeps.SCORES
     )

@@ -69,7 +69,7 @@ def test_cma_improves_on_the_random_search():
     assert tuned()["tuned"]["checked"] < tuned()["printed"]["checked"]
     stored = tuned()["tuned"]
     weights = {int(key): value for key, value in stored["weights"].items()}
-    again = one_loss(lambda: Linear("", "", {}, weights), TUNING_SEEDS[:48])
+    again = one_loss(lambda: Linear({}, weights), TUNING_SEEDS[:48])
     assert np.isclose(again, stored["tuned"], atol=2e-4)  # the file holds what its command measured
 
 
@@ -125,7 +125,7 @@ def test_matrices_of_the_regulator_are_the_walk(latency, reality):
 
 def test_the_filter_learns_the_bias_that_it_is_not_told():
     settings = {"track": "straight", "bias": 0.04}
-    agent = Lqg("", "", settings, tuned()["lqg"]["bend"], tuned()["lqg"]["effort"])
+    agent = Lqg(settings, tuned()["lqg"]["bend"], tuned()["lqg"]["effort"])
     envs = gymnasium.make_vec(
         "fieldgym/LineFollowing-v1", num_envs=40, vectorization_mode="vector_entry_point", settings=settings
     )

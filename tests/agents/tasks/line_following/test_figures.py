@@ -34,8 +34,8 @@ def test_peaks_are_those_that_were_put_in():
     assert peaks(np.array([rng.normal(c, 4.0, 2000) for c in (17, 19, 22)])) == 1
 
 
-def test_a_ratio_forgives_the_light_and_levels_do_not(tmp_path):
-    found = side_sensors(tmp_path, lambda *_: None, readings=500, noise=0.0).statistics
+def test_a_ratio_forgives_the_light_and_levels_do_not():
+    found = side_sensors.run(lambda *_: None, readings=500, noise=0.0).statistics
     assert found["right, light from a tenth to full, by ratio of red to green [1]"].value == 1.0
     # red in little light is nearer to what green read at calibration; green stays nearest to itself
     red, green = np.array(FLOORS["track_red"]), np.array(FLOORS["track_green"])
@@ -55,10 +55,8 @@ def test_walks_are_those_of_the_evaluation():
     np.testing.assert_array_equal(walked.failed, table["failed"] > 0)
 
 
-def test_overshoot_costs_effort_only_where_nothing_is_noisy(tmp_path):
-    numbers = [
-        law(tmp_path, lambda *_: None, searches=3, walks=10, noise=noise).statistics for noise in (0.0, 1.0)
-    ]
+def test_overshoot_costs_effort_only_where_nothing_is_noisy():
+    numbers = [law.run(lambda *_: None, searches=3, walks=10, noise=noise).statistics for noise in (0.0, 1.0)]
     quiet, noisy = (n["rank correlation of overshoot and effort [1]"] for n in numbers)
     assert quiet.low > 0.3
     assert noisy.high < -0.1

@@ -142,7 +142,7 @@ def test_own_data_learned_in_a_faulty_robot_suit_it():
     seconds = []
     for reality in (None, FAULTY):
         table = own_data(settings, reality, seconds=600, rounds=0, seed=SEED)
-        result = played(table_driver("own", "", settings, table), "T3", 300, FAULTY)
+        result = played(table_driver(settings, table), "T3", 300, FAULTY)
         seconds.append(result["time"].fillna(settings.timeout).mean())
     assert seconds[1] < seconds[0]
 

@@ -74,7 +74,7 @@ def test_receding_plans_again_keeps_what_it_has_and_arrives() -> None:
 
 def test_radars_out_of_sight_are_flown_into() -> None:
     given = NO_LOCK_LOSS | {"layout": "example"}
-    blind = Planner("blind", "", read_settings(given, UavRouteSettings), agents.legs, sight=1.0)
+    blind = Planner(read_settings(given, UavRouteSettings), agents.legs, sight=1.0)
     table = run_episodes(blind, "uav_route", EnvironmentConfig(settings=given), range(1))
     assert table["damaged"][0] == 1
     assert table["legs"][0] == 1  # straight to the goal
@@ -160,7 +160,7 @@ def test_a_missing_solver_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_long_legs_are_divided_and_short_ones_left_out() -> None:
     settings = UavRouteSettings(least_leg=2.5, longest_leg=50.0)
-    agent = Planner("x", "x", settings, lambda layout, world, heading: None)  # type: ignore[arg-type]
+    agent = Planner(settings, lambda layout, world, heading: None)  # type: ignore[arg-type]
     route = agent._flyable(np.array([[0.0, 0.0], [0.0, 120.0], [0.0, 121.0], [30.0, 121.0]]))
     legs = np.hypot(*np.diff(np.concatenate([[[0.0, 0.0]], route]), axis=0).T)
     np.testing.assert_allclose(legs, [40.0, 40.0, 40.0, np.hypot(30.0, 1.0)])
