@@ -34,7 +34,7 @@ class Agent(ABC):
     agent no more than it declares to see: the entries of ``info`` that `visible` lets through.
 
     Attributes:
-        name: Its name in tables.
+        name: Its name in tables; a task's reference agents have theirs from where they are listed.
         sees: What it may see.
         title: One line that says what it does.
         estimator: Empty for an agent that acts. For an estimator outside the action space, the entry of
@@ -42,7 +42,7 @@ class Agent(ABC):
         settings: Settings of the environment that compute an estimator and change nothing else.
     """
 
-    name: str
+    name: str = ""
     sees: Sees = "observation"
     title: str = ""
     estimator: str = ""

@@ -24,7 +24,6 @@ from fieldmodels.registry import get_model
 
 Floats = NDArray[np.float64]
 
-STILL = "No command at all: what the reference alone costs"
 FEEDBACK = "Linear feedback of error, its integral, reference, its slope and every sensor; weights by CMA-ES"
 METRICS = (
     Metric("cost", "1", "cost of the episode", "cost", over="sum"),
@@ -50,9 +49,11 @@ class BenchDefinition(TaskDefinition):
         del name
         if module == "agents":
             still = ReferenceAgent(
-                "still", "observation", STILL, lambda s: Feedback(self.machine, s, "still")
+                "still",
+                "No command at all: what the reference alone costs",
+                lambda settings: Feedback(self.machine, settings),
             )
-            return still, ReferenceAgent("feedback", "observation", FEEDBACK, self._nominal, extra="train")
+            return still, ReferenceAgent("feedback", FEEDBACK, self._nominal, extra="train")
         return (Tuner("feedback", FEEDBACK, Search, self._tuned),) if module == "tuning" else ()
 
     def _tuned(self, settings: Mapping[str, Any], reality: Any, options: Search) -> Agent:
@@ -60,7 +61,7 @@ class BenchDefinition(TaskDefinition):
 
     def _nominal(self, settings: Mapping[str, Any]) -> Agent:
         weights = _nominal_weights(self.machine, json.dumps(dict(settings), sort_keys=True))
-        return Feedback(self.machine, settings, "feedback", weights)
+        return Feedback(self.machine, settings, weights)
 
 
 class Search(Config):
@@ -81,19 +82,15 @@ class Feedback(Agent):
     Args:
         machine: Name or Python file of the machine.
         settings: Of the environment.
-        name: Of the agent.
         weights: Shape (inputs, features), or (rows, inputs, features) where rows differ; zero by default.
     """
 
-    def __init__(
-        self, machine: str, settings: Mapping[str, Any], name: str, weights: Floats | None = None
-    ) -> None:
+    def __init__(self, machine: str, settings: Mapping[str, Any], weights: Floats | None = None) -> None:
         own, found = read_settings(settings, BenchSettings), get_model(machine)
         assert isinstance(found, Machine)
         outputs = [s.name for s in found.outputs]
         track = own.track or outputs[0]
         sizes = [found.typical(one)[1] or 1.0 for one in outputs]
-        self.name, self.title = name, STILL if weights is None else FEEDBACK
         self.shape = max(len(found.inputs), 1), 4 + len(outputs)
         self._weights = np.zeros(self.shape) if weights is None else weights
         self._tracked, self._sizes = outputs.index(track), np.array(sizes)
@@ -130,13 +127,13 @@ def tuned(machine: str, settings: Mapping[str, Any], reality: Any, options: Sear
     """The feedback of least cost in a reality, on tuning seeds alone; equal arguments give an equal agent."""
     from fieldagents.tasks.line_following.search import CANDIDATES, evolve
 
-    inputs, features = Feedback(machine, settings, "feedback").shape
+    inputs, features = Feedback(machine, settings).shape
     seeds = list(TUNING_SEEDS[: options.episodes]) * CANDIDATES
     envs = find_task(machine).make_vec(len(seeds), settings=dict(settings), reality=reality)
 
     def loss(candidates: Floats) -> Floats:
         weights = np.repeat(candidates.reshape(-1, inputs, features), options.episodes, axis=0)
-        costs = _played(envs, Feedback(machine, settings, "feedback", weights), seeds)
+        costs = _played(envs, Feedback(machine, settings, weights), seeds)
         return np.asarray(costs.reshape(-1, options.episodes).mean(axis=1))
 
     try:
@@ -145,7 +142,7 @@ def tuned(machine: str, settings: Mapping[str, Any], reality: Any, options: Sear
         found = evolve(loss, start.ravel().tolist(), 0.5, options.rounds)
     finally:
         envs.close()
-    return Feedback(machine, settings, "feedback", found.reshape(inputs, features))
+    return Feedback(machine, settings, found.reshape(inputs, features))
 
 
 def _played(envs: Any, agent: Feedback, seeds: Sequence[int]) -> Floats:

@@ -17,8 +17,6 @@ from fieldgym import find_task
 from fieldgym.rows import STEP_REWARD
 
 METRICS = (Metric("episode_return", "1", "return", STEP_REWARD, lower_is_better=False, over="sum"),)
-AT_RANDOM = "Actions drawn at random"
-MIDDLE = "The middle of every action, or the first of those that can be counted"
 
 
 @dataclass(frozen=True)
@@ -32,16 +30,19 @@ class ForeignDefinition(TaskDefinition):
         if module != "agents":
             return ()
         return (
-            ReferenceAgent("random", "observation", AT_RANDOM, lambda _: Drawn("random", AT_RANDOM)),
-            ReferenceAgent("still", "observation", MIDDLE, lambda _: Middle("still", MIDDLE)),
+            ReferenceAgent("random", "Actions drawn at random", lambda _: Drawn()),
+            ReferenceAgent(
+                "still",
+                "The middle of every action, or the first of those that can be counted",
+                lambda _: Middle(),
+            ),
         )
 
 
 class Drawn(Agent):
     """Draws its actions; the seed of the evaluation is that of the draws."""
 
-    def __init__(self, name: str, title: str) -> None:
-        self.name, self.title = name, title
+    def __init__(self) -> None:
         self._space: Space[Any] = spaces.Discrete(1)
 
     def fits(self, observations: Space[Any], actions: Space[Any]) -> None:

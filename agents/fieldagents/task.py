@@ -54,19 +54,25 @@ class ReferenceAgent:
 
     Attributes:
         name: Its name in configs and tables.
-        sees: What it may see.
         title: One line that says what it does.
-        make: Builds it for an environment's settings.
+        build: Builds it for an environment's settings.
+        sees: What it may see.
         estimator: Whether it is an estimator outside the action space, scored on the same strides.
         extra: The package's extra that it needs; empty for those that work everywhere.
     """
 
     name: str
-    sees: Sees
     title: str
-    make: Callable[[Mapping[str, Any]], Agent]
+    build: Callable[[Mapping[str, Any]], Agent]
+    sees: Sees = "observation"
     estimator: bool = False
     extra: str = ""
+
+    def make(self, settings: Mapping[str, Any]) -> Agent:
+        """The agent for an environment's settings, under its name."""
+        agent = self.build(settings)
+        agent.name, agent.title, agent.sees = self.name, self.title, self.sees
+        return agent
 
     @property
     def kind(self) -> str:

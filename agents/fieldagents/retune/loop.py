@@ -69,13 +69,14 @@ def retune(
         progress(f"Tuning in the {place}", 0.6 * number / len(made_in))
         start = time.perf_counter()
         agents[name] = tuner.tune(config.settings, where[place], options)
+        agents[name].name = config.agent
         took[name] = round(time.perf_counter() - start, 1)
     episodes = _test(config, agents, environments, progress)
     check_pairs(episodes, config.task)
     labels = {
         name: Labels(
             "privileged" if name == ORACLE else agent.kind,
-            f"{agent.title}; tuned in the {made_in[name]}",
+            f"{tuner.title}; tuned in the {made_in[name]}",
             False,
         )
         for name, agent in agents.items()

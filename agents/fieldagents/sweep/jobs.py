@@ -84,6 +84,7 @@ def scored(
 ) -> dict[str, Any]:
     """Play the tuning episodes."""
     made = resolve_name(agent)(environment.settings, **values)
+    made.name = made.name or agent
     table = run_episodes(made, task, environment, VALIDATION_SEEDS[:episodes], lambda part: report("", part))
     score = float(table[get_task(task).metrics[0].name].mean())
     return {"steps": int(table["steps"].sum()), "score": None if math.isnan(score) else score}

@@ -66,14 +66,10 @@ class Schedule(Agent):
     """The same actions in every episode, decided before it begins.
 
     Args:
-        name: The agent's name.
-        title: What it does.
         actions: Action of each decision, shape (decisions, 3); the last one is kept up.
-        sees: ``privileged`` if the schedule was made for the true vehicle.
     """
 
-    def __init__(self, name: str, title: str, actions: ArrayLike, sees: Sees = "observation") -> None:
-        self.name, self.title, self.sees = name, title, sees
+    def __init__(self, actions: ArrayLike) -> None:
         self._actions = np.asarray(actions, dtype=np.float32)
         self._decision = np.empty(0, dtype=np.int64)
 
@@ -95,8 +91,7 @@ class Schedule(Agent):
 class RandomCommands(Agent):
     """A new command at every decision, uniform within the limits."""
 
-    def __init__(self, name: str, title: str) -> None:
-        self.name, self.title = name, title
+    def __init__(self) -> None:
         self._rng = np.random.default_rng(0)
 
     def reset(self, seed: int) -> None:
@@ -112,17 +107,13 @@ class ModelBased(Agent):
     """What agents share that foresee what a command will teach.
 
     Args:
-        name: The agent's name.
-        title: What it does.
         settings: Of the environment.
         oracle: True shakes the true vehicle in its forecasts (privileged).
     """
 
     sees: Sees = "model"
 
-    def __init__(self, name: str, title: str, settings: ExcitationSettings, oracle: bool = False) -> None:
-        self.name, self.title = name, title
-        self.sees = "privileged" if oracle else "model"
+    def __init__(self, settings: ExcitationSettings, oracle: bool = False) -> None:
         self._oracle = oracle
         self.limits = LIMITS[settings.limits]
         variant = VARIANTS[settings.variant]
@@ -159,8 +150,6 @@ class Search(ModelBased):
     neighbours.
 
     Args:
-        name: The agent's name.
-        title: What it does.
         settings: Of the environment.
         criterion: Cost of a forecast.
         horizon: Decisions ahead; the first of them is made, then all are chosen anew.
@@ -171,8 +160,6 @@ class Search(ModelBased):
 
     def __init__(
         self,
-        name: str,
-        title: str,
         settings: ExcitationSettings,
         criterion: Callable[[Forecast], Floats],
         horizon: int = 1,
@@ -180,7 +167,7 @@ class Search(ModelBased):
         steps: int = LOCAL_STEPS,
         oracle: bool = False,
     ) -> None:
-        super().__init__(name, title, settings, oracle)
+        super().__init__(settings, oracle)
         self._criterion = criterion
         self._horizon, self._candidates, self._steps = horizon, candidates, steps
         self._plan = np.empty((0, horizon, 3))
@@ -285,44 +272,39 @@ def tuned_actions(name: str, settings: ExcitationSettings) -> Floats:
 
 
 def _schedule(name: str, title: str, sees: Sees = "observation") -> ReferenceAgent:
-    def make(settings: Mapping[str, Any]) -> Agent:
-        return Schedule(name, title, tuned_actions(name, read_settings(settings, ExcitationSettings)), sees)
+    def build(settings: Mapping[str, Any]) -> Agent:
+        return Schedule(tuned_actions(name, read_settings(settings, ExcitationSettings)))
 
-    return ReferenceAgent(name, sees, title, make)
+    return ReferenceAgent(name, title, build, sees)
 
 
 def _constant(settings: Mapping[str, Any]) -> Agent:
-    limits = LIMITS[read_settings(settings, ExcitationSettings).limits]
-    return Schedule("constant", CONSTANT_TITLE, to_action(CONSTANT, limits)[None])
+    return Schedule(to_action(CONSTANT, LIMITS[read_settings(settings, ExcitationSettings).limits])[None])
 
 
 def _search(
     name: str, title: str, criterion: str = "", effort: Mapping[str, int] | None = None, oracle: bool = False
 ) -> ReferenceAgent:
-    def make(settings: Mapping[str, Any]) -> Agent:
+    def build(settings: Mapping[str, Any]) -> Agent:
         own = read_settings(settings, ExcitationSettings)
-        return Search(name, title, own, CRITERIA[criterion or name], oracle=oracle, **effort or {})
+        return Search(own, CRITERIA[criterion or name], oracle=oracle, **effort or {})
 
-    return ReferenceAgent(name, "privileged" if oracle else "model", title, make)
+    return ReferenceAgent(name, title, build, "privileged" if oracle else "model")
 
-
-CONSTANT_TITLE = "The source's constant excitation, eq (24)"
-RANDOM = "A new command at every decision, uniform within the limits"
-OPTIMISER = "(16) with frozen weights, adjusted by (17)-(23) from the command in force"
 
 AGENTS = (
-    ReferenceAgent("constant", "observation", CONSTANT_TITLE, _constant),
+    ReferenceAgent("constant", "The source's constant excitation, eq (24)", _constant),
     _schedule("best_constant", "The constant command of least error on a grid, on tuning seeds"),
-    ReferenceAgent("random", "observation", RANDOM, lambda _: RandomCommands("random", RANDOM)),
+    ReferenceAgent(
+        "random", "A new command at every decision, uniform within the limits", lambda _: RandomCommands()
+    ),
     _search("condition_number", "Least condition number of the sensed A, as section VII-A compares with"),
     _search("printed_cost", "Cost (16) as printed, which is least at half of the bits"),
     ReferenceAgent(
         "printed_optimiser",
+        "(16) with frozen weights, adjusted by (17)-(23) from the command in force",
+        lambda settings: PrintedOptimiser(read_settings(settings, ExcitationSettings)),
         "model",
-        OPTIMISER,
-        lambda settings: PrintedOptimiser(
-            "printed_optimiser", OPTIMISER, read_settings(settings, ExcitationSettings)
-        ),
     ),
     _search("frozen_weight", "Cost (16) with its weights held at the current estimate: the reference"),
     _search("sum_of_bits", "Most bits about all parameters together"),

@@ -49,7 +49,7 @@ class Search(Grid):
 def constant(settings: Mapping[str, Any], reality: Any, options: Grid) -> Schedule:
     """The constant command whose experiments end with the least error in a reality."""
     own = read_settings(settings, ExcitationSettings)
-    return Schedule("best_constant", CONSTANT, _best_constant(own, reality, options)[None])
+    return Schedule(_best_constant(own, reality, options)[None])
 
 
 def schedule(settings: Mapping[str, Any], reality: Any, options: Search) -> Schedule:
@@ -64,7 +64,7 @@ def schedule(settings: Mapping[str, Any], reality: Any, options: Search) -> Sche
         WIDTH,
         options.evaluations,
     )
-    return Schedule("schedule", SCHEDULE, tuning.repeated(actions[None], own.decisions)[0])
+    return Schedule(tuning.repeated(actions[None], own.decisions)[0])
 
 
 def _best_constant(settings: ExcitationSettings, reality: Any, options: Grid) -> tuning.Floats:
@@ -77,7 +77,7 @@ def _best_constant(settings: ExcitationSettings, reality: Any, options: Grid) ->
 def constant_command(settings: Mapping[str, Any], *, first: float, second: float, third: float) -> Schedule:
     """One command for the whole experiment as a search tries it, in the action's units."""
     del settings
-    return Schedule("constant_command", CONSTANT, [[first, second, third]])
+    return Schedule([[first, second, third]])
 
 
 TUNERS = (

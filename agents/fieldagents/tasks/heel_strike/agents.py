@@ -37,8 +37,7 @@ def to_action(gains: ArrayLike) -> ActionArray:
 class FixedGains(Agent):
     """The same gains in every stride: the model-based estimator (2.14) as the dissertation uses it."""
 
-    def __init__(self, name: str, title: str, gains: ArrayLike) -> None:
-        self.name, self.title = name, title
+    def __init__(self, gains: ArrayLike) -> None:
         self.gains = np.asarray(gains, dtype=np.float64)
         self._action = to_action(self.gains)
 
@@ -51,14 +50,11 @@ class LinearRule(Agent):
     """Log gains linear in the observation.
 
     Args:
-        name: The agent's name.
-        title: What it does.
         weights: Shape (3, 6), from features to actions.
         bias: Shape (3,).
     """
 
-    def __init__(self, name: str, title: str, weights: ArrayLike, bias: ArrayLike) -> None:
-        self.name, self.title = name, title
+    def __init__(self, weights: ArrayLike, bias: ArrayLike) -> None:
         self.weights, self.bias = np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64)
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
@@ -73,8 +69,6 @@ class RegimeFilter(Agent):
     Gaussian clouds of log innovation^2, log torque^2 and log collision^2 of the latest stride.
 
     Args:
-        name: The agent's name.
-        title: What it does.
         means: Mean of the three features in each regime, shape (8, 3).
         covariances: Their covariances, shape (8, 3, 3).
         actions: Action for each regime, shape (8, 3); may lie beyond the action's limits, which hold
@@ -85,16 +79,7 @@ class RegimeFilter(Agent):
     LATEST = (0, 2, 4)
     """Columns of the observation that describe the latest stride alone."""
 
-    def __init__(
-        self,
-        name: str,
-        title: str,
-        means: ArrayLike,
-        covariances: ArrayLike,
-        actions: ArrayLike,
-        dwell: float,
-    ) -> None:
-        self.name, self.title = name, title
+    def __init__(self, means: ArrayLike, covariances: ArrayLike, actions: ArrayLike, dwell: float) -> None:
         self._means = np.asarray(means, dtype=np.float64)
         self._precisions = np.linalg.inv(np.asarray(covariances, dtype=np.float64))
         self._log_volumes = 0.5 * np.linalg.slogdet(self._precisions)[1]
@@ -137,15 +122,10 @@ class OracleGains(Agent):
     """The best gains for the regime of each stride, which no robot knows.
 
     Args:
-        name: The agent's name.
-        title: What it does.
         table: S_MS early, S_MS late and S_HR for each row of ``oracle_row``, shape (16, 3).
     """
 
-    sees: Sees = "privileged"
-
-    def __init__(self, name: str, title: str, table: ArrayLike) -> None:
-        self.name, self.title = name, title
+    def __init__(self, table: ArrayLike) -> None:
         self._actions = to_action(table)
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
@@ -171,23 +151,12 @@ class Estimator(Agent):
     """An estimator outside the action space: it reads the same sensors on the same strides.
 
     Args:
-        name: Its name.
-        title: What it does.
         key: Its entry of ``info``.
-        sees: What it is given.
         settings: Settings of the environment that compute it and change nothing else.
     """
 
-    def __init__(
-        self,
-        name: str,
-        title: str,
-        key: str,
-        sees: Sees = "observation",
-        settings: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.name, self.title, self.estimator, self.sees = name, title, key, sees
-        self.settings = dict(settings or {})
+    def __init__(self, key: str, settings: Mapping[str, Any]) -> None:
+        self.estimator, self.settings = key, settings
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
         """Neutral actions, which do not touch the estimator."""
@@ -207,89 +176,82 @@ def _tuned(settings: Mapping[str, Any], what: str) -> Any:
 
 
 def _fixed(name: str, title: str) -> ReferenceAgent:
-    def make(settings: Mapping[str, Any]) -> Agent:
-        return FixedGains(name, title, _tuned(settings, name)["gains"])
-
-    return ReferenceAgent(name, "observation", title, make)
+    return ReferenceAgent(name, title, lambda settings: FixedGains(_tuned(settings, name)["gains"]))
 
 
-def _estimator(name: str, title: str, key: str, sees: Sees = "observation", **extra: Any) -> ReferenceAgent:
-    def make(_: Mapping[str, Any]) -> Agent:
-        return Estimator(name, title, key, sees, extra)
-
+def _estimator(name: str, title: str, sees: Sees = "observation", **extra: Any) -> ReferenceAgent:
     needed = "filters" if extra.get("filterpy") else ""
-    return ReferenceAgent(name, sees, title, make, estimator=True, extra=needed)
+    return ReferenceAgent(
+        name, title, lambda _: Estimator(f"error_mm_{name}", extra), sees, estimator=True, extra=needed
+    )
 
 
-RANGER = "Ranger's own estimator, (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike"
-RANGER_TUNED = "Ranger's estimator with its heel-strike reset tuned"
-SENSOR_ONLY = "Ranger's estimator as the action space has it: S_MS = 1, S_HR = 0.1"
-PAPER_GRID = "The dissertation's tuning: (2.14), best of its grids of S_FD, S_MS and S_HR"
 FIXED_TUNED = "(2.14) with the best fixed S_MS and S_HR of a logarithmic grid from 0.001"
 GATED_TUNED = "(2.14) with the best fixed gains, S_MS apart for the time of the collision noise"
 ADAPTIVE = "Log gains linear in the observation, tuned by CMA-ES"
-REGIME_FILTER = (
-    "Infers the hidden regime by a Gaussian hidden Markov model and mixes the gains tuned for each"
-)
-ORACLE = "The best gains for the regime of each stride, which it is given"
-EKF = "Extended Kalman filter with torque and collision states, given the typical noise levels"
-IMM = "Bank of eight such filters (interacting multiple models), given all levels and the dwell"
-EKF_FILTERPY = "The filter of ekf by the library filterpy; slow, needs fieldgym[filters]"
-IMM_FILTERPY = "The bank of imm by the library filterpy; slow, needs fieldgym[filters]"
 
 AGENTS = (
-    _estimator("ranger", RANGER, "error_mm_ranger"),
+    _estimator(
+        "ranger",
+        "Ranger's own estimator, (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike",
+    ),
     ReferenceAgent(
         "ranger_tuned",
-        "observation",
-        RANGER_TUNED,
+        "Ranger's estimator with its heel-strike reset tuned",
         lambda settings: Estimator(
-            "ranger_tuned",
-            RANGER_TUNED,
-            "error_mm_ranger_tuned",
-            settings={"tuned_reset": _tuned(settings, "ranger_tuned")["reset"]},
+            "error_mm_ranger_tuned", {"tuned_reset": _tuned(settings, "ranger_tuned")["reset"]}
         ),
         estimator=True,
     ),
     ReferenceAgent(
         "sensor_only",
-        "observation",
-        SENSOR_ONLY,
-        lambda _: FixedGains("sensor_only", SENSOR_ONLY, (1.0, 1.0, 0.1)),
+        "Ranger's estimator as the action space has it: S_MS = 1, S_HR = 0.1",
+        lambda _: FixedGains((1.0, 1.0, 0.1)),
     ),
-    _fixed("paper_grid", PAPER_GRID),
+    _fixed("paper_grid", "The dissertation's tuning: (2.14), best of its grids of S_FD, S_MS and S_HR"),
     _fixed("fixed_tuned", FIXED_TUNED),
     _fixed("gated_tuned", GATED_TUNED),
     ReferenceAgent(
         "adaptive",
-        "observation",
         ADAPTIVE,
-        lambda settings: LinearRule(
-            "adaptive",
-            ADAPTIVE,
-            _tuned(settings, "adaptive")["weights"],
-            _tuned(settings, "adaptive")["bias"],
-        ),
+        lambda settings: LinearRule(*(_tuned(settings, "adaptive")[key] for key in ("weights", "bias"))),
     ),
     ReferenceAgent(
         "regime_filter",
-        "observation",
-        REGIME_FILTER,
+        "Infers the hidden regime by a Gaussian hidden Markov model and mixes the gains tuned for each",
         lambda settings: RegimeFilter(
-            "regime_filter",
-            REGIME_FILTER,
-            *(_tuned(settings, "regime_filter")[key] for key in ("means", "covariances", "actions", "dwell")),
+            *(_tuned(settings, "regime_filter")[key] for key in ("means", "covariances", "actions", "dwell"))
         ),
     ),
     ReferenceAgent(
         "oracle_gains",
+        "The best gains for the regime of each stride, which it is given",
+        lambda settings: OracleGains(_tuned(settings, "oracle_gains")["table"]),
         "privileged",
-        ORACLE,
-        lambda settings: OracleGains("oracle_gains", ORACLE, _tuned(settings, "oracle_gains")["table"]),
     ),
-    _estimator("ekf", EKF, "error_mm_ekf", "model"),
-    _estimator("imm", IMM, "error_mm_imm", "model", bank=True),
-    _estimator("ekf_filterpy", EKF_FILTERPY, "error_mm_ekf_filterpy", "model", filterpy=True),
-    _estimator("imm_filterpy", IMM_FILTERPY, "error_mm_imm_filterpy", "model", bank=True, filterpy=True),
+    _estimator(
+        "ekf",
+        "Extended Kalman filter with torque and collision states, given the typical noise levels",
+        "model",
+    ),
+    _estimator(
+        "imm",
+        "Bank of eight such filters (interacting multiple models), given all levels and the dwell",
+        "model",
+        bank=True,
+    ),
+    _estimator(
+        "ekf_filterpy",
+        "The filter of ekf by the library filterpy; slow, needs fieldgym[filters]",
+        "model",
+        filterpy=True,
+    ),
+    _estimator(
+        "imm_filterpy",
+        "The bank of imm by the library filterpy; slow, needs fieldgym[filters]",
+        "model",
+        bank=True,
+        filterpy=True,
+    ),
 )
 """The reference agents, in the order of presentation."""

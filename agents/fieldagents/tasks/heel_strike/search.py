@@ -225,7 +225,7 @@ def _regimes(walks: Walks, means: Floats, covariances: Floats, dwell: float) -> 
     """What the regime filter thinks before each stride, shape (strides, 8)."""
     number = walks.walk[-1] + 1
     features = np.clip(walks.features, FEATURE_LOW, FEATURE_HIGH).reshape(number, -1, walks.features.shape[1])
-    agent = RegimeFilter("regime_filter", "", means, covariances, np.ones((8, 3)), dwell)
+    agent = RegimeFilter(means, covariances, np.ones((8, 3)), dwell)
     agent.begin_episodes(np.ones(number, dtype=np.bool_))
     believed = [agent.regimes(features[:, stride]) for stride in range(features.shape[1])]
     return np.stack(believed, axis=1).reshape(-1, 8)

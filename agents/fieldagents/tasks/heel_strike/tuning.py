@@ -50,16 +50,13 @@ class RuleSearch(Search):
 def fixed(settings: Mapping[str, Any], reality: Any, options: Walks) -> FixedGains:
     """The best fixed S_MS and S_HR in a reality."""
     own = read_settings(settings, HeelStrikeSettings)
-    return FixedGains(
-        "fixed_tuned", FIXED_TUNED, tuning.fixed_gains(_walks(own, reality, options), own.decay)
-    )
+    return FixedGains(tuning.fixed_gains(_walks(own, reality, options), own.decay))
 
 
 def gated(settings: Mapping[str, Any], reality: Any, options: Search) -> FixedGains:
     """The best fixed gains in a reality, S_MS apart for the time of the collision noise."""
     own = read_settings(settings, HeelStrikeSettings)
-    gains = tuning.gated_gains(_walks(own, reality, options), own.decay, options.evaluations)
-    return FixedGains("gated_tuned", GATED_TUNED, gains)
+    return FixedGains(tuning.gated_gains(_walks(own, reality, options), own.decay, options.evaluations))
 
 
 def adaptive(settings: Mapping[str, Any], reality: Any, options: RuleSearch) -> LinearRule:
@@ -67,9 +64,7 @@ def adaptive(settings: Mapping[str, Any], reality: Any, options: RuleSearch) -> 
     own = read_settings(settings, HeelStrikeSettings)
     walks = _walks(own, reality, options)
     start = tuning.gated_gains(walks, own.decay, options.evaluations)
-    return LinearRule(
-        "adaptive", ADAPTIVE, *tuning.linear_rule(walks, start, own.decay, evaluations=options.rules)
-    )
+    return LinearRule(*tuning.linear_rule(walks, start, own.decay, evaluations=options.rules))
 
 
 def _walks(settings: HeelStrikeSettings, reality: Any, options: Walks) -> search.Walks:
@@ -79,7 +74,7 @@ def _walks(settings: HeelStrikeSettings, reality: Any, options: Walks) -> search
 def fixed_gains(settings: Mapping[str, Any], *, early: float, late: float, reset: float) -> FixedGains:
     """Fixed gains as a search tries them: S_MS early and late in the stride, and S_HR."""
     del settings
-    return FixedGains("fixed_gains", FIXED_TUNED, (early, late, reset))
+    return FixedGains((early, late, reset))
 
 
 TUNERS = (

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -55,10 +55,7 @@ class Steering(Agent):
         limit: Largest turn of a stride [rad].
     """
 
-    def __init__(
-        self, name: str, title: str, settings: Mapping[str, Any], sees: Sees = "observation"
-    ) -> None:
-        self.name, self.title, self.sees = name, title, sees
+    def __init__(self, settings: Mapping[str, Any]) -> None:
         read = read_settings(dict(settings), LineFollowingSettings)
         self.limit, self.latency = read.limit, read.latency_strides
         limits = part_of(read, Exposure).levels
@@ -141,10 +138,8 @@ class Linear(Steering):
         weights: Entry of the observation to its weight: of a place [rad/m], of a turn [1].
     """
 
-    def __init__(
-        self, name: str, title: str, settings: Mapping[str, Any], weights: Mapping[int, float]
-    ) -> None:
-        super().__init__(name, title, settings)
+    def __init__(self, settings: Mapping[str, Any], weights: Mapping[int, float]) -> None:
+        super().__init__(settings)
         self._entries = list(weights)
         scales = [self.limit if 4 <= entry < 8 else WIDTH_SCALE for entry in weights]
         self._weights = np.array(list(weights.values())) * scales
@@ -217,16 +212,12 @@ class Lqg(Steering):
         plant: The plant as the design knows it, shape (), dtype ``PLANT``; None is nominal.
     """
 
+    sees: Sees = "model"
+
     def __init__(
-        self,
-        name: str,
-        title: str,
-        settings: Mapping[str, Any],
-        bend: float,
-        effort: float,
-        plant: NDArray[Any] | None = None,
+        self, settings: Mapping[str, Any], bend: float, effort: float, plant: NDArray[Any] | None = None
     ) -> None:
-        super().__init__(name, title, settings, sees="model")
+        super().__init__(settings)
         read = read_settings(dict(settings), LineFollowingSettings)
         plant = nominal_plant() if plant is None else plant
         self._a, self._b, self._c = walk_matrices(read.latency_strides, 0.97, plant)
@@ -291,8 +282,10 @@ class Privileged(Steering):
         gain: Share of the offset that the stride after next takes away.
     """
 
-    def __init__(self, name: str, title: str, settings: Mapping[str, Any], gain: float) -> None:
-        super().__init__(name, title, settings, sees="privileged")
+    sees: Sees = "privileged"
+
+    def __init__(self, settings: Mapping[str, Any], gain: float) -> None:
+        super().__init__(settings)
         self._gain = gain
 
     def turn(self, observation: Floats, info: Mapping[str, Any]) -> Floats:
@@ -309,59 +302,40 @@ class Privileged(Steering):
         return np.asarray(0.5 * ahead * STRIDE - self._gain * offset / STRIDE - heading)
 
 
-def _linear(name: str, title: str) -> Callable[[Mapping[str, Any]], Agent]:
-    def make(settings: Mapping[str, Any]) -> Agent:
+def _linear(name: str, title: str) -> ReferenceAgent:
+    def build(settings: Mapping[str, Any]) -> Agent:
         weights = {int(entry): weight for entry, weight in tuned()[name]["weights"].items()}
-        return Linear(name, title, settings, weights)
+        return Linear(settings, weights)
 
-    return make
-
-
-def _reference(
-    name: str, title: str, make: Callable[[Mapping[str, Any]], Agent], sees: Sees = "observation"
-) -> ReferenceAgent:
-    return ReferenceAgent(name, sees, title, make)
+    return ReferenceAgent(name, title, build)
 
 
-TITLES = {
-    "printed": "the law (3.1), weights by its random search of 1000 sets",
-    "tuned": "the law (3.1), weights by CMA-ES",
-    "at_once": "points the robot at the line, as if it turned at once",
-    "pure_pursuit": "goes along the arc to the line's place",
-    "memory": "weighs the last four places and the last four turns, by CMA-ES",
-    "lqg": "Kalman filter and quadratic regulator",
-    "two_bands": "also sees a second band: weighs four places of each and four turns, by CMA-ES",
-    "ceiling": "knows place, curvature and bias",
-}
+TUNED_TITLE = "the law (3.1), weights by CMA-ES"
+MEMORY_TITLE = "weighs the last four places and the last four turns, by CMA-ES"
+LQG_TITLE = "Kalman filter and quadratic regulator"
 
 AGENTS = (
-    _reference("printed", TITLES["printed"], _linear("printed", TITLES["printed"])),
-    _reference("tuned", TITLES["tuned"], _linear("tuned", TITLES["tuned"])),
-    _reference(
+    _linear("printed", "the law (3.1), weights by its random search of 1000 sets"),
+    _linear("tuned", TUNED_TITLE),
+    ReferenceAgent(
         "at_once",
-        TITLES["at_once"],
-        lambda settings: Linear("at_once", TITLES["at_once"], settings, {0: 1.0 / LOOK_AHEAD}),
+        "points the robot at the line, as if it turned at once",
+        lambda settings: Linear(settings, {0: 1.0 / LOOK_AHEAD}),
     ),
-    _reference(
-        "pure_pursuit",
-        TITLES["pure_pursuit"],
-        lambda settings: PurePursuit("pure_pursuit", TITLES["pure_pursuit"], settings),
-    ),
-    _reference("memory", TITLES["memory"], _linear("memory", TITLES["memory"])),
-    _reference(
+    ReferenceAgent("pure_pursuit", "goes along the arc to the line's place", PurePursuit),
+    _linear("memory", MEMORY_TITLE),
+    ReferenceAgent(
         "lqg",
-        TITLES["lqg"],
-        lambda settings: Lqg(
-            "lqg", TITLES["lqg"], settings, tuned()["lqg"]["bend"], tuned()["lqg"]["effort"]
-        ),
-        sees="model",
+        LQG_TITLE,
+        lambda settings: Lqg(settings, tuned()["lqg"]["bend"], tuned()["lqg"]["effort"]),
+        "model",
     ),
-    _reference("two_bands", TITLES["two_bands"], _linear("two_bands", TITLES["two_bands"])),
-    _reference(
+    _linear("two_bands", "also sees a second band: weighs four places of each and four turns, by CMA-ES"),
+    ReferenceAgent(
         "ceiling",
-        TITLES["ceiling"],
-        lambda settings: Privileged("ceiling", TITLES["ceiling"], settings, tuned()["ceiling"]["gain"]),
-        sees="privileged",
+        "knows place, curvature and bias",
+        lambda settings: Privileged(settings, tuned()["ceiling"]["gain"]),
+        "privileged",
     ),
 )
 """In the order of presentation."""

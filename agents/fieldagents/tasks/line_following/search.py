@@ -91,7 +91,7 @@ class Trials:
 
 def linear_losses(trials: Trials, entries: Sequence[int], weights: Floats) -> Floats:
     """Losses of linear laws, weights of shape (candidates, entries)."""
-    laws = [Linear("", "", trials.settings, dict(zip(entries, row, strict=True))) for row in weights]
+    laws = [Linear(trials.settings, dict(zip(entries, row, strict=True))) for row in weights]
     scaled = np.repeat([law._weights for law in laws], trials.walks, axis=0)
 
     def act(observation: NDArray[Any], info: Mapping[str, Any]) -> Floats:  # noqa: ARG001
@@ -170,18 +170,18 @@ def tune(log: Callable[[str], None] = print) -> dict[str, Any]:
         return evolve_linear(entries, start, rounds, Trials(CANDIDATES, first, **settings))
 
     def keep_linear(name: str, weights: dict[int, float], **settings: Any) -> None:
-        keep(name, lambda: Linear(name, "", {}, weights), {"weights": weights}, **settings)
+        keep(name, lambda: Linear({}, weights), {"weights": weights}, **settings)
 
     keep_linear("printed", random_search(np.random.default_rng(0)))
     law = evolved(list(RANGES), found["printed"]["weights"], 60)
     keep_linear("tuned", law)
     keep_linear("memory", evolved([*PLACES, *TURNS], law, 150))
     keep_linear("two_bands", evolved([*PLACES, *TURNS, *FAR], law, 250, bands=2), bands=2)
-    bend, effort = min(LQG_CHOICES, key=lambda c: one_loss(lambda: Lqg("", "", {}, *c), first))
-    keep("lqg", lambda: Lqg("", "", {}, bend, effort), {"bend": bend, "effort": effort})
+    bend, effort = min(LQG_CHOICES, key=lambda c: one_loss(lambda: Lqg({}, *c), first))
+    keep("lqg", lambda: Lqg({}, bend, effort), {"bend": bend, "effort": effort})
     gains = np.linspace(0.2, 1.0, 9).round(2).tolist()
-    gain = min(gains, key=lambda g: one_loss(lambda: Privileged("", "", {}, g), first))
-    keep("ceiling", lambda: Privileged("", "", {}, gain), {"gain": gain})
+    gain = min(gains, key=lambda g: one_loss(lambda: Privileged({}, g), first))
+    keep("ceiling", lambda: Privileged({}, gain), {"gain": gain})
     return found
 
 

@@ -11,7 +11,7 @@ from fieldagents.config import Config
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.task import Tuner
 from fieldagents.tasks.line_following import search as tuning
-from fieldagents.tasks.line_following.agents import TITLES, Linear, Lqg, tuned
+from fieldagents.tasks.line_following.agents import LQG_TITLE, MEMORY_TITLE, TUNED_TITLE, Linear, Lqg, tuned
 from fieldgym.line_following import LineFollowingSettings
 from fieldgym.settings import read_settings
 from fieldmodels.drivers.named import flown
@@ -41,22 +41,20 @@ class Search(Walks):
 
 def law(settings: Mapping[str, Any], reality: Any, options: Search) -> Linear:
     """Weights of the law (3.1), searched in a reality."""
-    return _searched("tuned", list(tuning.RANGES), settings, reality, options)
+    return _searched(list(tuning.RANGES), settings, reality, options)
 
 
 def memory(settings: Mapping[str, Any], reality: Any, options: Search) -> Linear:
     """Weights of the last four places and turns, searched in a reality."""
-    return _searched("memory", [*tuning.PLACES, *tuning.TURNS], settings, reality, options)
+    return _searched([*tuning.PLACES, *tuning.TURNS], settings, reality, options)
 
 
-def _searched(
-    name: str, entries: Sequence[int], settings: Mapping[str, Any], reality: Any, options: Search
-) -> Linear:
+def _searched(entries: Sequence[int], settings: Mapping[str, Any], reality: Any, options: Search) -> Linear:
     """A linear law from the nominal law (3.1) on: every simulation's search begins there."""
     start = {int(entry): weight for entry, weight in tuned()["printed"]["weights"].items()}
     trials = _trials(tuning.CANDIDATES, settings, reality, options)
     weights = tuning.evolve_linear(entries, start, options.rounds, trials)
-    return Linear(name, TITLES[name], settings, weights)
+    return Linear(settings, weights)
 
 
 def lqg(settings: Mapping[str, Any], reality: Any, options: Walks) -> Lqg:
@@ -69,14 +67,14 @@ def lqg(settings: Mapping[str, Any], reality: Any, options: Walks) -> Lqg:
     trials = _trials(1, settings, reality, options)
 
     def make(bend: float, effort: float) -> Lqg:
-        return Lqg("lqg", TITLES["lqg"], settings, bend, effort, plant)
+        return Lqg(settings, bend, effort, plant)
 
     return make(*min(tuning.LQG_CHOICES, key=lambda choice: tuning.agent_loss(make(*choice), trials)))
 
 
 def regulator(settings: Mapping[str, Any], *, bend: float, effort: float) -> Lqg:
     """The regulator with the line's bend and the turns' cost as a search tries them."""
-    return Lqg("lqg", TITLES["lqg"], settings, bend, effort)
+    return Lqg(settings, bend, effort)
 
 
 def _trials(candidates: int, settings: Mapping[str, Any], reality: Any, options: Walks) -> tuning.Trials:
@@ -86,8 +84,8 @@ def _trials(candidates: int, settings: Mapping[str, Any], reality: Any, options:
 
 
 TUNERS = (
-    Tuner("lqg", TITLES["lqg"], Walks, lqg),
-    Tuner("memory", TITLES["memory"], Search, memory),
-    Tuner("tuned", TITLES["tuned"], Search, law),
+    Tuner("lqg", LQG_TITLE, Walks, lqg),
+    Tuner("memory", MEMORY_TITLE, Search, memory),
+    Tuner("tuned", TUNED_TITLE, Search, law),
 )
 """In the order of presentation."""

@@ -59,24 +59,12 @@ class Driver(Agent):
     """An agent that reads the pose off the observation and asks a memory, a law or a table what to do.
 
     Args:
-        name: Its name.
-        title: What it does.
         settings: Of the environment.
         decide: Commands for poses.
         states: What it remembers, for drawing.
-        sees: What it is given.
     """
 
-    def __init__(
-        self,
-        name: str,
-        title: str,
-        settings: PoseReachingSettings,
-        decide: Decides,
-        states: States | None = None,
-        sees: Sees = "observation",
-    ) -> None:
-        self.name, self.title, self.sees = name, title, sees
+    def __init__(self, settings: PoseReachingSettings, decide: Decides, states: States | None = None) -> None:
         self._settings, self._decide, self._states = settings, decide, states
         self._paths: Sequence[Floats] = () if states is None else states.paths
         self._chosen: Integers | None = None
@@ -154,128 +142,81 @@ def learned_table(settings: PoseReachingSettings, rounds: int) -> OwnData:
     return own_data(settings, rounds=rounds, seed=SEED)
 
 
-def path_memory(
-    name: str, title: str, teacher: Teacher, reading: Reading, form: str = "table"
-) -> Callable[[PoseReachingSettings], Agent]:
+def path_memory(teacher: Teacher, reading: Reading) -> Callable[[PoseReachingSettings], Agent]:
     """How a path memory of nine paths is made for an environment."""
-
-    def make(settings: PoseReachingSettings) -> Agent:
-        states = nine_paths(teacher, settings)
-        return memory_driver(name, title, settings, PathMemory(states, reading, form))
-
-    return make
+    return lambda settings: memory_driver(settings, PathMemory(nine_paths(teacher, settings), reading))
 
 
-def memory_driver(
-    name: str, title: str, settings: PoseReachingSettings, memory: PathMemory, sideways: bool = False
-) -> Agent:
+def memory_driver(settings: PoseReachingSettings, memory: PathMemory, sideways: bool = False) -> Agent:
     """An agent that drives by a path memory.
 
     Args:
-        name: Its name.
-        title: What it does.
         settings: Of the environment.
         memory: What it remembers.
         sideways: Whether an omnidirectional robot drives as one; else as a unicycle, as the source's did.
     """
     max_rate = settings.max_rate if sideways and settings.drive == "omnidirectional" else None
-    return Driver(
-        name, title, settings, lambda poses: memory.commands(poses, settings.tick, max_rate), memory.states
-    )
+    return Driver(settings, lambda poses: memory.commands(poses, settings.tick, max_rate), memory.states)
 
 
-def _straight(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
-    def make(settings: PoseReachingSettings) -> Agent:
-        memory = PathMemory(nine_paths("straight", settings))
-        return memory_driver(name, title, settings, memory, sideways=True)
-
-    return make
-
-
-def _direct(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
-    def make(settings: PoseReachingSettings) -> Agent:
-        return Driver(name, title, settings, lambda poses: (direct(poses, settings), None))
-
-    return make
-
-
-def _neighbours(name: str, title: str, number: int) -> Callable[[PoseReachingSettings], Agent]:
-    def make(settings: PoseReachingSettings) -> Agent:
-        states = mixed_paths(settings)
-        return Driver(name, title, settings, NeighbourMemory(states, number).commands, states)
-
-    return make
-
-
-def _own_data(name: str, title: str, rounds: int) -> Callable[[PoseReachingSettings], Agent]:
-    def make(settings: PoseReachingSettings) -> Agent:
-        return table_driver(name, title, settings, learned_table(settings, rounds))
-
-    return make
-
-
-def table_driver(name: str, title: str, settings: PoseReachingSettings, table: OwnData) -> Agent:
+def table_driver(settings: PoseReachingSettings, table: OwnData) -> Agent:
     """An agent that drives by a table of own training data."""
 
     def decide(poses: Floats) -> tuple[Floats, None]:
         commands = table.commands(poses)
         return away_from_walls(poses, commands, settings.max_rate, FIELD), None
 
-    return Driver(name, title, settings, decide)
+    return Driver(settings, decide)
 
 
-def _graceful(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
+def _straight(settings: PoseReachingSettings) -> Agent:
+    return memory_driver(settings, PathMemory(nine_paths("straight", settings)), sideways=True)
+
+
+def _neighbours(number: int) -> Callable[[PoseReachingSettings], Agent]:
     def make(settings: PoseReachingSettings) -> Agent:
-        limits = settings.limits
-
-        def decide(poses: Floats) -> tuple[Floats, None]:
-            commands = graceful_commands(poses, GOAL_HEADING, limits.max_speed, limits.max_rate)
-            return commands, None
-
-        return Driver(name, title, settings, decide)
+        states = mixed_paths(settings)
+        return Driver(settings, NeighbourMemory(states, number).commands, states)
 
     return make
 
 
-def _least_time(name: str, title: str) -> Callable[[PoseReachingSettings], Agent]:
-    def make(settings: PoseReachingSettings) -> Agent:
-        solved = least_time(Task(settings.arrival, settings.limits, FIELD))
-        decide = lambda poses: (solved.commands(poses, settings.tick), None)  # noqa: E731
-        return Driver(name, title, settings, decide, sees="model")
+def _graceful(settings: PoseReachingSettings) -> Agent:
+    most = settings.limits.max_speed, settings.limits.max_rate
+    return Driver(settings, lambda poses: (graceful_commands(poses, GOAL_HEADING, *most), None))
 
-    return make
+
+def _least_time(settings: PoseReachingSettings) -> Agent:
+    solved = least_time(Task(settings.arrival, settings.limits, FIELD))
+    return Driver(settings, lambda poses: (solved.commands(poses, settings.tick), None))
 
 
 def _reference(
-    name: str,
-    title: str,
-    make: Callable[[str, str], Callable[[PoseReachingSettings], Agent]],
-    sees: Sees = "observation",
+    name: str, title: str, make: Callable[[PoseReachingSettings], Agent], sees: Sees = "observation"
 ) -> ReferenceAgent:
-    build = make(name, title)
-    return ReferenceAgent(name, sees, title, lambda given: build(read_settings(given, PoseReachingSettings)))
+    return ReferenceAgent(name, title, lambda given: make(read_settings(given, PoseReachingSettings)), sees)
 
 
 AGENTS = (
     _reference(
         "path_memory_printed",
         "The path memory to the letter: heading, offset and turn rate; argmax of zeros",
-        lambda name, title: path_memory(name, title, "graceful", AS_PRINTED),
+        path_memory("graceful", AS_PRINTED),
     ),
     _reference(
         "path_memory",
         "The path memory as it works: bearing and direction, nine smooth paths, 126 states",
-        lambda name, title: path_memory(name, title, "graceful", AS_IT_WORKS),
+        path_memory("graceful", AS_IT_WORKS),
     ),
     _reference(
         "path_memory_stop",
         "The same, standing still where every lambda is zero",
-        lambda name, title: path_memory(name, title, "graceful", replace(AS_IT_WORKS, fallback="stop")),
+        path_memory("graceful", replace(AS_IT_WORKS, fallback="stop")),
     ),
     _reference(
         "path_memory_dubins",
         "The path memory as it works, taught by nine shortest paths",
-        lambda name, title: path_memory(name, title, "dubins", AS_IT_WORKS),
+        path_memory("dubins", AS_IT_WORKS),
     ),
     _reference(
         "path_memory_straight",
@@ -285,22 +226,22 @@ AGENTS = (
     _reference(
         "nearest_neighbour",
         "Speed and turn rate of the nearest state of 200 shortest paths with any heading",
-        lambda name, title: _neighbours(name, title, 1),
+        _neighbours(1),
     ),
     _reference(
         "locally_weighted",
         "Locally weighted regression on the ten nearest of the same states",
-        lambda name, title: _neighbours(name, title, 10),
+        _neighbours(10),
     ),
     _reference(
         "own_data",
         "Own training data: 300 s of random motion in hindsight, no teacher",
-        lambda name, title: _own_data(name, title, 0),
+        lambda settings: table_driver(settings, learned_table(settings, 0)),
     ),
     _reference(
         "own_data_practised",
         "The same after six rounds of practice of 300 s each",
-        lambda name, title: _own_data(name, title, 6),
+        lambda settings: table_driver(settings, learned_table(settings, 6)),
     ),
     _reference(
         "graceful",
@@ -310,7 +251,7 @@ AGENTS = (
     _reference(
         "direct",
         "Straight to the ball: turn, drive, turn; all at once on an omnidirectional robot",
-        _direct,
+        lambda settings: Driver(settings, lambda poses: (direct(poses, settings), None)),
     ),
     _reference(
         "least_time",

@@ -120,8 +120,10 @@ class RecordedDrives:
     def agent(self) -> Agent:
         """The path memory as it works, taught by these drives."""
         states = self.states()
-        title = f"The path memory as it works, taught by {len(np.unique(states.path))} recorded drives"
-        return memory_driver(str(self.path), title, self.settings, PathMemory(states), sideways=True)
+        made = memory_driver(self.settings, PathMemory(states), sideways=True)
+        made.name = str(self.path)
+        made.title = f"The path memory as it works, taught by {len(np.unique(states.path))} recorded drives"
+        return made
 
 
 def _arrival(poses: Floats) -> int | None:

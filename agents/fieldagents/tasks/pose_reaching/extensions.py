@@ -219,7 +219,7 @@ def smoothness(
 def _bump(memory: PathMemory, seed: int) -> float:
     """Roughness of one drive [rad]; NaN if it is over at once."""
     env = PoseReachingEnv({"starts": "T1"})
-    agent = memory_driver("memory", "", SETTINGS, memory)
+    agent = memory_driver(SETTINGS, memory)
     observation, info = env.reset(seed=seed)
     headings, over = [float(info["pose"][2])], False
     while not over:

@@ -298,7 +298,7 @@ def own_training_data(
             table = own_data(
                 SETTINGS, learned_in, seconds=seconds, rounds=rounds, seed=SEED + 20_000 * (seed + 1)
             )
-            results.append(_played(table_driver("own_data", "", SETTINGS, table), episodes, reality=reality))
+            results.append(_played(table_driver(SETTINGS, table), episodes, reality=reality))
         success = [100 * result["success"].mean() for result in results]
         every = pd.concat(results)
         case = f"{robot}, {seconds} s, {rounds} rounds"
@@ -380,13 +380,13 @@ def ceiling(
 
 
 def _least_time_agent(solved: LeastTime) -> Agent:
-    return Driver("least_time", "", SETTINGS, lambda poses: (solved.commands(poses, SETTINGS.tick), None))
+    return Driver(SETTINGS, lambda poses: (solved.commands(poses, SETTINGS.tick), None))
 
 
 def _agent(memory: PathMemory | NeighbourMemory) -> Agent:
     if isinstance(memory, NeighbourMemory):
-        return Driver("memory", "", SETTINGS, memory.commands)
-    return Driver("memory", "", SETTINGS, lambda poses: memory.commands(poses, SETTINGS.tick))
+        return Driver(SETTINGS, memory.commands)
+    return Driver(SETTINGS, lambda poses: memory.commands(poses, SETTINGS.tick))
 
 
 def _path_cases(seeds: int, most: int) -> Iterator[tuple[str, int, int, Agent]]:

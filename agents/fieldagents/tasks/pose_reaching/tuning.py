@@ -35,7 +35,7 @@ def practised(settings: Mapping[str, Any], reality: Any, options: Practice) -> A
     """A table of what happened in a reality."""
     own = read_settings(settings, PoseReachingSettings)
     table = own_data(own, reality, seconds=options.seconds, rounds=options.rounds, seed=TRAINING_SEEDS[0])
-    return table_driver("own_data_practised", PRACTISED, own, table)
+    return table_driver(own, table)
 
 
 TUNERS = (Tuner("own_data_practised", PRACTISED, Practice, practised),)

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldagents.agent import Agent
+from fieldagents.agent import Agent, Sees
 from fieldagents.task import ReferenceAgent
 from fieldagents.tasks.uav_route.certified import certified_plan
 from fieldagents.tasks.uav_route.lattice import lattice_plan
@@ -24,7 +24,7 @@ from fieldagents.tasks.uav_route.legs import leg_plan
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of, lower_bound, moved_goal
 from fieldagents.tasks.uav_route.plan import Plan, Search, make_plan
 from fieldagents.tasks.uav_route.printed import Form, joint_printed_plans, printed_plan
-from fieldagents.tasks.uav_route.rollout import TITLE, RolloutSearch
+from fieldagents.tasks.uav_route.rollout import RolloutSearch
 from fieldagents.tasks.uav_route.straight import straight_plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
@@ -67,8 +67,6 @@ class Planner(Agent):
     """Plans at the start of an episode and flies from waypoint to waypoint.
 
     Args:
-        name: Its name.
-        title: What it does.
         settings: Of the environment.
         plan: How it plans.
         direct: Whether it enters the circle of arrival from where it comes, else where undetected paths do.
@@ -76,17 +74,16 @@ class Planner(Agent):
         advance: Length after which it plans again [km].
     """
 
+    sees: Sees = "model"
+
     def __init__(
         self,
-        name: str,
-        title: str,
         settings: UavRouteSettings,
         plan: Planning,
         direct: bool = False,
         sight: float = math.inf,
         advance: float = math.inf,
     ) -> None:
-        self.name, self.title, self.sees = name, title, "model"
         self._settings, self._plan, self._direct = settings, plan, direct
         self._sight, self._advance = sight, advance
         detection = settings.world.detection
@@ -337,9 +334,9 @@ def _reference(
 ) -> ReferenceAgent:
     def build(given: Mapping[str, Any]) -> Agent:
         settings = read_settings(dict(given), UavRouteSettings)
-        return planner(name, title, settings, make(settings), direct, sight, advance)
+        return planner(settings, make(settings), direct, sight, advance)
 
-    return ReferenceAgent(name, "model", title, build)
+    return ReferenceAgent(name, title, build, "model")
 
 
 AGENTS = (
@@ -392,6 +389,11 @@ AGENTS = (
         sight=SIGHT,
         advance=ADVANCE,
     ),
-    ReferenceAgent("rollout_search", "model", TITLE, RolloutSearch),
+    ReferenceAgent(
+        "rollout_search",
+        "Waypoints tried in copies of the flight, anew before every leg",
+        RolloutSearch,
+        "model",
+    ),
 )
 """The reference agents, in the order of presentation."""

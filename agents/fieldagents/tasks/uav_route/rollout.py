@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldagents.agent import Agent
+from fieldagents.agent import Agent, Sees
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
 from fieldmodels.arrays import FloatArray
@@ -24,7 +24,6 @@ from fieldmodels.machines.uav_route.parameters import LockLoss
 from fieldmodels.machines.uav_route.state import NUMBERS
 from fieldmodels.model import ModelError
 
-TITLE = "Waypoints tried in copies of the flight, anew before every leg"
 MARGIN = 2e-4
 """By what part radars are taken to see farther than they do: actions are single precision."""
 CANDIDATES, ELITE, ROUNDS = 40, 5, 9
@@ -50,7 +49,7 @@ class RolloutSearch(Agent):
         ModelError: If the settings have several aircraft.
     """
 
-    name, title, sees = "rollout_search", TITLE, "model"
+    sees: Sees = "model"
 
     def __init__(self, settings: Mapping[str, Any], margin: float = MARGIN) -> None:
         self._settings: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)

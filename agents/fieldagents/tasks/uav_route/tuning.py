@@ -69,29 +69,19 @@ class Replanner(Planner):
     """Plans in one world and tries each plan in a simulation before it flies.
 
     Args:
-        name: Its name.
-        title: What it does.
         settings: Of the environment.
         plan: How it plans.
         reality: Of the simulation.
         options: Thresholds that it plans with, and the margin that it keeps.
     """
 
-    def __init__(
-        self,
-        name: str,
-        title: str,
-        settings: UavRouteSettings,
-        plan: Planning,
-        reality: Any,
-        options: Thresholds,
-    ) -> None:
+    def __init__(self, settings: UavRouteSettings, plan: Planning, reality: Any, options: Thresholds) -> None:
         nominal = UavRoute(settings.world)
         model, truth = flown(nominal, reality)
         plant = nominal.plant(truth.vector(model)[: len(nominal.names)])
         bank = min(settings.bank * float(plant["weaker_bank"]["factor"]), LARGEST_BANK)
         believed = replace(settings, speed=float(plant["speed"]), bank=bank)
-        super().__init__(name, title, believed, self._tried)
+        super().__init__(believed, self._tried)
         own = self.world.detection.threshold
         self._thresholds = sorted({own, *options.thresholds}, reverse=True)
         self._most = own - options.margin
@@ -160,8 +150,7 @@ def _tuner(name: str, plan: Planning) -> Tuner:
     title = f"{get_task(TASK).agents[name].title}, at the highest threshold that is safe in the simulation"
 
     def design(settings: Mapping[str, Any], reality: Any, options: Thresholds) -> Agent:
-        own = read_settings(dict(settings), UavRouteSettings)
-        return Replanner(name, title, own, plan, reality, options)
+        return Replanner(read_settings(dict(settings), UavRouteSettings), plan, reality, options)
 
     return Tuner(name, title, Thresholds, design)
 
