@@ -43,11 +43,16 @@ class AnnealedPPO(PPO):
         rate = self.lr_schedule
         self.lr_schedule = lambda remaining: rate(remaining) * self._narrowed(remaining)
 
-    def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
-        """See ``PPO``; sets the standard deviation with which the rollout is made."""
+    def spread_now(self) -> float:
+        """Set the standard deviation that the actions have by now, and return it."""
         spread = self.stds[0] * self._narrowed(self._current_progress_remaining)
         with torch.no_grad():
             self.policy.log_std.fill_(math.log(spread))
+        return spread
+
+    def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
+        """See ``PPO``; sets the standard deviation with which the rollout is made."""
+        self.spread_now()
         return super().collect_rollouts(*args, **kwargs)
 
     def train(self) -> None:

@@ -196,6 +196,8 @@ class TrainConfig(Config):
     )
     """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
     linear`` lets the learning rate fall to zero at the end of training."""
+    begin: str | None = None
+    """Entry of the zoo from whose run of the same seed the policy begins; with the same ``network``."""
     imitate: Annotated[ImitationConfig | None, checked(_no_teacher, "task", "steps")] = Field(
         default=None, validate_default=True
     )

@@ -12,6 +12,7 @@ import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 
+from fieldagents.learned.begin import begin
 from fieldagents.learned.checkpoint import CheckpointError, latest_checkpoint
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.imitation import imitate
@@ -63,6 +64,8 @@ def _run_training(
         state = latest_checkpoint(folder / "checkpoints", lambda problem: print(problem, file=sys.stderr))
         if state is not None:
             _restore(run, state, folder)
+        if config.begin is not None:
+            begin(run, afresh=state is None)
         recorder = Recorder(run, folder, report, state is not None, until, stop)
         if config.imitate is not None and state is None:
 

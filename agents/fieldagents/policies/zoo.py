@@ -48,6 +48,11 @@ class Training:
         """Seeds of the training runs."""
         return tuple(run["seed"] for run in self.card["runs"])
 
+    def policy(self, seed: int) -> Path:
+        """The file of the policy of a training seed."""
+        (run,) = (run for run in self.card["runs"] if run["seed"] == seed)
+        return _intact(self.folder / run["policy"], run)
+
     @property
     def settings(self) -> dict[str, Any]:
         """Settings of the environment that it was trained in; what is not named had its default."""
