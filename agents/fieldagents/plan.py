@@ -227,7 +227,7 @@ def _trained(config: TrainConfig) -> Work:
     steps, task = float(config.steps), config.task
     policy = "on-policy" if is_on_policy(config.kind) else "off-policy"
     if policy == "on-policy":
-        samples = steps * float(config.argument("n_epochs", 1))
+        samples = steps * float(config.argument("n_epochs", 1)) * getattr(config.kind, "SHARE_LEARNED", 1.0)
         batches = samples / float(config.argument("batch_size", config.update_steps))
     else:
         each = int(config.argument("gradient_steps", 1))

@@ -45,15 +45,15 @@ def learner_of(**arguments):
 
     batch = find_task("uav_route").make_vec(GROUPS * BRANCHES, settings=SETTINGS)
     env = NativeVecEnv(batch, seed=FIRST)
-    return BranchingPPO("MlpPolicy", env, branches=BRANCHES, n_steps=12, batch_size=36, seed=3, **arguments)
+    return BranchingPPO("MlpPolicy", env, branches=BRANCHES, n_steps=60, batch_size=36, seed=3, **arguments)
 
 
 def test_an_advantage_is_the_difference_of_the_returns_of_scalar_flights():
     learner = learner_of(stds=(0.3, 0.2))
     told = []
     learner.train = lambda: told.extend(learner.tried)  # the policy stays what it is
-    learner.learn(12 * GROUPS * BRANCHES)
-    tried = [np.stack(column).reshape(-1, BRANCHES, *column.shape[1:]) for column in map(np.array, told[0])]
+    learner.learn(60 * GROUPS * BRANCHES)
+    tried = [column.reshape(-1, BRANCHES, *column.shape[1:]) for column in told[0]]
     env = gymnasium.make("fieldgym/UavRoute-v1", settings=SETTINGS)
     for group, (seen, acted, advantage) in enumerate(zip(*tried, strict=True)):
         returns = []
@@ -79,15 +79,7 @@ def test_later_steps_are_branched_as_often_as_they_occur():
     np.testing.assert_allclose(shares, np.array([4, 3, 3, 1]) / 11, atol=0.01)
 
 
-def test_no_advantage_is_larger_than_the_cap():
-    learner = learner_of(stds=(0.5, 0.5), cap=0.25)
-    learner.train = lambda: None
-    learner.learn(12 * GROUPS * BRANCHES)
-    largest = max(float(np.abs(advantage).max()) for _, _, advantage in learner.tried)
-    assert largest == 0.25
-
-
-def test_a_run_begins_from_the_zoo(tmp_path):
+def test_a_run_begins_from_the_zoo():
     from fieldagents.learned.begin import begin
     from fieldagents.learned.export import to_onnx
     from fieldagents.learned.run import Run
@@ -127,7 +119,7 @@ def test_a_resumed_run_is_that_of_an_uninterrupted_one(tmp_path):
 def test_rollouts_shorter_than_an_episode_are_refused():
     learner = learner_of(stds=(0.01, 0.01))
     learner.n_steps = 1
-    with pytest.raises(ValueError, match="no episode has ended within n_steps=1: raise learner.n_steps"):
+    with pytest.raises(ValueError, match=r"no episode has ended within n_steps=1: raise learner[.]n_steps"):
         learner.learn(12)
 
 

@@ -29,7 +29,6 @@ class BranchingPPO(AnnealedPPO):
         policy: See ``PPO``; the critic is not used.
         env: A ``NativeVecEnv`` of exact environments, without twins.
         branches: Rows in a group.
-        cap: Largest advantage, in units of reward: what is fatal need not outweigh all else.
         more: Further arguments of ``AnnealedPPO``; ``n_steps`` is best several episodes, of which those
             that it cuts off are not used.
 
@@ -37,7 +36,10 @@ class BranchingPPO(AnnealedPPO):
         ValueError: If the environments cannot be copied, or the groups do not divide them.
     """
 
-    def __init__(self, policy: Any, env: VecEnv, branches: int = 8, cap: float = np.inf, **more: Any) -> None:
+    SHARE_LEARNED = 0.1
+    """Of the steps, about how many are learned from: one of an episode, while the longest is waited for."""
+
+    def __init__(self, policy: Any, env: VecEnv, branches: int = 8, **more: Any) -> None:
         super().__init__(policy, env, **more)
         native = env.unwrapped
         if not isinstance(native, NativeVecEnv) or not native.exact or native.twins > 1:
@@ -48,7 +50,7 @@ class BranchingPPO(AnnealedPPO):
             raise ValueError(
                 f"branches={branches}: 2 at least, and a divisor of the {self.n_envs} environments"
             )
-        self.native, self.branches, self.cap = native, branches, cap
+        self.native, self.branches = native, branches
         self.lengths = np.ones(1, dtype=np.int64)
         """Of the latest episodes; the steps in which something is tried are drawn by them."""
         self.tried: list[tuple[NDArray[np.float32], ...]] = []
@@ -70,7 +72,7 @@ class BranchingPPO(AnnealedPPO):
             group.returns[done] = [infos[i]["episode"]["r"] for i in done]
             group.running &= ~ended
             if not group.running.any():
-                self.tried.append(group.compared(self.branches, self.cap))
+                self.tried.append(group.compared(self.branches))
                 self.lengths = group.steps[:: self.branches].copy()
                 group = self._begin_together(env)
         if not self.tried:
@@ -160,10 +162,10 @@ class _Groups:
         self.steps += self.running
         return ended, infos
 
-    def compared(self, branches: int, cap: float) -> tuple[NDArray[np.float32], ...]:
+    def compared(self, branches: int) -> tuple[NDArray[np.float32], ...]:
         """What was tried, and by how much each was better than the mean of its group."""
         assert self._seen is not None
         worth = self.returns.reshape(-1, branches)
-        advantage = (worth - worth.mean(axis=1, keepdims=True)).clip(-cap, cap).ravel()
+        advantage = (worth - worth.mean(axis=1, keepdims=True)).ravel()
         used = self.when < self.steps.reshape(worth.shape).min(axis=1).repeat(branches)
         return self._seen[used], self._acted[used], advantage[used].astype(np.float32)
