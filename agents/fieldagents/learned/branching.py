@@ -88,10 +88,8 @@ class BranchingPPO(AnnealedPPO):
             part["generators"] = [own[i - i % self.branches] for i in range(len(own))]
         self.native.set_state(state)
         self._last_obs = env.reset()  # type: ignore[assignment]
-        noise = torch.randn(self.n_envs, *(self.action_space.shape or ())).numpy()
-        return _Groups(
-            self.when(self.n_envs // self.branches).repeat(self.branches), noise * self.spread_now()
-        )
+        noise = torch.randn(self.n_envs, *(self.action_space.shape or ())) * self.spread_now()
+        return _Groups(self.when(self.n_envs // self.branches).repeat(self.branches), noise.numpy())
 
     def when(self, groups: int) -> NDArray[np.int64]:
         """Draw in which step each group tries something: any step of any episode is as likely."""
@@ -111,7 +109,7 @@ class BranchingPPO(AnnealedPPO):
             before = self.policy.get_distribution(seen).log_prob(acted)
         divergences = []
         for _ in range(self.n_epochs):
-            for part in torch.randperm(len(seen)).split(self.batch_size):
+            for part in torch.split(torch.randperm(len(seen)), self.batch_size):
                 logs = self.policy.get_distribution(seen[part]).log_prob(acted[part]) - before[part]
                 ratio, worth = logs.exp(), advantage[part]
                 loss = -torch.min(worth * ratio, worth * ratio.clamp(1 - clip, 1 + clip)).mean()
