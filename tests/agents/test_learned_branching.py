@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 import fieldgym  # noqa: F401 - registers the environments
+from fieldagents.config import ConfigError, load_config
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.session import run_training
@@ -15,6 +16,7 @@ from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.policies import zoo
 from fieldagents.policies.policy import OnnxAgent
 from fieldgym import find_task
+from fieldmodels.yaml import save_yaml
 
 SETTINGS = {"lock_loss": False}
 GROUPS, BRANCHES, FIRST = 4, 3, 12_345
@@ -99,12 +101,18 @@ def test_a_run_begins_from_the_zoo():
     ("keys", "message"),
     [
         ({"seed": 7}, "begin: uav_route/ppo_unseen/no_lock_loss has no run of seed 7"),
-        ({"network": {"hidden": [16]}}, "policy_seed0.onnx has another network than this config's"),
+        ({"begin": "ppo_unsen"}, "begin: the zoo has no 'ppo_unsen' for 'uav_route'"),
     ],
 )
-def test_what_a_run_cannot_begin_from_is_refused(tmp_path, keys, message):
-    with pytest.raises(zoo.ZooError, match=message):
-        train(config(**keys), progress=False, out=tmp_path / "run")
+def test_an_entry_that_is_not_there_is_a_mistake_in_the_config(tmp_path, keys, message):
+    save_yaml(config().model_dump(mode="json") | keys, tmp_path / "config.yaml")
+    with pytest.raises(ConfigError, match=message):
+        load_config(tmp_path / "config.yaml", TrainConfig)
+
+
+def test_another_network_than_the_entry_has_is_refused(tmp_path):
+    with pytest.raises(zoo.ZooError, match=r"policy_seed0[.]onnx has another network than this config's"):
+        train(config(network={"hidden": [16]}), progress=False, out=tmp_path / "run")
 
 
 def test_a_resumed_run_is_that_of_an_uninterrupted_one(tmp_path):

@@ -23,18 +23,15 @@ def begin(run: Run, afresh: bool) -> None:
         afresh: Whether the run begins; a resumed one has its weights.
 
     Raises:
-        ZooError: If there is no such run, or its network is another one.
+        ZooError: If its network is another one.
     """
     run.normaliser.training = False
     if not afresh:
         return
     config = run.config
     assert config.begin is not None
-    trainings = get_entry(config.task, config.begin).trainings
-    nearest = min(trainings, key=lambda training: training.distance(config.environment.settings))
-    if config.seed not in nearest.seeds:
-        raise ZooError(f"begin: {nearest} has no run of seed {config.seed}")
-    load(run, nearest.policy(config.seed))
+    training = get_entry(config.task, config.begin).nearest(config.environment.settings)
+    load(run, training.policy(config.seed))
 
 
 def load(run: Run, path: Path) -> None:

@@ -28,6 +28,7 @@ from fieldagents.policies.algorithms import (
     is_on_policy,
     wrong_arguments,
 )
+from fieldagents.policies.zoo import get_entry
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
 if TYPE_CHECKING:
@@ -146,6 +147,13 @@ def _wrong_callbacks(callbacks: tuple[Mapping[str, Mapping[str, Any]], ...]) -> 
                 yield (i,), problem
 
 
+def _no_beginning(begin: str | None, task: str, environment: EnvironmentConfig, seed: int) -> Problems:
+    if begin is not None:
+        training = get_entry(task, begin).nearest(environment.settings)
+        if seed not in training.seeds:
+            yield (), f"{training} has no run of seed {seed}"
+
+
 def _no_teacher(imitate: ImitationConfig | None, task: str, steps: int) -> Problems:
     if imitate is None:
         if steps == 0:
@@ -196,7 +204,7 @@ class TrainConfig(Config):
     )
     """The algorithm's own arguments, by the library's names, with its defaults. ``learning_rate_decay:
     linear`` lets the learning rate fall to zero at the end of training."""
-    begin: str | None = None
+    begin: Annotated[str | None, checked(_no_beginning, "task", "environment", "seed")] = None
     """Entry of the zoo from whose run of the same seed the policy begins; with the same ``network``."""
     imitate: Annotated[ImitationConfig | None, checked(_no_teacher, "task", "steps")] = Field(
         default=None, validate_default=True

@@ -114,7 +114,11 @@ class ZooEntry:
 
     def agents(self, settings: Mapping[str, Any] | None = None) -> tuple[OnnxAgent, ...]:
         """The policies of all training runs in the scenario that is most like the settings."""
-        return min(self.trainings, key=lambda training: training.distance(settings or {})).agents()
+        return self.nearest(settings or {}).agents()
+
+    def nearest(self, settings: Mapping[str, Any]) -> Training:
+        """The training in the scenario that is most like the settings."""
+        return min(self.trainings, key=lambda training: training.distance(settings))
 
     def __str__(self) -> str:
         return f"{self.task}/{self.name}"
