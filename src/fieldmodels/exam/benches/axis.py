@@ -12,7 +12,7 @@ from zlib import crc32
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
 from fieldmodels.exam.plants import axis_listed, axis_unlisted
 from fieldmodels.exam.plants.axis import Axis, Control, Joint, simulate
 from fieldmodels.exam.plants.axis_unlisted import Scale
@@ -94,23 +94,13 @@ class AxisBench(Bench):
         rng = np.random.default_rng([seed, 2 + second])
         control, largest = self.control(conditions, base, n, step, rng)
         errors = noise(conditions.noise, conditions.factor * np.array(self.noise), n, rng)
-        plant, listed = self.plant(base), {}
+        plant = self.plant(base)
         sizes = Scale(self.sizes.x, self.sizes.v, self.sizes.f, self.sizes.u, n * step, step)
-        for one in hidden:
-            fault = self.fault(one.name)
-            if fault is None:
-                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
-            else:
-                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
-                fault.act(plant, one.size, sizes, np.random.default_rng(drawn))
-        axis_listed.install(plant, listed, largest, self.linear)
+        axis_listed.install(plant, self.hide(hidden, plant, sizes, seed, second), largest, self.linear)
         if conditions.noise == "quantised":
             plant.quantum = max(plant.quantum, 2.0 * self.noise[0] * conditions.factor)
         rows = simulate(plant, control, errors, step)[:given]
-        outputs = rows[:, 1:].copy()
-        for name in conditions.without:
-            outputs[:, [o.name for o in self.model.outputs].index(name)] = np.nan
-        return Log(step, rows[:, :1], outputs)
+        return Log(step, rows[:, :1], self.shown(rows[:, 1:], conditions))
 
     def control(
         self, conditions: Conditions, base: Mapping[str, float], n: int, step: float, rng: np.random.Generator
@@ -187,20 +177,12 @@ class AxisBench(Bench):
     def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
         """See ``Bench.recording``: time by the pace, forces and motions by their units."""
         force = conditions.inertia * conditions.length * conditions.pace**2
-        units = {signal.name: signal.unit for signal in (*self.model.inputs, *self.model.outputs)}
         columns = {
             self.model.inputs[0].name: log.inputs[:, 0] * force,
             self.model.outputs[0].name: log.outputs[:, 0] * conditions.length,
             self.model.outputs[1].name: log.outputs[:, 1] * conditions.length * conditions.pace,
         }
-        if conditions.noise == "float32":
-            columns = {name: v.astype(np.float32).astype(float) for name, v in columns.items()}
-        return Recording(
-            time=np.arange(float(len(log.inputs))) * (log.step / conditions.pace),
-            signals={name: v for name, v in columns.items() if name not in conditions.without},
-            units={name: units[name] for name in columns if name not in conditions.without},
-            source=f"{self.name} {seed}",
-        )
+        return self.recorded(columns, log.step / conditions.pace, conditions, seed)
 
     def scaled(self, values: Mapping[str, float], effect: str, conditions: Conditions) -> dict[str, float]:
         """See ``Bench.scaled``: by the powers of inertia, length and time in a parameter's unit."""
@@ -248,10 +230,7 @@ class AxisBench(Bench):
             pace, inertia = 10.0 ** rng.uniform(-1.0, 2.0), 10.0 ** rng.uniform(-6.0, 3.0)
             length = 10.0 ** rng.uniform(-3.0, 1.0) if self.linear else 1.0
             conditions = replace(conditions, pace=float(pace), inertia=float(inertia), length=float(length))
-        if rng.uniform() < 0.3:
-            kind = str(rng.choice(["autoregressive", "heavy_tailed", "pink", "bursting"]))
-            conditions = replace(conditions, noise=kind)
-        return conditions
+        return replace(conditions, noise=noisy(rng).noise)
 
 
 Typical = Callable[[AxisBench, float, int, float], dict[str, float]]

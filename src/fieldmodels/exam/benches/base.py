@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
+from zlib import crc32
 
 import numpy as np
 
@@ -120,6 +122,7 @@ class Bench(ABC):
         steady: Listed effects that do not depend on how long a record is.
         usual_length: Times 10, 20, 40, 80 s that records of growing length are long.
         unlisted: Kinds of faults that the model does not list, of each set.
+        typical: Values of every effect's parameters, of (size, sign, angle).
     """
 
     name: ClassVar[str]
@@ -130,6 +133,7 @@ class Bench(ABC):
     steady: ClassVar[tuple[str, ...]]
     usual_length: ClassVar[float] = 1.0
     unlisted: ClassVar[Mapping[str, Mapping[str, Fault[Any, Any]]]]
+    typical: ClassVar[Mapping[str, Callable[[float, int, float], dict[str, float]]]] = {}
 
     @cached_property
     def model(self) -> Model:
@@ -140,9 +144,49 @@ class Bench(ABC):
     def base(self, seed: int) -> dict[str, float]:
         """True base parameters of the machine of a seed, in its usual units."""
 
-    @abstractmethod
     def values(self, effect: str, size: float, sign: int, seed: int) -> dict[str, float]:
         """Values of a listed effect's parameters at a multiple of its typical size."""
+        angle = np.random.default_rng([seed, crc32(effect.encode())]).uniform(0.0, 2.0 * math.pi)
+        return self.typical[effect](size, sign, float(angle))
+
+    def hide(
+        self, hidden: Sequence[Hidden], plant: Any, scales: Any, seed: int, second: bool
+    ) -> dict[str, dict[str, float]]:
+        """Let faults act on a plant; gives the values of the listed effects among what is hidden."""
+        listed = {}
+        for one in hidden:
+            fault = self.fault(one.name)
+            if fault is None:
+                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
+            else:
+                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
+                fault.act(plant, one.size, scales, np.random.default_rng(drawn))
+        return listed
+
+    def shown(self, outputs: FloatArray, conditions: Conditions) -> FloatArray:
+        """Outputs, shape (n, outputs), without those that are not measured."""
+        missing = [output.name in conditions.without for output in self.model.outputs]
+        return np.where(missing, np.nan, outputs)
+
+    def recorded(
+        self, columns: Mapping[str, FloatArray], step: float, conditions: Conditions, seed: int, **more: Any
+    ) -> Recording:
+        """A recording of those columns that are measured, in the units and with the digits of its file.
+
+        Args:
+            columns: Signals of the model, each of shape (n,).
+            step: Sampling interval [s].
+            conditions: Of the record.
+            seed: Of the machine.
+            more: Further arguments of the recording, ``time`` if it is not from 0 on by that step.
+        """
+        signals = {name: column for name, column in columns.items() if name not in conditions.without}
+        if conditions.noise == "float32":
+            signals = {name: v.astype(np.float32).astype(float) for name, v in signals.items()}
+        units = {s.name: s.unit for s in (*self.model.inputs, *self.model.outputs) if s.name in signals}
+        time = np.arange(float(len(next(iter(signals.values()))))) * step
+        source = f"{self.name} {seed}"
+        return Recording(**{"time": time, "signals": signals, "units": units, "source": source, **more})
 
     @abstractmethod
     def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
@@ -177,8 +221,8 @@ class Bench(ABC):
 
     def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
         """Draw conditions of a case in which something is hidden, such that it can show."""
-        del rng, hidden
-        return Conditions()
+        del hidden
+        return noisy(rng)
 
     def scaled(self, values: Mapping[str, float], effect: str, conditions: Conditions) -> dict[str, float]:
         """Values of an effect's parameters in the units that the conditions ask for."""

@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import ClassVar
-from zlib import crc32
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
 from fieldmodels.exam.plants import drive_faults
 from fieldmodels.exam.plants.commands import held, path
 from fieldmodels.exam.plants.drive import Control, Drive, Pose, simulate
@@ -29,6 +28,23 @@ HORIZON = 2.0
 WHEELS = ("left_wheel", "right_wheel")
 POOR = ("straight", "circle", "rest")
 DECADES = (0.05, 1e-1, 1e1, 1e2)
+TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
+    "actuator_gain": lambda k, s, _a: {"gain": math.exp(0.01 * k * s)},
+    "turn_gain": lambda k, s, _a: {"gain": math.exp(0.01 * k * s)},
+    "actuator_lag": lambda k, _s, _a: {"time_constant": 0.005 * k},
+    "actuator_rate_limit": lambda k, _s, _a: {"rate": 50.0 / k},
+    "actuator_delay": lambda k, _s, _a: {"delay": 0.005 * k},
+    "actuator_saturation": lambda k, _s, _a: {"limit": 1.3 / (1.0 + 0.05 * k)},
+    "actuator_dead_zone": lambda k, _s, _a: {"width": 0.005 * k},
+    "unequal_wheels": lambda k, s, _a: {"difference": 0.5 * math.tanh(0.01 * k * s)},
+    "yaw_slip": lambda k, _s, _a: {"share": 1.0 - math.exp(-0.01 * k)},
+    "sideways_slip": lambda k, _s, _a: {"coefficient": 0.005 * k},
+    "slope": lambda k, _s, a: {"x": 0.005 * k * math.cos(a), "y": 0.005 * k * math.sin(a)},
+    "sensor_delay": lambda k, _s, _a: {"delay": 0.005 * k},
+    "heading_bias": lambda k, s, _a: {"angle": 0.01 * k * s},
+    "parameter_step": lambda k, s, _a: {"time": 0.45 * DURATION, "factor": math.exp(0.01 * k * s)},
+}
+"""Values of every effect's parameters: (size, sign, angle)."""
 
 
 class DriveBench(Bench):
@@ -42,6 +58,7 @@ class DriveBench(Bench):
     alike = frozenset({frozenset({"actuator_lag", "actuator_delay"}), frozenset({"turn_gain", "yaw_slip"})})
     steady = ("yaw_slip", "sideways_slip", "actuator_dead_zone", "actuator_lag", "unequal_wheels")
     usual_length = 4.0
+    typical = TYPICAL
     unlisted = MappingProxyType({"develop": drive_faults.DEVELOP, "report": drive_faults.REPORT})
     by_wheels: ClassVar[bool] = False
 
@@ -53,11 +70,6 @@ class DriveBench(Bench):
             "track": 0.15 * math.exp(rng.uniform(-0.2, 0.2)),
         }
 
-    def values(self, effect: str, size: float, sign: int, seed: int) -> dict[str, float]:
-        """See ``Bench.values``."""
-        angle = np.random.default_rng([seed, crc32(effect.encode())]).uniform(0.0, 2.0 * math.pi)
-        return TYPICAL[effect](size, sign, float(angle))
-
     def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
         """See ``Bench.log``."""
         base, step = self.base(seed), STEP * conditions.sampling
@@ -66,24 +78,14 @@ class DriveBench(Bench):
         rng = np.random.default_rng([seed, 2 + second])
         control = self.control(conditions, n, step, rng)
         errors = noise(conditions.noise, conditions.factor * np.array(NOISE), n, rng)
-        plant, listed = Drive(base["wheel_radius"], base["track"]), {}
+        plant = Drive(base["wheel_radius"], base["track"])
         scale = Scale(SPEED, RATE, SPEED + 0.5 * RATE * base["track"], n * step, step)
-        for one in hidden:
-            fault = self.fault(one.name)
-            if fault is None:
-                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
-            else:
-                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
-                fault.act(plant, one.size, scale, np.random.default_rng(drawn))
-        drive_faults.install(plant, listed)
+        drive_faults.install(plant, self.hide(hidden, plant, scale, seed, second))
         rows = simulate(plant, control, errors, step)[:given]
         if conditions.noise == "quantised":
             quanta = 2.0 * np.array(NOISE) * conditions.factor
             rows[:, 2:] = quanta * np.round(rows[:, 2:] / quanta)
-        outputs = rows[:, 2:].copy()
-        for name in conditions.without:
-            outputs[:, [o.name for o in self.model.outputs].index(name)] = np.nan
-        return Log(step, rows[:, :2], outputs)
+        return Log(step, rows[:, :2], self.shown(rows[:, 2:], conditions))
 
     def control(self, conditions: Conditions, n: int, step: float, rng: np.random.Generator) -> Control:
         """What commands the drive; it rests in the first half second."""
@@ -146,16 +148,8 @@ class DriveBench(Bench):
         outputs = [x * length, y * length, heading, left * pace, right * pace]
         signals = (*self.model.inputs, *self.model.outputs)
         columns = {s.name: v for s, v in zip(signals, [*inputs, *outputs], strict=True)}
-        kept = {name: v for name, v in columns.items() if name not in conditions.without}
-        if conditions.noise == "float32":
-            kept = {name: v.astype(np.float32).astype(float) for name, v in kept.items()}
-        return Recording(
-            time=np.arange(float(len(speed))) * (log.step / pace),
-            signals=kept,
-            units={s.name: s.unit for s in signals if s.name in kept},
-            source=f"{self.name} {seed}",
-            known={name: value * length for name, value in base.items()},
-        )
+        known = {name: value * length for name, value in base.items()}
+        return self.recorded(columns, log.step / pace, conditions, seed, known=known)
 
     def scaled(self, values: Mapping[str, float], effect: str, conditions: Conditions) -> dict[str, float]:
         """See ``Bench.scaled``."""
@@ -198,10 +192,7 @@ class DriveBench(Bench):
         if rng.uniform() < 1.0 / 6.0:
             length, pace = 10.0 ** rng.uniform(-1.0, 1.5), 10.0 ** rng.uniform(-1.0, 1.0)
             conditions = replace(conditions, length=float(length), pace=float(pace))
-        if rng.uniform() < 0.3:
-            kind = str(rng.choice(["autoregressive", "heavy_tailed", "pink", "bursting"]))
-            conditions = replace(conditions, noise=kind)
-        return conditions
+        return replace(conditions, noise=noisy(rng).noise)
 
 
 def _poses(states: FloatArray, rims: FloatArray, track: float, step: float) -> FloatArray:
@@ -213,25 +204,6 @@ def _poses(states: FloatArray, rims: FloatArray, track: float, step: float) -> F
     way = forward * share * np.exp(1j * (heading + 0.5 * turned))
     place = states[:, :, 0, None] + 1j * states[:, :, 1, None] + np.cumsum(way, axis=2) - way
     return np.stack([place.real, place.imag, heading], axis=3)
-
-
-TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
-    "actuator_gain": lambda k, s, _a: {"gain": math.exp(0.01 * k * s)},
-    "turn_gain": lambda k, s, _a: {"gain": math.exp(0.01 * k * s)},
-    "actuator_lag": lambda k, _s, _a: {"time_constant": 0.005 * k},
-    "actuator_rate_limit": lambda k, _s, _a: {"rate": 50.0 / k},
-    "actuator_delay": lambda k, _s, _a: {"delay": 0.005 * k},
-    "actuator_saturation": lambda k, _s, _a: {"limit": 1.3 / (1.0 + 0.05 * k)},
-    "actuator_dead_zone": lambda k, _s, _a: {"width": 0.005 * k},
-    "unequal_wheels": lambda k, s, _a: {"difference": 0.5 * math.tanh(0.01 * k * s)},
-    "yaw_slip": lambda k, _s, _a: {"share": 1.0 - math.exp(-0.01 * k)},
-    "sideways_slip": lambda k, _s, _a: {"coefficient": 0.005 * k},
-    "slope": lambda k, _s, a: {"x": 0.005 * k * math.cos(a), "y": 0.005 * k * math.sin(a)},
-    "sensor_delay": lambda k, _s, _a: {"delay": 0.005 * k},
-    "heading_bias": lambda k, s, _a: {"angle": 0.01 * k * s},
-    "parameter_step": lambda k, s, _a: {"time": 0.45 * DURATION, "factor": math.exp(0.01 * k * s)},
-}
-"""Values of every effect's parameters: (size, sign, angle)."""
 
 
 class PoseReaching(DriveBench):

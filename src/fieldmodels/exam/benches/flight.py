@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from zlib import crc32
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import flight
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
@@ -21,6 +20,25 @@ HORIZON = 60
 """Samples by which a fault is measured."""
 DEVIATIONS = (20.0, 20.0, 0.02, 0.3, 0.1)
 """By which errors are weighed: that of a scan's result is chance."""
+TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
+    "wind": lambda k, _s, a: {
+        "north": 40.0 * math.tanh(0.02 * k) * math.cos(a), "east": 40.0 * math.tanh(0.02 * k) * math.sin(a),
+    },
+    "turn_speed_loss": lambda k, _s, _a: {"share": 0.45 * math.tanh(0.02 * k)},
+    "weaker_bank": lambda k, s, _a: {"factor": math.exp(0.35 * s * math.tanh(0.05 * k))},
+    "sensor_bias": lambda k, _s, a: {
+        "north": 4e3 * math.tanh(0.005 * k) * math.cos(a), "east": 4e3 * math.tanh(0.005 * k) * math.sin(a),
+    },
+    # Radars that see more would hardly show: side-on, the aircraft is seen for certain already.
+    "signature_scale": lambda k, _s, _a: {"factor": math.exp(-2.9 * math.tanh(0.1 * k))},
+    "nose_cone_width": lambda k, s, _a: {"factor": math.exp(0.65 * s * math.tanh(0.1 * k))},
+    "radar_range_scale": lambda k, _s, _a: {"factor": math.exp(-math.tanh(0.05 * k))},
+    "radar_position": lambda k, _s, a: {
+        "north": 9e4 * math.tanh(0.05 * k) * math.cos(a), "east": 9e4 * math.tanh(0.05 * k) * math.sin(a),
+    },
+    "scan_interval": lambda k, s, _a: {"factor": math.exp(0.8 * s * math.tanh(0.01 * k))},
+}  # fmt: skip
+"""Values of every effect's parameters: (size, sign, angle)."""
 
 
 class UavRoute(Bench):
@@ -37,6 +55,7 @@ class UavRoute(Bench):
             ("radar_range_scale", "nose_cone_width"),
         )
     )
+    typical = TYPICAL
     unlisted = MappingProxyType({"develop": flight.DEVELOP, "report": flight.REPORT})
     usual_length = 150.0
 
@@ -45,26 +64,14 @@ class UavRoute(Bench):
         speed = 250.0 * math.exp(np.random.default_rng([seed, 1]).uniform(-0.1, 0.1))
         return {"speed": speed, "radar_north": 0.0, "radar_east": 0.0}
 
-    def values(self, effect: str, size: float, sign: int, seed: int) -> dict[str, float]:
-        """See ``Bench.values``."""
-        angle = np.random.default_rng([seed, crc32(effect.encode())]).uniform(0.0, 2.0 * math.pi)
-        return TYPICAL[effect](size, sign, float(angle))
-
     def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
         """See ``Bench.log``."""
         n = round((conditions.duration or DURATION) / STEP)
         given = round(conditions.cut / STEP) or n
         rng = np.random.default_rng([seed, 2 + second])
         errors = noise(conditions.noise, np.array(flight.NOISE), n, rng) * conditions.factor
-        plant, listed = flight.Flight(self.base(seed)["speed"]), {}
-        for one in hidden:
-            fault = self.fault(one.name)
-            if fault is None:
-                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
-            else:
-                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
-                fault.act(plant, one.size, n * STEP, np.random.default_rng(drawn))
-        flight.install(plant, listed)
+        plant = flight.Flight(self.base(seed)["speed"])
+        flight.install(plant, self.hide(hidden, plant, n * STEP, seed, second))
         rows = flight.simulate(plant, errors, STEP, *rng.spawn(2))[:given]
         if conditions.noise == "quantised":
             quanta = 2.0 * np.array(flight.NOISE[:3]) * max(conditions.factor, 1e-12)
@@ -79,16 +86,9 @@ class UavRoute(Bench):
 
     def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
         """See ``Bench.recording``: without a scan the gap is 0."""
-        signals = (*self.model.inputs, *self.model.outputs)
-        columns = np.nan_to_num(np.column_stack([log.inputs, log.outputs]))
-        if conditions.noise == "float32":
-            columns = columns.astype(np.float32).astype(float)
-        return Recording(
-            time=np.arange(float(len(columns))) * STEP,
-            signals={signal.name: columns[:, i] for i, signal in enumerate(signals)},
-            units={signal.name: signal.unit for signal in signals},
-            source=f"{self.name} {seed}",
-        )
+        names = [signal.name for signal in (*self.model.inputs, *self.model.outputs)]
+        columns = np.nan_to_num(np.column_stack([log.inputs, log.outputs])).T
+        return self.recorded(dict(zip(names, columns, strict=True)), STEP, conditions, seed)
 
     def nothing(self) -> Iterator[Conditions]:
         """See ``Bench.nothing``."""
@@ -97,11 +97,6 @@ class UavRoute(Bench):
         for kind in NOISES:
             yield Conditions(noise=kind)
         yield Conditions(duration=2.0 * DURATION)
-
-    def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
-        """See ``Bench.usual``."""
-        del hidden
-        return noisy(rng)
 
 
 def _windows(log: Log) -> Windows:
@@ -168,23 +163,4 @@ def _chances(place: FloatArray, course: FloatArray, bank: FloatArray) -> FloatAr
     return np.where(slant <= flight.REACH, result, 0.0)
 
 
-TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
-    "wind": lambda k, _s, a: {
-        "north": 40.0 * math.tanh(0.02 * k) * math.cos(a), "east": 40.0 * math.tanh(0.02 * k) * math.sin(a),
-    },
-    "turn_speed_loss": lambda k, _s, _a: {"share": 0.45 * math.tanh(0.02 * k)},
-    "weaker_bank": lambda k, s, _a: {"factor": math.exp(0.35 * s * math.tanh(0.05 * k))},
-    "sensor_bias": lambda k, _s, a: {
-        "north": 4e3 * math.tanh(0.005 * k) * math.cos(a), "east": 4e3 * math.tanh(0.005 * k) * math.sin(a),
-    },
-    # Radars that see more would hardly show: side-on, the aircraft is seen for certain already.
-    "signature_scale": lambda k, _s, _a: {"factor": math.exp(-2.9 * math.tanh(0.1 * k))},
-    "nose_cone_width": lambda k, s, _a: {"factor": math.exp(0.65 * s * math.tanh(0.1 * k))},
-    "radar_range_scale": lambda k, _s, _a: {"factor": math.exp(-math.tanh(0.05 * k))},
-    "radar_position": lambda k, _s, a: {
-        "north": 9e4 * math.tanh(0.05 * k) * math.cos(a), "east": 9e4 * math.tanh(0.05 * k) * math.sin(a),
-    },
-    "scan_interval": lambda k, s, _a: {"factor": math.exp(0.8 * s * math.tanh(0.01 * k))},
-}  # fmt: skip
-"""Values of every effect's parameters: (size, sign, angle)."""
 BENCHES: Mapping[str, UavRoute] = {"uav_route": UavRoute()}

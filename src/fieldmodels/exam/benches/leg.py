@@ -6,12 +6,11 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
-from zlib import crc32
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import leg
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
@@ -27,6 +26,22 @@ AROUND = 3
 """Samples before and after a strike over which the gyro is averaged."""
 DEVIATIONS = (leg.NOISE[0], 0.003, 0.005)
 """By which errors of gyro, closure and push-off are weighed."""
+TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
+    "viscous_friction": lambda k, _s, _a: {"rate": 0.05 * k},
+    "coulomb_friction": lambda k, _s, _a: {"acceleration": 0.05 * k},
+    "quadratic_drag": lambda k, _s, _a: {"coefficient": 0.05 * k},
+    "constant_force": lambda k, s, _a: {"acceleration": 0.05 * k * s},
+    "periodic_force": lambda k, _s, a: {
+        "sine": 0.05 * k * math.sin(a), "cosine": 0.05 * k * math.cos(a), "frequency": 1.37,
+    },
+    "gyro_bias": lambda k, s, _a: {"rate": 0.001 * k * s},
+    "gyro_drift": lambda k, s, _a: {"rate": 0.002 * k * s / DURATION},
+    "gyro_gain": lambda k, s, _a: {"gain": math.exp(0.005 * k * s)},
+    "gyro_delay": lambda k, _s, _a: {"delay": 0.02 * math.tanh(0.05 * k)},
+    "gyro_quantisation": lambda k, _s, _a: {"step": 0.5 * math.tanh(0.02 * k)},
+    "parameter_step": lambda k, s, _a: {"rate": 0.002 * k * s, "time": 0.5 * DURATION},
+}  # fmt: skip
+"""Values of every effect's parameters: (size, sign, angle)."""
 
 
 class HeelStrike(Bench):
@@ -39,6 +54,7 @@ class HeelStrike(Bench):
     name = "heel_strike"
     effects = tuple(leg.LISTED)
     steady = ("viscous_friction", "constant_force", "gyro_gain", "gyro_bias")
+    typical = TYPICAL
     unlisted = MappingProxyType({"develop": leg.DEVELOP, "report": leg.REPORT})
     usual_length = 1.5
 
@@ -51,11 +67,6 @@ class HeelStrike(Bench):
         """See ``Bench.base``."""
         return {"length": math.exp(np.random.default_rng([seed, 1]).uniform(-0.1, 0.1))}
 
-    def values(self, effect: str, size: float, sign: int, seed: int) -> dict[str, float]:
-        """See ``Bench.values``."""
-        angle = np.random.default_rng([seed, crc32(effect.encode())]).uniform(0.0, 2.0 * math.pi)
-        return TYPICAL[effect](size, sign, float(angle))
-
     def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
         """See ``Bench.log``."""
         n = round((conditions.duration or DURATION) / STEP)
@@ -64,15 +75,8 @@ class HeelStrike(Bench):
         held = round(leg.HOLD / STEP)
         torques = np.repeat(rng.uniform(-1.0, 1.0, n // held + 1), held)[:n] * leg.TORQUE
         errors = noise(conditions.noise, np.array(leg.NOISE), n, rng) * conditions.factor
-        plant, listed = leg.Leg(self.base(seed)["length"]), {}
-        for one in hidden:
-            fault = self.fault(one.name)
-            if fault is None:
-                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
-            else:
-                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
-                fault.act(plant, one.size, n * STEP, np.random.default_rng(drawn))
-        leg.install(plant, listed)
+        plant = leg.Leg(self.base(seed)["length"])
+        leg.install(plant, self.hide(hidden, plant, n * STEP, seed, second))
         if conditions.noise == "quantised":
             plant.quantum = max(plant.quantum, 2.0 * leg.NOISE[0] * conditions.factor)
         quiet = conditions.commands == "calm"
@@ -91,13 +95,8 @@ class HeelStrike(Bench):
     def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
         """See ``Bench.recording``."""
         columns = {"strike": log.inputs[:, 0], "gyro": log.outputs[:, 0], "strike_angle": log.outputs[:, 1]}
-        if conditions.noise == "float32":
-            columns = {name: v.astype(np.float32).astype(float) for name, v in columns.items()}
-        return Recording(
-            time=np.arange(1.0, len(log.inputs) + 1.0) * STEP,
-            signals=columns,
-            units={"strike": "1", "gyro": "rad/s", "strike_angle": "rad"},
-            source=f"{self.name} {seed}",
+        return self.recorded(
+            columns, STEP, conditions, seed, time=np.arange(1.0, len(log.inputs) + 1.0) * STEP
         )
 
     def nothing(self) -> Iterator[Conditions]:
@@ -108,11 +107,6 @@ class HeelStrike(Bench):
             yield Conditions(noise=kind)
         yield Conditions(commands="calm")
         yield Conditions(duration=60.0)
-
-    def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
-        """See ``Bench.usual``: three in ten with noise that is not white."""
-        del hidden
-        return noisy(rng)
 
 
 def _derived(strike: FloatArray, gyro: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -163,20 +157,4 @@ def _swings(p: FloatArray, states: FloatArray, inputs: FloatArray, times: FloatA
     return out
 
 
-TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
-    "viscous_friction": lambda k, _s, _a: {"rate": 0.05 * k},
-    "coulomb_friction": lambda k, _s, _a: {"acceleration": 0.05 * k},
-    "quadratic_drag": lambda k, _s, _a: {"coefficient": 0.05 * k},
-    "constant_force": lambda k, s, _a: {"acceleration": 0.05 * k * s},
-    "periodic_force": lambda k, _s, a: {
-        "sine": 0.05 * k * math.sin(a), "cosine": 0.05 * k * math.cos(a), "frequency": 1.37,
-    },
-    "gyro_bias": lambda k, s, _a: {"rate": 0.001 * k * s},
-    "gyro_drift": lambda k, s, _a: {"rate": 0.002 * k * s / DURATION},
-    "gyro_gain": lambda k, s, _a: {"gain": math.exp(0.005 * k * s)},
-    "gyro_delay": lambda k, _s, _a: {"delay": 0.02 * math.tanh(0.05 * k)},
-    "gyro_quantisation": lambda k, _s, _a: {"step": 0.5 * math.tanh(0.02 * k)},
-    "parameter_step": lambda k, s, _a: {"rate": 0.002 * k * s, "time": 0.5 * DURATION},
-}  # fmt: skip
-"""Values of every effect's parameters: (size, sign, angle)."""
 BENCHES: Mapping[str, HeelStrike] = {"heel_strike": HeelStrike()}

@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
-from zlib import crc32
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import vehicle
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.recording import Recording
@@ -26,6 +25,24 @@ FORCES = tuple(f"{kind}_{axis}" for kind in ("force", "torque") for axis in ("x"
 NUDGE = 1e-3
 """Of parameters, in their logarithm, for differences."""
 SUSPENSION = tuple(f"{kind}_{axis}" for kind in ("damping", "stiffness") for axis in vehicle.AXES)
+TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
+    "payload": lambda k, _s, _a: {"mass": 0.002 * k},
+    "cubic_stiffness": lambda k, _s, _a: {
+        "force": 900.0 * math.tanh(0.02 * k), "torque": 90.0 * math.tanh(0.02 * k),
+    },
+    "coulomb_friction": lambda k, _s, _a: {"force": 0.02 * k, "torque": 0.01 * k},
+    "stiffness_drift": lambda k, s, _a: {"rate": 0.05 * s * math.tanh(0.05 * k)},
+    "soil_compliance": lambda k, _s, _a: {"share": 2.0 * math.tanh(0.003 * k)},
+    "actuator_lag": lambda k, _s, _a: {"time_constant": 0.2 * math.tanh(0.003 * k)},
+    "accelerometer_bias": lambda k, s, a: {
+        "x": 0.005 * k * math.cos(a), "y": 0.005 * k * math.sin(a), "z": 0.002 * k * s,
+    },
+    "accelerometer_gain": lambda k, s, _a: {"gain": math.exp(0.01 * k * s)},
+    "inclinometer_bias": lambda k, _s, a: {"pitch": 5e-4 * k * math.cos(a), "roll": 5e-4 * k * math.sin(a)},
+    "inclinometer_delay": lambda k, _s, _a: {"delay": 0.2 * math.tanh(0.003 * k)},
+    "force_torque_gain": lambda k, s, _a: {"gain": math.exp(0.002 * k * s)},
+}  # fmt: skip
+"""Values of every effect's parameters: (size, sign, angle)."""
 
 
 class Excitation(Bench):
@@ -35,6 +52,7 @@ class Excitation(Bench):
     effects = vehicle.LISTED
     steady = ("payload", "cubic_stiffness", "coulomb_friction", "accelerometer_gain", "force_torque_gain")
     needs = MappingProxyType({"force_torque_gain": FORCES})
+    typical = TYPICAL
     unlisted = MappingProxyType({"develop": vehicle.DEVELOP, "report": vehicle.REPORT})
     usual_length = 0.4
 
@@ -47,22 +65,11 @@ class Excitation(Bench):
         }
         return {**vehicle.BODY, **drawn}
 
-    def values(self, effect: str, size: float, sign: int, seed: int) -> dict[str, float]:
-        """See ``Bench.values``."""
-        angle = np.random.default_rng([seed, crc32(effect.encode())]).uniform(0.0, 2.0 * math.pi)
-        return TYPICAL[effect](size, sign, float(angle))
-
     def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
         """See ``Bench.log``."""
         runs = round(conditions.duration / RUN) or USUAL
-        plant, listed = vehicle.Vehicle(*_suspension(self.base(seed), runs)), {}
-        for one in hidden:
-            fault = self.fault(one.name)
-            if fault is None:
-                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
-            else:
-                fault.act(plant, one.size, RUN, np.random.default_rng([seed, crc32(one.name.encode())]))
-        vehicle.install(plant, listed)
+        plant = vehicle.Vehicle(*_suspension(self.base(seed), runs))
+        vehicle.install(plant, self.hide(hidden, plant, RUN, seed, second))
         rng, sizes = np.random.default_rng([seed, 4 + second]), conditions.factor * np.array(vehicle.NOISE)
         errors = np.stack([noise(conditions.noise, sizes, SAMPLES, rng) for _ in range(runs)], axis=2)
         modes, commands = _commands(seed, second, runs)
@@ -70,9 +77,7 @@ class Excitation(Bench):
         if conditions.noise == "quantised":
             quanta = 2.0 * np.maximum(sizes, 1e-15)[:, None]
             shown = quanta * np.round(shown / quanta)
-        outputs = shown.transpose(2, 0, 1).reshape(runs * SAMPLES, -1)
-        for name in conditions.without:
-            outputs[:, [o.name for o in self.model.outputs].index(name)] = np.nan
+        outputs = self.shown(shown.transpose(2, 0, 1).reshape(runs * SAMPLES, -1), conditions)
         given = round(conditions.cut / STEP) or len(outputs)
         angles = commands[: -1 : vehicle.FINE].T.ravel()
         inputs = np.column_stack([angles, np.repeat(modes + 1.0, SAMPLES)])
@@ -96,18 +101,16 @@ class Excitation(Bench):
 
     def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
         """See ``Bench.recording``: every run is an episode."""
-        signals = (*self.model.inputs, *self.model.outputs)
-        columns = np.column_stack([log.inputs, log.outputs])
-        if conditions.noise == "float32":
-            columns = columns.astype(np.float32).astype(float)
-        measured = {s.name: columns[:, i] for i, s in enumerate(signals) if s.name not in conditions.without}
-        runs = len(columns) // SAMPLES
-        return Recording(
+        names = [signal.name for signal in (*self.model.inputs, *self.model.outputs)]
+        columns = np.column_stack([log.inputs, log.outputs]).T
+        runs = len(log.inputs) // SAMPLES
+        return self.recorded(
+            dict(zip(names, columns, strict=True)),
+            STEP,
+            conditions,
+            seed,
             time=np.tile(np.arange(float(SAMPLES)) * STEP, runs),
-            signals=measured,
-            units={s.name: s.unit for s in signals if s.name in measured},
             episode=np.repeat(np.arange(runs), SAMPLES),
-            source=f"{self.name} {seed}",
         )
 
     def nothing(self) -> Iterator[Conditions]:
@@ -118,11 +121,6 @@ class Excitation(Bench):
             yield Conditions(noise=kind)
         yield Conditions(without=FORCES)
         yield Conditions(duration=2.0 * USUAL * RUN)
-
-    def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
-        """See ``Bench.usual``."""
-        del hidden
-        return noisy(rng)
 
 
 def _suspension(base: Mapping[str, float], runs: int) -> tuple[FloatArray, FloatArray]:
@@ -160,22 +158,4 @@ def _nominal(
     return outputs[0], np.asarray((outputs[1:] - outputs[0]).transpose(1, 2, 0) / NUDGE)
 
 
-TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
-    "payload": lambda k, _s, _a: {"mass": 0.002 * k},
-    "cubic_stiffness": lambda k, _s, _a: {
-        "force": 900.0 * math.tanh(0.02 * k), "torque": 90.0 * math.tanh(0.02 * k),
-    },
-    "coulomb_friction": lambda k, _s, _a: {"force": 0.02 * k, "torque": 0.01 * k},
-    "stiffness_drift": lambda k, s, _a: {"rate": 0.05 * s * math.tanh(0.05 * k)},
-    "soil_compliance": lambda k, _s, _a: {"share": 2.0 * math.tanh(0.003 * k)},
-    "actuator_lag": lambda k, _s, _a: {"time_constant": 0.2 * math.tanh(0.003 * k)},
-    "accelerometer_bias": lambda k, s, a: {
-        "x": 0.005 * k * math.cos(a), "y": 0.005 * k * math.sin(a), "z": 0.002 * k * s,
-    },
-    "accelerometer_gain": lambda k, s, _a: {"gain": math.exp(0.01 * k * s)},
-    "inclinometer_bias": lambda k, _s, a: {"pitch": 5e-4 * k * math.cos(a), "roll": 5e-4 * k * math.sin(a)},
-    "inclinometer_delay": lambda k, _s, _a: {"delay": 0.2 * math.tanh(0.003 * k)},
-    "force_torque_gain": lambda k, s, _a: {"gain": math.exp(0.002 * k * s)},
-}  # fmt: skip
-"""Values of every effect's parameters: (size, sign, angle)."""
 BENCHES: Mapping[str, Excitation] = {"excitation": Excitation()}

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from zlib import crc32
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import walk
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
@@ -21,6 +20,22 @@ STEP, STRIDES = 1.2, 1000
 HORIZON = 7
 """Strides in the windows by which a fault is measured."""
 TRACKER = ("offset", "heading")
+TYPICAL: Mapping[str, Callable[[float, int, float], dict[str, float]]] = {
+    "actuator_delay": lambda k, _s, _a: {"strides": 2.0 * math.tanh(0.05 * k)},
+    "actuator_saturation": lambda k, _s, _a: {"turn": 0.15 / (1.0 + 0.1 * k)},
+    "foot_slip": lambda k, _s, _a: {
+        "turn": 0.7 * math.tanh(0.05 * k),
+        "twist": 0.6 * math.tanh(0.03 * k),
+        "step": 0.9 * math.tanh(0.01 * k),
+    },
+    "turn_gain": lambda k, s, _a: {"factor": math.exp(0.05 * k * s)},
+    "steering_bias": lambda k, s, _a: {"turn": 0.5 * math.tanh(0.005 * k * s)},
+    "camera_yaw": lambda k, s, _a: {"angle": 0.4 * math.tanh(0.02 * k * s)},
+    "camera_pitch": lambda k, s, _a: {"angle": 0.3 * math.tanh(0.02 * k * s)},
+    "sensor_gain": lambda k, s, _a: {"factor": math.exp(0.03 * k * s)},
+    "sensor_quantisation": lambda k, _s, _a: {"step": 0.5 * math.tanh(0.05 * k)},
+}
+"""Values of every effect's parameters: (size, sign, angle)."""
 
 
 class LineFollowing(Bench):
@@ -32,17 +47,13 @@ class LineFollowing(Bench):
     alike = frozenset({frozenset({"foot_slip", "turn_gain"}), frozenset({"foot_slip", "actuator_delay"})})
     steady = ("turn_gain", "steering_bias", "sensor_gain", "camera_yaw")
     usual_length = 15.0
+    typical = TYPICAL
     unlisted = MappingProxyType({"develop": walk.DEVELOP, "report": walk.REPORT})
 
     def base(self, seed: int) -> dict[str, float]:
         """See ``Bench.base``: both are known to the diagnosis, as nominal."""
         del seed
         return {"stride": 0.7, "camera_height": 1.0}
-
-    def values(self, effect: str, size: float, sign: int, seed: int) -> dict[str, float]:
-        """See ``Bench.values``."""
-        del seed
-        return TYPICAL[effect](size, sign)
 
     def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
         """See ``Bench.log``."""
@@ -53,22 +64,12 @@ class LineFollowing(Bench):
         if conditions.commands == "law":
             added *= 0.0
         errors = noise(conditions.noise, conditions.factor * np.array([*NOISE.values()]), n, rng)
-        plant, listed = Walker(), {}
-        for one in hidden:
-            fault = self.fault(one.name)
-            if fault is None:
-                listed[one.name] = self.values(one.name, one.size, one.sign, seed)
-            else:
-                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
-                fault.act(plant, one.size, n, np.random.default_rng(drawn))
-        walk.install(plant, listed)
+        plant = Walker()
+        walk.install(plant, self.hide(hidden, plant, n, seed, second))
         if conditions.noise == "quantised":
             plant.quantum = max(plant.quantum, 2.0 * NOISE["line"] * conditions.factor)
         rows = walk.simulate(plant, added, errors)[:given]
-        outputs = rows[:, 1:].copy()
-        for name in conditions.without:
-            outputs[:, [o.name for o in self.model.outputs].index(name)] = np.nan
-        return Log(STEP, rows[:, :1], outputs)
+        return Log(STEP, rows[:, :1], self.shown(rows[:, 1:], conditions))
 
     def errors(self, train: Log, test: Log, conditions: Conditions, seed: int, known: bool) -> FloatArray:
         """See ``Bench.errors``; starts stay near the measured ones, or they would take up the chance."""
@@ -85,16 +86,7 @@ class LineFollowing(Bench):
         """See ``Bench.recording``."""
         columns = {"steering": log.inputs[:, 0], "curvature": np.zeros(len(log.inputs))}
         columns |= {s.name: log.outputs[:, j] for j, s in enumerate(self.model.outputs)}
-        kept = {name: v for name, v in columns.items() if name not in conditions.without}
-        if conditions.noise == "float32":
-            kept = {name: v.astype(np.float32).astype(float) for name, v in kept.items()}
-        units = {signal.name: signal.unit for signal in (*self.model.inputs, *self.model.outputs)}
-        return Recording(
-            time=np.arange(float(len(log.inputs))) * STEP,
-            signals=kept,
-            units={name: units[name] for name in kept},
-            source=f"{self.name} {seed}",
-        )
+        return self.recorded(columns, STEP, conditions, seed)
 
     def nothing(self) -> Iterator[Conditions]:
         """See ``Bench.nothing``."""
@@ -106,11 +98,6 @@ class LineFollowing(Bench):
         yield Conditions(noise="float32", factor=0.0)
         yield Conditions(commands="law")
         yield Conditions(duration=400.0 * STEP)
-
-    def usual(self, rng: np.random.Generator, hidden: tuple[str, ...]) -> Conditions:
-        """See ``Bench.usual``: three in ten with noise that is not white."""
-        del hidden
-        return noisy(rng)
 
 
 def _strides(parameters: FloatArray, states: FloatArray, inputs: FloatArray, times: FloatArray) -> FloatArray:
@@ -126,21 +113,4 @@ def _strides(parameters: FloatArray, states: FloatArray, inputs: FloatArray, tim
     return out
 
 
-Typical = Callable[[float, int], dict[str, float]]
-TYPICAL: Mapping[str, Typical] = {
-    "actuator_delay": lambda k, _s: {"strides": 2.0 * math.tanh(0.05 * k)},
-    "actuator_saturation": lambda k, _s: {"turn": 0.15 / (1.0 + 0.1 * k)},
-    "foot_slip": lambda k, _s: {
-        "turn": 0.7 * math.tanh(0.05 * k),
-        "twist": 0.6 * math.tanh(0.03 * k),
-        "step": 0.9 * math.tanh(0.01 * k),
-    },
-    "turn_gain": lambda k, s: {"factor": math.exp(0.05 * k * s)},
-    "steering_bias": lambda k, s: {"turn": 0.5 * math.tanh(0.005 * k * s)},
-    "camera_yaw": lambda k, s: {"angle": 0.4 * math.tanh(0.02 * k * s)},
-    "camera_pitch": lambda k, s: {"angle": 0.3 * math.tanh(0.02 * k * s)},
-    "sensor_gain": lambda k, s: {"factor": math.exp(0.03 * k * s)},
-    "sensor_quantisation": lambda k, _s: {"step": 0.5 * math.tanh(0.05 * k)},
-}
-"""Values of every effect's parameters: (size, sign)."""
 BENCHES: Mapping[str, LineFollowing] = {"line_following": LineFollowing()}
