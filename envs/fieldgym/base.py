@@ -489,6 +489,13 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
     An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` says in which rows it is valid.
     What a step returns is never written to again.
 
+    Args:
+        num_envs: Number of rows.
+        settings: As the scalar environment takes them.
+        reality: Likewise.
+        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each row.
+        threads: Used where steps are long: HeelStrike, Excitation, UavRoute.
+
     Attributes:
         batch_task: The task on a batch.
     """
@@ -508,7 +515,6 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
         render_mode: str | None = None,
         threads: int = 1,
     ) -> None:
-        """Make the rows; ``threads`` are used where steps are long: HeelStrike, Excitation, UavRoute."""
         if threads < 1:
             raise ValueError(f"threads={threads}: one is the least")
         check_render_mode(render_mode, self.metadata)

@@ -548,13 +548,6 @@ class ExcitationEnv(TaskEnv):
 
 
 class ExcitationVectorEnv(TaskVectorEnv):
-    """Many vehicles in one kernel; each row is ``ExcitationEnv`` to the bit.
-
-    Args:
-        num_envs: Number of vehicles.
-        settings: See ``ExcitationEnv``.
-        reality: See ``ExcitationEnv``.
-        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each vehicle.
-    """
+    """Many vehicles in one kernel; each row is ``ExcitationEnv`` to the bit."""
 
     batch_task = _ExcitationTask

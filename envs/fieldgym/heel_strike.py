@@ -510,13 +510,6 @@ class HeelStrikeEnv(TaskEnv):
 
 
 class HeelStrikeVectorEnv(TaskVectorEnv):
-    """Many walkers in one kernel; each row is ``HeelStrikeEnv`` to the bit.
-
-    Args:
-        num_envs: Number of walkers.
-        settings: See ``HeelStrikeEnv``.
-        reality: See ``HeelStrikeEnv``.
-        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walker.
-    """
+    """Many walkers in one kernel; each row is ``HeelStrikeEnv`` to the bit."""
 
     batch_task = _HeelStrikeTask

@@ -491,14 +491,7 @@ class LineFollowingEnv(TaskEnv):
 
 
 class LineFollowingVectorEnv(TaskVectorEnv):
-    """Many walks in one kernel; each row is ``LineFollowingEnv`` to the bit.
-
-    Args:
-        num_envs: Number of walks.
-        settings: See ``LineFollowingEnv``.
-        reality: See ``LineFollowingEnv``.
-        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walk.
-    """
+    """Many walks in one kernel; each row is ``LineFollowingEnv`` to the bit."""
 
     batch_task = _LineFollowingTask
 
@@ -558,13 +551,6 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
 
 class LineFollowingPixelsVectorEnv(TaskVectorEnv):
-    """Many walks observed as images; each row is ``LineFollowingPixelsEnv`` to the bit.
-
-    Args:
-        num_envs: Number of walks.
-        settings: See ``LineFollowingEnv``.
-        reality: See ``LineFollowingEnv``.
-        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each walk.
-    """
+    """Many walks observed as images; each row is ``LineFollowingPixelsEnv`` to the bit."""
 
     batch_task = _PixelTask

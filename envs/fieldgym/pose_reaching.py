@@ -391,14 +391,7 @@ class PoseReachingEnv(TaskEnv):
 
 
 class PoseReachingVectorEnv(TaskVectorEnv):
-    """Many robots in one kernel; each row is ``PoseReachingEnv`` to the bit.
-
-    Args:
-        num_envs: Number of robots.
-        settings: See ``PoseReachingEnv``.
-        reality: See ``PoseReachingEnv``.
-        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each robot.
-    """
+    """Many robots in one kernel; each row is ``PoseReachingEnv`` to the bit."""
 
     batch_task = _PoseReachingTask
 

@@ -646,14 +646,7 @@ class UavRouteEnv(TaskEnv):
 
 
 class UavRouteVectorEnv(TaskVectorEnv):
-    """Many flights in one kernel; each row is ``UavRouteEnv`` to the bit.
-
-    Args:
-        num_envs: Number of flights.
-        settings: See ``UavRouteEnv``.
-        reality: See ``UavRouteEnv``.
-        render_mode: None or ``rgb_array``: ``render`` then returns one frame for each flight.
-    """
+    """Many flights in one kernel; each row is ``UavRouteEnv`` to the bit."""
 
     batch_task = _UavRouteTask
 
