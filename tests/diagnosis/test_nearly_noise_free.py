@@ -18,6 +18,8 @@ from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.resolution import of_averages, rounding
 from fieldmodels.diagnosis.whitening import _from_covariance, diagonal_whitener, whitener_by_output
+from fieldmodels.exam.benches import Conditions, get_bench
+from fieldmodels.exam.sizes import recordings
 from fieldmodels.model import Parameter
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
@@ -99,6 +101,15 @@ def test_an_exact_simulation_is_not_doubted(machine, factor, form):
 
 def test_an_exact_simulation_with_dry_friction_has_that_and_nothing_else():
     assert said("rig", 100, 0, "", COULOMB["rig"]) == (["coulomb_friction"], None)
+
+
+@pytest.mark.parametrize(("factor", "seed"), [(0.0, 1015), (1e-4, 1001)])
+def test_an_integration_off_by_its_resolution_is_not_doubted(factor, seed):
+    """A shaken vehicle by a plant of its own; steps of 2.5 ms passed for soil, alike in all windows."""
+    bench = get_bench("excitation")
+    train, test = recordings(bench, (), Conditions(factor=factor), seed)
+    found = diagnose(bench.model, [train], [test])
+    assert ([cause.effect for cause in found.causes], found.unknown) == ([], None)
 
 
 def test_dry_friction_is_not_taken_for_a_command_that_moves_between_samples():

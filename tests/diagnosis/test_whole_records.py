@@ -64,14 +64,21 @@ class Tanks(Model):
         return np.column_stack([np.full(len(starts), 4.0), recording["lower"][starts]])
 
 
-def record(seed, top=np.inf):
-    """The same tanks by an adaptive integrator, whose upper tank is full at its top."""
+def record(seed, top=np.inf, worn=0.0):
+    """The same tanks by an adaptive integrator.
+
+    Args:
+        seed: Of the voltage and the noise.
+        top: Level at which the upper tank is full.
+        worn: What the pump loses of each volt, a volt.
+    """
     rng = np.random.default_rng(seed)
     voltage = np.repeat(rng.uniform(1.0, 4.5, COUNT // 20), 20)
 
     def rates(t, x):
         down = TRUE["upper"] * np.sqrt(max(x[0], 0.0))
-        into = TRUE["pump"] * voltage[min(int(t / STEP), COUNT - 1)] - down
+        volts = voltage[min(int(t / STEP), COUNT - 1)]
+        into = TRUE["pump"] * volts * (1.0 - worn * volts) - down
         return [min(into, 0.0) if x[0] >= top else into, down - TRUE["lower"] * np.sqrt(max(x[1], 0.0))]
 
     time = np.arange(COUNT) * STEP
@@ -156,3 +163,19 @@ def test_short_windows_mislead_and_where_they_determine_little_whole_records_are
     whole = diagnose(Brief(), [spilling[0]], [spilling[1]], window="record")
     assert [c.effect for c in whole.causes] == ["overflow"]
     assert LONGER not in whole.notes
+
+
+def test_what_is_not_listed_is_seen_over_whole_records():
+    """Errors of six times the noise; where walks had no way to count for whole records, no curve had one."""
+
+    class Watertight(Tanks):
+        effects = Tanks.effects[:1]
+
+        def simulate(self, parameters, windows):
+            given = np.atleast_2d(parameters)
+            return super().simulate(np.column_stack([given, np.zeros(len(given))]), windows)
+
+    diagnosis = diagnose(Watertight(), [record(1, worn=0.02)], [record(2, worn=0.02)], window="record")
+    assert diagnosis.verdict == "unknown"
+    assert diagnosis.curves[0].certain
+    assert diagnose(Watertight(), [record(1)], [record(2)], window="record").verdict == "consistent"

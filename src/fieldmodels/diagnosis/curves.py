@@ -52,7 +52,7 @@ from fieldmodels.diagnosis.shapes import (
     tables,
     window_tables,
 )
-from fieldmodels.diagnosis.wander import beside
+from fieldmodels.diagnosis.wander import SLOW, alike, beside, follows_slowly
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
     CHANGE,
@@ -87,6 +87,8 @@ class Scored:
         gain: Improvement of every window's held-out loss [nats].
         p_value: One-sided, over blocks of windows.
         basis: What each identifiable combination adds at the knots, shape (points, combinations).
+        values: The same on the segments of every window, shape (windows, segments, combinations), or on the
+            windows alone.
         coefficients: Of the combinations, to first order, shape (combinations,).
         covariance: Of the coefficients.
         candidate: The fit with the curve's identifiable columns among its free parameters.
@@ -96,6 +98,7 @@ class Scored:
     gain: FloatArray
     p_value: float
     basis: FloatArray
+    values: FloatArray
     coefficients: FloatArray
     covariance: FloatArray
     candidate: Candidate
@@ -193,6 +196,8 @@ class Curves:
         """
         if self.convinces(candidate, scored, among) and self.outdoes_noise(candidate, scored, among):
             return True
+        if self._is_wandering_noise(candidate, scored):
+            return False
         own = self.with_own_weights(candidate, scored)
         if own is None:
             return False
@@ -241,7 +246,28 @@ class Curves:
             return True
         options, more = self.options, self.options.same_gain
         gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, options.price, needed + more)
-        return gain > needed + (more if left > 0.0 else 0.0)
+        if gain <= needed + (more if left > 0.0 else 0.0):
+            return False
+        return not self._is_wandering_noise(candidate, scored)
+
+    def _is_wandering_noise(self, candidate: Candidate, scored: Scored) -> bool:
+        """Whether walks of the sensors' zeros bring more beside a slow curve than the curve beside them.
+
+        Noise that is no walk is followed by whatever is slow, but never as well as by walks.
+        """
+        if scored.curve.place == "odds" or not self._follows_slowly(candidate, scored):
+            return False
+        gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
+        return left > max(gain, self.options.same_gain)
+
+    def _follows_slowly(self, candidate: Candidate, scored: Scored) -> bool:
+        """Whether a curve, or what it changes, is alike in neighbouring windows."""
+        added = scored.values @ scored.coefficients
+        means = added.reshape(len(added), -1).mean(axis=1)
+        steady = float(np.mean(means**2)) / max(float(np.mean(added**2)), 1e-300)
+        return steady * alike(self.problem, means) > SLOW or follows_slowly(
+            self.problem, candidate.fit, scored.candidate.fit
+        )
 
     def beside_walks(self, candidate: Candidate, scored: Scored) -> float:
         """Nats that a curve brings beside sensors whose zero wanders."""
@@ -384,6 +410,7 @@ class Curves:
             candidate.loss - loss,
             block_p_value(candidate.loss - loss, self.problem.blocks),
             curve.shapes @ combination,
+            curve.values @ combination,
             step[-count:],
             covariance[-count:, -count:],
             Candidate(

@@ -112,6 +112,7 @@ class _Trial:
         moved = replace(candidate.fit, raw=candidate.fit.raw + size * shape.added)
         fitted = reweighed(problem, moved, covariance_whitener(problem, moved))
         self.candidate = replace(candidate, fit=fitted, loss=held_out_loss(fitted, problem.folds))
+        self.resolved = not problem.is_exact(moved.raw)
         self.curves = curves.reweighed(fitted)
         self.scored = next(iter(self.curves.judge(self.candidate, [shape.curve])), None)
 
@@ -122,7 +123,9 @@ class _Trial:
 
     @property
     def convinces(self) -> bool:
-        return self.scored is not None and self.curves.convinces(self.candidate, self.scored)
+        return (
+            self.resolved and self.scored is not None and self.curves.convinces(self.candidate, self.scored)
+        )
 
     @property
     def found(self) -> bool:

@@ -251,7 +251,8 @@ def _found(
     base, found = selection.base, selection.chosen
     fits = (base.fit, found.fit) if found.effects else (base.fit,)
     unrelated = not mistaken and is_unrelated(candidates.problem, testing, fits, candidates.options.level)
-    chosen = base if mistaken or unrelated else confirmed(candidates, base, found, testing)
+    exact = candidates.problem.is_exact(base.fit.raw)
+    chosen = base if mistaken or unrelated or exact else confirmed(candidates, base, found, testing)
     if chosen is not found:
         selection = replace(selection, chosen=chosen, alternatives=())
     path = path_to(candidates, base, chosen)
@@ -276,9 +277,9 @@ def _found(
     if not scored and beyond_noise:
         far = far_from_noise(testing, steady, bool(causes), options.far)
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False
-    if mistaken or unrelated:
+    if mistaken or unrelated or exact:
         scored = ()
-    elif causes or not scored:
+    if not (mistaken or unrelated) and (causes or not scored):
         causes = (*causes, *quantisation_found(train, testing, after))
     if not (causes or scored or mistaken or unrelated):
         unrelated = is_unrelated(candidates.problem, testing, fits, options.level, CERTAIN)

@@ -14,7 +14,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.linearisation import Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
-from fieldmodels.diagnosis.wander import beside
+from fieldmodels.diagnosis.wander import beside, follows_slowly
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 IntArray = NDArray[np.int64]
@@ -249,7 +249,8 @@ def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool
     options = candidates.options
     gain, left = beside(candidates.problem, parent.fit, child.fit, options.price)
     gain -= options.price * (child.size - parent.size)
-    return left < SAME_ANYHOW or gain > min(options.least_gain, left)
+    slow = follows_slowly(candidates.problem, parent.fit, child.fit)
+    return left < SAME_ANYHOW or gain > (left if slow else min(options.least_gain, left))
 
 
 def _simplest(

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
@@ -26,6 +27,8 @@ LEFT = 1e-4
 """Of an offset's square, if the initial states take more: then nobody can tell."""
 
 
+SLOW = 0.8
+"""How alike neighbouring windows are of what follows slowly; of commands that change they are 0.2 at most."""
 FORCE = -1
 """In an output's place: the generalised force, where noise of the inputs drives the machine."""
 
@@ -58,7 +61,7 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
         price: Nats for each pace.
     """
     if fitted.runs is not None:  # one start for many windows: what they share is no offset of each
-        return Wander(0.5 * float(np.sum(fitted.residual**2)), 0.0, ())
+        return Wander(0.5 * float(_left(_products(_columns(fitted))[None])[0]), 0.0, ())
     walks = _Walks(problem, fitted)
     without = walks.without
     cost, paces = without, dict[int, float]()
@@ -244,3 +247,41 @@ def _precision(problem: Problem) -> FloatArray:
         result[1, first : own.stop - 1] = -inverse
         first = own.stop
     return result
+
+
+def follows_slowly(problem: Problem, parent: Fit, child: Fit) -> bool:
+    """Whether what a child's further columns change is alike in neighbouring windows.
+
+    Args:
+        problem: The windows.
+        parent: The fit without them.
+        child: The fit with them, at its optimum or before its last step.
+    """
+    flat = stacked(child.jacobian[:, :, child.active])
+    step = pseudo_inverse(flat.T @ flat, 1e-8) @ (flat.T @ child.residual.reshape(-1))
+    left = child.residual - (flat @ step).reshape(child.residual.shape)
+    return alike(problem, parent.residual - left) > SLOW
+
+
+def alike(problem: Problem, values: FloatArray) -> float:
+    """How alike neighbouring windows of a run are: 1 if the same, 0 if unlike.
+
+    Args:
+        problem: The windows.
+        values: Of each window, shape (windows, ...).
+    """
+    flat = values.reshape(len(values), -1)
+    pairs = np.flatnonzero(_next_to_each_other(problem))
+    both = float(np.sum(flat[pairs] ** 2) + np.sum(flat[pairs + 1] ** 2))
+    return 2.0 * float(np.sum(flat[pairs] * flat[pairs + 1])) / max(both, 1e-300)
+
+
+def _next_to_each_other(problem: Problem) -> NDArray[np.bool_]:
+    """Whether each window but the last is followed by one of its own run, shape (windows - 1,)."""
+    runs, first = [], 0
+    for part in problem.parts:
+        episode = part.windows.recording.episode[part.windows.starts]
+        runs.append(first + np.unique(episode, return_inverse=True)[1])
+        first = int(runs[-1].max()) + 1
+    run = np.concatenate(runs)
+    return np.asarray(run[1:] == run[:-1])

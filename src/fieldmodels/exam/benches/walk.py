@@ -63,7 +63,12 @@ class LineFollowing(Bench):
         added = EXCITATION * np.diff(rng.standard_normal(n + 1)) / math.sqrt(2.0)
         if conditions.commands == "law":
             added *= 0.0
-        errors = noise(conditions.noise, conditions.factor * np.array([*NOISE.values()]), n, rng)
+        deviations, shown = conditions.factor * np.array([*NOISE.values()]), len(self.model.outputs)
+        # A turn that wanders from stride to stride would be a fault of the robot, not noise of a sensor.
+        errors = np.hstack([
+            noise(conditions.noise, deviations[:shown], n, rng),
+            noise("white", deviations[shown:], n, rng),
+        ])  # fmt: skip
         plant = Walker()
         walk.install(plant, self.hide(hidden, plant, n, seed, second))
         if conditions.noise == "quantised":
