@@ -24,6 +24,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         if diagnosis.above_noise:
             return "Something is missing, but no listed effect helps."
+        if diagnosis.lost:
+            return f"The simulation explains these data, but {diagnosis.lost[0]}."
         return "The simulation explains these data; nothing significant is missing."
     if diagnosis.verdict == "unrelated":
         return "There is no relation between command and response."

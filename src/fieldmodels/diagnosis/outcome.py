@@ -65,6 +65,7 @@ class Diagnosis:
         seconds: Duration of the diagnosis.
         evidence: Arrays for the report.
         notes: Peculiarities and preprocessing of the data (``Recording.notes``), and which of them were used.
+        lost: Of each sensor that loses samples or ends before the machine, that in words.
         simulations: How much was simulated, in plain simulations of all the windows that were fitted.
         stopped: What was left out for a budget of time; empty if nothing was.
         above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
@@ -93,6 +94,7 @@ class Diagnosis:
     seconds: float
     evidence: Evidence
     notes: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
     simulations: float = 0.0
     stopped: str = ""
     above_noise: Mapping[str, float] = field(default_factory=dict)
@@ -247,7 +249,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict in one sentence, the remaining error, and a caution where needed."""
-        text = self._sentence()
+        text = " ".join([self._sentence(), *(f"{one[0].upper()}{one[1:]}." for one in self.lost)])
         if self.above_noise and self.verdict != "unknown":
             rest = " and ".join(
                 f"that of {name.replace('_', ' ')} {times:.1f} times"

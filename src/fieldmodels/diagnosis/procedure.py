@@ -36,6 +36,7 @@ from fieldmodels.diagnosis.extension import extend
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.informative import evenly, informative
 from fieldmodels.diagnosis.inputs import decided
+from fieldmodels.diagnosis.lost import lost_samples
 from fieldmodels.diagnosis.next_measurement import next_measurement
 from fieldmodels.diagnosis.noise_weighting import weighted_by_noise
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
@@ -131,6 +132,7 @@ def _diagnosed(
         raise RecordingError("no recording to diagnose; give at least one")
     check_range(model, [*train, *test])
     train, test, lacking = in_all(model, train, test)
+    train, test, lost = lost_samples(model, train, test)
     fixed = {**known_values(model, [*train, *test]), **known}
     few = excerpts(model, train)
     model, said = decided(model, few, main_horizon, lambda one: start_vector(one, fixed), frozenset(fixed))
@@ -154,7 +156,9 @@ def _diagnosed(
         ],
     )
     notes = tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
-    return replace(whole, notes=(*said, *lacking, *notes, *whole.notes), stopped=time_left.words())
+    return replace(
+        whole, notes=(*said, *lacking, *lost, *notes, *whole.notes), lost=lost, stopped=time_left.words()
+    )
 
 
 def _diagnose_stage(

@@ -23,7 +23,7 @@ class Answer:
     Attributes:
         verdict: In its own word.
         named: Each cause with what it says cannot be told from it; curves are called ``CURVE``.
-        missing: Whether it says that something is missing beyond what it names.
+        missing: Whether it says that something is missing beyond what it names, or that samples are.
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
@@ -62,7 +62,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
     return Answer(
         verdict=found.verdict,
         named=tuple(tuple(name(e) for e in (cause.effect, *cause.alternatives)) for cause in found.causes),
-        missing=found.unknown is not None,
+        missing=found.unknown is not None or bool(found.lost),
         values={
             cause.effect: {p: (e.value, e.std) for p, e in cause.parameters.items()} for cause in found.causes
         },

@@ -37,7 +37,8 @@ def of_nothing(answer: Answer, allowed: Sequence[str] = ()) -> Outcome:
     sets = [set(cause) - {CURVE} for cause in answer.named]
     if any(one and not one & set(allowed) for one in sets):
         return "false name"
-    return "consistent" if answer.verdict == "consistent" or (sets and all(sets)) else "doubted"
+    quiet = answer.verdict == "consistent" and not answer.missing
+    return "consistent" if quiet or (sets and all(sets)) else "doubted"
 
 
 def of_listed(answer: Answer, hidden: Sequence[str]) -> Outcome:
@@ -77,7 +78,7 @@ def of_unlisted(answer: Answer, near: Sequence[str]) -> Outcome:
         return "near name"
     if answer.named:
         return "curve"
-    return "silent" if answer.verdict == "consistent" else "abstained"
+    return "silent" if answer.verdict == "consistent" and not answer.missing else "abstained"
 
 
 def _matched(sets: Sequence[set[str]], hidden: Sequence[str]) -> int:

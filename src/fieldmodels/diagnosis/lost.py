@@ -1,0 +1,105 @@
+"""Samples that are no measurement: a lost one is shown as the last one, one beyond a sensor's end as its end.
+
+Prediction errors hardly reveal them, and a delay or a gain would imitate them; the values themselves do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.resolution import rounding
+from fieldmodels.model import Model
+from fieldmodels.recording import Recording
+
+FEWEST = 8
+"""Samples that are lost, or show a sensor's end, from which on it is said;"""
+CHANCE = 10.0
+"""and times as many as repeat by chance, since what is recorded is rounded."""
+IRREGULAR = 0.4
+"""Standard deviation over mean of the samples between two losses; by chance it is 1, of a slow sensor 0."""
+
+
+def lost_samples(
+    model: Model, train: Sequence[Recording], test: Sequence[Recording]
+) -> tuple[list[Recording], list[Recording], tuple[str, ...]]:
+    """Recordings with lost samples interpolated, and what is said of each sensor that loses some or ends.
+
+    Not said of coarse sensors, of what repeats regularly (a sensor slower than the log), of rows in which
+    nothing changes, nor of events.
+
+    Args:
+        model: The model.
+        train: Recordings for fits.
+        test: Recordings for the gain.
+    """
+    said, mended = [], {id(r): r for r in (*train, *test)}
+    for output in (o for o in model.outputs if not o.event):
+        name = output.name
+        if not all(name in r for r in train):
+            continue
+        held = np.concatenate([_held(model, r, name) for r in train])
+        if held.any():
+            share = float(held.mean())
+            said.append(f"{name} shows its last value again in {100 * share:.2g} % of the samples: lost ones")
+            for r in (*train, *test):
+                lost = _held(model, r, name)
+                mended[id(r)] = _interpolated(mended[id(r)], name, lost, output.angle)
+        for end, word in _ENDS:
+            if any(_at_end(r[name], end).any() for r in train):
+                said.append(f"{name} never shows {word} than {end(train[0][name]):.4g} {output.unit}")
+    return [mended[id(r)] for r in train], [mended[id(r)] for r in test], tuple(said)
+
+
+_ENDS: tuple[tuple[Callable[[FloatArray], float], str], ...] = ((np.max, "more"), (np.min, "less"))
+
+
+def _by_chance(values: FloatArray) -> float:
+    """How many samples repeat the last one by chance, for its rounding; all where half of them do anyhow."""
+    changes = np.abs(np.diff(values))
+    changes = changes[changes > 0.0]
+    if not np.isfinite(values).all() or 2 * len(changes) < len(values):
+        return float(len(values))
+    return len(values) * rounding(values) / (2.0 * float(np.median(changes)))
+
+
+def _held(model: Model, recording: Recording, name: str) -> NDArray[np.bool_]:
+    """Which samples show the last value again, at irregular times, while others change; shape (n,)."""
+    values = recording[name]
+    again = np.append(False, values[1:] == values[:-1])
+    again[recording.bounds[:, 0]] = False
+    again &= (values != np.max(values)) & (values != np.min(values))  # its ends, perhaps
+    change = np.zeros(len(values), dtype=np.bool_)
+    for other in (s.name for s in (*model.inputs, *model.outputs) if s.name != name and s.name in recording):
+        change[1:] |= recording[other][1:] != recording[other][:-1]
+    held = again & change
+    between = np.diff(np.flatnonzero(held & ~np.append(False, held[:-1])))
+    certain = held.sum() > FEWEST + CHANCE * _by_chance(values)
+    irregular = len(between) >= FEWEST // 2 and between.std() > IRREGULAR * between.mean()
+    return held if certain and irregular else np.zeros(len(values), dtype=np.bool_)
+
+
+def _at_end(values: FloatArray, end: Callable[[FloatArray], float]) -> NDArray[np.bool_]:
+    """Which samples are exactly at the largest or smallest value, if that is reached again and again."""
+    ended = np.asarray(values == end(values))
+    begun = np.count_nonzero(ended & ~np.append(False, ended[:-1]))
+    certain = ended.sum() > FEWEST + CHANCE * _by_chance(values)
+    return ended if certain and begun > 1 else np.zeros(len(values), dtype=np.bool_)
+
+
+def _interpolated(recording: Recording, name: str, lost: NDArray[np.bool_], angle: bool) -> Recording:
+    """A recording with a sensor's lost samples between the others."""
+    if not lost.any():
+        return recording
+    time, values = recording.time, recording[name]
+    known = np.unwrap(values[~lost]) if angle else values[~lost]
+    between = np.interp(time[lost], time[~lost], known)
+    if angle:  # near the last one shown, however often it has turned
+        between -= 2.0 * np.pi * np.round((between - values[lost]) / (2.0 * np.pi))
+    mended = values.copy()
+    mended[lost] = between
+    return replace(recording, signals={**recording.signals, name: mended})
