@@ -52,7 +52,7 @@ from fieldmodels.diagnosis.shapes import (
     tables,
     window_tables,
 )
-from fieldmodels.diagnosis.wander import SLOW, alike, beside, follows_slowly
+from fieldmodels.diagnosis.wander import SLOW, alike, beside, follows_slowly, wanders_more
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
     CHANGE,
@@ -258,8 +258,7 @@ class Curves:
         """
         if scored.curve.place == "odds" or not self._follows_slowly(candidate, scored):
             return False
-        gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
-        return left > max(gain, self.options.same_gain)
+        return wanders_more(self.problem, candidate.fit, scored.candidate.fit, self.options.price)
 
     def _follows_slowly(self, candidate: Candidate, scored: Scored) -> bool:
         """Whether a curve, or what it changes, is alike in neighbouring windows."""

@@ -14,7 +14,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.linearisation import Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
-from fieldmodels.diagnosis.wander import beside, follows_slowly
+from fieldmodels.diagnosis.wander import beside, follows_slowly, wanders_more
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 IntArray = NDArray[np.int64]
@@ -249,8 +249,11 @@ def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool
     options = candidates.options
     gain, left = beside(candidates.problem, parent.fit, child.fit, options.price)
     gain -= options.price * (child.size - parent.size)
-    slow = follows_slowly(candidates.problem, parent.fit, child.fit)
-    return left < SAME_ANYHOW or gain > (left if slow else min(options.least_gain, left))
+    if left < SAME_ANYHOW:
+        return True
+    if follows_slowly(candidates.problem, parent.fit, child.fit):
+        return not wanders_more(candidates.problem, parent.fit, child.fit, options.price)
+    return gain > min(options.least_gain, left)
 
 
 def _simplest(

@@ -27,6 +27,8 @@ LEFT = 1e-4
 """Of an offset's square, if the initial states take more: then nobody can tell."""
 
 
+MORE = 6.0
+"""Nats that walks bring where sensors wander."""
 SLOW = 0.8
 """How alike neighbouring windows are of what follows slowly; of commands that change they are 0.2 at most."""
 FORCE = -1
@@ -41,11 +43,13 @@ class Wander:
         cost: Negative logarithm of the likelihood [nats], up to a constant of the problem and its weights.
         gain: What the walks bring, with their price [nats].
         outputs: Indices of the outputs whose offset walks.
+        walked: What of the gain is lost if the offsets hardly walk, with errors along them as small [nats].
     """
 
     cost: float
     gain: float
     outputs: tuple[int, ...]
+    walked: float = 0.0
 
 
 def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
@@ -70,7 +74,8 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
         trial, pace = walks.best(paces, j) if paces else singly[j]
         if trial + price < cost:
             cost, paces = trial + price, paces | {j: pace}
-    return Wander(cost, without - cost, tuple(sorted(paces.keys() - {FORCE})))
+    still = walks.still(list(paces)) if paces else cost
+    return Wander(cost, without - cost, tuple(sorted(paces.keys() - {FORCE})), still - cost)
 
 
 def beside(
@@ -111,10 +116,18 @@ class _Walks:
         self._products, self._precision = _products(self._columns), _precision(problem)
         self.without = 0.5 * float(_left(self._products[None])[0])
 
+    def still(self, outputs: list[int]) -> float:
+        """Least cost if these outputs walk as slowly as any."""
+        slowest = [PACES[0] / self._typical(j) for j in outputs]
+        return float(self.costs(outputs, [(slowest, share) for share in SHARES]).min())
+
+    def _typical(self, j: int) -> float:
+        """Square of what a window answers to an output's offset."""
+        return max(float(np.mean(np.sum(self.shown[j] ** 2, axis=1))), 1e-300)
+
     def best(self, paces: dict[int, float], j: int) -> tuple[float, float]:
         """Least cost with one output more, and its pace."""
-        typical = max(float(np.mean(np.sum(self.shown[j] ** 2, axis=1))), 1e-300)
-        tried = [([*paces.values(), pace], share) for pace in PACES / typical for share in SHARES]
+        tried = [([*paces.values(), pace], share) for pace in PACES / self._typical(j) for share in SHARES]
         costs = self.costs([*paces, j], tried)
         k = int(np.argmin(costs))
         return float(costs[k]), float(tried[k][0][-1])
@@ -247,6 +260,12 @@ def _precision(problem: Problem) -> FloatArray:
         result[1, first : own.stop - 1] = -inverse
         first = own.stop
     return result
+
+
+def wanders_more(problem: Problem, parent: Fit, child: Fit, price: float) -> bool:
+    """Whether walks bring more beside a child than its further columns do beside them; see ``beside``."""
+    gain, _ = beside(problem, parent, child, price)
+    return wander(problem, child, price).walked > max(gain, MORE)
 
 
 def follows_slowly(problem: Problem, parent: Fit, child: Fit) -> bool:
