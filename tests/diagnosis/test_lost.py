@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldmodels.diagnosis.lost import lost_samples
+from fieldmodels.exam.benches import Conditions, get_bench
+from fieldmodels.exam.sizes import recordings
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
@@ -90,3 +92,13 @@ def test_nothing_is_said_of_a_sensor_that_is_coarse_slow_or_at_rest(seed, noise,
     elif form == "at rest":
         values = np.where(np.sin(0.5 * one.time) > 0.0, values, values[0])
     assert lost_samples(RIG, [shown(one, values)], [])[2] == ()
+
+
+@pytest.mark.parametrize(
+    ("machine", "seed"), [("pose_reaching", 1058), ("differential_drive", 1042), ("uav_route", 1015)]
+)
+def test_nothing_is_said_of_what_rests_without_noise_or_is_never_negative(machine, seed):
+    """A robot that turns on the spot, and the time since a radar's scan."""
+    bench = get_bench(machine)
+    train, test = recordings(bench, (), Conditions(factor=0.0), seed)
+    assert lost_samples(bench.model, [train], [test])[2] == ()

@@ -20,6 +20,8 @@ FEWEST = 8
 """Samples that are lost, or show a sensor's end, from which on it is said;"""
 CHANCE = 10.0
 """and times as many as repeat by chance, since what is recorded is rounded."""
+LONGEST = 4.0
+"""Samples in a row that are lost, on average; what does not move at all rests for longer."""
 IRREGULAR = 0.4
 """Standard deviation over mean of the samples between two losses; by chance it is 1, of a slow sensor 0."""
 
@@ -62,7 +64,7 @@ def _by_chance(values: FloatArray) -> float:
     """How many samples repeat the last one by chance, for its rounding; all where half of them do anyhow."""
     changes = np.abs(np.diff(values))
     changes = changes[changes > 0.0]
-    if not np.isfinite(values).all() or 2 * len(changes) < len(values):
+    if not np.isfinite(values).all() or 2 * min(len(changes), len(np.unique(values))) < len(values):
         return float(len(values))
     return len(values) * rounding(values) / (2.0 * float(np.median(changes)))
 
@@ -80,12 +82,13 @@ def _held(model: Model, recording: Recording, name: str) -> NDArray[np.bool_]:
     between = np.diff(np.flatnonzero(held & ~np.append(False, held[:-1])))
     certain = held.sum() > FEWEST + CHANCE * _by_chance(values)
     irregular = len(between) >= FEWEST // 2 and between.std() > IRREGULAR * between.mean()
-    return held if certain and irregular else np.zeros(len(values), dtype=np.bool_)
+    brief = held.sum() <= LONGEST * (len(between) + 1)  # else it rests
+    return held if certain and irregular and brief else np.zeros(len(values), dtype=np.bool_)
 
 
 def _at_end(values: FloatArray, end: Callable[[FloatArray], float]) -> NDArray[np.bool_]:
     """Which samples are exactly at the largest or smallest value, if that is reached again and again."""
-    ended = np.asarray(values == end(values))
+    ended = np.asarray((values == end(values)) & (values != 0.0))  # what is never negative does not end there
     begun = np.count_nonzero(ended & ~np.append(False, ended[:-1]))
     certain = ended.sum() > FEWEST + CHANCE * _by_chance(values)
     return ended if certain and begun > 1 else np.zeros(len(values), dtype=np.bool_)
