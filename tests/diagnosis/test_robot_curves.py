@@ -12,6 +12,8 @@ import pytest
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.drivers.named import extended_model
 from fieldmodels.drivers.variables import variable
+from fieldmodels.exam.benches import Conditions, Hidden, get_bench
+from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.recording import record_commands
@@ -237,3 +239,12 @@ def test_a_push_to_the_right_of_an_aircraft_s_course():
     time = 2.0 * np.arange(n)
     np.testing.assert_allclose((on - off)[:, north], (-0.5 + 0.3) * time, atol=1e-6)
     np.testing.assert_allclose((on - off)[:, east], (1.0 + 0.2) * time, atol=1e-6)
+
+
+def test_a_lag_that_no_list_contains_competes_with_a_delay_and_a_slip():
+    """To first order what remembers the steering is 15 to 26 nats behind; with the whole simulation it is not."""
+    bench = get_bench("line_following")
+    train, test = recordings(bench, [Hidden("sluggish_turn", 2.228)], Conditions(noise="heavy_tailed"), 5018)
+    causes = diagnose(bench.model, [train], [test]).causes
+    assert causes
+    assert all(any("memory of steering" in other for other in cause.alternatives) for cause in causes)

@@ -8,9 +8,9 @@ from scipy.stats import multivariate_normal
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.wander import _Walks, wander
-from fieldmodels.exam.benches import get_bench
+from fieldmodels.exam.benches import Conditions, Hidden, get_bench
 from fieldmodels.exam.cases import cases_of
-from fieldmodels.exam.sizes import records
+from fieldmodels.exam.sizes import recordings, records
 from fieldmodels.machines.excitation import model as excitation
 from fieldmodels.model import Signal
 
@@ -128,6 +128,10 @@ def test_what_a_free_column_explains_is_no_walk():
         ("pose_reaching", 1050),  # the measured wheels wander, and drive
         ("line_following", 1036),  # the start of a window is what a wandering sensor shows
         ("line_following", 1010),
+        ("heel_strike", 1007),  # a step brings 85 nats beside walks, and walks 103 beside it
+        ("heel_strike", 1022),  # a force over time, by a walk of which the start is measured, too
+        ("differential_drive", 1024),  # in closed loop; a wheel's sensor over time
+        ("pose_reaching", 1066),  # the same; a turn rate over the place, along which it drives
     ],
 )
 def test_a_sensor_that_wanders_is_nothing_missing(machine, seed):
@@ -153,3 +157,19 @@ def test_a_shaken_vehicle_is_simulated_as_finely_as_its_model_says(monkeypatch):
     off = np.sqrt(np.nanmean((shown[1] - shown[0]) ** 2, axis=(0, 1))) / np.nanstd(shown[1], axis=(0, 1))
     assert (off < model.resolution).all()
     assert (off > 0.2 * np.array(model.resolution)).all()
+
+
+@pytest.mark.parametrize("seed", [1023, 1048])
+def test_a_walker_that_its_law_alone_steers_lacks_nothing(seed):
+    """The command follows what a robot really does, and a start that is measured errs."""
+    bench = get_bench("line_following")
+    train, test = recordings(bench, (), Conditions(commands="law"), seed)
+    found = diagnose(bench.model, [train], [test])
+    assert (found.verdict, found.possible) == ("consistent", ())
+
+
+def test_a_bias_is_found_where_errors_are_white_but_smaller_than_they_are_weighed():
+    """On few windows errors along a sensor's offset are smaller than their weights say; that is no walk."""
+    bench = get_bench("excitation")
+    train, test = recordings(bench, [Hidden("accelerometer_bias", 3.0)], Conditions(), 2019)
+    assert [cause.effect for cause in diagnose(bench.model, [train], [test]).causes] == ["accelerometer_bias"]
