@@ -62,7 +62,6 @@ from fieldmodels.drivers.variables import (
     SHARE,
     TIMES,
     given,
-    near_sizes,
     remembering,
     variable,
 )
@@ -311,21 +310,9 @@ class Curves:
             best = self.judge(candidate)[:1]
             if not best or (candidate.fit is not self.fitted and not self.called_for(candidate, best[0])):
                 break
-            found.append(self.tuned(candidate, best[0]))
-            candidate = found[-1].candidate
+            found.append(best[0])
+            candidate = best[0].candidate
         return found
-
-    def tuned(self, candidate: Candidate, scored: Scored) -> Scored:
-        """A curve of what remembers a signal, with the time constant or the width of play that fits best."""
-        curve = scored.curve
-        sizes = () if curve.target.startswith(SHARE) else near_sizes(curve.over)
-        near = []
-        for over in sizes:
-            values = self._averaged(over, self._runs)
-            line = next(iter(tables({over: (curve.over_unit, values)})))
-            near.append(replace(line, place=curve.place, target=curve.target, unit=curve.unit))
-        tried = [replace(one, tried=1 + len(sizes)) for one in near]
-        return min((scored, *self.judge(candidate, tried)), key=lambda s: s.candidate.total)
 
     def first(self, candidate: Candidate) -> list[Scored]:
         """The best curve that the data call for beside a fit, a table or a known function; none or one.
@@ -537,7 +524,6 @@ class Curves:
             states = windows.states if model.random_force else self.fitted.states[first:last]
             runs.append(model.simulate(self.fitted.parameters[None], windows.with_states(states))[0])
             first = last
-        self._runs = runs
         collected = {}
         for name, unit in self._named(runs):
             joined = self._averaged(name, runs)

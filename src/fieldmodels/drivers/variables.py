@@ -25,8 +25,6 @@ SEGMENTS = 16
 MEMORY, PLAY, SHARE, CHANGE, WAY = "memory of ", "play of ", "share of ", "change of ", "way of "
 TIMES = (0.125, 0.5, 2.0)
 """Time constants that are tried, in lengths of a window."""
-NEAR = (0.35, 0.5, 0.7, 1.4, 2.0, 2.8)
-"""Times the best of these, that are tried then."""
 WIDTHS = (0.1, 0.3)
 """Half widths of play that are tried, in standard deviations of the signal."""
 _KNOWN: Once[dict[str, FloatArray]] = Once(lambda _: {})
@@ -56,16 +54,6 @@ def remembering(name: str, duration: float, deviation: float) -> Iterator[str]:
         yield f"{MEMORY}{name} over {share * duration:.4g} s"
     for share in WIDTHS:
         yield f"{PLAY}{name} of {share * deviation:.4g}"
-
-
-def near_sizes(over: str) -> tuple[str, ...]:
-    """Names of the same memory with time constants, or widths of play, between those that are tried."""
-    joint = " of " if over.startswith(PLAY) else " over "
-    if not over.startswith((MEMORY, PLAY)) or " times " in over:
-        return ()
-    name, _, size = over.rpartition(joint)
-    value, *unit = size.split(" ")
-    return tuple(f"{name}{joint}{' '.join([f'{float(value) * factor:.4g}', *unit])}" for factor in NEAR)
 
 
 def variable(model: Model, windows: Windows, out: FloatArray, over: str) -> FloatArray:
