@@ -63,8 +63,8 @@ class LineFollowingSettings(WalkRules, Noise, Lighting):
     track: Annotated[
         str,
         Setting(
-            "`straight`, `s`, `oval`, `figure_eight`, or the path of a CSV file with columns `x` and `y` "
-            "[m], seen from the working folder.",
+            "`straight`, `s`, `oval`, `figure_eight`, `winding_7` (random turns, others for each number), or "
+            "the path of a CSV file with columns `x` and `y` [m], seen from the working folder.",
             fixed="all rows share its points",
         ),
     ] = "oval"

@@ -55,6 +55,23 @@ def test_robot_stays_on_its_branch_where_the_line_meets_itself():
         assert abs(found - arc) < 1e-3
 
 
+def test_a_winding_line_turns_as_its_number_says_and_never_sharper_than_the_s():
+    lines = [read_track(f"winding_{number}") for number in range(20)]
+    assert np.array_equal(read_track("winding_7").table, lines[7].table)
+    for line in lines:
+        bends = line.bends
+        assert line.length > 100.0
+        assert not line.closed
+        assert np.abs(bends).max() < 1.01 / 9
+        lasting = np.diff(np.flatnonzero(np.diff(bends.round(6)) != 0)) * line.spacing
+        assert lasting[lasting > 0.3].min() > 1.5  # pieces of two metres and more
+    spread = np.concatenate([line.bends for line in lines])
+    assert abs(spread.mean()) < 0.02  # as often one way as the other
+    assert 0.06 < spread.std() < 0.1
+    with pytest.raises(ModelError, match="no track 'winding_'"):
+        read_track("winding_")
+
+
 def test_open_line_goes_on_straight_and_closed_line_begins_again():
     line = from_points([(0, 0), (1, 0), (2, 0)])
     assert np.allclose(point_at(line.table, line.spacing, False, 5.0), (5, 0, 1, 0))

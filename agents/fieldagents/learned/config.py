@@ -41,6 +41,16 @@ ENVIRONMENTS_MOST = 1_000
 RUNS_MOST = len(TRAINING_SEEDS) // ENVIRONMENTS_MOST
 
 
+def _wrong_features(features: Mapping[str, Mapping[str, Any]] | None) -> Problems:
+    for place, arguments in (features or {}).items():
+        try:
+            problem = wrong_arguments_of(imported(place), arguments, before=1)
+        except ValueError as error:
+            problem = str(error)
+        if problem:
+            yield (), problem
+
+
 def _is_class(key: str, value: Any) -> bool:
     return key.endswith("_class") and isinstance(value, str)
 
@@ -189,6 +199,10 @@ class TrainConfig(Config):
     observations neither, is nothing lost by it."""
     stack: Annotated[int, Field(ge=1, le=100)] = 1
     """Observations that the policy is given at once, the latest last; zeros before an episode's first."""
+    features: Annotated[Made | None, checked(_wrong_features)] = None
+    """``module:Class`` of a ``torch.nn.Module``, or a mapping from it to keyword arguments that follow the
+    observations' space: fixed features that the policy is given, and remembers, in place of the observations,
+    the action just taken beside them."""
     round_updates: PositiveInt | None = None
     """Updates in a round, which is a row of the learning curve; 1 on-policy, 100 off-policy unless given."""
     checkpoint_every: PositiveInt = 10

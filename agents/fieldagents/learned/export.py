@@ -18,6 +18,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
 
+from fieldagents.learned.features import FeaturedVecEnv
 from fieldagents.learned.pixels import is_image
 
 
@@ -77,19 +78,31 @@ class PlainPolicy(ExportedPolicy):
 
 
 class StackedPolicy(ExportedPolicy):
-    """A policy of the latest observations: its memory is those before the present one."""
+    """A policy of the latest observations, or of their features.
 
-    def __init__(self, policy: BasePolicy, normaliser: VecNormalize, stack: int) -> None:
+    Its memory is those before the present one; of features, also the action just taken.
+    """
+
+    def __init__(
+        self, policy: BasePolicy, normaliser: VecNormalize, stack: int, featured: FeaturedVecEnv | None
+    ) -> None:
         super().__init__(policy, normaliser)
         (whole,) = normaliser.observation_space.shape or (0,)
+        self.features = None if featured is None else featured.features
         self.single = whole // stack
-        self.memory = whole - self.single
+        self.before = whole - self.single
+        self.memory = self.before + (0 if featured is None else featured.taken.shape[1])
 
     def forward(self, observation: torch.Tensor, memory: torch.Tensor) -> Any:
         """Actions, and what is remembered, shape (batch, memory)."""
-        stacked = torch.cat([memory, observation], dim=1)
-        action = self.policy._predict(self.normal(stacked), deterministic=True)
-        return self.limited(action), stacked[:, self.single :]
+        if self.features is None:
+            present = [observation]
+        else:
+            present = [self.features(observation), memory[:, self.before :]]
+        stacked = torch.cat([memory[:, : self.before], *present], dim=1)
+        action = self.limited(self.policy._predict(self.normal(stacked), deterministic=True))
+        remembered = stacked[:, self.single :]
+        return action, remembered if self.features is None else torch.cat([remembered, action], dim=1)
 
 
 class RecurrentPolicy(ExportedPolicy):
@@ -98,7 +111,6 @@ class RecurrentPolicy(ExportedPolicy):
     def __init__(self, policy: BasePolicy, normaliser: VecNormalize) -> None:
         super().__init__(policy, normaliser)
         self.layers, _, self.units = cast(Any, policy).lstm_hidden_state_shape
-        self.single = int(np.prod(normaliser.observation_space.shape or (1,)))
         self.memory = 2 * self.layers * self.units
 
     def forward(self, observation: torch.Tensor, memory: torch.Tensor) -> Any:
@@ -116,7 +128,13 @@ class RecurrentPolicy(ExportedPolicy):
         return self.limited(action), following
 
 
-def to_onnx(policy: BasePolicy, normaliser: VecNormalize, note: str, stack: int = 1) -> bytes:
+def to_onnx(
+    policy: BasePolicy,
+    normaliser: VecNormalize,
+    note: str,
+    stack: int = 1,
+    featured: FeaturedVecEnv | None = None,
+) -> bytes:
     """Export a policy; equal weights give equal bytes.
 
     Args:
@@ -124,20 +142,21 @@ def to_onnx(policy: BasePolicy, normaliser: VecNormalize, note: str, stack: int 
         normaliser: Holds the statistics of the observations.
         note: One line about where it comes from, kept in the file as its documentation.
         stack: Observations that it is given at once.
+        featured: What takes features of them.
     """
-    shape = normaliser.observation_space.shape or ()
     names, outputs = ["observation"], ["action"]
     module: ExportedPolicy
     if hasattr(policy, "lstm_hidden_state_shape"):
         module = RecurrentPolicy(policy, normaliser)
-    elif stack > 1:
-        module = StackedPolicy(policy, normaliser, stack)
+    elif stack > 1 or featured is not None:
+        module = StackedPolicy(policy, normaliser, stack, featured)
     else:
         module = PlainPolicy(policy, normaliser)
+    shape = normaliser.unwrapped.observation_space.shape or ()
     example = [torch.zeros(2, *shape, dtype=torch.float32)]
     if isinstance(module, StackedPolicy | RecurrentPolicy):
         names, outputs = [*names, "memory"], [*outputs, "next_memory"]
-        example = [torch.zeros(2, module.single), torch.zeros(2, module.memory)]
+        example.append(torch.zeros(2, module.memory))
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # the exporter that needs no further package; its deprecation is torch's affair, pinned here

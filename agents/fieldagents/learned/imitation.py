@@ -6,7 +6,7 @@ it, from a stack of observations; a teacher with the same rights is imitated.
 
 from __future__ import annotations
 
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -80,7 +80,7 @@ class Teachers:
         for teacher, rows in self._all:
             teacher.begin_episodes(begun[rows])
 
-    def act(self, observation: Floats) -> Floats:
+    def act(self, observation: NDArray[Any]) -> Floats:
         """What they would do, each with what it may see."""
         commands = [
             teacher.act(observation[rows], visible(info, teacher.sees, self._task))
@@ -103,9 +103,7 @@ def _round(run: Run, teachers: Teachers, steps: int, teacher_acts: bool) -> tupl
     space = cast(spaces.Box, run.environment.action_space)
     for _ in range(steps):
         stacked = np.array(run.normaliser.get_original_obs(), dtype=np.float32)
-        width = run.environment.observation_space.shape or ()
-        latest = stacked if run.config.stack == 1 else stacked[:, -width[0] :]
-        command = teachers.act(latest)
+        command = teachers.act(run.environment.latest)
         seen.append(stacked)
         said.append(np.clip(command, space.low, space.high))
         action = command

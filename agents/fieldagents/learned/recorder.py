@@ -120,7 +120,7 @@ class Recorder(BaseCallback):
         """Score the policy as it would be shipped; keep it if it is the best so far."""
         run, config, steps = self._run, self._run.config, self.model.num_timesteps
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
-        policy = to_onnx(run.policy, run.normaliser, note, config.stack)
+        policy = to_onnx(run.policy, run.normaliser, note, config.stack, run.featured)
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
         episodes = pd.concat(
             run_episodes(OnnxAgent(policy), config.task, one, seeds) for one in config.environments

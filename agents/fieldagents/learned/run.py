@@ -18,7 +18,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 from fieldagents.learned.checkpoint import random_state, restore_random_state, to_arrays
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.pixels import ImageFeatures, is_image
+from fieldagents.learned.features import FeaturedVecEnv
+from fieldagents.learned.pixels import is_image
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.made import makers
 from fieldagents.policies.algorithms import is_on_policy
@@ -59,7 +60,8 @@ class Run:
     Attributes:
         model: The learner.
         environment: The training environments.
-        normaliser: Normalises what they give, after stacking it.
+        featured: Takes features of what they give; None without.
+        normaliser: Normalises what comes of that, after stacking it.
         best: The best validation so far; None before the first.
         logged: What the learning curve keeps of an update.
 
@@ -78,17 +80,29 @@ class Run:
                 " image: put a wrapper around it, environment.wrappers:"
                 " ['gymnasium.wrappers:FlattenObservation']"
             )
+        given: VecEnv = environment
+        self.featured: FeaturedVecEnv | None = None
+        if config.features is not None:
+            (make,) = makers((config.features,))
+            try:
+                given = self.featured = FeaturedVecEnv(environment, make(space))
+            except (RuntimeError, TypeError, ValueError) as error:
+                raise SpaceError(f"features cannot be taken of {config.task}: {error}") from error
+            space, image = given.observation_space, False
+        self._image = image
         if image and (config.stack > 1 or not is_on_policy(config.kind)):
-            raise SpaceError("images are learned from by on-policy algorithms such as ppo, without a stack")
+            raise SpaceError(
+                "images are learned from by on-policy algorithms such as ppo, without a stack; others, and a"
+                " stack, need features: 'fieldagents.learned.pixels:DarkLine' or your own"
+            )
         if config.stack > 1 and len(space.shape or ()) != 1:
             raise SpaceError(f"only observations of one dimension are stacked, not {space}")
         self.config, self.environment = config, environment
         self.best: Best | None = None
         self.logged = LOGGED[is_on_policy(config.kind)]
         self._stacked: VecFrameStack | None = None
-        given: VecEnv = environment
         if config.stack > 1:
-            given = self._stacked = VecFrameStack(environment, config.stack, channels_order="last")
+            given = self._stacked = VecFrameStack(given, config.stack, channels_order="last")
         self.normaliser = VecNormalize(
             given,
             norm_obs=config.normalise.observation and not image,  # pixels have their scale
@@ -102,7 +116,6 @@ class Run:
             "net_arch": list(network.hidden),
             "activation_fn": ACTIVATIONS[network.activation],
             **({} if network.log_std_init is None else {"log_std_init": network.log_std_init}),
-            **({"features_extractor_class": ImageFeatures} if image else {}),
             **network.imported,
         }
         arguments = dict(config.learner)
@@ -114,6 +127,8 @@ class Run:
             )
         except (AssertionError, TypeError, ValueError) as error:
             raise SpaceError(f"{config.algorithm} cannot be made for {config.task}: {error}") from error
+        if self.featured is not None and hasattr(self.policy, "lstm_hidden_state_shape"):
+            raise SpaceError("features are remembered by a stack of them, not by recurrence")
         self.model.action_space.seed(config.seed)  # an off-policy learner draws its first actions from it
 
     @property
@@ -155,6 +170,7 @@ class Run:
             "counters": {name: value for name, value in self._attributes().items() if _is_plain(value)},
             "buffer": _filled(getattr(model, "replay_buffer", None)),
             "first_actions": model.action_space.np_random.bit_generator.state,
+            "taken": None if self.featured is None else self.featured.taken,
             "stack": None if self._stacked is None else self._stacked.stacked_obs.stacked_obs,
             "observation_statistics": _statistics(normaliser.obs_rms) if normaliser.norm_obs else None,
             "return_statistics": _statistics(normaliser.ret_rms),
@@ -175,12 +191,14 @@ class Run:
         own = self._attributes()
         for name, value in state["counters"].items():
             setattr(model, name, _like(value, own.get(name)))
-        if is_image(self.environment.observation_space):
+        if self._image:
             # the library turns images by a view, and the order in memory is that of torch's sums
             turned = np.array(np.moveaxis(cast(Any, model._last_obs), 1, 3), order="C", copy=True)
             model._last_obs = np.moveaxis(turned, 3, 1)
         _fill(getattr(model, "replay_buffer", None), to_arrays(state["buffer"]))
         model.action_space.np_random.bit_generator.state = state["first_actions"]
+        if self.featured is not None:
+            self.featured.taken = state["taken"].numpy()
         if self._stacked is not None:
             self._stacked.stacked_obs.stacked_obs = state["stack"].numpy()
         if normaliser.norm_obs:

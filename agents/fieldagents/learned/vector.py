@@ -39,6 +39,7 @@ class NativeVecEnv(VecEnv):
             wrappers only say where their generators stand, and begin new episodes.
         infos: What each part last said beside its observations, of the episodes now under way. No learner is
             given it.
+        latest: What each row last observed.
 
     Raises:
         ValueError: If the rows of a part cannot be reset one by one, or the spaces differ.
@@ -65,6 +66,7 @@ class NativeVecEnv(VecEnv):
         self.exact = not any(isinstance(part, RowsVectorEnv) for part in parts)
         self.rows = [slice(end - part.num_envs, end) for part, end in zip(parts, ends, strict=True)]
         self.infos: list[dict[str, Any]] = [{} for _ in parts]
+        self.latest: NDArray[Any] = np.zeros(0)
         self.first_seed = seed
         self._seed: int | None = seed
         self.twins = twins
@@ -83,7 +85,8 @@ class NativeVecEnv(VecEnv):
             observations.append(observation)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return np.concatenate(observations)
+        self.latest = np.concatenate(observations)
+        return self.latest
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the actions of the next step."""
@@ -113,6 +116,7 @@ class NativeVecEnv(VecEnv):
         if self.twins > 1:
             groups = reward.reshape(-1, self.twins)
             reward = (groups - groups.mean(axis=1, keepdims=True)).reshape(-1)
+        self.latest = observation
         return observation, reward, ended, infos
 
     def _step(self, i: int, actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:

@@ -1,4 +1,4 @@
-"""Lines on the floor: straight, S, oval, figure of eight, or a user's own polyline."""
+"""Lines on the floor: straight, S, oval, figure of eight, winding ones, or a user's own polyline."""
 
 from __future__ import annotations
 
@@ -220,6 +220,17 @@ def figure_eight(radius: float = RADIUS) -> Track:
     return from_pieces([(turn, 1.0 / radius), (turn, -1.0 / radius)], "figure_eight", closed=True)
 
 
+def winding(number: int) -> Track:
+    """A hundred metres of straights and turns of random lengths and radii, another line for each number."""
+    rng = np.random.default_rng(number)
+    lengths = rng.uniform(2.0, 15.0, 50)
+    bends = np.clip(rng.uniform(-1.5, 1.5, 50), -1.0, 1.0) / RADIUS  # a third of them turns of the S
+    count = int(np.searchsorted(np.cumsum(lengths), 100.0)) + 1
+    return from_pieces(list(zip(lengths[:count], bends[:count], strict=True)), f"{WINDING}{number}")
+
+
+WINDING = "winding_"
+"""Before the number of a winding line."""
 TRACKS: dict[str, Callable[[], Track]] = {
     "straight": straight,
     "s": s_curve,
@@ -230,13 +241,15 @@ TRACKS: dict[str, Callable[[], Track]] = {
 
 
 def read_track(source: str | Path) -> Track:
-    """A track by its name, or from a CSV file with columns ``x`` and ``y`` [m].
+    """A track by its name, such as ``s`` or ``winding_7``, or from a CSV file with columns ``x``, ``y`` [m].
 
     Raises:
         ModelError: If there is neither such a name nor such a file, or the file is no polyline.
     """
     if str(source) in TRACKS:
         return TRACKS[str(source)]()
+    if str(source).startswith(WINDING) and (number := str(source).removeprefix(WINDING)).isdecimal():
+        return winding(int(number))
     path = Path(source)
     if path.suffix.lower() != ".csv":
         raise ModelError(f"no track {str(source)!r}{did_you_mean(str(source), TRACKS)}, and no .csv file")
