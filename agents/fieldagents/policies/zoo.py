@@ -69,10 +69,12 @@ class Training:
         return made
 
     def distance(self, settings: Mapping[str, Any]) -> int:
-        """How many of the task's settings differ from those of the training."""
+        """How many of the task's settings differ from those of the training; one that it drew never does."""
         kind = TypeAdapter(find_task(self.task).settings)
-        mine, asked = (kind.dump_python(kind.validate_python(dict(one))) for one in (self.settings, settings))
-        return sum(mine[key] != asked[key] for key in mine)
+        drawn = {key for key, value in self.settings.items() if isinstance(value, Mapping)}
+        fixed = {key: value for key, value in self.settings.items() if key not in drawn}
+        mine, asked = (kind.dump_python(kind.validate_python(dict(one))) for one in (fixed, settings))
+        return sum(mine[key] != asked[key] for key in mine if key not in drawn)
 
     def __str__(self) -> str:
         return f"{self.task}/{self.name}/{self.folder.name}"
