@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.answer import headline, what_to_do
 from fieldmodels.diagnosis.lost import lost_samples
 from fieldmodels.exam.benches import Conditions, get_bench
 from fieldmodels.exam.sizes import recordings
@@ -41,7 +43,8 @@ def test_lost_samples_are_said_and_put_between_the_others():
     lost[0] = False
     (mended,), (untouched,), said = lost_samples(RIG, [shown(one, held(one["position"], lost))], [one])
     assert said == (
-        f"position shows its last value again in {100 * lost.mean():.2g} % of the samples: lost ones",
+        f"position repeats its last value in {100 * lost.mean():.2g} % of the samples, which were lost and "
+        "are interpolated here",
     )
     assert np.array_equal(mended["position"][~lost], one["position"][~lost])
     true = 0.1 * np.sin(3.0 * one.time)
@@ -102,3 +105,16 @@ def test_nothing_is_said_of_what_rests_without_noise_or_is_never_negative(machin
     bench = get_bench(machine)
     train, test = recordings(bench, (), Conditions(factor=0.0), seed)
     assert lost_samples(bench.model, [train], [test])[2] == ()
+
+
+def test_the_answer_says_what_was_lost_and_what_to_do():
+    bench = get_bench("rig")
+    train, test = recordings(bench, (), Conditions(), 1000)
+    lost = np.random.default_rng(0).uniform(size=len(train)) < 0.05
+    lost[0] = False
+    found = diagnose(bench.model, [shown(train, held(train["position"], lost))], [test])
+    assert found.verdict == "consistent"
+    assert found.lost[0] in headline(found)
+    assert found.lost[0][1:] in found.summary()
+    assert any("sensor" in step for step in what_to_do(found))
+    assert found.lost[0] in found.notes

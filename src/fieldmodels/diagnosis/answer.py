@@ -118,6 +118,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
         )
     if diagnosis.verdict == "unknown" or diagnosis.above_noise:
         steps.append("Look at the shape of the remaining error below: it shows where in the machine to look.")
+    if diagnosis.lost:
+        steps.append("Mend that sensor or its log; what it did not measure tells nothing of the machine.")
     return steps or ["Nothing: go on with this simulation."]
 
 

@@ -47,7 +47,10 @@ def lost_samples(
         held = np.concatenate([_held(model, r, name) for r in train])
         if held.any():
             share = float(held.mean())
-            said.append(f"{name} shows its last value again in {100 * share:.2g} % of the samples: lost ones")
+            said.append(
+                f"{name} repeats its last value in {100 * share:.2g} % of the samples, which were lost and "
+                "are interpolated here"
+            )
             for r in (*train, *test):
                 lost = _held(model, r, name)
                 mended[id(r)] = _interpolated(mended[id(r)], name, lost, output.angle)
