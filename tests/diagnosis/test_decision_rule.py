@@ -203,7 +203,13 @@ def test_a_name_must_explain_as_much_as_noise_that_wanders(monkeypatch, gain, le
     monkeypatch.setattr(selection, "beside", lambda *_: (gain + 1.0, left))  # its parameter costs a nat
     candidates = SimpleNamespace(problem=SimpleNamespace(observations=None), options=selection.DEFAULT)
     parent, child = stands(100.0), stands(50.0, effects=("a",), size=1)
+    monkeypatch.setattr(selection, "follows_slowly", lambda *_: False)
     assert selection._stands(candidates, parent, child) == yes
+    monkeypatch.setattr(selection, "follows_slowly", lambda *_: True)
+    monkeypatch.setattr(selection, "wanders_more", lambda *_: False)
+    assert selection._stands(candidates, parent, child) == yes
+    monkeypatch.setattr(selection, "wanders_more", lambda *_: True)
+    assert selection._stands(candidates, parent, child) == (left < 2.0)
 
 
 def test_held_out_likelihood_is_student_s():

@@ -237,9 +237,10 @@ def test_a_result_is_read_with_its_curves_and_values():
     found: Any = SimpleNamespace(
         verdict="ambiguous", causes=[cause], unknown=None, summary=lambda: "words",
         gain={"position": SimpleNamespace(rmse_before=2.0, rmse_with_curves=1.0, horizons=())},
-        seen=seen,
+        seen=seen, lost=("position repeats its last value",),
     )  # fmt: skip
     given = read(get_model("rig"), found, 1.5)
+    assert given.missing
     assert given.named == (("coulomb_friction", CURVE, "hysteresis"),)
     assert given.errors == {"position": (2.0, 1.0)}
     assert given.seen == {"position": 0.3}

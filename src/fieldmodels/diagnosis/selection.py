@@ -251,9 +251,10 @@ def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool
     gain -= options.price * (child.size - parent.size)
     if left < SAME_ANYHOW:
         return True
-    if follows_slowly(candidates.problem, parent.fit, child.fit):
-        return not wanders_more(candidates.problem, parent.fit, child.fit, options.price)
-    return gain > min(options.least_gain, left)
+    if gain <= min(options.least_gain, left):
+        return False
+    fits = candidates.problem, parent.fit, child.fit
+    return not (follows_slowly(*fits) and wanders_more(*fits, options.price))
 
 
 def _simplest(
