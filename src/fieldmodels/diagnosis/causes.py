@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates, is_quantisation
+from fieldmodels.diagnosis.chance import CHANCE
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
 from fieldmodels.diagnosis.held_out import window_loss
@@ -151,12 +152,14 @@ def with_alternatives(
     for cause in causes:
         others: list[str] = []
         twin = f"curve of {judged.twin.curve.direction}" if judged.twin else ""
-        instead = twin or judged.unsure.get(cause.effect, "")
+        unsure = judged.unsure.get(cause.effect, "")
+        # A value that varies by chance is another matter than a curve that does as well on average.
+        instead = [twin, unsure] if unsure.startswith(CHANCE) else [twin or unsure]
         for other in selection.alternatives if same else ():
             removed, added = chosen - set(other.effects), set(other.effects) - chosen
             if cause.effect in removed:
                 others += [name for name in other.effects if name in added and name not in others]
-        result.append(replace(cause, alternatives=(*others, *([instead] if instead else []))))
+        result.append(replace(cause, alternatives=(*others, *filter(None, instead))))
     return tuple(result)
 
 

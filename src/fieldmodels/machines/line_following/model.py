@@ -44,9 +44,8 @@ class LineFollowing(Model):
         Signal("heading", "rad", noise=0.01, optional=True, angle=True),
     )
     states: tuple[Signal, ...] = (
-        # A start is free: it is measured once, and the law steers by what it really was.
-        Signal("offset", "m", noise=0.04),
-        Signal("heading", "rad", noise=0.04, angle=True),
+        Signal("offset", "m", noise=0.01),
+        Signal("heading", "rad", noise=0.01, angle=True),
     )
     effects = EFFECTS
     disturbance_unit = "rad"
