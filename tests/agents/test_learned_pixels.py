@@ -15,7 +15,7 @@ from fieldagents.learned import recorder
 from fieldagents.learned.checkpoint import load_checkpoint, save_checkpoint
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.export import to_onnx
-from fieldagents.learned.pixels import DarkLine, is_image
+from fieldagents.learned.pixels import SHRINK, DarkLine, ImageFeatures, is_image
 from fieldagents.learned.run import Run, SpaceError
 from fieldagents.learned.training import train
 from fieldagents.learned.vector import NativeVecEnv
@@ -35,14 +35,13 @@ TINY = {
     "checkpoint_every": 1,
     "environment": {"settings": COLOUR},
     "algorithm": "ppo",
-    "policy": "CnnPolicy",
     "learner": {"n_steps": 16, "batch_size": 16, "n_epochs": 1},
-    "network": {"hidden": [8], "more": {"features_extractor_kwargs": {"features_dim": 64}}},
+    "network": {"hidden": [8]},
     "normalise": {"reward": True},
     "validation": {"every": 3, "episodes": 2},
 }
 LINE = "fieldagents.learned.pixels:DarkLine"
-FEATURES = {**TINY, "policy": "MlpPolicy", "network": {"hidden": [8]}, "features": LINE, "stack": 3}
+FEATURES = {**TINY, "features": LINE, "stack": 3}
 BOTH = pytest.mark.parametrize("tiny", [TINY, FEATURES], ids=["image", "features"])
 
 
@@ -131,6 +130,20 @@ def test_where_no_line_is_seen_its_neighbours_stand_in():
     assert torch.allclose(found(image[:1]), features[:1], atol=1e-6)  # each image by itself
 
 
+def test_learned_features_are_of_every_image_alone():
+    space = gymnasium.spaces.Box(0, 255, (1, 120, 160), np.uint8)
+    torch.manual_seed(0)
+    features = ImageFeatures(space, 5)
+    batch = torch.rand(3, 1, 120, 160)
+    together = features(batch)
+    assert together.shape == (3, 5)
+    assert torch.allclose(together[1], features(batch[1:2])[0], atol=1e-6)
+    # only averages over small squares count
+    swapped = batch.clone()
+    swapped[:, :, :SHRINK, :SHRINK] = batch[:, :, :SHRINK, :SHRINK].flip(2, 3)
+    assert torch.allclose(features(swapped), together, atol=1e-6)
+
+
 def test_features_stand_beside_the_action_and_begin_anew_with_an_episode():
     native = gymnasium.make_vec(
         fieldgym.TASKS[TASK].env_id, num_envs=2, vectorization_mode="vector_entry_point", settings=COLOUR
@@ -180,8 +193,6 @@ def test_what_cannot_be_learned_from_is_refused(tmp_path):
     assert not is_image(gymnasium.spaces.Box(-1, 1, (9,), np.float32))
     off_policy = {
         "algorithm": "sac",
-        "network": {},
-        "policy": "MlpPolicy",
         "learner": {"buffer_size": 64, "learning_starts": 16, "batch_size": 16},
     }
     recurrent = {**FEATURES, "algorithm": "recurrent_ppo", "policy": "MlpLstmPolicy"}

@@ -1,4 +1,4 @@
-"""Features of images: where a dark line runs through them."""
+"""Features of images: learned by convolutions, or fixed: where a dark line runs through them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from typing import Any
 
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
+SHRINK = 4
+"""Pixels along each side that are averaged to one: a line of tape is six wide."""
 CLEAR = 0.1, 0.2
 """How much darker than the floor around it, of 1, the darkest place of a band is where no line and where
 surely a line is in it."""
@@ -72,3 +75,31 @@ class DarkLine(torch.nn.Module):
         nearby = ((seen * place) @ self.neighbours) / (seen @ self.neighbours + 1e-6)
         place = seen * place + (1.0 - seen) * nearby
         return torch.cat([place @ self.polynomials, seen.reshape(-1, 3, self.bands // 3).mean(dim=2)], dim=1)
+
+
+class ImageFeatures(BaseFeaturesExtractor):
+    """Averaged pixels, two convolutions, one layer: learned features of images, channel first, in [0, 1].
+
+    Args:
+        space: The image's space, channel first.
+        features_dim: Number of features.
+    """
+
+    def __init__(self, space: spaces.Box, features_dim: int = 64) -> None:
+        super().__init__(space, features_dim)
+        self.convolutions = torch.nn.Sequential(
+            torch.nn.AvgPool2d(SHRINK),
+            torch.nn.Conv2d(space.shape[0], 8, kernel_size=5, stride=2),
+            torch.nn.ReLU(),
+            torch.nn.Conv2d(8, 16, kernel_size=3, stride=2),
+            torch.nn.ReLU(),
+            torch.nn.Flatten(),
+        )
+        with torch.no_grad():
+            count = self.convolutions(torch.zeros(1, *space.shape)).shape[1]
+        self.layer = torch.nn.Sequential(torch.nn.Linear(count, features_dim), torch.nn.ReLU())
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Features, shape (batch, features_dim)."""
+        features: torch.Tensor = self.layer(self.convolutions(observations))
+        return features

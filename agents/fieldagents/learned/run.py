@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 from fieldagents.learned.checkpoint import random_state, restore_random_state, to_arrays
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.features import FeaturedVecEnv
-from fieldagents.learned.pixels import is_image
+from fieldagents.learned.pixels import ImageFeatures, is_image
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.made import makers
 from fieldagents.policies.algorithms import is_on_policy
@@ -116,6 +116,7 @@ class Run:
             "net_arch": list(network.hidden),
             "activation_fn": ACTIVATIONS[network.activation],
             **({} if network.log_std_init is None else {"log_std_init": network.log_std_init}),
+            **({"features_extractor_class": ImageFeatures} if image else {}),
             **network.imported,
         }
         arguments = dict(config.learner)
