@@ -171,7 +171,6 @@ class Run:
             "counters": {name: value for name, value in self._attributes().items() if _is_plain(value)},
             "buffer": _filled(getattr(model, "replay_buffer", None)),
             "first_actions": model.action_space.np_random.bit_generator.state,
-            "taken": None if self.featured is None else self.featured.taken,
             "stack": None if self._stacked is None else self._stacked.stacked_obs.stacked_obs,
             "observation_statistics": _statistics(normaliser.obs_rms) if normaliser.norm_obs else None,
             "return_statistics": _statistics(normaliser.ret_rms),
@@ -198,8 +197,6 @@ class Run:
             model._last_obs = np.moveaxis(turned, 3, 1)
         _fill(getattr(model, "replay_buffer", None), to_arrays(state["buffer"]))
         model.action_space.np_random.bit_generator.state = state["first_actions"]
-        if self.featured is not None:
-            self.featured.taken = state["taken"].numpy()
         if self._stacked is not None:
             self._stacked.stacked_obs.stacked_obs = state["stack"].numpy()
         if normaliser.norm_obs:
