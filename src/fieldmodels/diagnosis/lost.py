@@ -1,11 +1,11 @@
-"""Samples that are no measurement: a lost one is shown as the last one, one beyond a sensor's end as its end.
+"""Samples that a sensor has lost and shows as the last one again.
 
-Prediction errors hardly reveal them, and a delay or a gain would imitate them; the values themselves do.
+Prediction errors hardly reveal them, and a delay would imitate them; the values themselves do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
 FEWEST = 8
-"""Samples that are lost, or show a sensor's end, from which on it is said;"""
+"""Lost samples from which on it is said;"""
 CHANCE = 10.0
 """and times as many as repeat by chance, since what is recorded is rounded."""
 LONGEST = 4.0
@@ -29,7 +29,7 @@ IRREGULAR = 0.4
 def lost_samples(
     model: Model, train: Sequence[Recording], test: Sequence[Recording]
 ) -> tuple[list[Recording], list[Recording], tuple[str, ...]]:
-    """Recordings with lost samples interpolated, and what is said of each sensor that loses some or ends.
+    """Recordings with lost samples interpolated, and what is said of each sensor that loses some.
 
     Not said of coarse sensors, of what repeats regularly (a sensor slower than the log), of rows in which
     nothing changes, nor of events.
@@ -54,13 +54,7 @@ def lost_samples(
             for r in (*train, *test):
                 lost = _held(model, r, name)
                 mended[id(r)] = _interpolated(mended[id(r)], name, lost, output.angle)
-        for end, word in _ENDS:
-            if any(_at_end(r[name], end).any() for r in train):
-                said.append(f"{name} never shows {word} than {end(train[0][name]):.4g} {output.unit}")
     return [mended[id(r)] for r in train], [mended[id(r)] for r in test], tuple(said)
-
-
-_ENDS: tuple[tuple[Callable[[FloatArray], float], str], ...] = ((np.max, "more"), (np.min, "less"))
 
 
 def _by_chance(values: FloatArray) -> float:
@@ -77,7 +71,7 @@ def _held(model: Model, recording: Recording, name: str) -> NDArray[np.bool_]:
     values = recording[name]
     again = np.append(False, values[1:] == values[:-1])
     again[recording.bounds[:, 0]] = False
-    again &= (values != np.max(values)) & (values != np.min(values))  # its ends, perhaps
+    again &= (values != np.max(values)) & (values != np.min(values))  # where a sensor saturates, perhaps
     change = np.zeros(len(values), dtype=np.bool_)
     for other in (s.name for s in (*model.inputs, *model.outputs) if s.name != name and s.name in recording):
         change[1:] |= recording[other][1:] != recording[other][:-1]
@@ -89,23 +83,17 @@ def _held(model: Model, recording: Recording, name: str) -> NDArray[np.bool_]:
     return held if certain and irregular and brief else np.zeros(len(values), dtype=np.bool_)
 
 
-def _at_end(values: FloatArray, end: Callable[[FloatArray], float]) -> NDArray[np.bool_]:
-    """Which samples are exactly at the largest or smallest value, if that is reached again and again."""
-    ended = np.asarray((values == end(values)) & (values != 0.0))  # what is never negative does not end there
-    begun = np.count_nonzero(ended & ~np.append(False, ended[:-1]))
-    certain = ended.sum() > FEWEST + CHANCE * _by_chance(values)
-    return ended if certain and begun > 1 else np.zeros(len(values), dtype=np.bool_)
-
-
 def _interpolated(recording: Recording, name: str, lost: NDArray[np.bool_], angle: bool) -> Recording:
     """A recording with a sensor's lost samples between the others."""
     if not lost.any():
         return recording
-    time, values = recording.time, recording[name]
-    known = np.unwrap(values[~lost]) if angle else values[~lost]
-    between = np.interp(time[lost], time[~lost], known)
-    if angle:  # near the last one shown, however often it has turned
-        between -= 2.0 * np.pi * np.round((between - values[lost]) / (2.0 * np.pi))
-    mended = values.copy()
-    mended[lost] = between
+    mended = recording[name].copy()
+    for first, last in recording.bounds:
+        here, gone = slice(first, last), lost[first:last]
+        time, values = recording.time[here], recording[name][here]
+        known = np.unwrap(values[~gone]) if angle else values[~gone]
+        between = np.interp(time[gone], time[~gone], known)
+        if angle:  # near the last one shown, however often it has turned
+            between -= 2.0 * np.pi * np.round((between - values[gone]) / (2.0 * np.pi))
+        mended[here][gone] = between
     return replace(recording, signals={**recording.signals, name: mended})

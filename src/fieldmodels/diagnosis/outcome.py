@@ -65,7 +65,7 @@ class Diagnosis:
         seconds: Duration of the diagnosis.
         evidence: Arrays for the report.
         notes: Peculiarities and preprocessing of the data (``Recording.notes``), and which of them were used.
-        lost: Of each sensor that loses samples or ends before the machine, that in words.
+        lost: Of each sensor that loses samples, that in words.
         simulations: How much was simulated, in plain simulations of all the windows that were fitted.
         stopped: What was left out for a budget of time; empty if nothing was.
         above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
