@@ -247,6 +247,14 @@ def test_a_result_is_read_with_its_curves_and_values():
     assert deviations({"coulomb_friction": {"force": 1.0}}, given) == {"coulomb_friction.force": 3.0}
 
 
+def test_what_is_said_of_lost_samples_is_an_answer():
+    """It finds a fault that no model lists, and is a doubt where nothing is hidden."""
+    quiet = answer(verdict="consistent")
+    said = replace(quiet, missing=True)
+    assert (of_unlisted(said, ()), of_unlisted(quiet, ())) == ("abstained", "silent")
+    assert (of_nothing(said), of_nothing(quiet)) == ("doubted", "consistent")
+
+
 def test_a_silent_case_is_held_against_what_would_have_been_seen():
     """An error of 5 of which 4 are noise hides one of 3 (squares add): twice the 1.5 that is stated."""
     silent = replace(answer(), errors={"x": (5.0, 5.0)}, seen={"x": 1.5})

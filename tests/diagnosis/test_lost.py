@@ -41,7 +41,9 @@ def test_lost_samples_are_said_and_put_between_the_others():
     one = record()
     lost = np.random.default_rng(1).uniform(size=COUNT) < 0.05
     lost[0] = False
-    (mended,), (untouched,), said = lost_samples(RIG, [shown(one, held(one["position"], lost))], [one])
+    lossy = shown(one, held(one["position"], lost))
+    (mended,), (untouched, tested), said = lost_samples(RIG, [lossy], [one, lossy])
+    assert np.array_equal(tested["position"], mended["position"])
     assert said == (
         f"position repeats its last value in {100 * lost.mean():.2g} % of the samples, which were lost and "
         "are interpolated here",
@@ -65,6 +67,7 @@ def test_an_angle_is_interpolated_across_a_turn():
     assert len(said) == 1
     error = (mended["heading"] - 0.3 * time + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(error[lost]).max() < 0.05
+    assert np.abs(mended["heading"] - shown_heading).max() < 1.0  # no turn is added
 
 
 def test_a_run_is_not_continued_by_the_next_one():

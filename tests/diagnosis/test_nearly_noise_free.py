@@ -110,6 +110,14 @@ def test_an_integration_off_by_its_resolution_is_not_doubted(factor, seed):
     train, test = recordings(bench, (), Conditions(factor=factor), seed)
     found = diagnose(bench.model, [train], [test])
     assert ([cause.effect for cause in found.causes], found.unknown) == ([], None)
+    # What would have been seen errs by as much as the simulation, too.
+    finest = {
+        s.name: r * train[s.name].std()
+        for s, r in zip(bench.model.outputs, bench.model.resolution, strict=True)
+    }
+    stated = [max(error / finest[name] for name, error in one.errors.items()) for one in found.seen]
+    assert stated
+    assert min(stated) > 0.9
 
 
 def test_dry_friction_is_not_taken_for_a_command_that_moves_between_samples():

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
 from fieldmodels.exam.oracles import find_oracle, heel_strike, line_following
-from fieldmodels.exam.plants import axis_listed, leg, vehicle
+from fieldmodels.exam.plants import axis_listed, leg, vehicle, walk
 from fieldmodels.exam.plants.axis import simulate
 from fieldmodels.exam.plants.commands import COMMANDS
 from fieldmodels.exam.plants.noise import NOISES
@@ -194,6 +194,19 @@ def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is
     small = off(1e-3)
     assert small < 0.02
     assert any(off(size) > max(3.0 * small, 1e-3) for size in (3.0, 10.0, 30.0))
+
+
+def test_a_walker_s_own_chance_is_white_whatever_its_sensors_noise(monkeypatch):
+    """What wanders between strides would be a fault of the robot."""
+    drawn = []
+    monkeypatch.setattr(
+        walk, "simulate", lambda _walker, _added, noise: drawn.append(noise) or np.zeros((len(noise), 4))
+    )
+    get_bench("line_following").log([], Conditions(noise="random_walk"), 3, False)
+    noise = drawn[0] / drawn[0].std(axis=0)
+    alike = [float(np.corrcoef(one[1:], one[:-1])[0, 1]) for one in noise.T]
+    assert min(alike[:3]) > 0.5
+    assert np.abs(alike[3:]).max() < 0.13  # four standard errors
 
 
 def test_a_controller_follows_a_path_by_what_is_shown():

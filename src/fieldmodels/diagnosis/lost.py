@@ -31,8 +31,8 @@ def lost_samples(
 ) -> tuple[list[Recording], list[Recording], tuple[str, ...]]:
     """Recordings with lost samples interpolated, and what is said of each sensor that loses some.
 
-    Not said of coarse sensors, of what repeats regularly (a sensor slower than the log), of rows in which
-    nothing changes, nor of events.
+    Not said of coarse sensors, of what repeats regularly (a sensor slower than the log) or rests, nor of
+    events.
 
     Args:
         model: The model.
@@ -44,7 +44,7 @@ def lost_samples(
         name = output.name
         if not all(name in r for r in train):
             continue
-        held = np.concatenate([_held(model, r, name) for r in train])
+        held = np.concatenate([_held(r[name]) for r in train])
         if held.any():
             share = float(held.mean())
             said.append(
@@ -52,7 +52,7 @@ def lost_samples(
                 "are interpolated here"
             )
             for r in (*train, *test):
-                lost = _held(model, r, name)
+                lost = _held(r[name])
                 mended[id(r)] = _interpolated(mended[id(r)], name, lost, output.angle)
     return [mended[id(r)] for r in train], [mended[id(r)] for r in test], tuple(said)
 
@@ -66,16 +66,10 @@ def _by_chance(values: FloatArray) -> float:
     return len(values) * rounding(values) / (2.0 * float(np.median(changes)))
 
 
-def _held(model: Model, recording: Recording, name: str) -> NDArray[np.bool_]:
-    """Which samples show the last value again, at irregular times, while others change; shape (n,)."""
-    values = recording[name]
-    again = np.append(False, values[1:] == values[:-1])
-    again[recording.bounds[:, 0]] = False
-    again &= (values != np.max(values)) & (values != np.min(values))  # where a sensor saturates, perhaps
-    change = np.zeros(len(values), dtype=np.bool_)
-    for other in (s.name for s in (*model.inputs, *model.outputs) if s.name != name and s.name in recording):
-        change[1:] |= recording[other][1:] != recording[other][:-1]
-    held = again & change
+def _held(values: FloatArray) -> NDArray[np.bool_]:
+    """Which samples show the last value again, briefly and at irregular times, shape (n,)."""
+    held = np.append(False, values[1:] == values[:-1])
+    held &= (values != np.max(values)) & (values != np.min(values))  # where a sensor saturates, perhaps
     between = np.diff(np.flatnonzero(held & ~np.append(False, held[:-1])))
     certain = held.sum() > FEWEST + CHANCE * _by_chance(values)
     irregular = len(between) >= FEWEST // 2 and between.std() > IRREGULAR * between.mean()
@@ -90,6 +84,8 @@ def _interpolated(recording: Recording, name: str, lost: NDArray[np.bool_], angl
     mended = recording[name].copy()
     for first, last in recording.bounds:
         here, gone = slice(first, last), lost[first:last]
+        if gone.all():  # a run of a row or two
+            continue
         time, values = recording.time[here], recording[name][here]
         known = np.unwrap(values[~gone]) if angle else values[~gone]
         between = np.interp(time[gone], time[~gone], known)
