@@ -125,3 +125,10 @@ def test_the_table_of_the_page_on_training_is_current():
     spec.loader.exec_module(curves)
     text = (folder / "training.md").read_text()
     assert curves.page(text) == text
+
+
+def test_a_setting_that_a_training_drew_is_no_difference():
+    (training,) = get_entry("line_following_pixels", "student").trainings
+    assert training.settings["light"] == {"uniform": [0.4, 1.2]}
+    assert training.distance({"track": "oval", "light": 0.5}) == 0
+    assert training.distance({"track": "s", "light": 0.5}) == 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,6 @@ import pytest
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.drivers.named import extended_model
 from fieldmodels.drivers.variables import variable
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.recording import record_commands
@@ -240,24 +237,3 @@ def test_a_push_to_the_right_of_an_aircraft_s_course():
     time = 2.0 * np.arange(n)
     np.testing.assert_allclose((on - off)[:, north], (-0.5 + 0.3) * time, atol=1e-6)
     np.testing.assert_allclose((on - off)[:, east], (1.0 + 0.2) * time, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("fault", "size", "seed"), [("sluggish_turn", 1.367, 5005), ("smeared_camera", 5.234, 5007)]
-)
-def test_a_lag_that_no_list_contains_competes_with_the_names_that_imitate_it(
-    fault: str, size: float, seed: int
-):
-    """A delay, or a camera's pitch and gain; to first order curves are several nats behind them.
-
-    Each window starts where it likes: what its start takes up decides how far behind they are.
-    """
-
-    class Free(LineFollowing):
-        states = tuple(replace(state, noise=0.04) for state in LineFollowing.states)
-
-    bench = get_bench("line_following")
-    train, test = recordings(bench, [Hidden(fault, size)], Conditions(), seed)
-    causes = diagnose(Free(), [train], [test]).causes
-    assert causes
-    assert all(any(other.startswith("curve of") for other in cause.alternatives) for cause in causes)

@@ -11,7 +11,6 @@ from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import Prediction, predict
-from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.drivers.curved import Curved
@@ -51,36 +50,14 @@ def extend(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Exten
     """
     if not curves:
         return None
-    model, fitted = _together(problem, kept, curves)
-    if not fitted.cost < kept.fit.cost:
-        return None
-    return Extension(model, fitted, _final(curves, fitted, len(kept.fit.parameters)))
-
-
-def simulated(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Candidate:
-    """Curves beside a fit, judged by the whole simulation with them where that predicts held-out windows.
-
-    To first order a curve that changes much is worth less than it is, and names are fitted with the whole
-    simulation.
-
-    Args:
-        problem: Training windows.
-        kept: The fit.
-        curves: The curves, each judged beside those before.
-    """
-    last = curves[-1].candidate
-    loss = held_out_loss(_together(problem, kept, curves)[1], problem.folds)
-    return replace(last, loss=loss) if loss.sum() < last.loss.sum() else last
-
-
-def _together(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> tuple[Curved, Fit]:
-    """A fit of the whole simulation with curves beside what was fitted without them."""
     model = Curved(problem.model, [scored.free for scored in curves])
     count = len(kept.fit.parameters)
     start = np.concatenate([kept.fit.parameters, *(np.zeros(len(c.coefficients)) for c in curves)])
     free = np.concatenate([kept.fit.free, np.arange(count, len(start))])
-    whole = replace(problem, model=model)
-    return model, fit(whole, start, free, kept.fit.whitener, kept.fit.states, STEPS)
+    fitted = fit(replace(problem, model=model), start, free, kept.fit.whitener, kept.fit.states, STEPS)
+    if not fitted.cost < kept.fit.cost:
+        return None
+    return Extension(model, fitted, _final(curves, fitted, count))
 
 
 def _final(curves: Sequence[Scored], fitted: Fit, first: int) -> tuple[Scored, ...]:

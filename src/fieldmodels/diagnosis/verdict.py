@@ -7,14 +7,13 @@ search has chosen, and unlisted curves beside the base or beside a part of that 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.chance import varying_by_chance
 from fieldmodels.diagnosis.curves import NEAR_BEST, Curves, Scored
-from fieldmodels.diagnosis.extension import simulated
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
@@ -25,12 +24,6 @@ from fieldmodels.model import Effect, Model
 HALF = 0.5
 """Of what a curve must bring, that a likely one must bring beside sensors that wander. On a pendulum's
 swing-up the best one brought 0.75 of it; where only the noise was slow -0.5 and 0.2."""
-
-
-AS_GOOD = 2.0
-"""Nats behind what is named, by which a curve is as good."""
-FAR = 0.25
-"""Of what names explain, by which a curve to first order may be behind them and yet be as good as a whole."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +74,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     beside = Curves(problem, chosen.fit, options)
     left = beside.rivals(chosen)
     known = _known(curves, beside, base, chosen)
-    sets = [*(rivals[:count] for count in range(len(rivals), 0, -1)), *([one] for one in known)]
-    sets = _simulated(candidates, base, chosen, burden, sets)
-    for rival in sets:
+    for rival in (*(rivals[:count] for count in range(len(rivals), 0, -1)), *([one] for one in known)):
         last = rival[-1].candidate
         if _beats(last, chosen, burden, problem.blocks, options) and not _mostly(
             candidates, base, chosen, left, rival, burden
@@ -95,8 +86,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         left = beside.rivals(kept)
     if left and not beside.called_for(kept, left[0]):
         left = []
-    last_ones = [rival[-1] for rival in sets]
-    twin = next((r for r in last_ones if _as_good(r, chosen, burden, problem.blocks, options)), None)
+    twin = next((r for r in (*rivals, *known) if _as_good(r, chosen, burden, problem.blocks, options)), None)
     return Judgement(
         kept,
         beside,
@@ -110,29 +100,6 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
             **_varying(beside, kept),
         },
     )
-
-
-def _simulated(
-    candidates: Candidates, base: Candidate, chosen: Candidate, burden: float, sets: Sequence[list[Scored]]
-) -> list[list[Scored]]:
-    """Sets of curves, judged by the whole simulation where to first order they are not far from the names.
-
-    Args:
-        candidates: What fits the names.
-        base: What the curves are beside.
-        chosen: The names.
-        burden: Nats that these must bring for being several.
-        sets: The curves.
-    """
-    far = candidates.options.same_gain + FAR * (base.total - chosen.total)
-    result = []
-    for curves in sets:
-        behind = curves[-1].candidate.total - chosen.total - burden
-        if AS_GOOD <= behind < far:
-            whole = simulated(candidates.problem, base, curves)
-            curves = [*curves[:-1], replace(curves[-1], candidate=whole)]
-        result.append(curves)
-    return result
 
 
 def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -> list[Scored]:
@@ -330,6 +297,6 @@ def _as_good(
     """
     rival = scored.candidate
     worse = rival.total - named.total - burden - float(np.log(scored.curve.tried))
-    if worse < AS_GOOD:
+    if worse < 2.0:
         return True
     return bool(worse < options.same_gain and block_p_value(rival.loss - named.loss, blocks) > options.same_p)
