@@ -106,12 +106,18 @@ def test_nothing_is_said_of_a_sensor_that_is_coarse_slow_or_at_rest(seed, noise,
 
 
 @pytest.mark.parametrize(
-    ("machine", "seed"), [("pose_reaching", 1058), ("differential_drive", 1042), ("uav_route", 1015)]
+    ("machine", "seed", "conditions"),
+    [
+        ("pose_reaching", 1058, Conditions(factor=0.0)),  # turns on the spot
+        ("pose_reaching", 1058, Conditions(factor=0.0, closed=True)),  # wheels at their limit
+        ("differential_drive", 1042, Conditions(factor=0.0)),
+        ("differential_drive", 1012, Conditions(noise="quantised")),  # a coarse heading of many turns
+        ("uav_route", 1015, Conditions(factor=0.0)),  # the time since a radar's scan
+    ],
 )
-def test_nothing_is_said_of_what_rests_without_noise_or_takes_few_values(machine, seed):
-    """A robot that turns on the spot, and the time since a radar's scan."""
+def test_nothing_is_said_of_what_rests_without_noise_or_takes_few_values(machine, seed, conditions):
     bench = get_bench(machine)
-    train, test = recordings(bench, (), Conditions(factor=0.0), seed)
+    train, test = recordings(bench, (), conditions, seed)
     assert lost_samples(bench.model, [train], [test])[2] == ()
 
 

@@ -12,18 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.resolution import rounding
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
 FEWEST = 8
-"""Lost samples from which on it is said;"""
-CHANCE = 10.0
-"""and times as many as repeat by chance, since what is recorded is rounded."""
-LONGEST = 4.0
-"""Samples in a row that are lost, on average; what does not move at all rests for longer."""
+"""Lost samples from which on it is said."""
+LONGEST = 8
+"""Samples in a row from which on a signal rests: chance hardly loses so many."""
 IRREGULAR = 0.4
 """Standard deviation over mean of the samples between two losses; by chance it is 1, of a slow sensor 0."""
+FINE = 1e-6
+"""Of a usual change: changes that differ by less are the same, as those of a coarse sensor are."""
 
 
 def lost_samples(
@@ -57,24 +56,26 @@ def lost_samples(
     return [mended[id(r)] for r in train], [mended[id(r)] for r in test], tuple(said)
 
 
-def _by_chance(values: FloatArray) -> float:
-    """How many samples repeat the last one by chance, for its rounding; all where half of them do anyhow."""
+def _is_fine(values: FloatArray) -> bool:
+    """Whether a sensor is recorded so finely that it repeats nothing by chance: hardly two changes agree."""
     changes = np.abs(np.diff(values))
     changes = changes[changes > 0.0]
-    if not np.isfinite(values).all() or 2 * min(len(changes), len(np.unique(values))) < len(values):
-        return float(len(values))
-    return len(values) * rounding(values) / (2.0 * float(np.median(changes)))
+    if not np.isfinite(values).all() or 2 * len(changes) < len(values):
+        return False
+    return len(np.unique(np.round(changes / (FINE * np.median(changes))))) > 0.9 * len(changes)
 
 
 def _held(values: FloatArray) -> NDArray[np.bool_]:
     """Which samples show the last value again, briefly and at irregular times, shape (n,)."""
     held = np.append(False, values[1:] == values[:-1])
     held &= (values != np.max(values)) & (values != np.min(values))  # where a sensor saturates, perhaps
-    between = np.diff(np.flatnonzero(held & ~np.append(False, held[:-1])))
-    certain = held.sum() > FEWEST + CHANCE * _by_chance(values)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held, [0]])))
+    begun, ended = edges[::2], edges[1::2]
+    between = np.diff(begun)
+    certain = held.sum() >= FEWEST and _is_fine(values)
+    brief = np.max(ended - begun, initial=0) < LONGEST
     irregular = len(between) >= FEWEST // 2 and between.std() > IRREGULAR * between.mean()
-    brief = held.sum() <= LONGEST * (len(between) + 1)  # else it rests
-    return held if certain and irregular and brief else np.zeros(len(values), dtype=np.bool_)
+    return held if certain and brief and irregular else np.zeros(len(values), dtype=np.bool_)
 
 
 def _interpolated(recording: Recording, name: str, lost: NDArray[np.bool_], angle: bool) -> Recording:
