@@ -141,12 +141,26 @@ class Combination:
         unit: SI unit.
         weights: Of what it sums, in order.
         rate: Variable that says how fast a machine moves that way by itself; empty for none.
+        over: Signals on which, and on whose rates and memory, what acts in this direction may depend; empty
+            for all.
+        moves: True where it is a place, whose second derivative acts: its curves are smooth, over what the
+            machine is told (``over``).
+        input: The input that it adds to; empty where it is none.
     """
 
     name: str
     unit: str
     weights: tuple[float, ...]
     rate: str = ""
+    over: tuple[str, ...] = ()
+    moves: bool = False
+    input: str = ""
+
+    def may_depend_on(self, variable: str) -> bool:
+        """Whether a curve in this direction may run over a variable; see ``drivers.variables``."""
+        if self.moves:
+            return variable in self.over
+        return not self.over or any(one in variable for one in self.over)
 
 
 @dataclass(frozen=True)
@@ -182,6 +196,9 @@ class Model(ABC):
         directions: Directions of motion in which something unlisted may act, where there are several: what
             one unit of each is in the columns of ``Windows.disturbance``, then of shape (n, columns). The
             first column is the one of ``disturbance_unit``.
+        unmeasured: Signals of the simulation that no sensor measures, and on which something unlisted may
+            depend (a suspension's deflection); see ``simulate_all``.
+        lasting: How long what acts in a window is felt after it [s], where windows do not start anew.
         sums: Sums of the inputs on which something unlisted may depend (both wheels' commands: a speed).
         measured_inputs: Signals that measure the actual response to each input, if a recording has them; see
             ``stages``.
@@ -210,6 +227,8 @@ class Model(ABC):
     horizons: tuple[float, ...]
     disturbance_unit: str = ""
     directions: tuple[Combination, ...] = ()
+    unmeasured: tuple[Signal, ...] = ()
+    lasting: float = 0.0
     sums: tuple[Combination, ...] = ()
     random_force: bool = False
     noisy_inputs: bool = False
@@ -234,6 +253,10 @@ class Model(ABC):
             Outputs, shape (batch, windows, samples, outputs), in the order of ``outputs``; samples
             after a window's end are NaN.
         """
+
+    def simulate_all(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """As ``simulate``, followed by what is ``unmeasured``: shape (..., outputs + unmeasured)."""
+        return self.simulate(parameters, windows)
 
     @abstractmethod
     def initial_states(self, recording: Recording, starts: NDArray[np.int64]) -> FloatArray:
@@ -466,6 +489,7 @@ class Wrapper(Model):
         self.inner = inner
         for name in Model.__annotations__:
             setattr(self, name, getattr(inner, name))
+        self.unmeasured = ()  # of most wrappers, which simulate outputs alone
 
     def initial_states(self, recording: Recording, starts: NDArray[np.int64]) -> FloatArray:
         """The inner model's."""

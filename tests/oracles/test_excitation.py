@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 import fieldgym  # noqa: F401
 from fieldmodels.exam.oracles import excitation as oracle
@@ -140,6 +141,88 @@ def test_prediction_of_pairs(effects: Effects) -> None:
     axis = axis_of(effects)
     own_off, oracles_off = without(axis)
     check_change(predicted(effects, axis), expected(effects, axis), own_off, oracles_off, PREDICTED)
+
+
+PUSHED = np.array([3.1, -4.3, 5.7, 0.71, -0.53, 0.37, 0.0371, 0.0573])
+"""Largest forces [N], torques [N m], and errors of the arm's angle and of its way from rest [rad]."""
+
+
+def wave(time: Array, column: int) -> Array:
+    """What acts in a direction; neither it nor its rate begins at zero."""
+    return np.asarray(PUSHED[column] * np.sin(11.0 * time + 0.7))
+
+
+class Pushed(oracle.Vehicle):
+    """A vehicle on which one force or torque acts beside its suspension."""
+
+    column: int
+
+    def resistance(self, time: float, x: Array, v: Array) -> Array:
+        """See ``oracle.Vehicle``."""
+        result = super().resistance(time, x, v)
+        if self.column < 6:
+            result[self.column] -= wave(np.array(time - BEGAN), self.column)
+        return result
+
+
+def with_push(column: int | None, axis: int) -> tuple[Array, Array]:
+    """What the model simulates with a push, and what the oracle says, shape (121, 15)."""
+    model = ExcitationModel("soft")
+    given = model.between(commands(axis), FINE)
+    signals = {"arm_angle": given[:, 0], "arm_axis": given[:, 1]}
+    signals |= {signal.name: np.zeros(len(given)) for signal in model.outputs}
+    time = STEP / FINE * np.arange(len(given))
+    windows = model.windows(Recording(BEGAN + time, signals), 120 * STEP)
+    if column is not None:
+        weights = model.pushes[column].weights
+        windows = windows.with_disturbance(np.multiply.outer(wave(time, column), weights))
+    own = model.simulate_all(model.vector(ODD, {}), windows)[0, 0][::FINE]
+    times = STEP * np.arange(121.0)
+    spline = make_interp_spline(STEP * np.arange(130.0), commands(axis)[:, 0], k=5)
+    error, begin = (PUSHED[column], wave(np.zeros(1), column)[0]) if column in (6, 7) else (0.0, 0.0)
+
+    def motion(t: float) -> tuple[float, float, float]:
+        sine, cosine = error * np.sin(11.0 * t + 0.7), error * np.cos(11.0 * t + 0.7)
+        rest = begin if column == 7 else 0.0
+        return (
+            float(spline(t)) + sine - rest,
+            float(spline(t, 1)) + 11.0 * cosine,
+            float(spline(t, 2)) - 121.0 * sine,
+        )
+
+    base = {p.name: p.nominal for p in model.parameters} | ODD
+    vehicle = Pushed(base, {}, axis, motion(0.0)[0])
+    object.__setattr__(vehicle, "column", 9 if column is None else column)
+    run = oracle.shake(vehicle, motion, times, began=BEGAN)
+    every = np.arange(121)
+    said = oracle.shown(vehicle.given, run, every, every)
+    return own, np.column_stack([said, run.place, run.angle[:, 2]])
+
+
+@pytest.mark.parametrize("column", range(8))
+def test_a_push_is_that_of_newton_and_euler(column: int) -> None:
+    """A force, a torque or an error of the arm acts in its direction; deflection and yaw are those there."""
+    axis = column % 3
+    own_off, oracles_off = with_push(None, axis)
+    own, oracles = with_push(column, axis)
+    # The first sample shows the rest before anything acts.
+    check_change(own[1:], oracles[1:], own_off[1:], oracles_off[1:], PREDICTED)
+
+
+@pytest.mark.parametrize("column", range(6))
+def test_a_push_runs_straight_between_samples(column: int) -> None:
+    """Samples of 10 ms, integrated by steps of 2.5 ms, are samples of 2.5 ms along lines."""
+    model = ExcitationModel("soft")
+    coarse, fine = 0.01 * np.arange(81), 0.0025 * np.arange(321)
+    pushes, shown = wave(coarse, column), []
+    for time in (coarse, fine):
+        still = {"arm_angle": np.full(len(time), 0.3), "arm_axis": np.ones(len(time))}
+        signals = still | {signal.name: np.zeros(len(time)) for signal in model.outputs}
+        along = np.multiply.outer(np.interp(time, coarse, pushes), model.pushes[column].weights)
+        windows = model.windows(Recording(time, signals), 0.8).with_disturbance(along)
+        shown.append(model.simulate(model.nominal, windows)[0, 0][:: len(time) // 80])
+    assert np.abs(shown[0]).max() > 0.01
+    np.testing.assert_allclose(shown[0], shown[1], rtol=0.0, atol=1e-9)
 
 
 LATE = 0.01

@@ -20,7 +20,7 @@ from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps, windo
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import Answers, responses, sample_times
+from fieldmodels.diagnosis.response import Answers, felt_from, responses, sample_times
 from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.model import Effect, Model
 
@@ -251,8 +251,10 @@ class Candidates:
 
     def lines(self, parent: Candidate, grid: FloatArray) -> tuple[float, ...]:
         """Frequencies of a periodic force that explain most of a parent's residual, by its force response."""
-        first, time = self.problem.model.pushes[0].name, sample_times(self.problem)
-        answers = Answers(project(parent.fit, responses(self.problem, parent.fit, [first])[first]))
+        push = self.problem.model.pushes[0]
+        force = responses(self.problem, parent.fit, [push.name])[push.name]
+        answers = Answers(project(parent.fit, force), felt_from(self.problem))
+        time = answers.spread(sample_times(self.problem))
         basis = np.linalg.qr(stacked(parent.fit.jacobian[:, :, parent.fit.active]))[0]
         residual = parent.fit.residual.reshape(-1)
         others = answers.with_all(np.column_stack([basis, residual]))

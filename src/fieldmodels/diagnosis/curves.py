@@ -30,10 +30,13 @@ from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import (
     Answers,
     averaged,
+    felt_from,
     odds_responses,
     offsets,
+    place_responses,
     responses,
     segments,
+    sites_over,
 )
 from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.selection import (
@@ -141,6 +144,8 @@ class Curves:
         model = problem.model
         self._segment = [segments(part.windows.lengths, part.slots.shape[1]) for part in problem.parts]
         self._force = responses(problem, fitted)
+        self._felt = felt_from(problem)
+        self._moves = {push.name: push for push in model.pushes if push.moves}
         measured = [int(j) for j in np.unique(problem.outputs)]
         self._odds = {
             model.outputs[j].name: odds_responses(problem, fitted, j)
@@ -151,13 +156,12 @@ class Curves:
             model.outputs[j].name: offsets(problem, j) for j in measured if not model.outputs[j].event
         }
         self.signals = self._variables()
-        self._answers: dict[tuple[str, str], Answers] = {}
+        self._answers: dict[tuple[str, str, str], Answers] = {}
+        self._places: dict[tuple[str, str], FloatArray] = {}
         self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
         self.all = tuple(self._curves())
         self._wave_places = tuple(waves.places(model, self.signals, self._shown, self._averaged))
-        forces = [
-            c for c in self.all if c.place == "force" and not c.formula and not c.target.startswith(SHARE)
-        ]
+        forces = [c for c in self.all if c.place == "force" and not c.formula and c.target in self._force]
         self._over_time = [c for c in (*forces, *self._wave_places) if c.over == "time"]
 
     def reweighed(self, fitted: Fit) -> Curves:
@@ -363,14 +367,32 @@ class Curves:
 
     def response(self, curve: Curve) -> FloatArray:
         """Whitened response of the features to each column, states projected out."""
-        return np.asarray(self.answers(curve).columns @ _by_segments(curve))
+        answers = self.answers(curve)
+        return np.asarray(answers.columns @ answers.of(curve))
 
     def answers(self, curve: Curve) -> Answers:
         """How the residual answers at a curve's place."""
         target = curve.target.removeprefix(SHARE)
-        if (curve.place, target) not in self._answers:
-            self._answers[curve.place, target] = Answers(self._columns(curve.place, target))
-        return self._answers[curve.place, target]
+        moves = curve.place == "force" and target in self._moves
+        key = curve.place, target, curve.over if moves else ""
+        if key not in self._answers:
+            columns = self._of_place(target, curve.over) if moves else self._columns(curve.place, target)
+            felt = self._felt if curve.place == "force" and not moves else None
+            sites = sites_over(self._told(curve.over)) if moves else None
+            self._answers[key] = Answers(columns, felt, sites)
+        return self._answers[key]
+
+    def _told(self, over: str) -> FloatArray:
+        """A variable that the machine is told, along all recordings."""
+        recorded = [part.windows.recording for part in self.problem.parts]
+        return np.concatenate([given(self.problem.model, one, over) for one in recorded])
+
+    def _of_place(self, target: str, over: str) -> FloatArray:
+        """As of ``Answers`` for curves of a place over a variable, which all weights share."""
+        if (target, over) not in self._places:
+            push = self._moves[target]
+            self._places[target, over] = place_responses(self.problem, self.fitted, push, over)
+        return project(self.fitted, self._places[target, over])
 
     def _columns(self, place: str, target: str) -> FloatArray:
         """As of ``Answers``; a parameter is one for a window, and its only segment is the whole."""
@@ -443,15 +465,18 @@ class Curves:
                 over = {n: s for n, s in over.items() if not any(n in one for one in own.values())}
             if sum(weight != 0.0 for weight in push.weights) > 1:  # part of others, which have all variables
                 over = {n: s for n, s in over.items() if push.rate in n}
+            if push.over:
+                over = {n: s for n, s in over.items() if push.may_depend_on(n)}
             for curve in tabled(over):
-                yield replace(curve, target=push.name, unit=push.unit or "1")
+                if not (push.moves and curve.formula):  # a place does not only bend at its ends
+                    yield replace(curve, target=push.name, unit=push.unit or "1")
             if push.rate in signals:
                 places = {n: s for n, s in plain.items() if n in outputs or n == "time"}
                 per = signals[push.rate][0]
                 share = "1" if per == push.unit else f"{push.unit} / ({per})"
                 for curve in tabled(places):
                     yield self._perhaps_share(replace(curve, target=SHARE + push.name, unit=share))
-        for curve in products(plain):
+        for curve in products({n: s for n, s in plain.items() if model.pushes[0].may_depend_on(n)}):
             yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
         for name in (s.name for s in model.inputs if s.name in plain):
             yield replace(fading(name, plain), target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
@@ -500,7 +525,7 @@ class Curves:
     def share_of(self, curve: Curve) -> FloatArray:
         """The rate of which a curve is a share, on the segments of every window; of any other curve one."""
         if not curve.target.startswith(SHARE):
-            return np.ones((1, 1))
+            return np.ones_like(self.signals["time"][1])
         (rate,) = [p.rate for p in self.problem.model.pushes if p.name == curve.target.removeprefix(SHARE)]
         return self.signals[rate][1]
 
@@ -508,9 +533,10 @@ class Curves:
         """Products of what the cosine and the sine of so many cycles at a place answer, (counts, 2, 2)."""
         key = place.place, place.target, place.over
         if key not in self._wave_products:
-            share = self.share_of(place)
-            answers = self.answers(place).products * share[..., None] * share[:, None, :]
-            self._wave_products[key] = waves.products(place.values, answers, counts)
+            answers = self.answers(place)
+            share = answers.spread(self.share_of(place))
+            pairs = answers.products * share[..., None] * share[:, None, :]
+            self._wave_products[key] = waves.products(answers.spread(place.values), pairs, counts)
         return self._wave_products[key]
 
     def _variables(self) -> Signals:
@@ -522,7 +548,7 @@ class Curves:
             # force that depends on the state; the measured one does not.
             windows, last = part.windows, first + len(part.windows)
             states = windows.states if model.random_force else self.fitted.states[first:last]
-            runs.append(model.simulate(self.fitted.parameters[None], windows.with_states(states))[0])
+            runs.append(model.simulate_all(self.fitted.parameters[None], windows.with_states(states))[0])
             first = last
         collected = {}
         for name, unit in self._named(runs):
@@ -562,7 +588,7 @@ class Curves:
         duration = self.problem.parts[0].windows.samples * recorded[0].step
         yield "time", "s"
         units = {signal.unit for signal in model.outputs}
-        for j, signal in enumerate(model.outputs):
+        for j, signal in enumerate((*model.outputs, *model.unmeasured)):
             values = [out[:, :, j][segment >= 0] for out, segment in zip(runs, self._segment, strict=True)]
             if any(np.isfinite(v).mean() < 0.9 for v in values) or (model.random_force and signal.optional):
                 continue
@@ -591,11 +617,6 @@ class Curves:
             for share in TIMES:
                 name = f"{one.name} times {MEMORY}size of {one.name} over {share * duration:.4g} s"
                 yield name, f"{one.unit} {one.unit}"
-
-
-def _by_segments(curve: Curve) -> FloatArray:
-    """Columns on the segments of every window; of a parameter's curve on its only one."""
-    return curve.values[:, None, :] if curve.place == "parameter" else curve.values
 
 
 class _Screen:
@@ -631,7 +652,7 @@ class _Screen:
             for i in range(0, len(numbers), at_once):
                 some = numbers[i : i + at_once]
                 # Windows first, so that each takes one product for all curves.
-                values = np.stack([_by_segments(curves[k]) for k in some], axis=2)
+                values = np.stack([answers.of(curves[k]) for k in some], axis=2)
                 apart = np.ascontiguousarray(values.reshape(-1, len(some), columns).transpose(1, 2, 0))
                 flat = values.reshape(windows, segments, -1)
                 image = (answers.products @ flat).reshape(-1, len(some), columns).transpose(1, 0, 2)
@@ -644,8 +665,9 @@ class _Screen:
     def powers(self, place: Curve, counts: FloatArray) -> FloatArray:
         """What waves of so many cycles at a place explain beside the basis, shape (counts,)."""
         curves = self._curves
-        others = self._of(curves.answers(place)) * curves.share_of(place)[..., None]
-        pairs = waves.against(place.values, others, counts)
+        answers = curves.answers(place)
+        others = self._of(answers) * answers.spread(curves.share_of(place))[..., None]
+        pairs = waves.against(answers.spread(place.values), others, counts)
         cross, whole = pairs[:-1], curves.wave_products(place, counts)
         own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
         slopes = pairs[-1] - np.tensordot(self._left, cross, 1)

@@ -325,7 +325,7 @@ def _stated(
         mistaken=found.mistaken,
         misfit=()
         if lacks("tests of the residuals")
-        else failed_tests(training, selection.base, candidates.options),
+        else failed_tests(training, selection.base, candidates.options, found.judged.tried),
         gain=gains(testing, (selection.base, kept), (found.before, found.after, whole), rng),
         curves=curves,
         possible=found.possible,

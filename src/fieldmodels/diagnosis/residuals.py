@@ -16,15 +16,22 @@ from fieldmodels.diagnosis.whitening import diagonal_whitener
 
 
 def failed_tests(
-    problem: Problem, base: Candidate, options: DiagnosisOptions = DEFAULT
+    problem: Problem, base: Candidate, options: DiagnosisOptions = DEFAULT, tried: Curves | None = None
 ) -> tuple[FailedTest, ...]:
     """Residual tests that the refitted base fails, smallest p-value first.
 
     For each signal: whether its residual is white within a window, and whether a force that depends on
     time, on an output or on an input would reduce it on held-out windows. p-values of the best of
     several directions are multiplied by their number (Bonferroni).
+
+    Args:
+        problem: The windows.
+        base: The base alone.
+        options: Thresholds.
+        tried: Curves beside a fit, which are used again if it is that of the base.
     """
-    result, curves = [], Curves(problem, base.fit, options)
+    same = tried is not None and tried.fitted is base.fit
+    result, curves = [], tried if tried and same else Curves(problem, base.fit, options)
     for j in np.unique(problem.outputs):
         signal = problem.model.outputs[j].name
         mask = problem.outputs == j
@@ -38,7 +45,7 @@ def failed_tests(
                 FailedTest(signal, "whiteness", p, "neighbouring errors within a window are correlated")
             )
         candidate = Candidate((), own, 0.0, held_out_loss(own, problem.folds))
-        judged = curves.reweighed(own).judge(candidate)
+        judged = curves.reweighed(own).judge(candidate, curves.all)
         for found in judged[:2]:
             p = min(1.0, found.p_value * len(judged))
             if p < options.level:

@@ -6,6 +6,8 @@ tried without simulating each.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,10 +15,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.arrays import FloatArray
+from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 from fieldmodels.diagnosis.linearisation import Fit
-from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.drivers.variables import SEGMENTS
+from fieldmodels.diagnosis.problem import Part, Problem
+from fieldmodels.diagnosis.shapes import Curve
+from fieldmodels.drivers.curved import smooth
+from fieldmodels.drivers.variables import SEGMENTS, given
+from fieldmodels.model import Combination
+
+LITTLE = (
+    0.01  # of the errors, that a place moves the features: accelerations grow with the square of its pace
+)
+SITES = 24  # of a variable, between which a curve of a place is a spline
 
 
 @dataclass(frozen=True)
@@ -27,9 +37,28 @@ class Answers:
 
     Attributes:
         columns: Whitened, states projected out, shape (windows, rows, segments).
+        felt: Windows on whose segments each answers, see ``felt_from``; None where it is only its own.
+        sites: Of the answers to a place, see ``place_responses``; they stand for segments.
     """
 
     columns: FloatArray
+    felt: IntArray | None = None
+    sites: FloatArray | None = None
+
+    def of(self, curve: Curve) -> FloatArray:
+        """What each of a curve's columns is on all that a window answers to, (windows, segments, columns)."""
+        if curve.place == "parameter":
+            return curve.values[:, None, :]
+        if self.sites is not None:
+            at = smooth(curve.knots, curve.shapes)(self.sites)
+            return np.broadcast_to(at, (len(self.columns), *at.shape))
+        return self.spread(curve.values)
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """What is given on the segments of every window, (windows, segments, ...), on all of ``felt``."""
+        if self.felt is None:
+            return values
+        return values[self.felt].reshape(len(values), -1, *values.shape[2:])
 
     @cached_property
     def products(self) -> FloatArray:
@@ -116,46 +145,137 @@ def offsets(problem: Problem, output: int | None = None) -> FloatArray:
     return np.concatenate(result)
 
 
-def _on_segment(problem: Problem, k: int, size: float) -> list[FloatArray]:
-    """A signal along every recording that acts on the k-th segment of each window."""
-    result = []
+def felt_from(problem: Problem) -> IntArray | None:
+    """Windows of which each feels what acts in them: itself and those before it, shape (windows, felt).
+
+    Where there is no such window its own number stands.
+
+    Returns:
+        None where windows have starts of their own, and feel only what acts in themselves.
+    """
+    lags = _lags(problem)
+    if len(lags) == 1:
+        return None
+    found, first = [], 0
+    for part in problem.parts:
+        run, place = _places(part)
+        known = {one: w for w, one in enumerate(zip(run.tolist(), place.tolist(), strict=True))}
+        rows = [
+            [known.get((r, p - lag), w) for lag in lags]
+            for w, (r, p) in enumerate(zip(run.tolist(), place.tolist(), strict=True))
+        ]
+        found.append(first + np.array(rows, dtype=np.int64))
+        first += len(part.windows)
+    return np.concatenate(found)
+
+
+def _lags(problem: Problem) -> range:
+    """How many windows later what acts in one is felt."""
+    lasting = problem.model.lasting
+    if not lasting > 0.0:
+        return range(1)
+    return range(1 + math.ceil(lasting / problem.horizon))
+
+
+def _places(part: Part) -> tuple[IntArray, IntArray]:
+    """Run of every window, and its place in that."""
+    windows = part.windows
+    bounds = windows.recording.bounds[:, 0]
+    run = np.searchsorted(bounds, windows.starts, side="right") - 1
+    return run.astype(np.int64), (windows.starts - bounds[run]) // windows.samples
+
+
+def _on_segment(problem: Problem, k: int, acting: BoolArray) -> list[FloatArray]:
+    """A signal along every recording that is one on the k-th segment of some windows."""
+    result, first = [], 0
     for part in problem.parts:
         segment = segments(part.windows.lengths, part.slots.shape[1])
+        inside = acting[first : first + len(part.windows)]
+        window, sample = np.nonzero((segment == k) & inside[:, None])
         signal = np.zeros(len(part.windows.recording))
-        window, sample = np.nonzero(segment == k)
-        signal[part.windows.starts[window] + sample] = size
+        signal[part.windows.starts[window] + sample] = 1.0
         result.append(signal)
+        first += len(part.windows)
     return result
 
 
 def responses(
     problem: Problem, fitted: Fit, directions: Sequence[str] | None = None
 ) -> dict[str, FloatArray]:
-    """Change of the features by a unit force on each segment, (windows, features, segments), by direction.
+    """Change of the features by a unit force on each segment, by direction.
 
     A model that accepts no force gets an offset of its outputs instead.
 
     Args:
         problem: The windows.
         fitted: What they are fitted by.
-        directions: Names of the directions; by default all of the model's.
+        directions: Names of the directions; by default all of the model's, but for places (``moves``).
+
+    Returns:
+        Shape (windows, features, segments); where windows feel what acted before, (windows, features, felt *
+        segments), see ``felt_from``.
     """
-    pushes = [p for p in problem.model.pushes if directions is None or p.name in directions]
+    pushes = [p for p in problem.model.pushes if (p.name in directions if directions else not p.moves)]
     needed = np.any([push.weights for push in pushes], axis=0)
     if not problem.model.disturbance_unit:
         return {"": offsets(problem)}
-    base, columns = problem.features - fitted.raw, len(pushes[0].weights)
-    result = np.zeros((columns, *base.shape, SEGMENTS))
+    felt = felt_from(problem)
+    lags = np.arange(1 if felt is None else felt.shape[1])
+    shape, columns = problem.features.shape, len(pushes[0].weights)
+    result = np.zeros((columns, *shape, len(lags), SEGMENTS))
+    places = np.concatenate([_places(part)[1] for part in problem.parts])
+    own = np.arange(len(places))[:, None]
+    there = np.ones((len(places), 1), dtype=np.bool_) if felt is None else (felt != own) | (lags == 0)
     for column in np.flatnonzero(needed):
-        axis, size = np.eye(columns)[column], 1.0
-        for k in range(SEGMENTS):
-            for _ in range(2 if k == 0 else 1):
-                signals = _on_segment(problem, k, size)
-                forces = signals if columns == 1 else [np.multiply.outer(one, axis) for one in signals]
-                change = problem.response(fitted.parameters, fitted.states, forces) - base
-                if k == 0:
-                    # Small against the motion, so that the response is linear.
-                    size *= float(np.sqrt(np.mean(fitted.raw**2) / (np.mean(change**2) + 1e-300)))
-            result[column, :, :, k] = change / size
-    result = np.where(np.isfinite(result), result, 0.0)
+        answer = _Small(problem, fitted, np.eye(columns)[column])
+        # Windows of each turn are so far apart that it is known which of them is felt.
+        for k, turn in itertools.product(range(SEGMENTS), lags):
+            change = answer(_on_segment(problem, k, places % len(lags) == turn))
+            window, lag = np.nonzero(there & ((places[:, None] - lags) % len(lags) == turn))
+            result[column, window, :, lag, k] = change[window]
+    result = result.reshape(columns, *shape, -1)
     return {push.name: np.tensordot(push.weights, result, 1) for push in pushes}
+
+
+class _Small:
+    """Change of the features by a signal in one direction, small against the motion, so that it is linear."""
+
+    def __init__(self, problem: Problem, fitted: Fit, weights: FloatArray, share: float = 1.0) -> None:
+        self._problem, self._fitted, self._weights = problem, fitted, weights
+        self._base, self._share, self._size = problem.features - fitted.raw, share, 0.0
+
+    def __call__(self, signals: Sequence[FloatArray]) -> FloatArray:
+        """Of a unit of signals along the recordings, shape (windows, features); zero where it is infinite."""
+        if not self._size:
+            errors, change = np.mean(self._fitted.raw**2), self._change(signals, 1.0)
+            self._size = self._share * float(np.sqrt(errors / (np.mean(change**2) + 1e-300)))
+        change = self._change(signals, self._size) / self._size
+        return np.where(np.isfinite(change), change, 0.0)
+
+    def _change(self, signals: Sequence[FloatArray], size: float) -> FloatArray:
+        alone, weights = len(self._weights) == 1, size * self._weights
+        forces = [weights[0] * one if alone else np.multiply.outer(one, weights) for one in signals]
+        return self._problem.response(self._fitted.parameters, self._fitted.states, forces) - self._base
+
+
+def sites_over(values: FloatArray) -> FloatArray:
+    """Values of a variable through which a curve of a place is a spline, shape (SITES,)."""
+    return np.linspace(values.min(), values.max(), SITES)
+
+
+def place_responses(problem: Problem, fitted: Fit, push: Combination, over: str) -> FloatArray:
+    """Change of the features by a place that is one at a site of a variable, (windows, features, sites).
+
+    Second derivatives of a place act, so that it cannot be put together from segments; but it depends on
+    nothing but what the machine is told, so that a few splines over that make every curve.
+
+    Args:
+        problem: The windows.
+        fitted: What they are fitted by.
+        push: The direction.
+        over: The variable.
+    """
+    told = [given(problem.model, part.windows.recording, over) for part in problem.parts]
+    sites = sites_over(np.concatenate(told))
+    answer = _Small(problem, fitted, np.array(push.weights), LITTLE)
+    return np.stack([answer([smooth(sites, unit)(v) for v in told]) for unit in np.eye(SITES)], axis=2)

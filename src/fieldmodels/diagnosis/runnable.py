@@ -35,7 +35,10 @@ def runnable(
     effects: dict[str, dict[str, Estimate]] = {}
     left = []
     for curve in curves:
-        found = _machine_effect(model, curve) if isinstance(model, Declaration) else _signal_effect(curve)
+        if isinstance(model, Declaration):
+            found = _machine_effect(model, curve)
+        else:
+            found = _signal_effect(model, curve)
         if isinstance(found, str):
             # A force that depends on an acceleration, which follows from it, would make no run settle.
             implicit = isinstance(model, Declaration) and "rate of " in curve.over
@@ -47,11 +50,12 @@ def runnable(
     return effects, tuple(left)
 
 
-def _signal_effect(curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | str:
-    """Around a model that simulates by itself: a sensor's error over what it measures; or why not."""
-    if curve.place != "sensor" or curve.over != curve.target:
-        return "around a model that simulates by itself only a sensor's error over what it measures can act"
-    return f"{curve.target}_curve", _values(curve, curve.over_unit, mirrored=False)
+def _signal_effect(model: Model, curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | str:
+    """Around a model that simulates by itself: a command's or a sensor's own curve; or why not."""
+    commanded = any(p.name == curve.target and p.input == curve.over for p in model.pushes)
+    if not commanded and (curve.place != "sensor" or curve.over != curve.target):
+        return "around a model that simulates by itself only a command's or a sensor's own curve can act"
+    return f"{curve.over}_curve", _values(curve, curve.over_unit, mirrored=False)
 
 
 def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | str:

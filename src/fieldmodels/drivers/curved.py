@@ -6,8 +6,9 @@ windows; a machine that is run for long has the curves in its own equations (``e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,21 @@ class FreeCurve:
         return np.asarray(np.interp(variable, self.knots, self.basis @ coefficients))
 
 
+def smooth(knots: FloatArray, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """The natural cubic spline through values at knots, along a line beyond them."""
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    flat: Any = ([(2, np.zeros(values.shape[1:]))],) * 2
+    spline = make_interp_spline(knots, values, k=3, bc_type=flat)
+
+    def at(x: FloatArray) -> FloatArray:
+        inside = np.clip(x, knots[0], knots[-1])
+        beyond = (x - inside)[(..., *[None] * (values.ndim - 1))]
+        return np.asarray(spline(inside) + beyond * spline(inside, 1))
+
+    return at
+
+
 class Curved(Wrapper):
     """A model with curves as further effects, whose coefficients follow its own parameters.
 
@@ -56,6 +72,7 @@ class Curved(Wrapper):
     def __init__(self, inner: Model, curves: Sequence[FreeCurve]) -> None:
         super().__init__(inner)
         self.curves = tuple(curves)
+        self.unmeasured = inner.unmeasured
         self.effects = (*inner.effects, *(self._effect(k, c) for k, c in enumerate(curves)))
 
     @staticmethod
@@ -72,13 +89,17 @@ class Curved(Wrapper):
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Simulate every window; see ``Model.simulate``."""
+        return self.simulate_all(parameters, windows)[..., : len(self.outputs)]
+
+    def simulate_all(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """Simulate every window; see ``Model.simulate_all``."""
         vectors = np.atleast_2d(parameters)
         count = len(self.inner.names)
         own, coefficients = (
             vectors[:, :count],
             np.split(vectors[:, count:], np.cumsum([c.basis.shape[1] for c in self.curves])[:-1], axis=1),
         )
-        out = self.inner.simulate(own, windows)
+        out = self.inner.simulate_all(own, windows)
         for b in range(len(vectors)):
             mine = [c[b] for c in coefficients]
             if any(c.any() for c in mine):
@@ -97,7 +118,7 @@ class Curved(Wrapper):
         out = plain
         for _ in range(self.repetitions if forces or changes else 0):
             pushed = self._pushed(windows, out, forces)
-            again = self.inner.simulate(own[None], pushed)[0]
+            again = self.inner.simulate_all(own[None], pushed)[0]
             for curve, a in changes:
                 again = again + self._changed(own, curve, a, pushed, out)
             moved, out = float(np.nanmax(np.abs(again - out), initial=0.0)), again
@@ -133,13 +154,26 @@ class Curved(Wrapper):
             total += windows.pushed(columns)
         inside = np.arange(windows.samples) < windows.lengths[:, None]
         rows = rows_of(windows)[inside]
-        for curve, a in forces:
-            added = curve.at(variable(self.inner, windows, out, curve.over), a)
+        for curve, coefficients in forces:
             push = pushes[curve.target.removeprefix(SHARE)]
+            if push.moves:
+                total += np.multiply.outer(self._along(windows, curve, coefficients), push.weights)
+                continue
+            added = curve.at(variable(self.inner, windows, out, curve.over), coefficients)
             if curve.target.startswith(SHARE):
                 added = added * variable(self.inner, windows, out, push.rate)
             total[rows] += np.multiply.outer(np.where(np.isfinite(added), added, 0.0)[inside], push.weights)
         return windows.with_disturbance(total[:, 0] if columns == 1 else total)
+
+    def _along(self, windows: Windows, curve: FreeCurve, coefficients: FloatArray) -> FloatArray:
+        """A curve of what a machine is told along whole episodes: it runs smoothly between windows, too."""
+        bounds = windows.recording.bounds
+        lengths = bounds[:, 1] - bounds[:, 0]
+        longest = np.ones((len(bounds), int(lengths.max()), len(self.outputs)), dtype=np.bool_)
+        whole = replace(windows, starts=bounds[:, 0], lengths=lengths, observed=longest)
+        told = variable(self.inner, whole, np.zeros((0, 0, 0)), curve.over)
+        values = smooth(curve.knots, curve.basis @ coefficients)(told)
+        return np.asarray(values[np.arange(longest.shape[1]) < lengths[:, None]])
 
     def _changed(
         self, own: FloatArray, curve: FreeCurve, a: FloatArray, windows: Windows, out: FloatArray
@@ -153,7 +187,7 @@ class Curved(Wrapper):
         p = self.inner.all_parameters[i]
         moved = own.copy()
         moved[i] = np.clip(own[i] + size, p.lower, p.upper)
-        here, there = self.inner.simulate(np.stack([own, moved]), windows)
+        here, there = self.inner.simulate_all(np.stack([own, moved]), windows)
         return np.asarray((there - here) * (values / (moved[i] - own[i]))[:, None, None])
 
     def of_window(self, over: str, windows: Windows, out: FloatArray) -> FloatArray:

@@ -48,13 +48,13 @@ class Followed(Curved):
         kept = [np.repeat([False, True], len(c.knots)) for c in named.values()]
         self._fitted = np.concatenate([fixed, *kept])
 
-    def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
-        """See ``Model.simulate``.
+    def simulate_all(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """See ``Model.simulate_all``.
 
         Raises:
             ModelError: If what a curve adds does not settle.
         """
-        return super().simulate(np.atleast_2d(parameters)[:, self._fitted], windows)
+        return super().simulate_all(np.atleast_2d(parameters)[:, self._fitted], windows)
 
 
 def _effect(name: str, curve: FreeCurve) -> Effect:
@@ -108,7 +108,7 @@ def _is_variable(model: Model, over: str) -> bool:
     if " times " in over:
         return all(_is_variable(model, part) for part in over.split(" times ", 1))
     commands = {s.name for s in model.inputs} | {one.name for one in model.sums} | {"time"}
-    outputs = {s.name for s in model.outputs}
+    outputs = {s.name for s in (*model.outputs, *model.unmeasured)}
     for prefix, last in ((MEMORY, " over "), (PLAY, " of "), (CHANGE, " over ")):
         if over.startswith(prefix):
             inside, _, size = over.removeprefix(prefix).rpartition(last)

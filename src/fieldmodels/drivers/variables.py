@@ -62,7 +62,7 @@ def variable(model: Model, windows: Windows, out: FloatArray, over: str) -> Floa
     Args:
         model: The model that was run.
         windows: The windows.
-        out: Its outputs, shape (windows, samples, outputs).
+        out: Its outputs, shape (windows, samples, outputs), and what is unmeasured, if it has that.
         over: Name of the variable.
     """
     if " times " in over:
@@ -72,7 +72,7 @@ def variable(model: Model, windows: Windows, out: FloatArray, over: str) -> Floa
         return _remembered(model, windows, out, over)
     if over.startswith("size of "):
         return np.abs(variable(model, windows, out, over.removeprefix("size of ")))
-    names, recording = [s.name for s in model.outputs], windows.recording
+    names, recording = [s.name for s in (*model.outputs, *model.unmeasured)], windows.recording
     if over in names:
         return out[:, :, names.index(over)]
     if over.startswith("rate of "):

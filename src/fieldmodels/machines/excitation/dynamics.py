@@ -312,6 +312,16 @@ def write_force(system: System, swing: Swing, response: Response, out: FloatArra
     out[TORQUE + 2] = across * b[2] + tip * u[2] + n[2] + m[2]
 
 
+@inlined
+def push_at(pushes: FloatArray, k: int, substeps: int, first: int) -> Vector:
+    """Three components of a push at substep ``k``, along a line between samples."""
+    n, part = k // substeps, k % substeps
+    here = vector_at(pushes[n], first)
+    if part == 0:
+        return here
+    return plus(here, part / substeps, minus(vector_at(pushes[n + 1], first), here))
+
+
 @compiled
 def advance_mode(
     q: Any,
@@ -324,6 +334,7 @@ def advance_mode(
     time: float,
     state: FloatArray,
     signals: FloatArray,
+    pushes: FloatArray | None = None,
 ) -> None:
     """Advance the vehicle under one mode of the arm, in place.
 
@@ -339,6 +350,8 @@ def advance_mode(
         time: Time at the beginning [s] (for the drift).
         state: State at the beginning, shape (24,); receives that at the end. All zeros: at rest.
         signals: Receives the signals at the end of each sampling interval, shape (samples, 24).
+        pushes: Force [N] and torque [N m] on the vehicle beside its suspension, in frame II, at every sample,
+            the beginning included, shape (samples + 1, 6), or (0, 6) for none.
     """
     h = step / substeps
     half = 0.5 * h
@@ -369,6 +382,14 @@ def advance_mode(
             force = suspension(q, 0, base.r, base.v, guess.r, guess.v, next_scale, c1, c2, soft, soil)
             torque = suspension(q, 3, base.o, base.w, guess.o, guess.w, next_scale, c1, c2, soft, soil)
             resisting = Resistance(force[0], torque[0], force[1], torque[1])
+            if pushes is not None:  # noqa: SIM102 - compiled: without any, the rest is left out
+                if len(pushes) > 0:
+                    resisting = Resistance(
+                        minus(force[0], push_at(pushes, k, substeps, 0)),
+                        minus(torque[0], push_at(pushes, k, substeps, 3)),
+                        force[1],
+                        torque[1],
+                    )
             response = accelerations(system, swing, guess.o, guess.w, resisting)
             a, b = response.a, response.b
             if not exact:

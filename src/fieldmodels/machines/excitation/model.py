@@ -13,13 +13,26 @@ from fieldmodels.machines.excitation.declaration import EFFECTS, as_vehicles
 from fieldmodels.machines.excitation.parameters import DAMPING, VEHICLE, Arm, preset
 from fieldmodels.machines.excitation.sensor_effects import OUTPUTS
 from fieldmodels.machines.excitation.simulation import Runs, simulate_runs
-from fieldmodels.model import Model, Signal
+from fieldmodels.model import Combination, Model, Signal
 from fieldmodels.recording import Recording, RecordingError, Windows, uniform_windows
 
 STEP = 0.0025
 """Longest integration step [s]: 5 ms err by an eighth of the accelerometer's noise, which passed for soil."""
 RATE, ACCELERATION = "arm_rate", "arm_acceleration"
 """Derived columns: derivatives of the commanded angle [rad/s], [rad/s2]."""
+WAYS = (
+    ("along x", "N"), ("along y", "N"), ("along z", "N"), ("in pitch", "N m"), ("in roll", "N m"),
+    ("in yaw", "N m"),
+)  # fmt: skip
+"""In which an unlisted force or torque may act on the vehicle."""
+ARM, WAY, COLUMNS = len(WAYS), len(WAYS) + 1, len(WAYS) + 2
+"""Errors of the arm's angle, and of its way since it rested (a gear without absolute zero), come last."""
+SUSPENDED = ("time", "arm_angle", "deflection_x", "deflection_y", "deflection_z", "pitch", "roll", "yaw")
+"""On which such a force may depend, and on their rates."""
+
+
+def _column(column: int) -> tuple[float, ...]:
+    return tuple(np.eye(COLUMNS)[column].tolist())
 
 
 class ExcitationModel(Model):
@@ -43,8 +56,21 @@ class ExcitationModel(Model):
         *(Signal(f"force_{axis}", "N", noise=0.05, optional=True) for axis in ("x", "y", "z")),
         *(Signal(f"torque_{axis}", "N m", noise=0.1, optional=True) for axis in ("x", "y", "z")),
     )
+    unmeasured = (*(Signal(f"deflection_{axis}", "m") for axis in ("x", "y", "z")), Signal("yaw", "rad"))
     states = ()
     effects = EFFECTS
+    disturbance_unit = "N"
+    directions = (
+        *(
+            Combination(f"suspension {way}", unit, _column(column), over=SUSPENDED)
+            for column, (way, unit) in enumerate(WAYS)
+        ),
+        Combination(
+            "arm's angle", "rad", _column(ARM), over=("time", "arm_angle"), moves=True, input="arm_angle"
+        ),
+        Combination("arm's way from rest", "rad", _column(WAY), over=("arm_angle",), moves=True),
+    )
+    lasting = 1.2
     horizons = (0.2, 0.4, 0.8)
     resolution = (*(1e-3,) * 3, *(4e-4,) * 8)  # of steps of 2.5 ms, found with steps of 0.6 ms: 7e-4 and 2e-4
 
@@ -65,7 +91,11 @@ class ExcitationModel(Model):
         )
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
-        """Simulate every run from rest, and cut the windows out of it; see ``Model.simulate``."""
+        """See ``Model.simulate``."""
+        return self.simulate_all(parameters, windows)[..., :OUTPUTS]
+
+    def simulate_all(self, parameters: FloatArray, windows: Windows) -> FloatArray:
+        """Simulate every run from rest, and cut the windows out of it; see ``Model.simulate_all``."""
         recording = windows.recording if RATE in windows.recording else with_derivatives(windows.recording)
         vehicles = as_vehicles(np.atleast_2d(parameters))
         bounds = recording.bounds
@@ -73,16 +103,22 @@ class ExcitationModel(Model):
         # No run is simulated beyond its last window.
         last = [ends[(windows.starts >= a) & (windows.starts < b)].max(initial=a) for a, b in bounds]
         first = bounds[:, 0]
+        motion = np.column_stack([recording[name] for name in ("arm_angle", RATE, ACCELERATION)])
+        pushes = windows.pushed(COLUMNS)
+        if len(pushes) and pushes[:, ARM:].any():
+            moved = pushes[:, ARM] + pushes[:, WAY] - np.repeat(pushes[first, WAY], np.diff(bounds)[:, 0])
+            motion += np.column_stack([moved, *derivatives(moved, bounds, recording.step)])
         runs = Runs(
             bounds=np.column_stack([first, np.array(last, dtype=np.int64)]),
             modes=np.rint(recording["arm_axis"][first]).astype(np.int64) - 1,
             times=recording.time[first],
-            motion=np.column_stack([recording[name] for name in ("arm_angle", RATE, ACCELERATION)]),
+            motion=motion,
+            pushes=np.ascontiguousarray(pushes[:, :ARM]),
             arm=self.arm.row(),
             step=recording.step,
             substeps=max(1, round(recording.step / STEP)),
         )
-        values = np.empty((len(vehicles), len(recording), OUTPUTS))
+        values = np.empty((len(vehicles), len(recording), OUTPUTS + len(self.unmeasured)))
         simulate_runs(vehicles, runs, values)
         rows = windows.starts[:, None] + np.arange(windows.samples)
         result = values[:, np.minimum(rows, len(recording) - 1)]
@@ -126,21 +162,27 @@ class ExcitationModel(Model):
 
 
 def with_derivatives(recording: Recording) -> Recording:
-    """Add the commanded angle's derivatives, by a spline of fifth order through each run."""
-    from scipy.interpolate import make_interp_spline
-
-    rate, acceleration = np.zeros(len(recording)), np.zeros(len(recording))
-    for a, b in recording.bounds:
-        if b - a < 2:
-            continue
-        grid = np.arange(b - a) * recording.step
-        spline = make_interp_spline(grid, recording["arm_angle"][a:b], k=min(5, b - a - 1))
-        rate[a:b], acceleration[a:b] = spline(grid, 1), spline(grid, 2)
+    """Add the commanded angle's derivatives."""
+    rate, acceleration = derivatives(recording["arm_angle"], recording.bounds, recording.step)
     return replace(
         recording,
         signals={**recording.signals, RATE: rate, ACCELERATION: acceleration},
         units={**recording.units, RATE: "rad/s", ACCELERATION: "rad/s2"},
     )
+
+
+def derivatives(angle: FloatArray, bounds: NDArray[np.int64], step: float) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative of an angle, by a spline of fifth order through each run."""
+    from scipy.interpolate import make_interp_spline
+
+    rate, acceleration = np.zeros(len(angle)), np.zeros(len(angle))
+    for a, b in bounds:
+        if b - a < 2:
+            continue
+        grid = np.arange(b - a) * step
+        spline = make_interp_spline(grid, angle[a:b], k=min(5, b - a - 1))
+        rate[a:b], acceleration[a:b] = spline(grid, 1), spline(grid, 2)
+    return rate, acceleration
 
 
 def joined_runs(runs: Sequence[Recording], source: str) -> Recording:

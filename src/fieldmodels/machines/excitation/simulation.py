@@ -12,8 +12,8 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
 from fieldmodels.machines.excitation.motion import lag_motion
-from fieldmodels.machines.excitation.regression import ANGLE, FORCE, SIGNALS
-from fieldmodels.machines.excitation.sensor_effects import FORCES, TILT, accelerometer, late_turn
+from fieldmodels.machines.excitation.regression import ANGLE, FORCE, POSITION, SIGNALS
+from fieldmodels.machines.excitation.sensor_effects import FORCES, OUTPUTS, TILT, accelerometer, late_turn
 
 
 class Runs(NamedTuple):
@@ -24,6 +24,7 @@ class Runs(NamedTuple):
         modes: Axis of each run, 0 to 2, shape (runs,).
         times: Time of each run's first sample [s], shape (runs,).
         motion: Commanded f, f', f'' of every sample, shape (n, 3).
+        pushes: Force and torque on the vehicle at every sample, shape (n, 6), or (0, 6) for none.
         arm: ``Arm.row()``, shape (5,).
         step: Sampling interval [s].
         substeps: Integration steps within it.
@@ -33,6 +34,7 @@ class Runs(NamedTuple):
     modes: NDArray[np.int64]
     times: FloatArray
     motion: FloatArray
+    pushes: FloatArray
     arm: FloatArray
     step: float
     substeps: int
@@ -85,7 +87,10 @@ def tilt_measured(signals: FloatArray, n: int, axis: int, delay: float, step: fl
 
 @inlined
 def measure_run(q: Any, gravity: float, step: float, signals: FloatArray, out: FloatArray) -> None:
-    """What the sensors measure of a run's true signals, shape (samples, 11), see ``OUTPUTS``."""
+    """What the sensors measure of a run's true signals, and what none does, shape (samples, 15).
+
+    See ``OUTPUTS``; then the deflection along x, y, z and the yaw.
+    """
     for n in range(len(out)):
         s = signals[n]
         out[n, 0], out[n, 1], out[n, 2] = accelerometer(s, gravity, q)
@@ -94,6 +99,9 @@ def measure_run(q: Any, gravity: float, step: float, signals: FloatArray, out: F
         out[n, TILT + 1] = tilt_measured(signals, n, 1, delay, step) + q.inclinometer_bias.roll
         for k in range(SIGNALS - FORCE):
             out[n, FORCES + k] = q.force_torque_gain.gain * s[FORCE + k]
+        for k in range(3):
+            out[n, OUTPUTS + k] = s[POSITION + k]
+        out[n, OUTPUTS + 3] = s[ANGLE + 2]
 
 
 @compiled
@@ -103,7 +111,7 @@ def simulate_runs(vehicles: NDArray[Any], runs: Runs, result: FloatArray) -> Non
     Args:
         vehicles: Numbers of vehicle, arm and sensors, shape (batch,), dtype ``ROW``.
         runs: The runs.
-        result: Receives what the sensors measure without noise, shape (batch, n, 11).
+        result: Receives what ``measure_run`` says, without noise, shape (batch, n, 15).
     """
     longest = 0
     for r in range(len(runs.bounds)):
@@ -132,6 +140,6 @@ def simulate_runs(vehicles: NDArray[Any], runs: Runs, result: FloatArray) -> Non
             signals[0] = 0.0
             advance_mode(
                 q, runs.arm, runs.modes[r], moved, fine[0, 0], step, substeps, runs.times[r], state,
-                signals[1:count],
+                signals[1:count], runs.pushes[first : first + count] if len(runs.pushes) > 0 else runs.pushes,
             )  # fmt: skip
             measure_run(q, runs.arm[GRAVITY], step, signals, result[p, first : first + count])
