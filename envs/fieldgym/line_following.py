@@ -504,6 +504,10 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
     The task of `fieldgym/LineFollowing-v1`, observed as the camera sees it. Where the centroid of one band
     mixes up offset, heading and curvature, the image holds all three.
 
+    Two policies are published (`fieldgym list line_following_pixels`): `ppo`, convolutions on one image, and
+    `student`, which remembers where the line ran through the latest twelve images and walks closer to the
+    line on every track and in every light.
+
     ## Action Space
 
     `Box(-1, 1, (1,), float32)`: the turn of the coming stride in units of `limit`, 0.15 rad, left positive.
