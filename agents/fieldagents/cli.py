@@ -256,7 +256,9 @@ def evaluate(
 
     Writes `episodes.parquet` (one row for each agent and episode), `summary.json` and `report.html`. What was
     played before with the same config and code is not played again. A config with the key `suite` puts
-    several evaluations into one table: `suite.json`, `suite.csv` and `report.html`.
+    several evaluations into one table: `suite.json`, `suite.csv` and `report.html`. One with the key
+    `realities` draws realities, records and diagnoses each, and tells what that wins back: `realities.json`,
+    `realities.parquet` and `realities.html`.
 
     For example:
 
@@ -276,6 +278,9 @@ def evaluate(
     by = Engine(engine, workers, address)
     if has_key(config, "suite"):
         _evaluate_suite(config, overrides or [], out, by, dry_run, as_json)
+        return
+    if has_key(config, "realities"):
+        _close_loops(config, overrides or [], out, by, dry_run, as_json)
         return
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
@@ -303,6 +308,23 @@ def _evaluate_suite(
         lines = evaluate_suite(checked, folder, report, engine)
     written = {name: folder / name for name in ("suite.json", "suite.csv", "report.html")}
     _told(as_json, [asdict(line) for line in lines], partial(show, lines), written)
+
+
+def _close_loops(
+    config: Path, overrides: list[str], out: Path | None, engine: Engine, dry_run: bool, as_json: bool
+) -> None:
+    """Close the loop in drawn realities."""
+    from fieldagents import plan
+    from fieldagents.config import load_config
+    from fieldagents.retune.config import RealitiesConfig
+    from fieldagents.retune.realities import FILES, close_loops, show
+
+    checked = load_config(config, RealitiesConfig, overrides)
+    out = out or Path("results") / checked.name
+    folder = _begin(plan.of_realities(checked, out, engine), dry_run, as_json)
+    with progress() as report:
+        result = close_loops(checked, folder, report, engine)
+    _told(as_json, result.to_json(), partial(show, result), {name: folder / name for name in FILES})
 
 
 @app.command()
@@ -732,7 +754,10 @@ def _decide_all(
 @app.command()
 def schema(
     kind: Annotated[
-        str, typer.Argument(help="`train`, `evaluate`, `suite`, `sweep`, `tune`, `record` or `retune`.")
+        str,
+        typer.Argument(
+            help="`train`, `evaluate`, `suite`, `realities`, `sweep`, `tune`, `record` or `retune`."
+        ),
     ],
 ) -> None:
     """Print the JSON Schema of a kind of config, by which an editor checks and completes it.

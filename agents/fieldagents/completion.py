@@ -61,8 +61,8 @@ def configs(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 TAKES = {
-    "train": ("train",), "evaluate": ("evaluate", "suite"), "sweep": ("sweep", "tune"), "record": ("record",),
-    "diagnose": ("retune",),
+    "train": ("train",), "evaluate": ("evaluate", "suite", "realities"), "sweep": ("sweep", "tune"),
+    "record": ("record",), "diagnose": ("retune",),
 }  # fmt: skip
 """Command to the kinds of config that it takes, as the configs' first lines name them."""
 

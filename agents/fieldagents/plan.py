@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fieldagents.evaluation.config import EvaluateConfig
     from fieldagents.learned.config import TrainConfig
     from fieldagents.record.config import RecordConfig
-    from fieldagents.retune.config import RetuneConfig
+    from fieldagents.retune.config import RealitiesConfig, RetuneConfig
     from fieldagents.sweep.config import SweepConfig, TuneConfig
     from fieldmodels.engine import Engine
     from fieldmodels.model import Model
@@ -263,6 +263,21 @@ def of_evaluation(configs: Sequence[EvaluateConfig], name: str, out: Path, engin
             _add(work, {f"scenarios:{config.task}": float(len(config.environments))})
     notes = (f"{episodes:,} episodes; what was played before is not played again",)
     return _jobs(f"evaluate {name}", out, work, notes, engine)
+
+
+def of_realities(config: RealitiesConfig, out: Path, engine: Engine) -> Plan:
+    """Of ``fieldgym evaluate`` where realities are drawn."""
+    from fieldgym import find_task
+
+    many, model = float(config.realities), find_task(config.task).model
+    work: Work = {
+        "start:evaluate": 1.0,
+        f"search:{model}": many,
+        f"tuned:{config.task}/{config.agent}": many,
+        f"played:{config.task}/{config.agent}": 3 * many * config.episodes,
+    }
+    notes = (f"{config.realities} realities; those that are done are kept",)
+    return _jobs(f"evaluate {config.name}", out, work, notes, engine)
 
 
 def of_sweep(config: SweepConfig | TuneConfig, out: Path, engine: Engine) -> Plan:

@@ -27,6 +27,7 @@ KINDS = {
     "tune": "fieldagents.sweep.config:TuneConfig",
     "record": "fieldagents.record.config:RecordConfig",
     "retune": "fieldagents.retune.config:RetuneConfig",
+    "realities": "fieldagents.retune.config:RealitiesConfig",
 }
 """Where the config of each kind is."""
 

@@ -29,6 +29,18 @@ class ModelError(ValueError):
     """A name or a value that a model does not know or does not allow."""
 
 
+class StrayedError(ModelError):
+    """A recording during which the robot has left what it follows.
+
+    Attributes:
+        lasted: Time until then [s].
+    """
+
+    def __init__(self, message: str, lasted: float) -> None:
+        super().__init__(message)
+        self.lasted = lasted
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A number that the simulation depends on.

@@ -14,6 +14,7 @@ from fieldagents.config import ConfigError, EnvironmentConfig, load_config
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.retune import finish, load_loop, recovery, retune
 from fieldagents.retune.config import RetuneConfig
+from fieldagents.retune.trained import tuner_of
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import all_tasks, get_task
 from fieldmodels.registry import get_model
@@ -138,6 +139,39 @@ def test_what_is_tuned_in_the_right_simulation_is_the_oracle_to_the_bit(task, re
     ]
     pd.testing.assert_frame_equal(tables[0], tables[1])
     assert not tables[0].equals(tables[2]), "the reality makes no difference to the tuning"
+
+
+def test_a_policy_trained_in_the_right_simulation_is_the_oracle_to_the_bit(tmp_path):
+    pytest.importorskip("sb3_contrib")
+    steps = {"steps": 960, "num_envs": 4, "round_updates": 2, "validation.episodes": 2}
+    learner = {"learner.episodes": 8, "learner.n_steps": 60, "learner.batch_size": 240}
+    options = {"change": steps | learner}
+    tuner = tuner_of("heel_strike", "heel_strike/pathwise")
+    effort = tuner.options.model_validate(options)
+    extended = tmp_path / "extended.yaml"
+    value = {"gyro_bias": {"rate": {"value": 0.0043, "std": 0.1, "unit": "rad/s"}}}
+    save_yaml({"schema": 1, "model": "heel_strike", "parameters": {}, "effects": value}, extended)
+    where = EnvironmentConfig(settings=SHORT, reality=BIASED)
+    tables = [
+        run_episodes(tuner.tune(SHORT, source, effort), "heel_strike", where, TEST_SEEDS[:4])
+        for source in (BIASED, str(extended), None)
+    ]
+    pd.testing.assert_frame_equal(tables[0], tables[1])
+    assert not tables[0].equals(tables[2]), "the reality makes no difference to the training"
+
+
+def test_what_cannot_be_trained_is_said_before_any_work(tmp_path):
+    config = {"name": "x", "task": "heel_strike", "agent": "heel_strike/pathwise"}
+    for change, said in (
+        ({"agent": "uav_route/ppo"}, "trains for uav_route, not for heel_strike"),
+        ({"agent": "heel_strike/pathwis"}, "did you mean"),
+        ({"options": {"change": {"step": 3}}}, "did you mean 'steps'"),
+        ({"options": {"walks": 3}}, "walks"),
+    ):
+        path = tmp_path / "retune.yaml"
+        path.write_text(json.dumps(config | change))
+        with pytest.raises(ConfigError, match=said):
+            load_config(path, RetuneConfig)
 
 
 def test_tuning_for_a_biased_gyro_recovers_what_it_costs(tmp_path):

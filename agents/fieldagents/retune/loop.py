@@ -21,6 +21,7 @@ from fieldagents.retune.config import RetuneConfig
 from fieldagents.retune.recovery import Recovery, recovery
 from fieldagents.retune.report import write_report
 from fieldagents.retune.result import EXTENDED, HIDDEN, NOMINAL, ORACLE, RETUNED, SIMULATION, Retuning
+from fieldagents.retune.trained import tuner_of
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Metric, get_task
 from fieldmodels.files import replacing, write_text
@@ -53,7 +54,7 @@ def retune(
         EvaluationError: If two agents did not meet the same noise on the same seed.
     """
     began = time.perf_counter()
-    tuner = get_task(config.task).tuners[config.agent]
+    tuner = tuner_of(config.task, config.agent)
     options = tuner.options.model_validate(config.options)
     extension = str(extended) if isinstance(extended, Path) else extended
     where = {HIDDEN: config.hidden, EXTENDED: extension, SIMULATION: None}

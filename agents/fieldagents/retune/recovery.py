@@ -64,5 +64,40 @@ def recovery(
     return Recovery("measured", _ratio(gain.mean(), loss.mean()), (float(low), float(high)))
 
 
+def pooled_recovery(
+    nominal: ArrayLike,
+    retuned: ArrayLike,
+    oracle: ArrayLike,
+    *,
+    lower_is_better: bool,
+    rng: np.random.Generator,
+) -> Recovery:
+    """Compare three agents over many realities: what is recovered in all of them over what is lost in all.
+
+    A ratio of sums, since in a reality where about nothing is lost the share can be any number. The interval
+    is that of a hierarchical bootstrap: realities are drawn, and in each of these its episodes.
+
+    Args:
+        nominal: Scores of the agent tuned in the nominal simulation, shape (realities, episodes).
+        retuned: Of the one tuned by each reality's diagnosis, on the same episodes.
+        oracle: Of the one tuned in each reality itself, on the same episodes.
+        lower_is_better: Whether a lower score is a better one.
+        rng: Source of the resampling.
+    """
+    sign = 1.0 if lower_is_better else -1.0
+    worst, learned, best = (sign * np.asarray(x, dtype=np.float64) for x in (nominal, retuned, oracle))
+    gain, loss = worst - learned, worst - best
+    many, each = loss.shape
+    sums = np.empty((RESAMPLES, 2))
+    for one in sums:
+        where, which = rng.integers(many, size=(many, 1)), rng.integers(each, size=(many, each))
+        one[:] = gain[where, which].mean(), loss[where, which].mean()
+    if np.quantile(sums[:, 1], 0.025) <= 0:
+        return Recovery("nothing to recover", None, None)
+    shares = sums[sums[:, 1] > 0]
+    low, high = np.quantile(shares[:, 0] / shares[:, 1], (0.025, 0.975))
+    return Recovery("measured", _ratio(gain.mean(), loss.mean()), (float(low), float(high)))
+
+
 def _ratio(gain: NDArray[np.float64] | float, loss: NDArray[np.float64] | float) -> float | None:
     return float(gain / loss) if loss else None

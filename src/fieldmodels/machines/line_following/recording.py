@@ -13,7 +13,7 @@ from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
 from fieldmodels.machines.line_following.tracks import straight
 from fieldmodels.machines.line_following.walks import CHANNELS, Scene, Walks
-from fieldmodels.model import ModelError
+from fieldmodels.model import StrayedError
 from fieldmodels.recording import Recording
 
 LAW = (-0.3, 0.8, 0.2)
@@ -52,7 +52,7 @@ def record_walk(
         rng: Source of noise and of the added turns.
 
     Raises:
-        ModelError: If the robot leaves its line.
+        StrayedError: If the robot leaves its line.
     """
     model = LineFollowing(None if scene is None else scene.gait, None if scene is None else scene.camera)
     around, truth = flown(model, reality, RECORDED)
@@ -83,9 +83,10 @@ def record_walk(
             log[name].append(float(value) + noise * _noise(model, name) * rng.standard_normal())
         walks.advance(np.array([command]))
         if one["lost"][0] or abs(one["offset"]) > 1.0:
-            raise ModelError(
+            raise StrayedError(
                 f"the robot left its line after {stride + 1} strides: record with a weaker effect, or with "
-                "less excitation"
+                "less excitation",
+                stride * gait.stride_time,
             )
     signals: dict[str, FloatArray] = {name: np.array(values) for name, values in log.items()}
     signals["curvature"] = np.asarray(scene.track.curvature(signals.pop("arc")))
