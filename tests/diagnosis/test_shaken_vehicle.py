@@ -23,6 +23,7 @@ from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.exam.plants import vehicle
 from fieldmodels.machines.excitation.model import ExcitationModel, joined_runs
+from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.recording import Recording
 from fieldmodels.synthesis import synthesise
 from fieldmodels.yaml import save_yaml
@@ -182,3 +183,15 @@ def test_its_extended_simulation_runs(kind: str, tmp_path: Path):
         env = gym.make("fieldgym/Excitation-v0", reality=path, settings={"preset": "soft"})
     env.reset(seed=1)
     assert np.isfinite(env.step(env.action_space.sample())[1])
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_recording_has_a_curve_that_no_environment_can_step():
+    spring = {"at_1": -1.0, "at_2": 0.0, "at_3": 1.0, "value_1": 900.0, "value_2": 0.0, "value_3": 0.0}
+    reality = {"force_on_suspension along z_over_deflection_z": spring}
+    seen, plain = (
+        record_experiment(np.random.default_rng(1), r, duration=0.8, noise=False) for r in (reality, {})
+    )
+    pressed = np.abs(seen["acceleration_z"] - plain["acceleration_z"])
+    assert pressed.max() > 0.05 * np.abs(plain["acceleration_z"]).max()
+    np.testing.assert_array_equal(seen["arm_angle"], plain["arm_angle"])

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.drivers.around import Surrounded
+from fieldmodels.drivers.followed import Followed
 from fieldmodels.drivers.named import flown
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.excitation.model import ExcitationModel, joined_runs
@@ -72,7 +74,10 @@ def record_experiment(
         One episode a run, with the columns of ``ExcitationModel``.
     """
     model = model or ExcitationModel()
-    flown(model, reality, RECORDED)  # refuses what cannot act
+    around, _ = flown(model, reality)
+    around = around.inner if isinstance(around, Followed) else around
+    if isinstance(around, Surrounded):
+        RECORDED.check(model.name, around.stock)
     runs = []
     for k in range(repeats * MODES):
         angle = shaking(duration, step, rng, limits)
