@@ -218,6 +218,10 @@ UNLISTED = [
     ("excitation", "arm_cubic", 1.5),
     ("excitation", "bent_force_sensor", 6.0),
     ("servo", "force_step", 0.11),
+    ("pose_reaching", "hunting", 0.23),
+    ("line_following", "warming_up", 32.0),
+    ("heel_strike", "fading_force", 3.3),
+    ("uav_route", "gauge_offset", 25.0),
 ]
 """Machine, a fault that it does not list, its size."""
 SEED, SECOND = 90_001, 90_002

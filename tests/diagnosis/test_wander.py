@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.diagnosis.wander import _Walks, wander
+from fieldmodels.diagnosis.answer import headline, what_to_do
+from fieldmodels.diagnosis.wander import _Walks, wander, wandering_zeros
 from fieldmodels.exam.benches import Conditions, Hidden, get_bench
 from fieldmodels.exam.cases import cases_of
 from fieldmodels.exam.sizes import recordings, records
@@ -110,6 +111,40 @@ def test_a_walk_is_found_and_white_noise_is_none():
     found = wander(*fitted(walking), 1.0)
     assert found.outputs == (1,)
     assert found.gain > 20.0
+
+
+def test_how_far_a_zero_wanders_is_said_where_it_certainly_does():
+    """Of a walk and of a drift; white noise and an offset that stays say nothing."""
+    rng = np.random.default_rng(4)
+    white = rng.normal(size=(60, 2 * FEATURES))
+    for zero in (walked(60, 30.0, rng), np.linspace(0.0, 4.0, 60)):
+        problem, fit = fitted(white + zero[:, None] * (OUTPUTS == 1))
+        said = wandering_zeros(problem, fit, 1.0)
+        assert said == {"b": pytest.approx(zero.std(), rel=0.25)}
+    assert wandering_zeros(*fitted(white), 1.0) == {}
+    assert wandering_zeros(*fitted(white + 0.3 * (OUTPUTS == 1)), 1.0) == {}
+    once = white + 30.0 * (np.arange(60) == 20)[:, None] * (OUTPUTS == 1)
+    assert wandering_zeros(*fitted(once), 1.0) == {}
+
+
+@pytest.mark.parametrize("noise", ["white", "heavy_tailed", "bursting", "quantised"])
+def test_noise_that_does_not_wander_is_not_said_to(noise):
+    bench = get_bench("pendulum")
+    train, test = recordings(bench, (), Conditions(noise=noise), 90_001)
+    assert diagnose(bench.model, [train], [test]).wandering == {}
+
+
+def test_a_tracker_that_drifts_is_not_biased():
+    """A drift is no walk, but nearly: its zero wanders, it says, as far as it did, and names no bias."""
+    bench, size = get_bench("uav_route"), 19.0
+    train, test = recordings(bench, [Hidden("drifting_tracker", size)], Conditions(), 8004)
+    found = diagnose(bench.model, [train], [test])
+    assert (found.verdict, [c.effect for c in found.causes]) == ("consistent", [])
+    assert found.wandering["north"] == pytest.approx(2.0 * size / np.sqrt(12.0), rel=0.5)
+    assert found.of_sensors[0][1:] in found.summary()
+    assert found.of_sensors[0] in headline(found)
+    assert "Zero that sensor" in " ".join(what_to_do(found))
+    assert found.to_json()["wandering"].keys() == found.wandering.keys()
 
 
 def test_what_a_free_column_explains_is_no_walk():

@@ -24,8 +24,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         if diagnosis.above_noise:
             return "Something is missing, but no listed effect helps."
-        if diagnosis.lost:
-            return f"The simulation explains these data, but {diagnosis.lost[0]}."
+        if diagnosis.of_sensors:
+            return f"The simulation explains these data, but {diagnosis.of_sensors[0]}."
         return "The simulation explains these data; nothing significant is missing."
     if diagnosis.verdict == "unrelated":
         return "There is no relation between command and response."
@@ -118,6 +118,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
         )
     if diagnosis.verdict == "unknown" or diagnosis.above_noise:
         steps.append("Look at the shape of the remaining error below: it shows where in the machine to look.")
+    if diagnosis.wandering:
+        steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")
     if diagnosis.lost:
         steps.append("Mend that sensor or its log; what it did not measure tells nothing of the machine.")
     return steps or ["Nothing: go on with this simulation."]

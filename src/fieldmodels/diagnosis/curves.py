@@ -47,6 +47,7 @@ from fieldmodels.diagnosis.selection import (
     largest_share,
 )
 from fieldmodels.diagnosis.shapes import (
+    CONSTANT,
     Curve,
     Signals,
     fading,
@@ -55,7 +56,7 @@ from fieldmodels.diagnosis.shapes import (
     tables,
     window_tables,
 )
-from fieldmodels.diagnosis.wander import SLOW, alike, beside, follows_slowly, wanders_more
+from fieldmodels.diagnosis.wander import SLOW, alike, beside, follows_slowly, wanders, wanders_more
 from fieldmodels.drivers.curved import FreeCurve
 from fieldmodels.drivers.variables import (
     CHANGE,
@@ -75,6 +76,7 @@ HIDDEN = 2.0  # times as much a curve brings with weights of its own, if the oth
 NEAR_BEST = 3  # tables whose known functions compete with names
 TRIED = 4  # of the best tables and functions, of which the first that the data call for is taken
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
+OF_CHANCE = 5.0  # times as much a curve must bring in few blocks where chance drives: it brought 2.5 times
 TOGETHER = 500_000  # numbers of curves that are looked at together, which bounds memory
 SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
@@ -161,8 +163,7 @@ class Curves:
         self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
         self.all = tuple(self._curves())
         self._wave_places = tuple(waves.places(model, self.signals, self._shown, self._averaged))
-        forces = [c for c in self.all if c.place == "force" and not c.formula and c.target in self._force]
-        self._over_time = [c for c in (*forces, *self._wave_places) if c.over == "time"]
+        self._over_time = [place for place in self._wave_places if place.over == "time"]
 
     def reweighed(self, fitted: Fit) -> Curves:
         """The same curves beside the same fit with other weights."""
@@ -248,8 +249,10 @@ class Curves:
         needed = self._needed_of(among) + float(np.log(scored.curve.tried))
         if scored.curve.place == "odds":
             return True
-        options, more = self.options, self.options.same_gain
-        gain, left = beside(self.problem, candidate.fit, scored.candidate.fit, options.price, needed + more)
+        options, more, fitted = self.options, self.options.same_gain, scored.candidate.fit
+        if scored.curve.formula == CONSTANT and not wanders(self.problem, fitted, options.price):
+            return True  # it may be where a walk has come to, but none is seen
+        gain, left = beside(self.problem, candidate.fit, fitted, options.price, needed + more)
         if gain <= needed + (more if left > 0.0 else 0.0):
             return False
         return not self._is_wandering_noise(candidate, scored)
@@ -281,8 +284,8 @@ class Curves:
     def _in_few_blocks(self, scored: Scored, needed: float) -> bool:
         """Whether a curve that acts in few blocks is called for nevertheless; see ``selection.accepted``."""
         blocks, fitted = self.problem.blocks, scored.candidate.fit
-        if self.problem.model.random_force:  # chance acts in few blocks as well
-            return False
+        if self.problem.model.random_force:
+            needed *= OF_CHANCE
         if scored.p_value >= RARE_P or scored.total - largest_share(scored.gain, blocks) <= needed:
             return False
         step, _ = _solved(fitted)
@@ -330,9 +333,10 @@ class Curves:
         """The best of some curves that the data call for; none or one.
 
         What the best one brings may be the noise's, and the next is asked if it is nearly as good; not more,
-        or one of many outdoes any noise.
+        or one of many outdoes any noise. A constant is asked anyhow: no curve is simpler.
         """
-        best = sorted(scored, key=lambda s: s.candidate.total)[:TRIED]
+        ranked = sorted(scored, key=lambda s: s.candidate.total)
+        best = ranked[:TRIED] + [one for one in ranked[TRIED:] if one.curve.formula == CONSTANT][:1]
         near = (one for one in best if one.candidate.total < best[0].candidate.total + self._needed_of(among))
         return list(itertools.islice((one for one in near if self.called_for(candidate, one, among)), 1))
 

@@ -30,7 +30,7 @@ from fieldmodels.drivers.named import with_named
 from fieldmodels.model import Model
 from fieldmodels.reality import SCHEMA
 from fieldmodels.recording import Recording
-from fieldmodels.rounding import listed, words
+from fieldmodels.rounding import listed, with_error, words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,6 +66,7 @@ class Diagnosis:
         evidence: Arrays for the report.
         notes: Peculiarities and preprocessing of the data (``Recording.notes``), and which of them were used.
         lost: Of each sensor that loses samples, that in words.
+        wandering: Sensors whose zeros certainly wander, and the standard deviation of that over a record.
         simulations: How much was simulated, in plain simulations of all the windows that were fitted.
         stopped: What was left out for a budget of time; empty if nothing was.
         above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
@@ -95,6 +96,7 @@ class Diagnosis:
     evidence: Evidence
     notes: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
+    wandering: Mapping[str, float] = field(default_factory=dict)
     simulations: float = 0.0
     stopped: str = ""
     above_noise: Mapping[str, float] = field(default_factory=dict)
@@ -180,6 +182,18 @@ class Diagnosis:
         return ("before", "after") if self.causes or self.curve_effects else ("before",)
 
     @property
+    def of_sensors(self) -> tuple[str, ...]:
+        """What is wrong with sensors that is no fault of the simulation, in words."""
+        units = {output.name: output.unit for output in self.machine.outputs}
+        return (
+            *self.lost,
+            *(
+                f"the zero of {name} wanders, by {with_error(size, unit=units[name])} RMS within a record"
+                for name, size in self.wandering.items()
+            ),
+        )
+
+    @property
     def horizon(self) -> float:
         """Length of the predicted windows [s]."""
         return next((g.horizon for g in self.gain.values()), self.machine.horizons[0])
@@ -234,6 +248,7 @@ class Diagnosis:
             ),
             "parameters": {name: e.to_json() for name, e in self.parameters.items()},
             "undetermined": list(self.undetermined),
+            "wandering": {name: number(size) for name, size in self.wandering.items()},
             "above_noise": {name: number(times) for name, times in self.above_noise.items()},
             "not_testable": dict(self.not_testable),
             "data": {
@@ -249,7 +264,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict in one sentence, the remaining error, and a caution where needed."""
-        text = " ".join([self._sentence(), *(f"{one[0].upper()}{one[1:]}." for one in self.lost)])
+        text = " ".join([self._sentence(), *(f"{one[0].upper()}{one[1:]}." for one in self.of_sensors)])
         if self.above_noise and self.verdict != "unknown":
             rest = " and ".join(
                 f"that of {name.replace('_', ' ')} {times:.1f} times"

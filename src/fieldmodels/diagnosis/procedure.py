@@ -69,7 +69,7 @@ from fieldmodels.diagnosis.verdict import (
     mostly_explained,
     verdict_of,
 )
-from fieldmodels.diagnosis.wander import wander
+from fieldmodels.diagnosis.wander import wander, wandering_zeros
 from fieldmodels.diagnosis.whole import LONGER, WholeRecords
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
@@ -307,6 +307,7 @@ def _stated(
         "unknown" if found.mistaken else "unrelated" if found.unrelated else verdict_of(found.causes, curves)
     )
     final = extension.fit if extension else kept.fit
+    beside = found.curves[-1].candidate if found.curves else kept
     base = base_estimates(
         replace(training, model=extension.model) if extension else training, final, model, fixed
     )
@@ -337,6 +338,9 @@ def _stated(
         else next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=poorly_known(model, base),
+        wandering={}
+        if found.mistaken or found.unrelated
+        else wandering_zeros(training, beside.fit, candidates.options.price),
         above_noise=above_noise(testing, found.after),
         vector=final.parameters[: len(model.names)],
         not_testable=not_testable(selection),

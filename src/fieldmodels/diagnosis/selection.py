@@ -244,8 +244,6 @@ def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
 
 def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool:
     """Whether what a child has more explains as much by itself as noise that wanders, or enough beside it."""
-    if candidates.problem.observations is not None:
-        return True
     options = candidates.options
     gain, left = beside(candidates.problem, parent.fit, child.fit, options.price)
     gain -= options.price * (child.size - parent.size)

@@ -33,8 +33,9 @@ def _bend(x: FloatArray) -> FloatArray:
     return np.asarray(x * np.abs(x))
 
 
+CONSTANT = "constant"
 FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
-    "constant": (np.ones_like,),
+    CONSTANT: (np.ones_like,),
     "in proportion": (np.array,),
     "sign": (_step,),
     "sign and constant": (_step, np.ones_like),

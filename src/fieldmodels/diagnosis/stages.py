@@ -53,6 +53,7 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
         parameters=first.parameters,
         undetermined=first.undetermined,
         vector=_vector(model, [part.vector for part in parts]),
+        wandering={name: size for part in parts for name, size in part.wandering.items()},
         above_noise={name: times for part in parts for name, times in part.above_noise.items()},
         not_testable={name: why for part in parts for name, why in part.not_testable.items()},
         trained_on=first.trained_on,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
@@ -29,8 +30,12 @@ LEFT = 1e-4
 
 MORE = 6.0
 """Nats that walks bring where sensors wander."""
+CERTAIN = 10.0
+"""Nats that are lost if a zero hardly walks, from which on it is said: with noise that is not slow, 1.7."""
 SLOW = 0.8
 """How alike neighbouring windows are of what follows slowly; of commands that change they are 0.2 at most."""
+WALKING = 0.5
+"""How alike a zero is in neighbouring windows that wanders; one that is off in a few windows does not."""
 FORCE = -1
 """In an output's place: the generalised force, where noise of the inputs drives the machine."""
 
@@ -68,14 +73,24 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
         return Wander(0.5 * float(_left(_products(_columns(fitted))[None])[0]), 0.0, ())
     walks = _Walks(problem, fitted)
     without = walks.without
-    cost, paces = without, dict[int, float]()
-    singly = {j: walks.best({}, j) for j in walks.shown}
-    for j in sorted(singly, key=lambda j: singly[j][0]):
-        trial, pace = walks.best(paces, j) if paces else singly[j]
-        if trial + price < cost:
-            cost, paces = trial + price, paces | {j: pace}
-    still = walks.still(list(paces)) if paces else cost
+    cost, paces = walks.search(price)
+    still = walks.still({}, list(paces)) if paces else cost
     return Wander(cost, without - cost, tuple(sorted(paces.keys() - {FORCE})), still - cost)
+
+
+def wandering_zeros(problem: Problem, fitted: Fit, price: float) -> dict[str, float]:
+    """Outputs whose zeros certainly wander, and by how much: the standard deviation over a record."""
+    if fitted.runs is not None:
+        return {}
+    walks = _Walks(problem, fitted)
+    cost, paces = walks.search(price)
+    result = {}
+    for j in sorted(paces.keys() - {FORCE}):
+        others = {k: pace for k, pace in paces.items() if k != j}
+        offsets = walks.walk(j, paces[j])
+        if walks.still(others, [j]) - cost > CERTAIN and alike(problem, offsets) > WALKING:
+            result[problem.model.outputs[j].name] = float(np.std(offsets))
+    return result
 
 
 def beside(
@@ -116,10 +131,20 @@ class _Walks:
         self._products, self._precision = _products(self._columns), _precision(problem)
         self.without = 0.5 * float(_left(self._products[None])[0])
 
-    def still(self, outputs: list[int]) -> float:
-        """Least cost if these outputs walk as slowly as any."""
-        slowest = [PACES[0] / self._typical(j) for j in outputs]
-        return float(self.costs(outputs, [(slowest, share) for share in SHARES]).min())
+    def search(self, price: float) -> tuple[float, dict[int, float]]:
+        """Least cost, and the paces of the outputs whose walks are worth their price."""
+        cost, paces = self.without, dict[int, float]()
+        singly = {j: self.best({}, j) for j in self.shown}
+        for j in sorted(singly, key=lambda j: singly[j][0]):
+            trial, pace = self.best(paces, j) if paces else singly[j]
+            if trial + price < cost:
+                cost, paces = trial + price, paces | {j: pace}
+        return cost, paces
+
+    def still(self, paces: dict[int, float], outputs: list[int]) -> float:
+        """Least cost if some outputs walk as slowly as any, and others at their paces."""
+        slow = [*paces.values(), *(PACES[0] / self._typical(j) for j in outputs)]
+        return float(self.costs([*paces, *outputs], [(slow, share) for share in SHARES]).min())
 
     def _typical(self, j: int) -> float:
         """Square of what a window answers to an output's offset."""
@@ -131,6 +156,14 @@ class _Walks:
         costs = self.costs([*paces, j], tried)
         k = int(np.argmin(costs))
         return float(costs[k]), float(tried[k][0][-1])
+
+    def walk(self, j: int, pace: float) -> FloatArray:
+        """The most probable offset of an output's zero in every window, by itself, shape (windows,)."""
+        shown, residual = self.shown[j], _stepped(self._columns)
+        diagonal, above = self._precision / pace
+        diagonal = diagonal + np.sum(shown**2, axis=1)
+        banded = np.stack([np.append(0.0, above[:-1]), diagonal])
+        return np.asarray(solveh_banded(banded, np.sum(shown * residual, axis=1)), dtype=np.float64)
 
     def costs(self, outputs: list[int], tried: list[tuple[list[float], float]]) -> FloatArray:
         """Negative log-likelihoods beside walks of these outputs, parameters at their optimum.
@@ -220,6 +253,13 @@ def _columns(fitted: Fit) -> FloatArray:
     return np.concatenate([fitted.residual[:, :, None], fitted.jacobian[:, :, fitted.active]], axis=2)
 
 
+def _stepped(columns: FloatArray) -> FloatArray:
+    """The residual once what is free to change it is at its optimum, shape (windows, rows)."""
+    residual, flat = columns[:, :, 0], stacked(columns[:, :, 1:])
+    step = pseudo_inverse(flat.T @ flat, 1e-8) @ (flat.T @ residual.reshape(-1))
+    return np.asarray(residual - (flat @ step).reshape(residual.shape))
+
+
 def _products(columns: FloatArray) -> FloatArray:
     """Of columns over all windows, shape (columns, columns)."""
     flat = stacked(columns)
@@ -262,6 +302,11 @@ def _precision(problem: Problem) -> FloatArray:
     return result
 
 
+def wanders(problem: Problem, fitted: Fit, price: float) -> bool:
+    """Whether zeros are seen to walk beside a fit."""
+    return wander(problem, fitted, price).walked > MORE
+
+
 def wanders_more(problem: Problem, parent: Fit, child: Fit, price: float) -> bool:
     """Whether walks bring more beside a child than its further columns do beside them; see ``beside``."""
     gain, _ = beside(problem, parent, child, price)
@@ -276,10 +321,7 @@ def follows_slowly(problem: Problem, parent: Fit, child: Fit) -> bool:
         parent: The fit without them.
         child: The fit with them, at its optimum or before its last step.
     """
-    flat = stacked(child.jacobian[:, :, child.active])
-    step = pseudo_inverse(flat.T @ flat, 1e-8) @ (flat.T @ child.residual.reshape(-1))
-    left = child.residual - (flat @ step).reshape(child.residual.shape)
-    return alike(problem, parent.residual - left) > SLOW
+    return alike(problem, parent.residual - _stepped(_columns(child))) > SLOW
 
 
 def alike(problem: Problem, values: FloatArray) -> float:

@@ -164,7 +164,7 @@ def places(
     for push in model.pushes:
         one_way = sum(weight != 0.0 for weight in push.weights) == 1
         for over, (unit, values) in signals.items():
-            if one_way and over in inputs and not push.over:
+            if one_way and not push.over and (over in inputs or over == "time"):
                 yield over_range("force", push.name, push.unit or "1", over, unit, values)
         if push.rate in signals and push.rate not in outputs and one_way:
             per, way = signals[push.rate][0], f"{WAY}{push.rate}"

@@ -27,6 +27,7 @@ class Answer:
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
+        wandering: Sensors whose zeros wander, it says.
         seen: Of each output, the largest error that a curve may add of which it says it would just be seen.
         seconds: Processor time of one thread.
         summary: In its own words.
@@ -40,6 +41,7 @@ class Answer:
     seconds: float
     summary: str
     by_horizon: Mapping[str, tuple[tuple[float, float, float], ...]] = field(default_factory=dict)
+    wandering: tuple[str, ...] = ()
     seen: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -73,6 +75,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             output: tuple((row.horizon, row.rmse_before, row.rmse_after) for row in gain.horizons)
             for output, gain in found.gain.items()
         },
+        wandering=tuple(found.wandering),
         seen={
             output: max(one.errors[output] for one in found.seen if output in one.errors)
             for output in found.gain

@@ -19,6 +19,7 @@ from fieldmodels.exam.answers import Answer, ask
 from fieldmodels.exam.benches import Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
 from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
+from fieldmodels.exam.plants.noise import WANDERING
 from fieldmodels.exam.sizes import errors, find_size, recordings
 from fieldmodels.files import write_text
 from fieldmodels.limits import TooLongError, processor_limit
@@ -186,6 +187,8 @@ def judged(
     truth: dict[str, dict[str, float]] = {}
     fault = bench.fault(case.hidden[0]) if case.hidden else None
     regained = None
+    if answer.wandering and case.conditions.noise not in WANDERING:
+        answer = replace(answer, missing=True)
     if not case.hidden:
         rounding = [e.name for e in bench.model.effects if e.name.endswith("quantisation")]
         allowed = rounding if case.conditions.noise == "quantised" else ()

@@ -252,6 +252,11 @@ def _input_play(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
     _command(drive, play)
 
 
+def _hunting(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    phase, rate = rng.uniform(0.0, 2.0 * math.pi), 0.03 * math.pi / s.step
+    _command(drive, lambda v, w, t: (v + 0.01 * k * s.speed * math.sin(rate * t + phase), w))
+
+
 def _sagging_supply(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
     load, share = [0.0], s.step / 1.5
 
@@ -329,6 +334,7 @@ DEVELOP: Mapping[str, DriveFault] = {
     "held_samples": Fault("Poses are lost; the last one is shown.", _held_samples, random=True),
     "input_play": Fault("The turn rate has play.", _input_play, ("play",)),
     "sagging_supply": Fault("The supply sags at speed.", _sagging_supply),
+    "hunting": Fault("The speed swings about the commanded one.", _hunting),
 }
 
 

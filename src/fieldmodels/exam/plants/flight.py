@@ -252,6 +252,14 @@ def _rain(flight: Flight, k: float, _s: float, rng: Rng) -> None:
     flight.reaches.append(lambda _t, b: math.exp(-depth * max(math.cos(b - middle), 0.0)))
 
 
+def _gauge_offset(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
+    flight.gauge.append(lambda bank, _t: bank + 0.001 * k)
+
+
+def _drifting_tracker(flight: Flight, k: float, s: float, _rng: Rng) -> None:
+    flight.tracker.append(lambda place, t: place + (2.0 + 1.0j) * k * t / s)
+
+
 def _tidal_wind(flight: Flight, k: float, s: float, rng: Rng) -> None:
     blow, phase = cmath.rect(k, rng.uniform(0.0, 2.0 * math.pi)), rng.uniform(0.0, 2.0 * math.pi)
     flight.drifts.append(lambda t, _p, _c, _b: blow * math.sin(6.0 * math.pi * t / s + phase))
@@ -291,6 +299,8 @@ DEVELOP: Mapping[str, FlightFault] = {
     "map_scale": Fault("The tracker's map is too large in one direction.", _map_scale, ("north_gain",)),
     "clutter": Fault("The radar takes clutter for aircraft.", _clutter),
     "rain": Fault("The radar sees less far into the rain.", _rain),
+    "gauge_offset": Fault("The bank is shown too large by a constant.", _gauge_offset, ("bank_bias",)),
+    "drifting_tracker": Fault("The tracker's zero drifts.", _drifting_tracker),
 }
 """To develop a diagnosis on."""
 

@@ -58,6 +58,8 @@ NOISES: Mapping[str, Callable[[int, np.random.Generator], FloatArray]] = {
     "float32": _white,
 }
 """Kinds of noise; what is quantised or rounded to 32 bits has white noise before."""
+WANDERING = "autoregressive", "random_walk", "pink"
+"""Those whose zero wanders, so that it is no mistake to say so."""
 
 
 def noise(kind: str, deviations: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:

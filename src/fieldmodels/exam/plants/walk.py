@@ -226,6 +226,10 @@ def _smeared_camera(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
     walker.sights.append(smear)
 
 
+def _warming_up(walker: Walker, k: float, n: int, _rng: Rng) -> None:
+    walker.turns.append(lambda turn, stride: turn * (1.0 - min(0.02 * k, 0.95) * math.exp(-5.0 * stride / n)))
+
+
 def _limp(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
     walker.turns.append(lambda turn, stride: turn + 0.005 * k * (-1.0) ** stride)
 
@@ -298,6 +302,7 @@ DEVELOP: Mapping[str, WalkFault] = {
     "turn_dead_zone": Fault("Small turns are not carried out.", _turn_dead_zone, ("dead_zone",)),
     "held_samples": Fault("Places of the line are lost; the last one is shown.", _held_samples, random=True),
     "gusts": Fault("Gusts of wind turn it.", _gusts, random=True),
+    "warming_up": Fault("Turns are too small at first.", _warming_up),
 }
 """To develop a diagnosis on."""
 
