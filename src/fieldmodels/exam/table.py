@@ -54,7 +54,7 @@ GOALS = (
     Goal("cases that ended in an error", "", ("failed",), 0.0),
     Goal("statements on real logs that hold", "log", ("held",), 100.0, True),
 )
-SILENT = "silent, though larger than the error that would have been seen"
+SILENT = "silent beyond the stated power"
 REGAINED, SECONDS = 80.0, 2.0
 COVERAGE = ((1.0, 68.0, 4.0), (2.0, 95.0, 3.0))
 """Standard errors, how many parameters should be within them, and how exactly [%]."""
