@@ -14,9 +14,9 @@ from fieldmodels.engine import Done
 from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, read
 from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.cases import KINDS, SHARES, cases_of, examined
+from fieldmodels.exam.cases import KINDS, SHARES, Case, cases_of, examined
 from fieldmodels.exam.logs import STATEMENTS, failures
-from fieldmodels.exam.run import make, run_case, run_cases
+from fieldmodels.exam.run import judged, make, run_case, run_cases
 from fieldmodels.exam.scoring import RIGHT, deviations, of_listed, of_nothing, of_silence, of_unlisted
 from fieldmodels.exam.sizes import added, errors, find_size
 from fieldmodels.model import ModelError
@@ -237,13 +237,14 @@ def test_a_result_is_read_with_its_curves_and_values():
     found: Any = SimpleNamespace(
         verdict="ambiguous", causes=[cause], unknown=None, summary=lambda: "words",
         gain={"position": SimpleNamespace(rmse_before=2.0, rmse_with_curves=1.0, horizons=())},
-        seen=seen, lost=("position repeats its last value",),
+        seen=seen, lost=("position repeats its last value",), wandering={"velocity": 0.1},
     )  # fmt: skip
     given = read(get_model("rig"), found, 1.5)
     assert given.missing
     assert given.named == (("coulomb_friction", CURVE, "hysteresis"),)
     assert given.errors == {"position": (2.0, 1.0)}
     assert given.seen == {"position": 0.3}
+    assert given.wandering == ("velocity",)
     assert deviations({"coulomb_friction": {"force": 1.0}}, given) == {"coulomb_friction.force": 3.0}
 
 
@@ -253,6 +254,13 @@ def test_what_is_said_of_lost_samples_is_an_answer():
     said = replace(quiet, missing=True)
     assert (of_unlisted(said, ()), of_unlisted(quiet, ())) == ("abstained", "silent")
     assert (of_nothing(said), of_nothing(quiet)) == ("doubted", "consistent")
+
+
+@pytest.mark.parametrize(("noise", "outcome"), [("white", "doubted"), ("random_walk", "consistent")])
+def test_that_a_zero_wanders_is_true_only_where_the_noise_does(noise: str, outcome: str):
+    case = Case("develop", "rig", "nothing", (), 1, Conditions(noise=noise))
+    said = replace(answer(verdict="consistent"), wandering=("position",))
+    assert judged(get_bench("rig"), case, [], None, said)["outcome"] == outcome
 
 
 def test_a_silent_case_is_held_against_what_would_have_been_seen():

@@ -220,7 +220,6 @@ UNLISTED = [
     ("servo", "force_step", 0.11),
     ("pose_reaching", "hunting", 0.23),
     ("line_following", "warming_up", 32.0),
-    ("heel_strike", "fading_force", 3.3),
     ("uav_route", "gauge_offset", 25.0),
 ]
 """Machine, a fault that it does not list, its size."""

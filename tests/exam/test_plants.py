@@ -189,7 +189,7 @@ def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is
 
     def off(size: float) -> float:
         one = np.nan_to_num(bench.log([Hidden(kind, size)], conditions, 4, False).outputs)
-        return float((np.abs(one - plain).std(axis=0) / plain.std(axis=0)).max())
+        return float((np.sqrt(np.mean((one - plain) ** 2, axis=0)) / plain.std(axis=0)).max())
 
     small = off(1e-3)
     assert small < 0.02

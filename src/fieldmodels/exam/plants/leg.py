@@ -259,10 +259,6 @@ def _worn_bearing(leg: Leg, k: float, s: float, _rng: Rng) -> None:
     leg.forces.append(lambda t, _x, v: -0.05 * k * v * t / s)
 
 
-def _fading_force(leg: Leg, k: float, s: float, _rng: Rng) -> None:
-    leg.forces.append(lambda t, _x, _v: 0.1 * k * math.exp(-5.0 * t / s))
-
-
 def _gyro_dead_band(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
     band = 0.01 * k
     leg.gyro.append(lambda y, _t: math.copysign(max(abs(y) - band, 0.0), y))
@@ -283,7 +279,6 @@ DEVELOP: Mapping[str, LegFault] = {
     "cubic_sensor": Fault("The gyro is bent by a cubic.", _cubic_sensor, ("bend",)),
     "clipped_sensor": Fault("The gyro cannot show fast turns.", _clipped_sensor, ("clipping",)),
     "hum": Fault("The mains hum in the gyro, aliased.", _hum),
-    "fading_force": Fault("A force acts at first, and fades.", _fading_force),
 }
 """To develop a diagnosis on."""
 
