@@ -218,7 +218,6 @@ UNLISTED = [
     ("excitation", "arm_cubic", 1.5),
     ("excitation", "bent_force_sensor", 6.0),
     ("servo", "force_step", 0.11),
-    ("pose_reaching", "hunting", 0.23),
     ("line_following", "warming_up", 32.0),
     ("uav_route", "gauge_offset", 25.0),
 ]

@@ -12,6 +12,8 @@ import pytest
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.drivers.named import extended_model
 from fieldmodels.drivers.variables import variable
+from fieldmodels.exam.benches import Conditions, Hidden, get_bench
+from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.recording import record_commands
@@ -237,3 +239,13 @@ def test_a_push_to_the_right_of_an_aircraft_s_course():
     time = 2.0 * np.arange(n)
     np.testing.assert_allclose((on - off)[:, north], (-0.5 + 0.3) * time, atol=1e-6)
     np.testing.assert_allclose((on - off)[:, east], (1.0 + 0.2) * time, atol=1e-6)
+
+
+def test_a_drive_that_hunts_does_so_over_time():
+    """Its speed swings once in 67 samples, whatever it is told."""
+    bench = get_bench("pose_reaching")
+    train, test = recordings(bench, [Hidden("hunting", 0.3)], Conditions(), 8001)
+    found = diagnose(bench.model, [train], [test])
+    assert found.unknown is not None
+    assert (found.unknown.target, found.unknown.over) == ("forward speed", "time")
+    assert f"repeats every {200 / 3 * train.step:.3g} s" in found.summary()
