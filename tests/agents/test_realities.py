@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from fieldagents.cli import app
 from fieldagents.config import ConfigError, load_config
 from fieldagents.record import make_recording
 from fieldagents.record.config import RecordConfig
+from fieldagents.retune import reality
 from fieldagents.retune.config import RealitiesConfig, seeds_of
 from fieldagents.retune.realities import close_loops
 from fieldagents.retune.reality import drawn, recorded
@@ -20,6 +22,7 @@ from fieldagents.retune.recovery import pooled_recovery
 from fieldagents.retune.table import tables
 from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS
 from fieldmodels.model import StrayedError
+from fieldmodels.recording import RecordingError
 
 SHIPPED = sorted((Path(__file__).parents[2] / "configs").glob("*/realities.yaml"))
 FAULTS = {
@@ -133,15 +136,22 @@ def test_a_command_draws_records_diagnoses_tunes_and_tests(tmp_path):
     assert len(list(out.glob("jobs/*/result.json"))) == 3
 
 
-def test_what_the_diagnosis_does_not_see_is_not_won_back(tmp_path):
-    """The nominal agent stays, to the bit."""
-    unseen = {**SHORT, "hidden": {"turn_gain": {"factor": 1.0}}, "options": {"walks": 2}}
-    result = close_loops(RealitiesConfig.model_validate(unseen), tmp_path)
-    assert [one.verdict for one in result.closed] == ["consistent"] * 2
-    assert all("nothing significant is missing" in one.skipped for one in result.closed)
+@pytest.mark.parametrize("nothing", ["consistent", "unknown", "too short"])
+def test_what_the_diagnosis_does_not_name_is_not_won_back(nothing, tmp_path, monkeypatch):
+    """The nominal agent stays, to the bit, and the loss counts."""
+
+    def found(*_, **__):
+        if nothing == "too short":
+            raise RecordingError("too few windows")
+        return SimpleNamespace(verdict=nothing, curve_effects={}, extended=lambda: {"effects": FAULTS})
+
+    monkeypatch.setattr(reality, "diagnose", found)
+    result = close_loops(RealitiesConfig.model_validate(SHORT), tmp_path)
+    assert all(one.skipped.startswith("Nothing to re-tune with") for one in result.closed)
+    assert [one.named for one in result.closed] == [{}, {}]
     assert all(one.means["retuned"] == one.means["nominal"] for one in result.closed)
-    assert result.recovered.outcome == "nothing to recover"
-    assert "Nothing to recover" in result.sentence()
+    assert all(one.means["retuned"] > one.means["oracle"] for one in result.closed)
+    assert result.recovered.share in (0.0, None)
 
 
 def test_a_robot_that_strays_is_recorded_for_as_long_as_it_came():
