@@ -20,6 +20,7 @@ from fieldmodels.elementary import exponential
 from fieldmodels.model import Model
 
 CYCLES = 600.0  # of a wave over the whole range of its variable, at most
+VALUES = 4  # of its variable in a cycle, at least
 POINTS = 16  # of a cycle, where its table is given
 
 WIDTH, SHARPNESS = 12, 2.3 * 12  # of the bell by which a sample is spread over a grid, in its points
@@ -37,10 +38,11 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
     # Faster waves are lost in the averages over a segment.
     x, span = place.values, float(place.knots[1] - place.knots[0])
     steps = np.abs(np.diff(x, axis=1))
+    most = len(np.unique(x)) / VALUES  # by more, any errors could be reproduced
     if place.over == "time":  # which stands still only where a slow machine has no sample
-        steps = steps[steps > 0.0]
+        steps, most = steps[steps > 0.0], CYCLES
     passed = float(np.median(steps)) + 1e-9
-    counts = np.arange(2.0, min(0.5 / passed, CYCLES), 0.5)
+    counts = np.arange(2.0, min(0.5 / passed, CYCLES, most), 0.5)
     if not len(counts):
         return None
     count = float(counts[np.argmax(power(place, counts))])
