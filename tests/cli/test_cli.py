@@ -65,7 +65,7 @@ def mistake(*arguments: object) -> str:
         ("list pose", {"pose_reaching"}),
         ("list rig", {"rig"}),
         ("train heel_strike/", {"heel_strike/pathwise", "heel_strike/ppo", "heel_strike/ppo_twins"}),
-        ("evaluate heel_strike/", {"heel_strike/benchmark"}),
+        ("evaluate heel_strike/", {"heel_strike/benchmark", "heel_strike/realities"}),
         ("evaluate bench", {"benchmark"}),
         ("sweep heel_strike/", {"heel_strike/sweep", "heel_strike/tune"}),
         ("record rig/", {"rig/record"}),

@@ -232,9 +232,6 @@ MISSED = {
     ("uav_route", "radar_position"): pytest.mark.xfail(
         strict=True, reason="few readings change, where the aircraft seldom passes the radar's edge"
     ),
-    ("excitation", "one_way_spring"): pytest.mark.xfail(
-        strict=True, reason="no curve is sought in the suspension's forces, only in its stiffness, by windows"
-    ),
     ("uav_route", "clutter"): pytest.mark.xfail(strict=True, reason="too few readings change to be seen"),
 }
 """What the diagnosis does not find."""
