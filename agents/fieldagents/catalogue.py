@@ -17,6 +17,8 @@ from fieldmodels.names import did_you_mean
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fieldmodels.model import Model
+
 
 class CatalogueError(ValueError):
     """Nothing has the name that was asked for."""
@@ -35,6 +37,23 @@ def catalogue() -> dict[str, Any]:
             old.unlink()
         write_text(path, json.dumps(found))
     return found
+
+
+def own_model(name: str) -> dict[str, Any] | None:
+    """The part for a model's Python file, or for a file of YAML that names a model; None for another name.
+
+    Raises:
+        ModelError: If the file has no model, or names a Python file, which is run only if it is named itself.
+    """
+    from fieldmodels.drivers.named import model_named_in
+    from fieldmodels.model_files import is_model_file
+    from fieldmodels.registry import get_model
+
+    if name.endswith((".yaml", ".yml")):
+        name = model_named_in(name)
+    elif not is_model_file(name):
+        return None
+    return {"tasks": [], "models": [_described(name, get_model(name))]}
 
 
 def selected(found: dict[str, Any], name: str | None, agents: bool) -> dict[str, Any]:
@@ -102,36 +121,31 @@ def _gathered() -> dict[str, Any]:
         }
         for task in TASKS.values()
     ]
-    models = []
-    for name in model_names():
-        model = get_model(name)
-        signals = {"inputs": model.inputs, "outputs": model.outputs}
-        models.append(
-            {
-                "name": name,
-                **{
-                    kind: [{"name": s.name, "unit": s.unit} for s in group] for kind, group in signals.items()
-                },
-                "parameters": [
-                    {"name": p.name, "unit": p.unit, "nominal": p.nominal} for p in model.parameters
-                ],
-                "effects": [
-                    {
-                        "name": effect.name,
-                        "where": effect.where,
-                        "cause": effect.cause,
-                        "parameters": [{"name": p.name, "unit": p.unit} for p in effect.parameters],
-                    }
-                    for effect in model.effects
-                ],
-            }
-        )
     return {
         "tasks": tasks,
-        "models": models,
+        "models": [_described(name, get_model(name)) for name in model_names()],
         "zoo": [str(entry) for entry in list_zoo()],
         "datasets": list(dataset_names()),
         "reproductions": _reproductions(),
+    }
+
+
+def _described(name: str, model: Model) -> dict[str, Any]:
+    """A model's signals, parameters and effects."""
+    signals = {"inputs": model.inputs, "outputs": model.outputs}
+    return {
+        "name": name,
+        **{kind: [{"name": s.name, "unit": s.unit} for s in group] for kind, group in signals.items()},
+        "parameters": [{"name": p.name, "unit": p.unit, "nominal": p.nominal} for p in model.parameters],
+        "effects": [
+            {
+                "name": effect.name,
+                "where": effect.where,
+                "cause": effect.cause,
+                "parameters": [{"name": p.name, "unit": p.unit} for p in effect.parameters],
+            }
+            for effect in model.effects
+        ],
     }
 
 
@@ -170,6 +184,10 @@ def show(found: dict[str, Any], console: Console) -> None:
         console.print(
             f"\n[bold]Model {model['name']}[/bold]: {units['inputs'] or 'no input'} → {units['outputs']}"
         )
+        table = Table("parameter", "unit", "nominal")
+        for one in model["parameters"]:
+            table.add_row(one["name"], escape(one["unit"]), f"{one['nominal']:g}")
+        console.print(table)
         table = Table("effect", "where", "parameters", "cause")
         for effect in model["effects"]:
             names = ", ".join(f"{p['name']} {_unit(p)}" for p in effect["parameters"])

@@ -173,7 +173,7 @@ def list_(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Only the task and the model of this name.",
+            help="Only the task and the model of this name; or your own model's file, or a `bench.yaml`.",
             show_default=False,
             autocompletion=completion.tasks_and_models,
         ),
@@ -189,13 +189,16 @@ def list_(
 
         fieldgym list rig
 
+        fieldgym list my_model.py
+
         fieldgym list --agents
 
         fieldgym list --json | jq '.models[].effects[].name'
     """
     from fieldagents import catalogue
 
-    found = catalogue.selected(catalogue.catalogue(), name, agents)
+    own = catalogue.own_model(name) if name else None
+    found = own or catalogue.selected(catalogue.catalogue(), name, agents)
     _told(as_json, found, partial(catalogue.show, found))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fieldagents.config import ConfigError
+from fieldmodels.diagnosis.phrases import depends_on
 from fieldmodels.model import Model, ModelError
 from fieldmodels.names import did_you_mean
 from fieldmodels.rounding import with_error
@@ -75,8 +76,10 @@ def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = (
             )
         console.print(table)
     for curve in diagnosis.get("curves", ()):
-        shape = f" ({curve['formula']})" if curve["formula"] else ""
-        console.print(f"Unlisted: a curve of {curve['direction']}{shape}", markup=False)
+        runs = depends_on(curve["place"], curve["target"], curve["over"], curve["formula"] or "")
+        sure = not curve["direction"].startswith("undetermined")
+        which = "something that" if sure else "no curve is certain; the closest"
+        console.print(f"Unlisted: {which} depends on {runs}", markup=False)
     for effect, why in diagnosis.get("not_testable", {}).items():
         console.print(f"Not testable: {effect}: {why}", markup=False)
 

@@ -192,8 +192,9 @@ def of_diagnosis(
 
     check_range(model, [*train, *test])
     rows = sum(len(one) for one in (*train, *test))
-    horizon = main_horizon(model, train)
-    windows = sum(len(model.windows(one, horizon)) for one in (*train, *test))
+    scaled = model.scaled_to([*train, *test])  # horizons that are not stated follow the data
+    horizon = main_horizon(scaled, train)
+    windows = sum(len(scaled.windows(one, horizon)) for one in (*train, *test))
     fitted = min(sum(len(one) for one in train), FITTED)
     work = {
         "start:diagnose": 1.0,

@@ -1,6 +1,7 @@
 """A user's own simulator in a Python file: the page's works, and each mistake has a message of its own."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -226,6 +227,104 @@ def test_a_model_that_breaks_the_contract_is_refused(tmp_path, mistake):
 def test_an_effect_without_effect_is_warned_of(tmp_path):
     with pytest.warns(ModelWarning, match="constant_load changes nothing on these data"):
         tried(written(tmp_path, changed("gain * arriving - load", "gain * arriving")))
+
+
+def test_a_stock_effect_without_effect_is_not_warned_of(tmp_path, recwarn):
+    """A stop or a limit far from the data is as it should be, and the user has not written it."""
+    path = written(tmp_path, changed('sensor("speed")', 'sensor("speed", ("clipping",))', MOTOR))
+    model = load_model_file(str(path))
+    check_simulation(model, at_rest(model, 0.01, 1e-3, np.random.default_rng(0)), "motor.py")
+    assert not [one for one in recwarn if issubclass(one.category, ModelWarning)]
+
+
+HOT_PLATE = """
+from fieldmodels.effects import actuator
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
+
+
+class HotPlate(Machine):
+    inputs = (Signal("power", "W"),)
+    states = outputs = (Signal("temperature", "degC", noise=0.1),)
+    heating = number("K/J", 0.02, 1e-4, 10.0)
+    cooling = number("1/s", 0.05, 0.0, 10.0)
+    effects = actuator("power", ("lag",))
+
+    def derivative(self, state, input, p):
+        return p.heating * input.power - p.cooling * (state.temperature - 20.0)
+"""
+
+
+@pytest.mark.parametrize("step", [0.1, 0.4])
+def test_a_slow_machine_needs_no_horizons(tmp_path, rng, step):
+    """They follow the data; where they are stated, and too short, the remedy is said."""
+    power = np.repeat(rng.uniform(0.0, 60.0, 60), 20)
+    warm, rows = 20.0, ["t,power,temperature"]
+    for k, heat in enumerate(power):
+        rows.append(f"{k * step:.1f},{heat:.3f},{warm + 0.1 * rng.normal():.3f}")
+        warm += step * (0.02 * heat - 0.05 * (warm - 20.0))
+    (tmp_path / "log.csv").write_text("\n".join(rows))
+    path = written(tmp_path, HOT_PLATE)
+    asked = ["diagnose", str(tmp_path / "log.csv"), "--model", str(path), "--dry-run", "--json"]
+    found = CliRunner().invoke(app, asked)
+    assert found.exit_code == 0, found.output
+    said = re.search(r"([\d.]+) windows of ([\d.]+) s", found.stdout)
+    assert said is not None
+    assert float(said[2]) >= 16 * step
+
+    written(tmp_path, changed("    heating", "    horizons = (0.1, 0.2)\n    heating", HOT_PLATE))
+    found = CliRunner().invoke(app, asked)
+    assert found.exit_code == 2
+    assert f"horizons = ({8 * step:.2g}, {16 * step:.2g})" in found.stderr.replace("\n", " ")
+
+
+STIFF = """
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
+
+
+class Stiff(Machine):
+    inputs = (Signal("voltage", "V"),)
+    states = outputs = (Signal("speed", "rad/s", noise=0.2),)
+    slow = number("1/s", 3.0, 0.1, 1e3)
+    effects = ()
+
+    def derivative(self, state, input, p):
+        return input.voltage - p.slow * state.speed * (1.0 + FACTOR * state.speed**2)
+"""
+
+
+@pytest.mark.parametrize(("factor", "refused"), [("0.1", False), ("1e3", True)])
+def test_a_generated_simulation_may_differ_by_its_steps_alone(tmp_path, factor, refused):
+    """Steps follow from some windows: those of one alone are others, which its error bounds; else say so."""
+    model = load_model_file(str(written(tmp_path, STIFF.replace("FACTOR", factor))))
+    amplitude = 500.0 if refused else 5.0  # so large that the last window gets fast long after its start
+    recording = at_rest(model, 0.01, amplitude, np.random.default_rng(0))
+    recording.signals["speed"][:] = np.linspace(5.0, 0.0, len(recording))
+    if refused:
+        with pytest.raises(ContractError, match=r"give the model `pace\(self, p\)`"):
+            check_simulation(model, recording, "motor.py")
+    else:
+        check_simulation(model, recording, "motor.py")
+
+
+def test_list_shows_a_model_of_one_s_own(tmp_path):
+    path = written(tmp_path, MOTOR)
+    (model,) = json.loads(CliRunner().invoke(app, ["list", str(path), "--json"]).stdout)["models"]
+    assert [p["name"] for p in model["parameters"]] == ["gain", "time_constant"]
+    assert [s["name"] for s in (*model["inputs"], *model["outputs"])] == ["voltage", "speed"]
+    assert "coulomb_friction" in {e["name"] for e in model["effects"]}
+    shown = CliRunner().invoke(app, ["list", str(path)]).stdout
+    assert all(name in shown for name in ("voltage", "time_constant", "coulomb_friction"))
+    (tmp_path / "bench.yaml").write_text("model: rig\n")
+    (rig,) = json.loads(CliRunner().invoke(app, ["list", f"{tmp_path}/bench.yaml", "--json"]).stdout)[
+        "models"
+    ]
+    assert rig["name"] == "rig"
+    (tmp_path / "bench.yaml").write_text(f"model: {path}\n")  # a file that somebody else may have written
+    refused = CliRunner().invoke(app, ["list", f"{tmp_path}/bench.yaml"])
+    assert refused.exit_code == 2
+    assert "run only if you name it yourself" in refused.stderr.replace("\n", " ")
 
 
 def test_the_command_line_tries_a_model_before_it_is_fitted(tmp_path):

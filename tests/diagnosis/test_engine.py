@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.answer import in_words
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.gain import predict, share
@@ -149,9 +150,14 @@ def test_an_error_below_the_rule_is_still_said(leaking):
     assert clean.summary().startswith("Nothing significant is missing")
     near = replace(clean, above_noise={"level": 2.9})
     assert near.summary() == (
-        "No listed effect helps significantly. "
-        "Errors remain above the sensors' noise: that of level 2.9 times."
+        "No listed effect and no curve helps for certain. Errors remain above the sensors' white noise: "
+        "that of level 2.9 times; coloured noise of a sensor may be all of it, or something small is missing."
     )
+    said = " ".join(in_words(near))
+    assert "coloured noise" in said
+    assert "Something is missing" not in said
+    named = replace(leaking, above_noise={"level": 2.9})
+    assert "coloured noise" not in named.summary()
     assert near.to_json()["above_noise"] == {"level": 2.9}
 
 

@@ -6,15 +6,17 @@ import math
 from collections.abc import Sequence
 
 from fieldmodels import html
-from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.outcome import EITHER, Diagnosis
 from fieldmodels.diagnosis.relation import REMEDY
-from fieldmodels.diagnosis.result import Cause, SignalGain
+from fieldmodels.diagnosis.result import Cause, SignalGain, Visible
 from fieldmodels.html import text
 from fieldmodels.rounding import listed, percent, with_error, words
 
 TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad", "unrelated": "bad"}
 SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
 """How a p-value reads, by its upper end."""
+SHOWN = 4
+"""Of what could be missing without being seen, how much is said."""
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -23,7 +25,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"Check the columns first: {diagnosis.mistaken}."
     if diagnosis.verdict == "consistent":
         if diagnosis.above_noise:
-            return "Something is missing, but no listed effect helps."
+            return "No listed effect and no curve helps for certain."
         if diagnosis.of_sensors:
             return f"The simulation explains these data, but {diagnosis.of_sensors[0]}."
         return "The simulation explains these data; nothing significant is missing."
@@ -31,7 +33,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return "There is no relation between command and response."
     if diagnosis.verdict == "unknown":
         curve = diagnosis.unknown
-        where = f": it depends on {words(curve.words)}" if curve and curve.certain else ""
+        where = f": it depends on {curve.words}" if curve and curve.certain else ""
         return f"The simulation lacks something that no listed effect explains{where}."
     sets = [listed([words(c.effect), *map(words, c.alternatives)], "or") for c in diagnosis.causes]
     more = ", and something else" if diagnosis.curves else ""
@@ -61,7 +63,10 @@ def _it(diagnosis: Diagnosis) -> str:
 def what_is_left(diagnosis: Diagnosis) -> str:
     """The error that remains, by the sensors' noise; empty where that is all."""
     left = [f"{words(name)} {times:.1f}" for name, times in diagnosis.above_noise.items()]
-    return f"The remaining error exceeds the sensors' noise ({listed(left)} times)." if left else ""
+    why = f": {EITHER}" if diagnosis.verdict == "consistent" else ""
+    return (
+        f"The remaining error is above the sensors' white noise ({listed(left)} times){why}." if left else ""
+    )
 
 
 def most_improved(diagnosis: Diagnosis) -> str | None:
@@ -79,8 +84,9 @@ def most_improved(diagnosis: Diagnosis) -> str | None:
 def how_sure(diagnosis: Diagnosis) -> str:
     """How certain the answer is, in a sentence or two."""
     if diagnosis.verdict == "consistent":
-        shown = listed([v.words() for v in diagnosis.seen if v.errors])
-        return f"Larger than this would have been seen: {shown}." if shown else ""
+        shown, rest = _least_visible(diagnosis)
+        more = " The report lists the rest." if rest else ""
+        return f"Larger than this would have been seen: {listed(shown)}.{more}" if shown else ""
     parts = []
     for cause in diagnosis.causes:
         sure = next((word for level, word in SURE if cause.p_value < level), "")
@@ -97,6 +103,18 @@ def how_sure(diagnosis: Diagnosis) -> str:
         names = listed([words(c.effect) for c in diagnosis.possible])
         parts.append(f"Possible, but not distinguishable from none: {names}.")
     return " ".join(parts)
+
+
+def _least_visible(diagnosis: Diagnosis) -> tuple[list[str], bool]:
+    """The few unseen faults that would add most to an error, in words; and whether there are more."""
+
+    def added(one: Visible) -> float:
+        known = {name: diagnosis.gain[name].rmse_before for name in one.errors if name in diagnosis.gain}
+        return max((one.errors[name] / before for name, before in known.items() if before > 0), default=0.0)
+
+    known = [v for v in diagnosis.seen if v.errors]
+    most = sorted(known, key=added, reverse=True)[:SHOWN]
+    return [v.words() for v in known if v in most], len(known) > SHOWN
 
 
 def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
@@ -116,8 +134,15 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
             f"Simulate with {what}: <code>extended.yaml</code> holds the extended simulation, for "
             '<code>gym.make(..., reality="extended.yaml")</code> and <code>fieldgym export</code>.'
         )
-    if diagnosis.verdict == "unknown" or diagnosis.above_noise:
-        steps.append("Look at the shape of the remaining error below: it shows where in the machine to look.")
+    if diagnosis.verdict == "unknown":
+        steps.append(
+            "Look at the shape of the remaining error in the report: it shows where in the machine to look."
+        )
+    elif diagnosis.above_noise:
+        steps.append(
+            "Record the sensors with the machine at rest. Where their noise is as large and as slow there, it "
+            "is the remaining error; otherwise the shape of that error in the report shows where to look."
+        )
     if diagnosis.wandering:
         steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")
     if diagnosis.lost:

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+EITHER = "coloured noise of a sensor may be all of it, or something small is missing"
+"""What a remaining error above the white noise may be where nothing is named."""
+
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
@@ -270,7 +273,8 @@ class Diagnosis:
                 f"that of {name.replace('_', ' ')} {times:.1f} times"
                 for name, times in self.above_noise.items()
             )
-            text += f" Errors remain above the sensors' noise: {rest}."
+            why = f"; {EITHER}" if self.verdict == "consistent" else ""
+            text += f" Errors remain above the sensors' white noise: {rest}{why}."
         if self.undetermined and not self.mistaken and self.verdict != "unrelated":
             names = " and ".join(name.replace("_", " ") for name in self.undetermined)
             text += (
@@ -288,7 +292,7 @@ class Diagnosis:
         names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
         if self.verdict == "consistent":
             if self.above_noise:
-                return "No listed effect helps significantly."
+                return "No listed effect and no curve helps for certain."
             text = "Nothing significant is missing: the refitted simulation explains these data."
             if shown := [v.words() for v in self.seen if v.errors]:
                 text += f" They would have shown (root mean square) {listed(shown)}."

@@ -216,12 +216,11 @@ def _curve_words(curve: MissingCurve) -> str:
     if not curve.certain:
         return (
             "No curve is certain, but the error is far above the sensor's noise: something is missing. "
-            f"The one that helps most depends on {html.text(curve.direction)}."
+            f"The one that helps most depends on {html.text(curve.words)}."
         )
-    shape = f" It runs as: {html.text(curve.formula)}." if curve.formula else ""
     return (
-        f"A curve depends on {html.text(curve.direction)}: it removes {percent(curve.percent)} of the "
-        f"remaining loss on held-out windows (p = {figures.chance(curve.p_value)}).{shape}"
+        f"A curve depends on {html.text(curve.words)}: it removes {percent(curve.percent)} of the "
+        f"remaining loss on held-out windows (p = {figures.chance(curve.p_value)})."
     )
 
 

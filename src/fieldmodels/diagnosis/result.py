@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.phrases import depends_on
 from fieldmodels.drivers.variables import direction_of
 from fieldmodels.recording import Recording
 
@@ -205,8 +206,8 @@ class MissingCurve:
 
     @property
     def words(self) -> str:
-        """The same, and how it runs where that is a function that is known."""
-        return f"{self.direction} ({self.formula})" if self.formula else self.direction
+        """What it depends on, how it runs where that is a function that is known, and where it acts."""
+        return depends_on(self.place, self.target, self.over, self.formula)
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""

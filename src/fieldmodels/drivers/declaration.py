@@ -97,6 +97,7 @@ class Declaration(Model):
         hold: What an input does between samples: ``held``, or ``interpolated`` along a line.
         hold_said: Whether a user has said so; otherwise a diagnosis tries both.
         stock: The stock effects that were declared.
+        stock_names: Names of the effects that they declare.
         sizes: Typical sizes for each of them.
         substeps: Least number of integration steps within a sampling interval.
     """
@@ -107,6 +108,7 @@ class Declaration(Model):
     hold: Hold = "held"
     hold_said: bool = False
     stock: tuple[Stock, ...] = ()
+    stock_names: tuple[str, ...] = ()
     numbers: ClassVar[tuple[Number, ...]] = ()
     own_effects: tuple[Effect | Stock, ...] = ()
     effects: tuple[Any, ...]
@@ -155,6 +157,8 @@ class Declaration(Model):
             e.named(e.declare(self.names_of(e), next(by_stock))) if isinstance(e, Stock) else e
             for e in self.own_effects
         )
+        pairs = zip(self.effects, self.own_effects, strict=True)
+        self.stock_names = tuple(effect.name for effect, own in pairs if isinstance(own, Stock))
         if self.forces and not self.disturbance_unit:
             self.disturbance_unit = self._force_unit(self.forces[0])
         if not self.horizons:

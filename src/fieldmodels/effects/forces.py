@@ -296,7 +296,7 @@ def _constant(n: Names, s: Sizes) -> Effect:
 
 def _periodic(n: Names, s: Sizes) -> Effect:
     return effect(
-        "periodic_force", "force", f"A {n.force} that swings at one frequency shakes the axis.",
+        "periodic_force", "force", "Something shakes the machine at one frequency.",
         "A_s sin(2 pi f t) + A_c cos(2 pi f t)",
         signed("sine", n.force_unit, 0.1 * s.force),
         signed("cosine", n.force_unit, 0.1 * s.force),

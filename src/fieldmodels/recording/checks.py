@@ -12,6 +12,7 @@ from fieldmodels.recording import Recording
 from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins, turns
 from fieldmodels.recording.tables import SHOWN, Problem
 from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
+from fieldmodels.recording.windows import MIN_SAMPLES, longer_windows
 
 MAX_JITTER = 0.01
 """Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
@@ -23,8 +24,6 @@ LEAST_COUNTED = 0.5
 """Smallest time step [s] that is suspected to be in a fraction of a second."""
 STUCK = 5
 """Consecutive rows at an extreme value that count as saturation, unless the signal is coarse."""
-MIN_SAMPLES = 4
-"""Fewest samples in which a window can be predicted."""
 
 _BLOCK = 1_000_000  # rows examined together
 
@@ -86,10 +85,11 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     if unit != "s":
         hint = f"the time column looks like {unit}: declare it as 't=t:{unit}'; or {hint}"
     if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
-        message = (
-            f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; sample faster; {hint}"
-        )
-        return [Problem(message)]
+        remedy = f"sample faster, or predict over longer times ({longer_windows(step)})"
+        how = f"; {hint}" if step >= LEAST_COUNTED else ""
+        return [
+            Problem(f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; {remedy}{how}")
+        ]
     if longest < horizon * (1 - MAX_JITTER):
         unit = "episode" if len(recording.bounds) > 1 else "record"
         return [Problem(f"the longest {unit} lasts {longest:.6g} s, shorter than the {horizon:g} s "

@@ -14,7 +14,14 @@ from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
-from fieldmodels.recording.checks import check_episodes, check_length, check_time, is_even, suspicions
+from fieldmodels.recording.checks import (
+    LEAST_COUNTED,
+    check_episodes,
+    check_length,
+    check_time,
+    is_even,
+    suspicions,
+)
 from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
@@ -304,9 +311,10 @@ def _checked(
         if not is_even(recording):
             recording = evened(recording, model)
         if horizon is None and model is not None and model.horizons:
-            # A slow bench is predicted over longer times; but a clock in ms looks like one.
-            slow = clock.unit and len(recording) >= LEAST_SCALED
-            horizon = min((model.scaled_to([recording]) if slow else model).horizons)
+            # A slow bench is predicted over longer times; but a clock in ms looks like a very slow one.
+            sure = clock.unit or recording.step < LEAST_COUNTED
+            known = sure and len(recording) >= LEAST_SCALED
+            horizon = min((model.scaled_to([recording]) if known else model).horizons)
         if horizon is not None:
             problems = [Problem(p.message, clock.name) for p in check_length(recording, horizon)]
     if problems:

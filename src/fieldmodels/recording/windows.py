@@ -88,6 +88,18 @@ class Windows:
         return result
 
 
+MIN_SAMPLES = 4
+"""Fewest samples in which a window can be predicted."""
+GOOD_SAMPLES = 16
+"""Samples that a window of the main horizon should have at least."""
+
+
+def longer_windows(step: float) -> str:
+    """What to write in one's own model for windows of enough samples, ``step`` [s] apart."""
+    shorter, main = GOOD_SAMPLES / 2 * step, GOOD_SAMPLES * step
+    return f"in a model file of your own, `horizons = ({shorter:.2g}, {main:.2g})`"
+
+
 def uniform_windows(
     recording: Recording,
     horizon: float,
@@ -107,10 +119,16 @@ def uniform_windows(
     """
     length = round(horizon / recording.step) + 1
     starts = np.concatenate([np.arange(a, b - length + 1, length) for a, b in recording.bounds])
-    if length < 4 or len(starts) == 0:
+    if length < MIN_SAMPLES or len(starts) == 0:
+        coarse = f"sample faster, or predict over longer times ({longer_windows(recording.step)})"
         raise RecordingError(
             f"{recording.source}: too short or too coarse for windows of {horizon:g} s "
-            f"({len(recording)} samples, {recording.step:g} s apart); record longer or sample faster"
+            f"({len(recording)} samples, {recording.step:g} s apart); "
+            + (
+                coarse
+                if length < MIN_SAMPLES
+                else "record longer, or predict over shorter times (`horizons`)"
+            )
         )
     starts = starts.astype(np.int64)
     observed = np.zeros((len(starts), length, len(outputs)), dtype=np.bool_)
