@@ -290,7 +290,7 @@ def _dependences(model: Model, place: str, windows: Windows) -> Iterable[str]:
 def _neutral_values(model: Model, place: str, windows: Windows) -> Iterable[str]:
     """Effects that are not off at their neutral values; a warning for those that do nothing."""
     plain = _outputs(model, place, model.nominal[None], windows)
-    idle = []
+    idle: list[str] = []
     stock = set(model.stock_names) if isinstance(model, Declaration) else set()
     size = _distance(plain, np.zeros_like(plain), windows)
     by_steps = 0.0 if model.windows_apart else STEPS_APART * float(np.max(model.resolution))

@@ -286,7 +286,8 @@ def test_episode_numbers_are_integers_and_not_taken_up_again(write):
 def test_a_record_shorter_than_the_horizon(write):
     refused(write(table(**bench(15))), "the longest record lasts 0.14 s, shorter than the 0.2 s", "longer")
     refused(write(table(**bench(50))), "0.49 s, shorter than the 2 s", horizon=2.0)
-    refused(write(table(**bench(50, step=0.1))), "one row every 0.1 s is too coarse", "sample faster")
+    refused(write(table(**bench(50, step=0.6))), "one row every 0.6 s is too coarse", "sample faster")
+    assert load_recording(write(table(**bench(50, step=0.1))), RIG).step == pytest.approx(0.1)
 
 
 def test_milliseconds_are_recognised(write):

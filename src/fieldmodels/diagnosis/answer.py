@@ -140,8 +140,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
         )
     elif diagnosis.above_noise:
         steps.append(
-            "Record the sensors with the machine at rest. Where their noise is as large and as slow there, it "
-            "is the remaining error; otherwise the shape of that error in the report shows where to look."
+            "Record the sensors with the machine at rest. Where their noise is as large and as slow there, "
+            "it is the remaining error; otherwise the shape of that error in the report shows where to look."
         )
     if diagnosis.wandering:
         steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")

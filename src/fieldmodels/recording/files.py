@@ -312,9 +312,10 @@ def _checked(
             recording = evened(recording, model)
         if horizon is None and model is not None and model.horizons:
             # A slow bench is predicted over longer times; but a clock in ms looks like a very slow one.
-            sure = clock.unit or recording.step < LEAST_COUNTED
-            known = sure and len(recording) >= LEAST_SCALED
-            horizon = min((model.scaled_to([recording]) if known else model).horizons)
+            horizon = min(model.horizons)
+            sure = clock.unit or (recording.step < LEAST_COUNTED and check_length(recording, horizon))
+            if sure and len(recording) >= LEAST_SCALED:
+                horizon = min(model.scaled_to([recording]).horizons)
         if horizon is not None:
             problems = [Problem(p.message, clock.name) for p in check_length(recording, horizon)]
     if problems:
