@@ -16,7 +16,6 @@ from typing import TypeVar, get_args
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.guard import ContractError, checked_outputs, checked_states, located
 from fieldmodels.model import Effect, Model, Parameter, Signal, Where
 from fieldmodels.recording import Recording, Windows
@@ -291,7 +290,7 @@ def _neutral_values(model: Model, place: str, windows: Windows) -> Iterable[str]
     """Effects that are not off at their neutral values; a warning for those that do nothing."""
     plain = _outputs(model, place, model.nominal[None], windows)
     idle: list[str] = []
-    stock = set(model.stock_names) if isinstance(model, Declaration) else set()
+    stock = set(model.stock_names)
     size = _distance(plain, np.zeros_like(plain), windows)
     by_steps = 0.0 if model.windows_apart else STEPS_APART * float(np.max(model.resolution))
     for effect in model.effects:

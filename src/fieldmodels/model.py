@@ -222,6 +222,7 @@ class Model(ABC):
         inputs_are_free: False if inputs cannot be chosen freely (a walker's own steering).
         windows_apart: False if how finely a window is simulated depends on the others, so that some of them
             cannot be simulated alone.
+        stock_names: Effects that the user did not write, but took from the library.
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
         wrapped_outputs: Outputs that are measured within a turn, [-pi, pi): its errors go by that.
         measured_states: Which output a window's state is taken from, where it has another name.
@@ -247,6 +248,7 @@ class Model(ABC):
     resolution: float | tuple[float, ...] = 1.3e-5
     inputs_are_free: bool = True
     windows_apart: bool = True
+    stock_names: tuple[str, ...] = ()
     unbounded_outputs: tuple[str, ...] = ()
     measured_inputs: tuple[Signal, ...] = ()
     wrapped_outputs: tuple[str, ...] = ()

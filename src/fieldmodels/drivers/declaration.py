@@ -97,7 +97,6 @@ class Declaration(Model):
         hold: What an input does between samples: ``held``, or ``interpolated`` along a line.
         hold_said: Whether a user has said so; otherwise a diagnosis tries both.
         stock: The stock effects that were declared.
-        stock_names: Names of the effects that they declare.
         sizes: Typical sizes for each of them.
         substeps: Least number of integration steps within a sampling interval.
     """
@@ -108,7 +107,6 @@ class Declaration(Model):
     hold: Hold = "held"
     hold_said: bool = False
     stock: tuple[Stock, ...] = ()
-    stock_names: tuple[str, ...] = ()
     numbers: ClassVar[tuple[Number, ...]] = ()
     own_effects: tuple[Effect | Stock, ...] = ()
     effects: tuple[Any, ...]
