@@ -119,19 +119,50 @@ def has_no_smooth(r: Row) -> bool:
 @inlined
 def smooth(x: float, v: float, t: float, r: Row) -> float:
     """All forces but dry friction and hysteresis."""
+    total = without_waves(x, v, r)
+    if is_periodic(r):
+        total += periodic(t, r)
+    if is_cogging(r):
+        total += cogging(x, r)
+    return float(total)
+
+
+@inlined
+def without_waves(x: float, v: float, r: Row) -> float:
+    """The same but those that swing in time or along the way."""
     # Without a condition, so that loops over it become vector instructions: what is off is zero.
     total = r.constant_force_force - r.viscous_friction_coefficient * v
     total -= r.quadratic_drag_coefficient * v * abs(v)
     total -= r.cubic_stiffness_coefficient * x * x * x
     total -= r.elastic_stop_stiffness * math.copysign(max(abs(x) - r.elastic_stop_place, 0.0), x)
     total -= r.one_sided_spring_stiffness * max(x - r.one_sided_spring_place, 0.0)
-    if r.periodic_force_sine != 0.0 or r.periodic_force_cosine != 0.0:
-        phase = 2.0 * math.pi * r.periodic_force_frequency * t
-        total += r.periodic_force_sine * sine(phase) + r.periodic_force_cosine * cosine(phase)
-    if r.cogging_sine != 0.0 or r.cogging_cosine != 0.0:
-        phase = 2.0 * math.pi * x / r.cogging_period
-        total += r.cogging_sine * sine(phase) + r.cogging_cosine * cosine(phase)
     return float(total)
+
+
+@inlined
+def is_periodic(r: Row) -> bool:
+    """Whether a force swings in time."""
+    return bool(r.periodic_force_sine != 0.0 or r.periodic_force_cosine != 0.0)
+
+
+@inlined
+def periodic(t: float, r: Row) -> float:
+    """The force that swings in time."""
+    phase = 2.0 * math.pi * r.periodic_force_frequency * t
+    return float(r.periodic_force_sine * sine(phase) + r.periodic_force_cosine * cosine(phase))
+
+
+@inlined
+def is_cogging(r: Row) -> bool:
+    """Whether a force repeats along the way."""
+    return bool(r.cogging_sine != 0.0 or r.cogging_cosine != 0.0)
+
+
+@inlined
+def cogging(x: float, r: Row) -> float:
+    """The force that repeats along the way."""
+    phase = 2.0 * math.pi * x / r.cogging_period
+    return float(r.cogging_sine * sine(phase) + r.cogging_cosine * cosine(phase))
 
 
 @inlined
@@ -150,13 +181,25 @@ def bend(bristle: float, moved: float, r: Row) -> float:
 @inlined
 def resistance(moved: float, v: float, sign: float, bristle: float, load: float, r: Row) -> float:
     """Dry friction and hysteresis while the axis moves in direction ``sign``, ``moved`` from its start."""
-    total = sign * (r.coulomb_friction_force + r.load_friction_share * abs(load))
+    total = steady(sign, load, r)
     if r.stribeck_friction_force != 0.0:
-        ratio = v / r.stribeck_friction_velocity
-        total += sign * r.stribeck_friction_force * exponential(-ratio * ratio)
+        total += stribeck(v, sign, r)
     if r.hysteresis_force != 0.0:
         total += bend(bristle, moved, r)
     return float(total)
+
+
+@inlined
+def steady(sign: float, load: float, r: Row) -> float:
+    """Dry friction that depends on nothing but the direction and what the drive transmits."""
+    return float(sign * (r.coulomb_friction_force + r.load_friction_share * abs(load)))
+
+
+@inlined
+def stribeck(v: float, sign: float, r: Row) -> float:
+    """Dry friction that falls with speed."""
+    ratio = v / r.stribeck_friction_velocity
+    return float(sign * r.stribeck_friction_force * exponential(-ratio * ratio))
 
 
 @allocation_free
