@@ -108,7 +108,7 @@ def test_states_are_moved_one_at_a_time(problem: Problem, fitted: Fit) -> None:
 
 def test_some_windows_alone_are_simulated_to_the_bit_as_among_all(problem: Problem, fitted: Fit) -> None:
     some = np.arange(len(problem)) % 5 == 2
-    alone = problem.simulate_some(fitted.parameters, fitted.states, some)
+    alone = problem.simulate_from(fitted.parameters, fitted.states[None], np.flatnonzero(some))[0]
     assert np.array_equal(alone, problem.simulate(fitted.parameters[None], fitted.states)[0][some])
 
 
@@ -122,7 +122,8 @@ def test_where_steps_follow_from_some_windows_all_are_simulated(
     assert not model.windows_apart
     some = np.arange(len(problem)) < 2
     with metered() as meter:
-        replace(problem, model=model).simulate_some(fitted.parameters, fitted.states, some)
+        other = replace(problem, model=model)
+        other.simulate_from(fitted.parameters, fitted.states[None], np.flatnonzero(some))
     assert meter.windows == len(problem)
 
 

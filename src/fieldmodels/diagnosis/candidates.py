@@ -15,7 +15,7 @@ from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.budget import SEARCH, Budget
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.effort import shared, threads_of
-from fieldmodels.diagnosis.fit import costs, fit, parameters_at, refit, weighed
+from fieldmodels.diagnosis.fit import best_of, costs, fit, parameters_at, refit, weighed
 from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps, window_loss
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
@@ -129,8 +129,7 @@ class Candidates:
         order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))[:3]
         # Weighed by a signal's spread, averages would count nothing beside events, and states follow these.
         self.whitener = whitener_by_output(problem, problem.features - simulated[order[0]])
-        tries = [fit(problem, starts[i], free, self.whitener, iterations=8) for i in order]
-        best = min(tries, key=lambda f: f.cost)
+        best = best_of(problem, [starts[i] for i in order], free, self.whitener, problem.states, 8)
         best = refit(problem, best, self.whitener, iterations)
         best = weighed(problem, best, 10)
         self.whitener = best.whitener
@@ -147,9 +146,7 @@ class Candidates:
         effect = self.problem.model.effect(name)
         _, starts = self.screened(parent, effect)
         free = self.free((*parent.effects, name))
-        states = parent.fit.states
-        tries = [fit(self.problem, s, free, self.whitener, states, 3) for s in starts]
-        best = min(tries, key=lambda f: f.cost)
+        best = best_of(self.problem, starts, free, self.whitener, parent.fit.states, 3)
         if not np.isfinite(best.cost):
             return None
         best = refit(self.problem, best, self.whitener, MOST, _Twin(self.problem.model, effect))

@@ -6,7 +6,7 @@ step; given the parameters windows are independent, and each accepts its own cha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +48,23 @@ def fit(
         The best point seen; its cost is infinite if the simulation fails at the start.
     """
     states = problem.states if states is None else states
-    raw = problem.features - problem.simulate(parameters[None], states)[0]
-    return _improved(problem, linearise(problem, parameters, free, whitener, states, raw), iterations)
+    return _improved(problem, _begun(problem, parameters, free, whitener, states), iterations)
+
+
+def best_of(
+    problem: Problem,
+    starts: Sequence[FloatArray],
+    free: IntArray,
+    whitener: FloatArray,
+    states: FloatArray,
+    iterations: int,
+) -> Fit:
+    """The best of some fits from several starts; arguments as of ``fit``.
+
+    Where the others end is not linearised: their costs are all that is asked of them.
+    """
+    ends = [_followed(problem, _begun(problem, s, free, whitener, states), iterations) for s in starts]
+    return _ended(problem, *min(ends, key=lambda end: end[0].cost if end[1] is None else end[1].cost))
 
 
 def refit(
@@ -71,15 +86,43 @@ def refit(
     return _improved(problem, reweighed(problem, fitted, whitener), iterations, enough)
 
 
+def _begun(
+    problem: Problem, parameters: FloatArray, free: IntArray, whitener: FloatArray, states: FloatArray
+) -> Fit:
+    """The linearisation at some parameters and states."""
+    raw = problem.features - problem.simulate(parameters[None], states)[0]
+    return linearise(problem, parameters, free, whitener, states, raw)
+
+
 def _improved(
     problem: Problem, here: Fit, iterations: int, enough: Callable[[Fit], bool] = lambda _: False
 ) -> Fit:
     """The best point that so many steps reach."""
+    return _ended(problem, *_followed(problem, here, iterations, enough))
+
+
+def _ended(problem: Problem, here: Fit, trial: _Trial | None) -> Fit:
+    """A fit where a step has led to, linearised there; the fit itself if none is left to be."""
+    if trial is None:
+        return here
+    return linearise(problem, trial.parameters, here.free, here.whitener, trial.states, trial.raw)
+
+
+def _followed(
+    problem: Problem, here: Fit, iterations: int, enough: Callable[[Fit], bool] = lambda _: False
+) -> tuple[Fit, _Trial | None]:
+    """The last linearisation of so many steps, and the better point to which the last step led, if it did."""
     free, whitener = here.free, here.whitener
     coordinates = Coordinates(problem.model.all_parameters, free)
     damping, reach = 1e-3, np.ones(len(problem))
+    trial: _Trial | None = None
+    losses = losses_of(problem, here.raw, here.states, whitener)
     for _ in range(iterations):
-        losses = losses_of(problem, here.raw, here.states, whitener)
+        if trial is not None:
+            losses = trial.losses
+            here, trial = _ended(problem, here, trial), None
+            if enough(here):
+                break
         if not np.isfinite(losses).any():
             break
         step, expected = _step(here, coordinates, damping)
@@ -87,20 +130,19 @@ def _improved(
         # A step that was clipped may be predicted to lose, yet gain: do not stop then.
         if abs(expected) < SETTLED and damping <= 1e-3 and not searching:
             break
-        trial = _moved(problem, here, parameters_at(here, coordinates, step), step, reach, losses)
-        gained = _gain(losses, trial.losses)
+        tried = _moved(problem, here, parameters_at(here, coordinates, step), step, reach, losses)
+        gained = _gain(losses, tried.losses)
         if gained > 0:
-            reach = trial.reach
+            trial, reach = tried, tried.reach
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
-            here = linearise(problem, trial.parameters, free, whitener, trial.states, trial.raw)
             damping = max(damping * 0.1, 1e-6)
-            if (gained < SETTLED and not searching) or enough(here):
+            if gained < SETTLED and not searching:
                 break
         else:
             damping = max(damping * 10, 1e-3)
             if damping > 1e5 or not len(free):
                 break
-    return here
+    return here, trial
 
 
 @dataclass(frozen=True)
@@ -120,6 +162,11 @@ class _Trial:
     raw: FloatArray
     losses: FloatArray
     reach: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Cost of all windows [nats]."""
+        return float(self.losses.sum())
 
 
 def _moved(
@@ -145,31 +192,35 @@ def _moved(
     """
     change = np.clip(here.state_residual - here.state_jacobian @ step, -3, 3) * problem.state_scale
     lost = ~np.isfinite(before)
-    best = _Trial(parameters, here.states, here.raw, np.full(len(problem), np.inf), reach)
-    poor = np.ones(len(problem), dtype=np.bool_)
     most = np.where(lost, np.inf, before + (ROSE if step.any() else 1e-3))
     if problem.observations is not None:
         # One observation against the odds costs many nats: a window may get worse for long on the way.
         most = np.full(len(problem), np.inf)
-    for share in SHARES:
-        states = here.states + (share * reach)[:, None] * change
-        if share == 0.0 and not lost.all():
-            states[lost] = np.median(here.states[~lost], axis=0)
-        raw = best.raw.copy()
-        raw[poor] = problem.features[poor] - problem.simulate_some(parameters, states, poor)
-        losses = losses_of(problem, raw, states, here.whitener)
-        better = poor & (losses < best.losses)
-        next_reach = np.minimum(4.0 * reach, 1.0) if share == 1.0 else max(share, SHARES[-2] / 4) * reach
-        best = _Trial(
-            parameters,
-            np.where(better[:, None], states, best.states),
-            np.where(better[:, None] | (share == 1.0), raw, best.raw),
-            np.where(better, losses, best.losses),
-            np.where(better, next_reach, best.reach),
-        )
-        poor &= ~(best.losses < most)
-        if not poor.any():
+    states = here.states + reach[:, None] * change
+    raw = problem.features - problem.simulate(parameters[None], states)[0]
+    losses = losses_of(problem, raw, states, here.whitener)
+    best = _Trial(parameters, states, raw, losses, np.minimum(4.0 * reach, 1.0))
+    failed = ~np.isfinite(losses)
+    best.states[failed], best.reach[failed] = here.states[failed], reach[failed]
+    left: tuple[float, ...] = SHARES[1:]
+    while len(left):
+        poor = np.flatnonzero(~(best.losses < most))
+        if not len(poor):
             break
+        # For few windows all shares take one simulation side by side, though not all may be needed.
+        few = problem.apart and len(left) * len(poor) <= len(problem)
+        together = len(left) if few else 1
+        starts = np.stack([here.states + (share * reach)[:, None] * change for share in left[:together]])
+        if left[:together][-1] == 0.0 and not lost.all():
+            starts[-1, lost] = np.median(here.states[~lost], axis=0)
+        raws = problem.features[poor] - problem.simulate_from(parameters, starts, poor)
+        for share, start, raw in zip(left, starts, raws, strict=False):
+            losses = losses_of(problem, raw, start[poor], here.whitener, poor)
+            better = ~(best.losses[poor] < most[poor]) & (losses < best.losses[poor])
+            at = poor[better]
+            best.states[at], best.raw[at], best.losses[at] = start[at], raw[better], losses[better]
+            best.reach[at] = max(share, SHARES[-2] / 4) * reach[at]
+        left = left[together:]
     return best
 
 

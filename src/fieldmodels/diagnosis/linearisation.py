@@ -133,9 +133,23 @@ def cost_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: Flo
     return float(losses_of(problem, raw, states, whitener).sum())
 
 
-def losses_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray) -> FloatArray:
-    """Cost of each window [nats], of runs their mean; infinite where a simulation failed, (windows,)."""
-    prior = _from_measured(problem, states)
+def losses_of(
+    problem: Problem, raw: FloatArray, states: FloatArray, whitener: FloatArray, some: IntArray | None = None
+) -> FloatArray:
+    """Cost of each window [nats], of runs their mean; infinite where a simulation failed.
+
+    Args:
+        problem: The windows.
+        raw: Measured minus simulated features, shape (windows, features).
+        states: Initial states, shape (windows, states).
+        whitener: Whitening matrix.
+        some: Numbers of the windows that ``raw`` and ``states`` are of; by default all.
+    """
+    if some is not None and (problem.observations is not None or problem.runs is not None):
+        whole_raw, whole_states = np.full(problem.features.shape, np.inf), problem.states.copy()
+        whole_raw[some], whole_states[some] = raw, states
+        return np.asarray(losses_of(problem, whole_raw, whole_states, whitener)[some])
+    prior = _from_measured(problem, states, some)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
     known = raw if finite.all() else np.where(finite[:, None], raw, 0.0)
     observations = problem.observations
@@ -151,9 +165,10 @@ def losses_of(problem: Problem, raw: FloatArray, states: FloatArray, whitener: F
     return over_runs(result, problem.runs) / over_runs(np.ones(len(result)), problem.runs)
 
 
-def _from_measured(problem: Problem, states: FloatArray) -> FloatArray:
+def _from_measured(problem: Problem, states: FloatArray, some: IntArray | None = None) -> FloatArray:
     """How far initial states are from the measured ones, over their prior; of a run in its first window."""
-    distance = (problem.states - states) / (PRIOR * problem.state_scale)
+    measured = problem.states if some is None else problem.states[some]
+    distance = (measured - states) / (PRIOR * problem.state_scale)
     return distance if problem.runs is None else np.asarray(distance * _is_first(problem)[:, None])
 
 

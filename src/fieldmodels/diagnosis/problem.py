@@ -49,15 +49,26 @@ class Part:
     noise_ratio: FloatArray | float = 1.0
     rounding: FloatArray | None = None
 
-    def compressed(self, outputs: FloatArray) -> FloatArray:
-        """Outputs of every sample, shape (batch, windows, samples, outputs), as features."""
-        features = _compress(outputs, self.slots, self.counts)
+    def compressed(self, outputs: FloatArray, some: IntArray | None = None) -> FloatArray:
+        """Outputs of every sample, shape (batch, windows, samples, outputs), as features.
+
+        Args:
+            outputs: The outputs.
+            some: Numbers of the windows that they are of; by default all.
+        """
+        slots, counts = (self.slots, self.counts) if some is None else (self.slots[some], self.counts[some])
+        features = _compress(outputs, slots, counts)
         return features if isinstance(self.noise_ratio, float) else np.asarray(features / self.noise_ratio)
 
+    def repeated(self, times: int) -> Windows:
+        """The windows, each so many times after the other."""
+        if times not in self._repeated:
+            self._repeated[times] = self.windows.select(np.repeat(np.arange(len(self.windows)), times))
+        return self._repeated[times]
+
     @cached_property
-    def once_a_state(self) -> Windows:
-        """The windows, each as many times after the other as there are states."""
-        return self.windows.select(np.repeat(np.arange(len(self.windows)), self.windows.states.shape[1]))
+    def _repeated(self) -> dict[int, Windows]:
+        return {1: self.windows}
 
 
 @dataclass(frozen=True)
@@ -104,6 +115,11 @@ class Problem:
     def folds(self) -> IntArray:
         """Fold of each window for held-out losses: blocks in turn, shape (windows,)."""
         return np.asarray(self.blocks % FOLDS)
+
+    @property
+    def apart(self) -> bool:
+        """Whether each window is simulated by itself, from a start of its own."""
+        return self.runs is None and self.model.windows_apart
 
     @cached_property
     def runs(self) -> IntArray | None:
@@ -188,43 +204,39 @@ class Problem:
             first = last
         return results[0] if len(results) == 1 else np.concatenate(results, axis=1)
 
-    def simulate_some(
-        self, parameters: FloatArray, states: FloatArray, some: NDArray[np.bool_]
+    def simulate_from(
+        self, parameters: FloatArray, states: FloatArray, some: IntArray | None = None
     ) -> FloatArray:
-        """Simulated features of one parameter vector in some windows, shape (some, features).
+        """Simulated features of one parameter vector from several sets of initial states.
 
         Args:
             parameters: The vector, shape (parameters,).
-            states: Initial states of all windows, shape (windows, states).
-            some: Which windows, shape (windows,).
-        """
-        if some.all() or self.runs is not None or not self.model.windows_apart:
-            return np.asarray(self.simulate(parameters[None], states)[0][some])
-        return np.asarray(self.select(some).simulate(parameters[None], states[some])[0])
-
-    def simulate_from(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
-        """Simulated features of one parameter vector from as many sets of initial states as there are states.
-
-        Args:
-            parameters: The vector, shape (parameters,).
-            states: Shape (states, windows, states).
+            states: Of all windows, shape (sets, windows, states).
+            some: Numbers of the windows to simulate, rising; by default all.
 
         Returns:
-            Shape (states, windows, features).
+            Shape (sets, windows or some, features).
         """
-        if self.runs is not None or not len(states):  # the windows of a run go on from each other
-            found = [self.simulate(parameters[None], some)[0] for some in states]
-            return np.array(found).reshape(len(states), *self.features.shape)
-        simulated(len(states) * len(self))
+        # The windows of a run go on from each other; where steps follow from some windows, all are simulated.
+        if self.runs is not None or not len(states) or not (some is None or self.model.windows_apart):
+            found = [self.simulate(parameters[None], one)[0] for one in states]
+            every = np.array(found).reshape(len(states), *self.features.shape)
+            return every if some is None else np.asarray(every[:, some])
         results, first = [], 0
         for part in self.parts:
-            count = len(part.windows)
-            each = part.once_a_state
-            starts = states[:, first : first + count].transpose(1, 0, 2).reshape(each.states.shape)
-            outputs = self.model.simulate(parameters[None], each.with_states(starts))[0]
-            outputs = outputs.reshape(count, len(states), *outputs.shape[1:])
-            results.append(part.compressed(np.ascontiguousarray(outputs.swapaxes(0, 1))))
-            first += count
+            last = first + len(part.windows)
+            own = np.arange(first, last) if some is None else some[(some >= first) & (some < last)]
+            simulated(len(states) * len(own))
+            if len(own):
+                whole = len(own) == last - first
+                numbers = np.repeat(own - first, len(states))
+                windows = part.repeated(len(states)) if whole else part.windows.select(numbers)
+                starts = np.ascontiguousarray(states[:, own].swapaxes(0, 1)).reshape(-1, states.shape[2])
+                outputs = self.model.simulate(parameters[None], windows.with_states(starts))[0]
+                outputs = outputs.reshape(len(own), len(states), *outputs.shape[1:]).swapaxes(0, 1)
+                outputs = np.ascontiguousarray(outputs)
+                results.append(part.compressed(outputs, None if whole else own - first))
+            first = last
         return results[0] if len(results) == 1 else np.concatenate(results, axis=1)
 
     def response(self, parameters: FloatArray, states: FloatArray, forces: list[FloatArray]) -> FloatArray:
