@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -85,6 +85,7 @@ class Candidates:
         budget: How long the search may take.
         seen: Cached results of ``screened``, by parent and effect.
         made: The same of ``again`` and ``without``, by candidate, effect and whitener.
+        bases: The same of ``base``, by number of steps.
     """
 
     problem: Problem
@@ -97,6 +98,13 @@ class Candidates:
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
     made: dict[tuple[int, str, int], tuple[Candidate, FloatArray, Candidate]] = field(default_factory=dict)
+    bases: dict[int, Candidate] = field(default_factory=dict)
+
+    def of(self, problem: Problem) -> Candidates:
+        """The same for another problem, with nothing fitted yet."""
+        return replace(
+            self, problem=problem, folds=problem.folds, unidentifiable=set(), seen={}, made={}, bases={}
+        )
 
     def free(self, effects: Names) -> IntArray:
         """Indices of the parameters that are fitted by gradient: base and effects, except fixed ones."""
@@ -122,6 +130,12 @@ class Candidates:
 
     def base(self, iterations: int = 30) -> Candidate:
         """Fit the base alone, from the nominal values, the model's starts and a coarse search."""
+        if iterations not in self.bases:
+            self.bases[iterations] = self._fitted_base(iterations)
+        self.whitener = self.bases[iterations].fit.whitener
+        return self.bases[iterations]
+
+    def _fitted_base(self, iterations: int) -> Candidate:
         problem, free = self.problem, self.free(())
         starts = _base_starts(problem, self.start, free)
         simulated = problem.simulate(starts, problem.states)
@@ -132,7 +146,6 @@ class Candidates:
         best = best_of(problem, [starts[i] for i in order], free, self.whitener, problem.states, 8)
         best = refit(problem, best, self.whitener, iterations)
         best = weighed(problem, best, 10)
-        self.whitener = best.whitener
         return self._judged((), best, 0.0)
 
     def each(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:

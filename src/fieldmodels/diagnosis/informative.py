@@ -50,7 +50,7 @@ def informative(candidates: Candidates) -> tuple[Problem, str]:
     if count >= len(numbers):
         return problem, ""
     some = evenly(problem, rows)[0]
-    pilot = replace(candidates, problem=some, folds=some.folds, unidentifiable=set(), seen={}, made={})
+    pilot = candidates.of(some)
     base = pilot.base()
     shares = _shares(problem, base, pilot.free(()), _directions(pilot, base))
     chosen = _grown(shares, _spread(len(numbers), round(EVEN * count)), count)

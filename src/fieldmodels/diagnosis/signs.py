@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import noise_floor, predict
@@ -31,21 +30,17 @@ STEPS = 20  # of the fit with the sensors' zeros
 BETTER = 0.5  # of the error that right columns leave; wrong ones leave a tenth or less on every bench
 
 
-def mistaken_columns(
-    model: Model, train: Sequence[Recording], training: Problem, start: FloatArray, fixed: frozenset[str]
-) -> str:
+def mistaken_columns(model: Model, train: Sequence[Recording], candidates: Candidates) -> str:
     """What is wrong with the columns, with the remedy; empty if nothing seems to be.
 
     Args:
         model: The model, scaled to the recordings.
         train: The recordings.
-        training: Their windows.
-        start: Parameter vector with the fixed values.
-        fixed: Names of parameters that are not fitted.
+        candidates: Their windows, and what is fitted to them.
     """
     if model.random_force:
         return ""
-    refitted = _refitted(training, start, fixed)
+    refitted = _refitted(candidates, candidates.problem)
     if not _error(*refitted)[1]:
         return ""
     present, far = _error(*_with_zeros(*refitted))
@@ -57,10 +52,10 @@ def mistaken_columns(
     for changes, said in _hypotheses(model, train):
         changed = [_changed(r, changes) for r in train]
         try:
-            problem = build(model.scaled_to(changed), changed, training.horizon, training)
+            problem = build(model.scaled_to(changed), changed, candidates.problem.horizon, candidates.problem)
         except RecordingError:
             continue
-        errors[said], _ = _error(*_with_zeros(*_refitted(problem, start, fixed)))
+        errors[said], _ = _error(*_with_zeros(*_refitted(candidates, problem)))
     best = min(errors.values(), default=present)
     if not best < BETTER * present:
         return ""
@@ -100,14 +95,12 @@ def _changed(recording: Recording, changes: Mapping[str, tuple[str, float]]) -> 
     return replace(recording, signals={**recording.signals, **signals})
 
 
-def _refitted(problem: Problem, start: FloatArray, fixed: frozenset[str]) -> tuple[Problem, Fit]:
+def _refitted(candidates: Candidates, problem: Problem) -> tuple[Problem, Fit]:
     """Windows enough for the decision, and the base refitted to them; see ``mistaken_columns``."""
-    problem, _ = evenly(problem, ENOUGH, FEWEST)
-    candidates = Candidates(
-        problem=problem, start=start, fixed=fixed, folds=problem.folds,
-        whitener=np.diag(1 / problem.output_scale),
-    )  # fmt: skip
-    return problem, candidates.base().fit
+    some, _ = evenly(problem, ENOUGH, FEWEST)
+    if some is not candidates.problem:
+        candidates = replace(candidates.of(some), whitener=np.diag(1 / some.output_scale))
+    return some, candidates.base().fit
 
 
 def _with_zeros(problem: Problem, fitted: Fit) -> tuple[Problem, Fit]:

@@ -43,6 +43,8 @@ JIT = (
     "from fieldmodels.compiled import allocation_free_inlined as inlined\n"
     "from fieldmodels.drivers.duals import numbers_1, numbers_2, numbers_3, numbers_4\n"
 )
+TEXTS: dict[tuple[str, int, str], str] = {}
+"""Texts of drivers by template and declaration; a diagnosis puts the same curves on a machine many times."""
 AS_IT_IS = (
     "def compiled(f):\n    return f\n\n\nallocation_free = inlined = compiled\n"
     "numbers_1 = numbers_2 = numbers_3 = numbers_4 = compiled\n"
@@ -84,8 +86,11 @@ def _functions(machine: Declaration) -> dict[str, Any]:
 
 def driver_text(machine: Declaration, template: str, lanes: int = LANES) -> str:
     """Source of a driver for a machine."""
-    text = _read_template(template).render(lanes=lanes, **_declaration(machine))
-    return re.sub(r"\n{4,}", "\n\n\n", text)
+    declaration = _declaration(machine)
+    key = template, lanes, repr(declaration)
+    if key not in TEXTS:
+        TEXTS[key] = re.sub(r"\n{4,}", "\n\n\n", _read_template(template).render(lanes=lanes, **declaration))
+    return TEXTS[key]
 
 
 @cache

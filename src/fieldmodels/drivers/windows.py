@@ -77,6 +77,9 @@ class WindowDriver:
         self.rows = Rows(machine)
         self.module = driver_module(machine, TEMPLATE)
         self._driving, self._path = Once(self._prepare), Once(self._smooth)
+        self.paced = getattr(type(machine), "pace", None) is not None
+        """Whether the machine says itself how fast it moves, whatever its states."""
+        self.alike = np.ones(len(machine.states))
 
     def __call__(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
@@ -163,7 +166,7 @@ class WindowDriver:
             states,
             path,
             self.speeds,
-            _spread(windows.states),
+            self.alike if self.paced else _spread(windows.states),
             machine.substeps,
             out,
             *room,

@@ -62,7 +62,10 @@ class Windows:
 
     def with_states(self, states: FloatArray) -> Windows:
         """Start the same windows from other states."""
-        return replace(self, states=states)
+        # By hand: a fit asks for it before every simulation.
+        return Windows(
+            self.recording, self.starts, self.lengths, states, self.observed, self.disturbance, self.needed
+        )
 
     def with_disturbance(self, disturbance: FloatArray | None) -> Windows:
         """Add a generalised force along the whole recording."""
