@@ -49,26 +49,32 @@ class Part:
     noise_ratio: FloatArray | float = 1.0
     rounding: FloatArray | None = None
 
-    def compressed(self, outputs: FloatArray, some: IntArray | None = None) -> FloatArray:
-        """Outputs of every sample, shape (batch, windows, samples, outputs), as features.
-
-        Args:
-            outputs: The outputs.
-            some: Numbers of the windows that they are of; by default all.
-        """
-        slots, counts = (self.slots, self.counts) if some is None else (self.slots[some], self.counts[some])
-        features = _compress(outputs, slots, counts)
+    def compressed(self, outputs: FloatArray) -> FloatArray:
+        """Outputs of every sample, shape (batch, windows, samples, outputs), as features."""
+        features = _compress(outputs, self.slots, self.counts)
         return features if isinstance(self.noise_ratio, float) else np.asarray(features / self.noise_ratio)
 
-    def repeated(self, times: int) -> Windows:
+    def select(self, which: NDArray[np.bool_] | IntArray) -> Part:
+        """Some of the windows."""
+        return replace(
+            self,
+            windows=self.windows.select(which),
+            slots=self.slots[which],
+            counts=self.counts[which],
+            features=self.features[which],
+            blocks=self.blocks[which],
+            rounding=None if self.rounding is None else self.rounding[which],
+        )
+
+    def repeated(self, times: int) -> Part:
         """The windows, each so many times after the other."""
         if times not in self._repeated:
-            self._repeated[times] = self.windows.select(np.repeat(np.arange(len(self.windows)), times))
+            self._repeated[times] = self.select(np.repeat(np.arange(len(self.windows)), times))
         return self._repeated[times]
 
     @cached_property
-    def _repeated(self) -> dict[int, Windows]:
-        return {1: self.windows}
+    def _repeated(self) -> dict[int, Part]:
+        return {}
 
 
 @dataclass(frozen=True)
@@ -230,12 +236,11 @@ class Problem:
             if len(own):
                 whole = len(own) == last - first
                 numbers = np.repeat(own - first, len(states))
-                windows = part.repeated(len(states)) if whole else part.windows.select(numbers)
+                each = part.repeated(len(states)) if whole else part.select(numbers)
                 starts = np.ascontiguousarray(states[:, own].swapaxes(0, 1)).reshape(-1, states.shape[2])
-                outputs = self.model.simulate(parameters[None], windows.with_states(starts))[0]
-                outputs = outputs.reshape(len(own), len(states), *outputs.shape[1:]).swapaxes(0, 1)
-                outputs = np.ascontiguousarray(outputs)
-                results.append(part.compressed(outputs, None if whole else own - first))
+                outputs = self.model.simulate(parameters[None], each.windows.with_states(starts))
+                features = each.compressed(outputs).reshape(len(own), len(states), -1)
+                results.append(np.ascontiguousarray(features.swapaxes(0, 1)))
             first = last
         return results[0] if len(results) == 1 else np.concatenate(results, axis=1)
 
@@ -278,17 +283,7 @@ class Problem:
             keep = blocks[first : first + len(part.windows)]
             first += len(part.windows)
             if keep.any():
-                parts.append(
-                    replace(
-                        part,
-                        windows=part.windows.select(keep),
-                        slots=part.slots[keep],
-                        counts=part.counts[keep],
-                        features=part.features[keep],
-                        blocks=part.blocks[keep],
-                        rounding=None if part.rounding is None else part.rounding[keep],
-                    )
-                )
+                parts.append(part.select(keep))
         return replace(self, parts=tuple(parts))
 
 
