@@ -30,6 +30,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
+PROMISED = 0.7  # of the gain predicted of the first start: with so much in hand no second one is followed
+LEAST = 0.5  # nats of the same
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
 HELD = 3  # better points in a row at which a bound holds a fit that then counts as the simpler effect there
 LINES = 4  # spectral lines that are followed
@@ -157,9 +159,12 @@ class Candidates:
         if self.budget.lacks(" + ".join((*parent.effects, name)), SEARCH):
             return None
         effect = self.problem.model.effect(name)
-        _, starts = self.screened(parent, effect)
+        predicted, starts = self.screened(parent, effect)
         free = self.free((*parent.effects, name))
-        best = best_of(self.problem, starts, free, self.whitener, parent.fit.states, 3)
+        good = -np.inf
+        if self.problem.observations is None and parent.fit.whitener is self.whitener:
+            good = parent.fit.cost - max(PROMISED * predicted, LEAST)
+        best = best_of(self.problem, starts, free, self.whitener, parent.fit.states, 3, good)
         if not np.isfinite(best.cost):
             return None
         best = refit(self.problem, best, self.whitener, MOST, _Twin(self.problem.model, effect))

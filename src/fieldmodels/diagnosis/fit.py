@@ -58,13 +58,30 @@ def best_of(
     whitener: FloatArray,
     states: FloatArray,
     iterations: int,
+    good: float = -np.inf,
 ) -> Fit:
-    """The best of some fits from several starts; arguments as of ``fit``.
+    """The best of some fits from several starts; other arguments as of ``fit``.
 
     Where the others end is not linearised: their costs are all that is asked of them.
+
+    Args:
+        problem: The windows.
+        starts: The starts, the most promising first.
+        free: As of ``fit``.
+        whitener: As of ``fit``.
+        states: As of ``fit``.
+        iterations: As of ``fit``.
+        good: A cost [nats] at or below which no further start is tried.
     """
-    ends = [_followed(problem, _begun(problem, s, free, whitener, states), iterations) for s in starts]
-    return _ended(problem, *min(ends, key=lambda end: end[0].cost if end[1] is None else end[1].cost))
+    costs: list[float] = []
+    ends: list[tuple[Fit, _Trial | None]] = []
+    for start in starts:
+        ends.append(_followed(problem, _begun(problem, start, free, whitener, states), iterations))
+        here, trial = ends[-1]
+        costs.append(here.cost if trial is None else trial.cost)
+        if costs[-1] <= good:
+            break
+    return _ended(problem, *ends[int(np.argmin(costs))])
 
 
 def refit(
