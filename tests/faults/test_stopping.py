@@ -14,7 +14,7 @@ from fieldagents.cli import app
 from fieldmodels.yaml import save_yaml
 
 DOCS = Path(__file__).parents[2] / "docs"
-RECORD = {"name": "log", "model": "rig", "excitation": {"amplitude": 3}, "duration": 60}
+RECORD = {"name": "log", "model": "rig", "excitation": {"amplitude": 3}, "duration": 300}
 TASKS = ("excitation", "heel_strike", "line_following", "pose_reaching", "uav_route")
 
 

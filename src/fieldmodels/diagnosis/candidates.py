@@ -100,13 +100,11 @@ class Candidates:
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
     made: dict[tuple[int, str, int], tuple[Candidate, FloatArray, Candidate]] = field(default_factory=dict)
-    bases: dict[int, Candidate] = field(default_factory=dict)
+    bases: dict[int, Candidate] = field(default_factory=dict, init=False)  # of this problem alone
 
     def of(self, problem: Problem) -> Candidates:
         """The same for another problem, with nothing fitted yet."""
-        return replace(
-            self, problem=problem, folds=problem.folds, unidentifiable=set(), seen={}, made={}, bases={}
-        )
+        return replace(self, problem=problem, folds=problem.folds, unidentifiable=set(), seen={}, made={})
 
     def free(self, effects: Names) -> IntArray:
         """Indices of the parameters that are fitted by gradient: base and effects, except fixed ones."""

@@ -237,7 +237,9 @@ class Problem:
                 whole = len(own) == last - first
                 numbers = np.repeat(own - first, len(states))
                 each = part.repeated(len(states)) if whole else part.select(numbers)
-                starts = np.ascontiguousarray(states[:, own].swapaxes(0, 1)).reshape(-1, states.shape[2])
+                starts = np.ascontiguousarray(states[:, own].swapaxes(0, 1)).reshape(
+                    len(numbers), states.shape[2]
+                )
                 outputs = self.model.simulate(parameters[None], each.windows.with_states(starts))
                 features = each.compressed(outputs).reshape(len(own), len(states), -1)
                 results.append(np.ascontiguousarray(features.swapaxes(0, 1)))
