@@ -23,13 +23,14 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration, Force, Hold, number
-from fieldmodels.drivers.sizes import measured_horizons, measured_outputs, measured_sizes
+from fieldmodels.drivers.sizes import measured_horizons, measured_outputs, measured_sizes, measured_states
 from fieldmodels.drivers.starts import parabolas
 from fieldmodels.drivers.windows import WindowDriver
 from fieldmodels.effects import sensors
 from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, Windows
 
+LOOKED = 9  # samples of a recording at which states are guessed, to see which are known
 BESIDE = 1e-9
 """How far beside neutral a derivative is taken, in a parameter's scale: what is off has none."""
 
@@ -125,6 +126,10 @@ class Machine(Declaration):
         """Suit scales, starts, horizons and sensor noise to the data; see ``Model.scaled_to``."""
         result = type(self)(measured_sizes(self, recordings))
         result.outputs = measured_outputs(self, recordings)
+        looked = [
+            self.initial_states(r, np.linspace(0, len(r) - 1, LOOKED).astype(np.int64)) for r in recordings
+        ]
+        result.states = measured_states(self, recordings, np.concatenate(looked))
         result.horizons = measured_horizons(self, recordings)
         result.hold = self.hold
         return result

@@ -43,6 +43,8 @@ MAX_FREQUENCIES = 1000  # half a spectral line apart, those nearest to the usual
 CLEAR = 8.0  # nats that an effect on events gains at its start without a refit: it is not absorbed
 EXTRAPOLATED = 5.0  # nats above its fitted loss from which on a window's held-out one is simulated
 SEEN = 1e-8  # of a wave's power, what the free parameters leave at least where anything is told of it
+FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
+REWEIGHED = 3  # times that weights follow what is left of the errors
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as identifiable
 
 
@@ -146,7 +148,23 @@ class Candidates:
         best = best_of(problem, [starts[i] for i in order], free, self.whitener, problem.states, 8)
         best = refit(problem, best, self.whitener, iterations)
         best = weighed(problem, best, 10)
+        if len(_shown(problem)) and not problem.model.random_force and _is_far(problem, best):
+            best = min(best, self._from_fitted_states(free, iterations), key=lambda f: _misfit(problem, f))
         return self._judged((), best, 0.0)
+
+    def _from_fitted_states(self, free: IntArray, iterations: int) -> Fit:
+        """The base from the given start, of whose windows the initial states are fitted first.
+
+        What no sensor sees is far off at first: errors from there say little of parameters, or of weights.
+        """
+        problem, start = self.problem, self.start
+        raw, states = problem.features - problem.simulate(start[None], problem.states)[0], problem.states
+        for _ in range(REWEIGHED):
+            still = fit(problem, start, NONE, whitener_by_output(problem, raw), states, 5)
+            raw, states = still.raw, still.states
+        still = fit(problem, start, free, whitener_by_output(problem, raw), states, 0)
+        moved = weighed(problem, refit(problem, still, still.whitener, iterations), 10)
+        return min(moved, still, key=lambda f: _misfit(problem, f))
 
     def each(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """Results of independent fits, in the order of their items, shared by threads."""
@@ -446,6 +464,36 @@ def _reached(model: Model, effect: Effect, parameters: FloatArray) -> tuple[int 
             if reached and twin in listed:
                 return i, twin
     return None, ""
+
+
+def _is_far(problem: Problem, fitted: Fit) -> bool:
+    """Whether samples of any signal are off by several times its noise."""
+    errors, noise = _sample_errors(problem, fitted), np.array([o.noise for o in problem.model.outputs])
+    return any(errors[j] > FAR * max(noise[j], problem.resolved(j)) for j in _shown(problem))
+
+
+def _misfit(problem: Problem, fitted: Fit) -> float:
+    """Mean logarithm of the signals' errors, sample by sample; infinite where a simulation failed.
+
+    Averages would not do: a swing that is faster than they are leaves no trace in them.
+    """
+    errors = _sample_errors(problem, fitted)[_shown(problem)]
+    return float(np.mean(np.log(np.maximum(errors, 1e-300)))) if np.isfinite(fitted.cost) else np.inf
+
+
+def _shown(problem: Problem) -> IntArray:
+    return np.unique(problem.outputs[~problem.events])
+
+
+def _sample_errors(problem: Problem, fitted: Fit) -> FloatArray:
+    """Root mean square error of every output's samples, shape (outputs,); 0 of one that is not measured."""
+    names = tuple(output.name for output in problem.model.outputs)
+    squares, counts = np.zeros(len(names)), np.zeros(len(names))
+    for part, simulated in zip(problem.parts, problem.samples(fitted.parameters, fitted.states), strict=True):
+        error = part.windows.measured(names) - simulated
+        squares += np.nansum(error**2, axis=(0, 1))
+        counts += np.isfinite(error).sum(axis=(0, 1))
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1.0)))
 
 
 def is_quantisation(effect: Effect) -> bool:

@@ -114,14 +114,16 @@ def start_vector(model: Model, fixed: Mapping[str, float]) -> FloatArray:
     return model.vector(base, effects)
 
 
-def split(model: Model, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[Problem, Problem]:
-    """Windows for fits and selection, and windows to measure the gain on."""
+def split(
+    model: Model, train: Sequence[Recording], test: Sequence[Recording], bins: int = 0
+) -> tuple[Problem, Problem]:
+    """Windows for fits and selection, and windows to measure the gain on; ``bins`` as of ``build``."""
     horizon = main_horizon(model, train)
     if test:
         coarsest = max(r.step for r in test)
-        training = problems.build(model, train, horizon, None, coarsest)
+        training = problems.build(model, train, horizon, None, coarsest, bins)
         return training, problems.build(model, test, horizon, training)
-    whole = problems.build(model, train, horizon)
+    whole = problems.build(model, train, horizon, None, 0.0, bins)
     kept = whole.blocks % HELD_OUT != HELD_OUT - 1
     return whole.select(kept), whole.select(~kept)
 

@@ -133,7 +133,8 @@ def _within(testing: Problem, horizon: float) -> Problem | None:
     """
     recordings = [part.windows.recording for part in testing.parts]
     try:
-        problem = build(testing.model, recordings, horizon)
+        bins = round(testing.bins * horizon / testing.horizon) if testing.fine else 0
+        problem = build(testing.model, recordings, horizon, None, 0.0, bins)
     except RecordingError:
         return None
     inside = []

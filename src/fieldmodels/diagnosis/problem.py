@@ -90,6 +90,7 @@ class Problem:
         outputs: Index of the output that each feature belongs to, shape (features,).
         horizon: Length of a window [s].
         bins: Averages per window and densely observed output.
+        fine: Whether they are more than the windows support by themselves; see ``averages``.
     """
 
     model: Model
@@ -97,6 +98,7 @@ class Problem:
     outputs: IntArray
     horizon: float
     bins: int
+    fine: bool = False
 
     def __len__(self) -> int:
         """Number of windows."""
@@ -304,6 +306,7 @@ def build(
     horizon: float,
     like: Problem | None = None,
     coarsest: float = 0.0,
+    bins: int = 0,
 ) -> Problem:
     """Cut recordings into windows and compress them.
 
@@ -314,6 +317,7 @@ def build(
         like: A problem whose fits are compared with this one's: use as many features per output. By default
             as many averages as the number of windows supports, and every event.
         coarsest: Longest step of recordings that will be compared [s]: they must fill as many averages.
+        bins: Averages per window and output instead of those that the windows support; 0 for these.
 
     Raises:
         RecordingError: If there are too few windows.
@@ -324,13 +328,14 @@ def build(
         common &= np.isin(np.arange(len(model.outputs)), like.outputs)
     observed = [w.observed & common & _event_observed(model, w) for w in cut]
     samples = {int(j): max(int(o[:, :, j].sum(1).max()) for o in observed) for j in np.flatnonzero(common)}
+    fine = like.fine if like else bins > 0
     if like:
         bins, count = like.bins, {j: int(np.sum(like.outputs == j)) for j in samples}
         dense = [j for j in samples if samples[j] > count[j] and not model.outputs[j].event]
     else:
         dense = [j for j in samples if samples[j] > SPARSE and not model.outputs[j].event]
         total = sum(len(w) for w in cut)
-        bins = int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
+        bins = bins or int(np.clip(total // (5 * max(len(dense), 1)), 5, 10))
         if coarsest > 0.0:
             bins = min(bins, max(int(horizon / coarsest), 3))
         count = {j: bins if j in dense else samples[j] for j in samples}
@@ -353,7 +358,7 @@ def build(
                           for o in model.outputs])  # fmt: skip
         rounded = of_averages(steps[outputs], passed * counts, counts)
         parts.append(Part(kept, slots, counts, features, _blocks(kept, block), rounding=rounded))
-    problem = Problem(model, tuple(parts), outputs, horizon, bins)
+    problem = Problem(model, tuple(parts), outputs, horizon, bins, fine)
     if len(problem) < MIN_WINDOWS:
         names = ", ".join(recording.source for recording in recordings)
         raise RecordingError(

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from fieldmodels.diagnosis.averages import resolving
 from fieldmodels.diagnosis.budget import Budget
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.causes import (
@@ -51,7 +52,7 @@ from fieldmodels.diagnosis.result import (
 )
 from fieldmodels.diagnosis.runnable import runnable
 from fieldmodels.diagnosis.selection import Selection, select
-from fieldmodels.diagnosis.signs import mistaken_columns
+from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.diagnosis.statements import (
     above_noise,
@@ -186,10 +187,14 @@ def _diagnose_stage(
         options=options,
         budget=budget,
     )
+    if bins := _finer_averages(candidates, lambda bins: split(model, train, test, bins)[0]):
+        training, testing = weighted_by_noise(*split(model, train, test, bins), start)
+        candidates = replace(candidates.of(training), whitener=np.diag(1 / training.output_scale))
     rng = np.random.default_rng(seed)
     report("choosing windows", 0.02)
     training, said = informative(candidates)
-    candidates = candidates.of(training)
+    if training is not candidates.problem:
+        candidates = candidates.of(training)
     testing, measured = evenly(testing, options.rows)
     mistaken = mistaken_columns(model, train, candidates)
     found = _found(candidates, train, testing, mistaken, report, rng)
@@ -210,6 +215,21 @@ def _diagnose_stage(
             if note
         ),
     )
+
+
+def _finer_averages(candidates: Candidates, windows: Callable[[int], Problem]) -> int:
+    """How many averages a window needs to tell its start, where the base is far off; 0 for the usual number.
+
+    Args:
+        candidates: What fits the base to windows with the usual number.
+        windows: The same with another number.
+    """
+    if candidates.problem.model.random_force:
+        return 0
+    some, fitted = refitted_to_some(candidates, candidates.problem)
+    if not error(some, fitted)[1]:
+        return 0
+    return resolving(some, fitted.parameters, lambda bins: refitted_to_some(candidates, windows(bins)))
 
 
 @dataclass(frozen=True)

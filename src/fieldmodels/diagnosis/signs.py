@@ -40,10 +40,10 @@ def mistaken_columns(model: Model, train: Sequence[Recording], candidates: Candi
     """
     if model.random_force:
         return ""
-    refitted = _refitted(candidates, candidates.problem)
-    if not _error(*refitted)[1]:
+    refitted = refitted_to_some(candidates, candidates.problem)
+    if not error(*refitted)[1]:
         return ""
-    present, far = _error(*_with_zeros(*refitted))
+    present, far = error(*_with_zeros(*refitted))
     if not far:
         return ""
     if said := _dead(model, train):
@@ -55,12 +55,12 @@ def mistaken_columns(model: Model, train: Sequence[Recording], candidates: Candi
             problem = build(model.scaled_to(changed), changed, candidates.problem.horizon, candidates.problem)
         except RecordingError:
             continue
-        errors[said], _ = _error(*_with_zeros(*_refitted(candidates, problem)))
+        errors[said], _ = error(*_with_zeros(*refitted_to_some(candidates, problem)))
     best = min(errors.values(), default=present)
     if not best < BETTER * present:
         return ""
     # A reversed sensor and a reversed command are often the same.
-    return ", or ".join(said for said, error in errors.items() if error < ALIKE * best)
+    return ", or ".join(said for said, one in errors.items() if one < ALIKE * best)
 
 
 def _dead(model: Model, train: Sequence[Recording]) -> str:
@@ -95,7 +95,7 @@ def _changed(recording: Recording, changes: Mapping[str, tuple[str, float]]) -> 
     return replace(recording, signals={**recording.signals, **signals})
 
 
-def _refitted(candidates: Candidates, problem: Problem) -> tuple[Problem, Fit]:
+def refitted_to_some(candidates: Candidates, problem: Problem) -> tuple[Problem, Fit]:
     """Windows enough for the decision, and the base refitted to them; see ``mistaken_columns``."""
     some, _ = evenly(problem, ENOUGH, FEWEST)
     if some is not candidates.problem:
@@ -114,7 +114,7 @@ def _with_zeros(problem: Problem, fitted: Fit) -> tuple[Problem, Fit]:
     return problem, fit(problem, first, free, fitted.whitener, fitted.states, STEPS)
 
 
-def _error(problem: Problem, fitted: Fit) -> tuple[float, bool]:
+def error(problem: Problem, fitted: Fit) -> tuple[float, bool]:
     """Error of a fit by the spread of the signals, and whether it is far from the noise."""
     prediction = predict(problem, fitted.parameters)
     rmse, logs, far = prediction.rmse(), [], False

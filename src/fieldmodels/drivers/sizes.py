@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.rates import centred, pace, rate_size, rms, white_noise
 from fieldmodels.drivers.windows import without_noise
@@ -32,6 +33,28 @@ def measured_outputs(machine: Declaration, recordings: Sequence[Recording]) -> t
         replace(s, noise=_median(white_noise(r[s.name]) for r in recordings if s.name in r) or s.noise)
         for s in machine.outputs
     )
+
+
+def measured_states(
+    machine: Declaration, recordings: Sequence[Recording], guessed: FloatArray
+) -> tuple[Signal, ...]:
+    """The states; one of which nothing is known may be as large as an output of the same unit.
+
+    Its start is unknown, however small the declared noise: an unseen angle is where the seen one is.
+
+    Args:
+        machine: The machine.
+        recordings: The data.
+        guessed: Initial states at some samples, shape (samples, states): all 0 where nothing is known.
+    """
+    seen = {s.name for s in machine.outputs}
+    result = []
+    for state, values in zip(machine.states, guessed.T, strict=True):
+        alike = [s.name for s in machine.outputs if s.unit == state.unit]
+        sizes = [rms(r[name][np.isfinite(r[name])]) for name in alike for r in recordings if name in r]
+        hidden = state.name not in seen and not values.any()
+        result.append(replace(state, noise=max([state.noise, *sizes])) if hidden else state)
+    return tuple(result)
 
 
 def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> tuple[float, ...]:
