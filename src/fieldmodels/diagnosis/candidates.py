@@ -44,6 +44,7 @@ CLEAR = 8.0  # nats that an effect on events gains at its start without a refit:
 EXTRAPOLATED = 5.0  # nats above its fitted loss from which on a window's held-out one is simulated
 SEEN = 1e-8  # of a wave's power, what the free parameters leave at least where anything is told of it
 FAR = 3.0  # times the sensor's noise: a base that is nearer is not doubted
+BETTER = 0.05  # of the samples' error, by which another start must lead nearer than the usual ones
 REWEIGHED = 3  # times that weights follow what is left of the errors
 SINGULAR = 2e-3  # smallest singular value of unit columns that counts as identifiable
 
@@ -149,7 +150,9 @@ class Candidates:
         best = refit(problem, best, self.whitener, iterations)
         best = weighed(problem, best, 10)
         if len(_shown(problem)) and not problem.model.random_force and _is_far(problem, best):
-            best = min(best, self._from_fitted_states(free, iterations), key=lambda f: _misfit(problem, f))
+            other = self._from_fitted_states(free, iterations)
+            if _misfit(problem, other) < _misfit(problem, best) - BETTER:
+                best = other
         return self._judged((), best, 0.0)
 
     def _from_fitted_states(self, free: IntArray, iterations: int) -> Fit:

@@ -66,6 +66,8 @@ def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Map
         target = machine.forces[0].velocity if machine.forces else ""
     if not target or curve.place == "odds":
         return "a machine has no place where it could act"
+    if curve.place == "parameter" and target not in {p.name for p in machine.parameters}:
+        return "a number of an effect cannot follow a variable in a run"
     over, mirrored = curve.over, curve.over.startswith("size of ")
     variables = [_state(machine, v) for v in over.removeprefix("size of ").split(" times ")]
     plain = [v.removeprefix("size of ") for v in variables]
