@@ -156,11 +156,16 @@ def test_an_unseen_load_starts_where_the_motor_is():
     assert base.parameters[:4] == pytest.approx((motor, damping, load, spring), rel=0.05)
 
 
-def fitted(problem: Problem) -> Fit:
-    """The base fitted to a problem."""
+def candidates_of(problem: Problem) -> Candidates:
+    """What fits the base to a problem."""
     whitener = np.diag(1 / problem.output_scale)
     start = start_vector(problem.model, {})
-    return Candidates(problem, start, frozenset(), problem.folds, whitener).base().fit
+    return Candidates(problem, start, frozenset(), problem.folds, whitener)
+
+
+def fitted(problem: Problem) -> Fit:
+    """The base fitted to a problem."""
+    return candidates_of(problem).base().fit
 
 
 def test_a_slipping_encoder_does_not_lose_the_refit():
@@ -180,5 +185,5 @@ def test_a_slipping_encoder_does_not_lose_the_refit():
     train = Recording(time, {"set_point": given, "position": shown})
     model = Servo().scaled_to([train])
     training, _ = split(model, [train], [])
-    assert not mistaken_columns(model, [train], training, start_vector(model, {}), frozenset())
+    assert not mistaken_columns(model, [train], candidates_of(training))
     assert 0.5 < fitted(training).parameters[1] / damping < 2.0
