@@ -302,7 +302,11 @@ def _profiles(rows: tuple[Row, ...], metric: Metric, episodes: pd.DataFrame, wid
         if len(values):
             style = ("-", "--", ":", "-.")[number // len(html.CYCLE) % 4]
             axes.step(
-                values, np.arange(1, len(values) + 1) / len(values), style, where="post", label=row.agent
+                values,
+                np.arange(1, len(values) + 1) / len(values),
+                style,
+                where="post",
+                label=_labelled(row.agent),
             )
     if _positive(rows, metric, episodes):
         _logarithmic(axes)
@@ -433,7 +437,7 @@ def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: p
             _dot(right, y, paired.difference, paired.ci95, of_base, colour)
         else:
             _dot(right, y, paired.difference, None, 1.0, colour)
-    left.set_yticks(range(len(rows)), [row.agent for row in rows])
+    left.set_yticks(range(len(rows)), [_labelled(row.agent) for row in rows])
     left.set_ylim(len(rows) - 0.5, -0.5)
     if metric.binary:
         left.set_xlim(-2, 102)
@@ -450,6 +454,11 @@ def _figure(rows: tuple[Row, ...], summary: Summary, metric: Metric, episodes: p
         axes.tick_params(axis="y", length=0)
     figure.tight_layout()
     return figure
+
+
+def _labelled(agent: str, length: int = 36) -> str:
+    """An agent's name in a figure: of a long path its end, or the label would take the room of the axes."""
+    return agent if len(agent) <= length else f"…{agent[1 - length :]}"
 
 
 def _dot(axes: Any, y: int, mean: float | None, interval: Interval | None, scale: float, colour: str) -> None:
