@@ -204,6 +204,8 @@ def test_outcomes_of_listed_effects(hidden: tuple[str, ...], given: Answer, expe
         (("play",), answer(("force_play",), ("a",)), "misnamed"),
         (("play",), answer(("display",)), "misnamed"),
         ((), UNKNOWN, "abstained"),
+        ((), replace(UNKNOWN, curve=True), "curve"),
+        ((), replace(answer(("a",)), curve=True), "misnamed"),
         ((), answer(), "silent"),
     ],
 )
@@ -245,6 +247,9 @@ def test_a_result_is_read_with_its_curves_and_values():
     assert given.errors == {"position": (2.0, 1.0)}
     assert given.seen == {"position": 0.3}
     assert given.wandering == ("velocity",)
+    for certain in (True, False):
+        found.unknown = SimpleNamespace(certain=certain)
+        assert read(get_model("rig"), found, 1.5).curve is certain
     assert deviations({"coulomb_friction": {"force": 1.0}}, given) == {"coulomb_friction.force": 3.0}
 
 

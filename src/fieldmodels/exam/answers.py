@@ -27,6 +27,7 @@ class Answer:
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
+        curve: Whether it shows a curve for which the data certainly call.
         wandering: Sensors whose zeros wander, it says.
         seen: Of each output, the largest error that a curve may add of which it says it would just be seen.
         seconds: Processor time of one thread.
@@ -41,6 +42,7 @@ class Answer:
     seconds: float
     summary: str
     by_horizon: Mapping[str, tuple[tuple[float, float, float], ...]] = field(default_factory=dict)
+    curve: bool = False
     wandering: tuple[str, ...] = ()
     seen: Mapping[str, float] = field(default_factory=dict)
 
@@ -75,6 +77,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             output: tuple((row.horizon, row.rmse_before, row.rmse_after) for row in gain.horizons)
             for output, gain in found.gain.items()
         },
+        curve=found.unknown is not None and found.unknown.certain,
         wandering=tuple(found.wandering),
         seen={
             output: max(one.errors[output] for one in found.seen if output in one.errors)

@@ -65,8 +65,8 @@ def of_unlisted(answer: Answer, near: Sequence[str]) -> Outcome:
     """Judge an answer where a fault is hidden that no model lists.
 
     ``misnamed``: a cause has a listed name, and says neither that it may be a curve nor the same in a listed
-    word. ``near name``: it does the latter. ``curve``: it finds a curve. ``abstained``: something is missing,
-    it says, or possible. ``silent``: nothing is missing, it says.
+    word. ``near name``: it does the latter. ``curve``: it shows a curve, alone or as what a name may be.
+    ``abstained``: something is missing, it says, but not what. ``silent``: nothing is missing, it says.
     """
 
     def says(name: str) -> bool:
@@ -76,7 +76,7 @@ def of_unlisted(answer: Answer, near: Sequence[str]) -> Outcome:
         return "misnamed"
     if any(says(name) for cause in answer.named for name in cause):
         return "near name"
-    if answer.named:
+    if answer.named or answer.curve:
         return "curve"
     return "silent" if answer.verdict == "consistent" and not answer.missing else "abstained"
 
