@@ -279,6 +279,12 @@ def switch_regimes(w: Any, c: Any) -> None:
         w.collision_level = 1 - w.collision_level
 
 
+@inlined
+def read_levels(w: Any, levels: NDArray[np.int64]) -> None:
+    """Regimes of a walker, shape (3,): process, floor, collision."""
+    levels[0], levels[1], levels[2] = w.process_level, w.floor_level, w.collision_level
+
+
 @compiled
 def advance(
     walkers: NDArray[Any],
@@ -290,8 +296,10 @@ def advance(
     use_bank: bool,
     errors: FloatArray,
     floors: FloatArray,
+    duration: FloatArray,
     samples: NDArray[np.int64],
     fallen: NDArray[np.bool_],
+    regimes: NDArray[np.int64],
     traces: FloatArray,
 ) -> None:
     """Take every walker from just after one strike to the first sample after the next.
@@ -303,6 +311,7 @@ def advance(
     for b in range(len(walkers)):
         w, c = walkers[b], walks[b]
         levels = c.levels
+        read_levels(w, regimes[b, 0])
         push_all(w, gains[b, 2], c, levels, use_bank)
         log_weights[:] = 0.0
         done = swing(
@@ -311,6 +320,8 @@ def advance(
         height = strike(w, b, done, sensors, c, levels, c.transition, log_weights, use_bank, errors[b])
         floors[b] = height * c.millimetres
         samples[b] = done.samples
+        duration[b] = done.samples * c.step
         fallen[b] = not done.struck
         switch_regimes(w, c)
+        read_levels(w, regimes[b, 1])
         w.stride += 1

@@ -34,11 +34,12 @@ def effect_acceleration(omega: float, time: float, plant: Any) -> float:
 def sine_near(sine: float, cosine: float, change: float) -> float:
     """Sine of an angle a little further, by Taylor's series (error: change^5 / 120).
 
-    The stages of a step lie a few milliradians apart, so one sine and one cosine serve all four.
+    The stages of a step lie a few milliradians apart, so one sine and one cosine serve all four. Neither
+    half of its terms waits for the other.
     """
-    return sine + change * (
-        cosine - change * (sine + change * (cosine - change * sine * 0.25) * (1 / 3)) * 0.5
-    )
+    square = change * change
+    small = 0.5 * sine + change * ((1 / 6) * cosine) - square * ((1 / 24) * sine)
+    return (sine + change * cosine) - square * small
 
 
 @inlined

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,7 @@ from fieldmodels.compiled import compiled
 from fieldmodels.declared import neutral
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.heel_strike.declaration import BASE, EFFECTS, as_plants
-from fieldmodels.machines.heel_strike.kernel import advance, start
+from fieldmodels.machines.heel_strike.kernel import advance, read_levels, start
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.walker import (
     ESTIMATORS,
@@ -40,8 +39,7 @@ CHANNELS = Channels(
 """Where stock effects can act on a walker."""
 
 
-@dataclass(frozen=True)
-class StrideResult:
+class StrideResult(NamedTuple):
     """What one stride of every walker gave.
 
     Attributes:
@@ -87,8 +85,7 @@ def levels_of(walkers: NDArray[Any]) -> NDArray[np.int64]:
     """Regimes of walkers, shape (batch, 3): process, floor, collision."""
     levels = np.empty((len(walkers), 3), dtype=np.int64)
     for i in range(len(walkers)):
-        w = walkers[i]
-        levels[i, 0], levels[i, 1], levels[i, 2] = w.process_level, w.floor_level, w.collision_level
+        read_levels(walkers[i], levels[i])
     return levels
 
 
@@ -161,7 +158,7 @@ class Strides:
         walk = Walk(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
         self._walks = kernel_walk(walk, batch)
         self._keys = np.zeros(batch, dtype=np.uint64)
-        self._seeded = np.zeros(batch, dtype=np.bool_)
+        self._unseeded = set(range(batch))
         self.stock = stock
         self.library: LibraryFilters | None = None
         if filterpy:
@@ -197,7 +194,7 @@ class Strides:
         self._start(i)
         if self.stock is not None:
             self.stock.begin([i])
-        self._seeded[i] = True
+        self._unseeded.discard(i)
 
     def set_walk(self, i: int, walk: Walk) -> None:
         """Let walker ``i``, which has been seeded, begin with another leg, of the same step, and noise."""
@@ -241,7 +238,7 @@ class Strides:
         values = np.asarray(gains, dtype=np.float64)
         if values.shape not in ((4,), (batch, 4)):
             raise ModelError(f"gains must have shape (4,) or ({batch}, 4), not {values.shape}")
-        if not self._seeded.all():
+        if self._unseeded:
             raise ModelError("seed every walker before the first stride")
         if values.ndim == 1:
             values = np.tile(values, (batch, 1))
@@ -249,9 +246,9 @@ class Strides:
         if self.stock is not None:
             self._change(self.stock)
             sensors = self.stock.sensors if self.stock.senses else None
-        levels = self.levels
         signed = np.empty((batch, len(ESTIMATORS)))
-        floors = np.empty(batch)
+        levels = np.empty((batch, 2, 3), dtype=np.int64)
+        floors, duration = np.empty(batch), np.empty(batch)
         samples = np.empty(batch, dtype=np.int64)
         fallen = np.empty(batch, dtype=np.bool_)
         trace = self._untraced
@@ -270,8 +267,10 @@ class Strides:
             self.bank,
             signed,
             floors,
+            duration,
             samples,
             fallen,
+            levels,
             trace,
         )
         if self.library is not None:
@@ -281,12 +280,12 @@ class Strides:
         return StrideResult(
             signed_mm=signed,
             floor_mm=floors,
-            duration=samples.astype(np.float64) * self.leg.step,
+            duration=duration,
             samples=samples,
             fallen=fallen,
             features=self.features,
-            levels=levels,
-            next_levels=self.levels,
+            levels=levels[:, 0],
+            next_levels=levels[:, 1],
             traces=trace[:, : samples.max()].copy() if traces else None,
         )
 
@@ -314,4 +313,4 @@ class Strides:
         self.walkers[...] = state
         if self.library is not None and library is not None:
             self.library.set_state(library)
-        self._seeded[:] = True
+        self._unseeded.clear()
