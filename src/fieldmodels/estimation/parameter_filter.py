@@ -57,6 +57,42 @@ class Terms(NamedTuple):
     coefficient: FloatArray
 
 
+class Pairs(NamedTuple):
+    """Every two terms of one equation or two, each with itself and those before it, as places in matrices.
+
+    Unsigned: a place that might be counted from the end would be looked at twice.
+
+    Attributes:
+        rows: Of both terms' equations in a matrix (rows, rows), flattened; shape (pairs,).
+        columns: Of their unknowns in one of (unknowns + 1, unknowns + 1).
+        features: Of their features in the upper triangle of one of (K, K).
+        coefficient: Product of theirs, half of it for a term with itself.
+    """
+
+    rows: NDArray[np.uint32]
+    columns: NDArray[np.uint32]
+    features: NDArray[np.uint32]
+    coefficient: FloatArray
+
+
+def pairs_of(terms: Terms) -> Pairs:
+    """The pairs of terms, so that a kernel need not look for them again in every mode and pass."""
+    a, b = np.tril_indices(len(terms.row))
+
+    def place(of: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.uint32]:
+        return np.asarray(first * (of.max() + 1) + second, dtype=np.uint32)
+
+    row, column, feature = (np.asarray(part, dtype=np.int64) for part in terms[:3])
+    low, high = np.minimum(feature[a], feature[b]), np.maximum(feature[a], feature[b])
+    factor = np.asarray(terms.coefficient, dtype=np.float64)
+    return Pairs(
+        place(row, row[a], row[b]),
+        place(column, column[a], column[b]),
+        place(feature, low, high),
+        factor[a] * factor[b] * np.where(a == b, 0.5, 1.0),
+    )
+
+
 class Method(NamedTuple):
     """How a filter uses the statistics.
 
@@ -87,6 +123,8 @@ the noise.
 
 # Information given to an unexcited direction, on top of the prior's 1: keeps N definite.
 _FLOOR = 1e-6
+# Numbers that a loop takes in one go, several of the processor's vectors.
+WIDTH = 16
 # Rounding of sums, relative.
 _ROUNDING = 1e-12
 
@@ -113,22 +151,24 @@ def accumulate(y: FloatArray, average: int, moments: FloatArray) -> None:
     """
     features, blocks = y.shape[1], len(y) // average
     share = 1.0 / average
-    rows = (blocks + 3) // 4 * 4
-    means = np.zeros((rows, features))
+    rows, width = (blocks + 3) // 4 * 4, (features + WIDTH - 1) // WIDTH * WIDTH
+    means = np.zeros((rows, width))
     for block in range(blocks):
+        for j in range(average):
+            for k in range(features):
+                means[block, k] += y[block * average + j, k]
         for k in range(features):
-            total = 0.0
-            for j in range(average):
-                total += y[block * average + j, k]
-            means[block, k] = total * share
+            means[block, k] *= share
     # Whole rows, four samples at a time in the order of one by one: half of it is for nothing, but each sum
-    # is loaded and stored once for four products, and no row is too short for the processor's vectors.
-    sums = np.empty((features, features))
-    copy_to(sums, moments)
+    # is loaded and stored once for four products, and a row is as long as some of the processor's vectors.
+    sums = np.zeros((features, width))
+    for k in range(features):
+        for m in range(features):
+            sums[k, m] = moments[k, m]
     for i in range(0, rows, 4):
         for k in range(features):
             one, two, three, four = means[i, k], means[i + 1, k], means[i + 2, k], means[i + 3, k]
-            for m in range(features):
+            for m in range(width):
                 total = sums[k, m] + one * means[i, m]
                 total = total + two * means[i + 1, m]
                 total = total + three * means[i + 2, m]
@@ -149,7 +189,7 @@ def accumulate_noise(noise: FloatArray, average: int, total: FloatArray) -> None
 
 @compiled
 def estimate(
-    terms: Terms,
+    pairs: Pairs,
     moments: FloatArray,
     noise: FloatArray,
     samples: float,
@@ -164,7 +204,7 @@ def estimate(
     """Estimate the unknowns from the statistic, in place of the last estimate.
 
     Args:
-        terms: Of every mode.
+        pairs: Of the terms of every mode.
         moments: Sum of y y' of each mode, shape (modes, K, K), upper triangles.
         noise: Sum of V of each mode, of that shape.
         samples: Number of samples (after averaging) in both sums, positive.
@@ -190,9 +230,9 @@ def estimate(
         measured[:, :] = 0.0
         free[:, :] = 0.0
         for mode in range(len(moments)):
-            row_noise(terms, second, noise[mode], 1.0 / samples, weights)
+            row_noise(pairs, second, noise[mode], 1.0 / samples, weights)
             _invert(weights, active[mode])
-            _contract(terms, weights, moments[mode], noise[mode], measured, free)
+            _contract(pairs, weights, moments[mode], noise[mode], measured, free)
         add_transposed(measured)
         add_transposed(free)
         if not compensated:
@@ -237,27 +277,22 @@ def estimate(
 
 
 @compiled
-def row_noise(terms: Terms, second: FloatArray, noise: FloatArray, share: float, out: FloatArray) -> None:
+def row_noise(pairs: Pairs, second: FloatArray, noise: FloatArray, share: float, out: FloatArray) -> None:
     """Covariance of the noise of the equations F - A x of one mode, in place of ``out``, (rows, rows).
 
     Args:
-        terms: Of the mode.
+        pairs: Of the mode's terms.
         second: E[z z'] of z = (x, -1), shape (unknowns + 1, unknowns + 1).
         noise: Covariance of the features' noise, shape (K, K), upper triangle.
         share: Factor of the noise.
         out: Overwritten.
     """
     out[:, :] = 0.0
-    count = len(terms.row)
-    for a in range(count):
-        k = terms.feature[a]
-        i, first, row = terms.column[a], share * terms.coefficient[a], terms.row[a]
-        for b in range(a + 1):
-            m = terms.feature[b]
-            moment = noise[min(k, m), max(k, m)]
-            if moment != 0.0:
-                part = first * terms.coefficient[b] * second[i, terms.column[b]] * moment
-                out[row, terms.row[b]] += part if b < a else 0.5 * part
+    of, known, total = noise.ravel(), second.ravel(), out.ravel()
+    for p in range(len(pairs.rows)):
+        moment = of[pairs.features[p]]
+        if moment != 0.0:
+            total[pairs.rows[p]] += share * pairs.coefficient[p] * known[pairs.columns[p]] * moment
     add_transposed(out)
 
 
@@ -285,7 +320,7 @@ def _second_moment(mean: FloatArray, covariance: FloatArray, uncertain: bool, ou
 
 @compiled
 def _contract(
-    terms: Terms,
+    pairs: Pairs,
     weights: FloatArray,
     moments: FloatArray,
     noise: FloatArray,
@@ -296,17 +331,12 @@ def _contract(
 
     The other half is its transpose.
     """
-    count = len(terms.row)
-    for a in range(count):
-        i, k, first, row = terms.column[a], terms.feature[a], terms.coefficient[a], terms.row[a]
-        for b in range(a + 1):
-            weight = weights[row, terms.row[b]]
-            if weight != 0.0:
-                weight *= first * (terms.coefficient[b] if b < a else 0.5 * terms.coefficient[b])
-                j, m = terms.column[b], terms.feature[b]
-                low, high = min(k, m), max(k, m)
-                measured[i, j] += weight * moments[low, high]
-                free[i, j] += weight * (moments[low, high] - noise[low, high])
+    of, seen, erring = weights.ravel(), moments.ravel(), noise.ravel()
+    total, rest = measured.ravel(), free.ravel()
+    for p in range(len(pairs.rows)):
+        weight, i, k = of[pairs.rows[p]] * pairs.coefficient[p], pairs.columns[p], pairs.features[p]
+        total[i] += weight * seen[k]
+        rest[i] += weight * (seen[k] - erring[k])
 
 
 @compiled
@@ -454,7 +484,7 @@ def _accumulate_all(
 
 @compiled
 def _estimate_all(
-    terms: Terms,
+    pairs: Pairs,
     moments: FloatArray,
     noise: FloatArray,
     samples: FloatArray,
@@ -469,7 +499,7 @@ def _estimate_all(
     for b in range(len(mean)):
         if samples[b] > 0.0:
             estimate(
-                terms,
+                pairs,
                 moments[b],
                 noise[b],
                 samples[b],
@@ -529,8 +559,7 @@ class ParameterFilters:
             )
         if batch < 1 or modes < 1 or passes < 1:
             raise ModelError("batch, modes and passes are each at least 1")
-        row, column, feature = (np.ascontiguousarray(part, dtype=np.int64) for part in terms[:3])
-        self._terms = Terms(row, column, feature, np.array(terms.coefficient, dtype=np.float64))
+        self._pairs = pairs_of(terms)
         self._prior_mean = np.tile(np.asarray(prior_mean, dtype=np.float64), (batch, 1))
         self._prior_deviation = np.array(prior_deviation, dtype=np.float64)
         unknowns = self._prior_mean.shape[1]
@@ -611,7 +640,7 @@ class ParameterFilters:
                 self.threads,
                 batch,
                 _estimate_all,
-                self._terms,
+                self._pairs,
                 self._moments[method.average],
                 self._noise[method.average],
                 self._samples / method.average,

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.estimation.parameter_filter import METHODS, Terms, accumulate, accumulate_noise, estimate
+from fieldmodels.estimation.parameter_filter import METHODS, Pairs, Terms, accumulate, accumulate_noise, estimate, pairs_of
 from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
 from fieldmodels.machines.excitation.motion import (
@@ -175,6 +175,7 @@ class Setup(NamedTuple):
 
     Attributes:
         terms: Of the regressor.
+        pairs: Of these.
         active: Equations in use, shape (3, 6).
         deviation: Of the prior, 0 for what is known, shape (22,).
         arm: ``Arm.row()``, shape (5,).
@@ -187,6 +188,7 @@ class Setup(NamedTuple):
     """
 
     terms: Terms
+    pairs: Pairs
     active: NDArray[np.bool_]
     deviation: FloatArray
     arm: FloatArray
@@ -336,7 +338,7 @@ def _predict(
             believed[:] = situation.mean[b]
             covariances[b, c] = situation.covariance[b]
             estimate(
-                setup.terms, sums.moments, sums.noise, samples, setup.active, situation.mean[b],
+                setup.pairs, sums.moments, sums.noise, samples, setup.active, situation.mean[b],
                 setup.deviation, setup.compensated, 1, believed, covariances[b, c],
             )  # fmt: skip
 
@@ -371,6 +373,7 @@ class Predictor:
         noise = noise or SensorNoise()
         self._setup = Setup(
             terms=Terms(*TERMS),
+            pairs=pairs_of(Terms(*TERMS)),
             active=variant.rows.reshape(MODES, EQUATIONS),
             deviation=np.sqrt(np.where(variant.unknowns, PRIOR_VARIANCE, 0.0)),
             arm=(arm or Arm()).row(),
