@@ -79,7 +79,9 @@ def pairs_of(terms: Terms) -> Pairs:
     """The pairs of terms, so that a kernel need not look for them again in every mode and pass."""
     a, b = np.tril_indices(len(terms.row))
 
-    def place(of: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.uint32]:
+    def place(
+        of: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64]
+    ) -> NDArray[np.uint32]:
         return np.asarray(first * (of.max() + 1) + second, dtype=np.uint32)
 
     row, column, feature = (np.asarray(part, dtype=np.int64) for part in terms[:3])

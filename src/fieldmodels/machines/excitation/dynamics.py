@@ -116,9 +116,8 @@ def pose(mode: int, angle: float) -> tuple[Vector, Vector]:
 
 
 @inlined
-def turning_excess(o: Vector, w: Vector) -> Vector:
-    """Rate of the rotation vector o less w: o x w / 2 + o x (o x w) / 12 + ..."""
-    square = dot(o, o)
+def turning_share(square: float) -> float:
+    """What o x (o x w) counts in ``turning_excess``, by the square of o [rad2]."""
     if square < SMALL:
         fourth = square * square
         share = 1.0 / 30240.0 + square * (1.0 / 1209600.0) + fourth * (1.0 / 47900160.0)
@@ -126,6 +125,12 @@ def turning_excess(o: Vector, w: Vector) -> Vector:
     else:
         angle = math.sqrt(square)
         share = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
+    return share
+
+
+@inlined
+def turning_excess(o: Vector, w: Vector, share: float) -> Vector:
+    """Rate of the rotation vector o less w: o x w / 2 + o x (o x w) / 12 + ..."""
     p = cross(o, w)
     q = cross(o, p)
     return 0.5 * p[0] + share * q[0], 0.5 * p[1] + share * q[1], 0.5 * p[2] + share * q[2]
@@ -151,11 +156,9 @@ def system_of(q: Any, arm: FloatArray, mode: int, rest: float) -> System:
 
 
 @inlined
-def swing_at(system: System, mode: int, motion: FloatArray) -> Swing:
-    """The arm at f, f', f''."""
-    f1, f2, reach = motion[1], motion[2], system.reach
-    axis, u = pose(mode, motion[0])
-    t = cross(axis, u)
+def swing_along(system: System, axis: Vector, u: Vector, f1: float, f2: float) -> Swing:
+    """The arm along u at f', f''."""
+    reach, t = system.reach, cross(axis, u)
     speed = (reach * t[0] * f1, reach * t[1] * f1, reach * t[2] * f1)
     acceleration = (
         reach * (t[0] * f2 - u[0] * f1 * f1),
@@ -200,14 +203,13 @@ def gyroscopic(inertia: Any, w: Vector) -> Vector:
 
 @inlined
 def loads(
-    system: System, swing: Swing, o: Vector, w: Vector, resisting: Resistance
+    system: System, swing: Swing, g: Vector, w: Vector, resisting: Resistance
 ) -> tuple[Vector, Vector, Response]:
     """Force, and moment about the vehicle's centre of gravity, without what the accelerations add to them.
 
     The third is the response as far as it is known before the accelerations are.
     """
     m2, gravity, p = system.mass, system.gravity, swing.centre
-    g = gravity_change(o[0], o[1], o[2], gravity)
     h = plus(cross(w, plus(cross(w, p), 2.0, swing.speed)), 1.0, swing.acceleration)
     n = spin_rate(system, swing, w)
     force = (
@@ -230,9 +232,9 @@ def loads(
 
 
 @inlined
-def accelerations(system: System, swing: Swing, o: Vector, w: Vector, resisting: Resistance) -> Response:
-    """Accelerations of eqs (1)-(3), the dr'' eliminated from the moments."""
-    force, torque, known = loads(system, swing, o, w, resisting)
+def accelerations(system: System, swing: Swing, g: Vector, w: Vector, resisting: Resistance) -> Response:
+    """Accelerations of eqs (1)-(3), the dr'' eliminated from the moments; g is gravity's change."""
+    force, torque, known = loads(system, swing, g, w, resisting)
     m2, u, p = system.mass, swing.along, swing.centre
     i, k, across, slim = system.inertia, resisting.torque_factor, system.across, system.slim
     # Reciprocals: a division takes as long as five products.
@@ -261,12 +263,12 @@ def accelerations(system: System, swing: Swing, o: Vector, w: Vector, resisting:
 
 
 @inlined
-def half_step(now: Place, a: Vector, b: Vector, half: float) -> Place:
+def half_step(now: Place, a: Vector, b: Vector, half: float, share: float) -> Place:
     """Half of a step with the slopes at its beginning."""
     return Place(
         plus(now.r, half, minus(now.v, cross(now.w, now.r))),
         plus(now.v, half, minus(a, cross(now.w, now.v))),
-        plus(now.o, half, plus(now.w, 1.0, turning_excess(now.o, now.w))),
+        plus(now.o, half, plus(now.w, 1.0, turning_excess(now.o, now.w, share))),
         plus(now.w, half, b),
     )
 
@@ -279,12 +281,18 @@ def guess_after(begun: Place, a: Vector, b: Vector, half: float) -> Place:
 
 
 @inlined
-def without_accelerations(begun: Place, guess: Place, half: float) -> Place:
+def without_accelerations(begun: Place, guess: Place, half: float, share: float) -> Place:
     """The other half with the slopes at a guess of the step's end, but for what the accelerations add."""
     v = plus(begun.v, -half, cross(guess.w, guess.v))
     r = plus(begun.r, half, minus(v, cross(guess.w, guess.r)))
-    o = plus(begun.o, half, plus(begun.w, 1.0, turning_excess(guess.o, guess.w)))
+    o = plus(begun.o, half, plus(begun.w, 1.0, turning_excess(guess.o, guess.w, share)))
     return Place(r, v, o, begun.w)
+
+
+@inlined
+def moved_by(base: Place, a: Vector, b: Vector, c1: float, c2: float) -> Place:
+    """A step's end: the base with what the accelerations add."""
+    return Place(plus(base.r, c2, a), plus(base.v, c1, a), plus(base.o, c2, b), plus(base.w, c1, b))
 
 
 @inlined
@@ -369,15 +377,18 @@ def advance_mode(
         scale, next_scale = 1.0 + drift * (time + (k - 1) * h), 1.0 + drift * (time + k * h)
         if soft and k > 0:
             load_soil(q, now.r, now.v, now.o, now.w, scale, next_scale, h, soil)
-        swing = swing_at(system, mode, motion[k])
-        begun = half_step(now, a, b, half)
+        axis, u = pose(mode, motion[k, 0])
+        swing = swing_along(system, axis, u, motion[k, 1], motion[k, 2])
+        begun = half_step(now, a, b, half, turning_share(dot(now.o, now.o)))
         # The state at the beginning needs no step, but accelerations that fit the arm's motion there.
         guess = guess_after(begun, a, b, half) if k > 0 else now
         response = Response(a, b, ZERO, ZERO, ZERO)
         final = k % substeps == 0
         for iteration in range(0 if k > 0 else ITERATIONS, ITERATIONS + 1 if final else ITERATIONS):
             exact = iteration == ITERATIONS  # accelerations of the state as it stands: no implicit part
-            base = guess if exact else without_accelerations(begun, guess, half)
+            base = guess
+            if not exact:
+                base = without_accelerations(begun, guess, half, turning_share(dot(guess.o, guess.o)))
             c1, c2 = (0.0, 0.0) if exact else (half, half * half)
             force = suspension(q, 0, base.r, base.v, guess.r, guess.v, next_scale, c1, c2, soft, soil)
             torque = suspension(q, 3, base.o, base.w, guess.o, guess.w, next_scale, c1, c2, soft, soil)
@@ -390,12 +401,11 @@ def advance_mode(
                         force[1],
                         torque[1],
                     )
-            response = accelerations(system, swing, guess.o, guess.w, resisting)
+            g = gravity_change(guess.o[0], guess.o[1], guess.o[2], system.gravity)
+            response = accelerations(system, swing, g, guess.w, resisting)
             a, b = response.a, response.b
             if not exact:
-                guess = Place(
-                    plus(base.r, c2, a), plus(base.v, c1, a), plus(base.o, c2, b), plus(base.w, c1, b)
-                )
+                guess = moved_by(base, a, b, c1, c2)
         now = guess
         if soft and k > 0:
             pass_on(q, now.r, now.v, now.o, now.w, next_scale, soil)

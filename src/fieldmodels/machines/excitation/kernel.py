@@ -11,6 +11,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.drivers.stepped import Signals, give
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
+from fieldmodels.machines.excitation.lanes import advance_modes
 from fieldmodels.machines.excitation.motion import (
     CONSTANT,
     OFFSET,
@@ -191,6 +192,7 @@ def advance(
     rules: NDArray[Any],
     arm: FloatArray,
     around: Around | None,
+    odd: bool | None,
     wanted: FloatArray,
     signals: FloatArray,
     motion: FloatArray,
@@ -199,12 +201,16 @@ def advance(
     path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
     for b in range(len(wanted)):
         moved = late if move_arm(e, b, around, wanted[b], rules[b].acceleration, path, late) else path
-        time = e.counts[b] * SAMPLE
-        for mode in range(MODES):
-            advance_mode(
-                e.vehicles[b], arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time,
-                e.states[b, mode], signals[b, mode],
-            )  # fmt: skip
+        q, state = e.vehicles[b], e.states[b]
+        if odd is None:  # compiled: only what there is
+            advance_modes(q, arm, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, state, signals[b])
+        else:
+            time = e.counts[b] * SAMPLE
+            for mode in range(MODES):
+                advance_mode(
+                    q, arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time, state[mode],
+                    signals[b, mode],
+                )  # fmt: skip
         if len(motion) > 0:
             for k in range(SAMPLES + 1):
                 copy_to(motion[b, k], moved[k * SUBSTEPS])
@@ -245,6 +251,7 @@ def shake(
     rules: NDArray[Any],
     arm: FloatArray,
     around: Around | None,
+    odd: bool | None,
     wanted: FloatArray,
     features: FloatArray,
     noise: FloatArray,
@@ -258,6 +265,7 @@ def shake(
         rules: What is shaken and sensed in each, see ``shaker.kernel_rules``, shape (batch,).
         arm: ``Arm.row()``, shape (5,).
         around: Stock effects around them, or None.
+        odd: None where no vehicle has an effect: then the modes go side by side.
         wanted: Commands that the agents want, shape (batch, 3).
         features: Receives the features, shape (batch, 3, 80, 30).
         noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
@@ -265,7 +273,7 @@ def shake(
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
     signals = np.empty((len(wanted), MODES, SAMPLES, SIGNALS))
-    advance(e, rules, arm, around, wanted, signals, motion)
+    advance(e, rules, arm, around, odd, wanted, signals, motion)
     if len(bodies) > 0:
         bodies[..., 0:3] = signals[..., POSITION : POSITION + 3]
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]

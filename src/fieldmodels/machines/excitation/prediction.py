@@ -17,7 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
-from fieldmodels.estimation.parameter_filter import METHODS, Pairs, Terms, accumulate, accumulate_noise, estimate, pairs_of
+from fieldmodels.estimation.parameter_filter import (
+    METHODS,
+    Pairs,
+    Terms,
+    accumulate,
+    accumulate_noise,
+    estimate,
+    pairs_of,
+)
 from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
 from fieldmodels.machines.excitation.motion import (

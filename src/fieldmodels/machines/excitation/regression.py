@@ -24,6 +24,7 @@ from fieldmodels.machines.excitation.parameters import (
     STIFFNESS,
     UNKNOWNS,
 )
+from fieldmodels.machines.excitation.vectors import Vector
 
 POSITION, VELOCITY, ACCELERATION = 0, 3, 6
 ANGLE, RATE, TURNING = 9, 12, 15
@@ -92,9 +93,8 @@ SMALL = 0.04
 
 
 @inlined
-def gravity_change(x: float, y: float, z: float, gravity: float) -> tuple[float, float, float]:
-    """d(R^-1 g) in frame II for a rotation vector from the rest pose, in which II is level [m/s2]."""
-    square = x * x + y * y + z * z
+def turned_shares(square: float) -> tuple[float, float]:
+    """Sin(t) / t and (1 - cos(t)) / t^2 of the square of an angle t [rad2]."""
     if square < SMALL:
         # Products with constants: a division takes as long as five of them.
         fourth = square * square
@@ -105,12 +105,25 @@ def gravity_change(x: float, y: float, z: float, gravity: float) -> tuple[float,
     else:
         angle = math.sqrt(square)
         s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    return s, c
+
+
+@inlined
+def turned_gravity(x: float, y: float, z: float, s: float, c: float, gravity: float) -> Vector:
+    """``gravity_change`` with its ``turned_shares``."""
     # R^-1 g = g - s theta x g + c theta x (theta x g), with g = (0, 0, -gravity).
     return (
         gravity * (s * y - c * x * z),
         gravity * (-s * x - c * y * z),
         gravity * c * (x * x + y * y),
     )
+
+
+@inlined
+def gravity_change(x: float, y: float, z: float, gravity: float) -> Vector:
+    """d(R^-1 g) in frame II for a rotation vector from the rest pose, in which II is level [m/s2]."""
+    s, c = turned_shares(x * x + y * y + z * z)
+    return turned_gravity(x, y, z, s, c, gravity)
 
 
 @inlined

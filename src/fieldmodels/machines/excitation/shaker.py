@@ -206,7 +206,7 @@ def _full_scale(vehicle: tuple[float, ...], arm: Arm, rules: np.dtype[Any]) -> F
     signals, motion = np.empty((1, MODES, SAMPLES, SIGNALS)), np.empty((0, SAMPLES + 1, 3))
     maxima = np.zeros(SIGNALS)
     for _ in range(round(DURATION / DECISION)):
-        advance(experiment, own, arm.row(), None, CONSTANT[None].copy(), signals, motion)
+        advance(experiment, own, arm.row(), None, None, CONSTANT[None].copy(), signals, motion)
         np.maximum(maxima, np.abs(signals[0]).max(axis=(0, 1)), out=maxima)
     return np.tile(maxima, (MODES, 1))
 
@@ -296,6 +296,7 @@ class Shakers:
         center = _checked(PRESETS[self.rules.preset] if vehicle is None else vehicle)
         self._centers = np.tile(center, (batch, 1))
         self._sensing = any_on(self._centers, VEHICLE, EFFECTS, "sensor")
+        self._odd = any_on(self._centers, VEHICLE, EFFECTS).any().item() or None
         self.stock = stock
         remembering = bool(self._sensing.any()) or (stock is not None and stock.senses)
         if possible is not None:
@@ -372,6 +373,7 @@ class Shakers:
         """Give some vehicles, before their next experiment, other parameters; shape (len(rows), n)."""
         self._centers[rows] = vectors
         self._sensing[rows] = any_on(vectors, VEHICLE, EFFECTS, "sensor")
+        self._odd = any_on(self._centers, VEHICLE, EFFECTS).any().item() or None
 
     def set_rules(self, i: int, rules: Rules) -> None:
         """Give an experiment, before it begins again, other rules; estimator and variant stay."""
@@ -454,7 +456,7 @@ class Shakers:
         self._filters.threads = self.threads
         run_rows(
             self.threads if around is None else 1, batch, shake, self._experiments, self._records,
-            self._arm, around, clipped, features, noise, motion, bodies, whole=(2,),
+            self._arm, around, self._odd, clipped, features, noise, motion, bodies, whole=(2,),
         )  # fmt: skip
         self._filters.update(features, noise)
         return self._shaken(motion if traces else None, bodies if traces else None)
