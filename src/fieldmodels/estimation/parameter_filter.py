@@ -630,7 +630,7 @@ class ParameterFilters:
         for average in self._moments:
             if y.shape[2] % average:
                 raise ModelError(f"a chunk must hold a multiple of {average} samples, not {y.shape[2]}")
-        if not np.isfinite(y).all() or not np.isfinite(v).all():
+        if not math.isfinite(np.vdot(y, y) + np.vdot(v, v)):  # their squares are summed
             raise ModelError("features and noise must be finite")
         for average in self._moments:
             moments, total = self._moments[average], self._noise[average]

@@ -23,6 +23,7 @@ from fieldmodels.machines.excitation.motion import (
 from fieldmodels.machines.excitation.parameters import MODES, RUNNING, SAMPLE, SAMPLES
 from fieldmodels.machines.excitation.regression import (
     ANGLE,
+    FEATURES,
     POSITION,
     RATE,
     SIGNALS,
@@ -170,6 +171,10 @@ def sense(
 ) -> None:
     """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features."""
     measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
+    for mode in range(MODES):
+        for i in range(FEATURES):
+            for k in range(FEATURES):
+                noise[mode, i, k] = 0.0
     running, fraction, maxima = p.noise == RUNNING, p.noise_fraction, e.maxima[b]
     for k in range(SAMPLES):
         if running:
@@ -253,6 +258,7 @@ def shake(
     around: Around | None,
     odd: bool | None,
     wanted: FloatArray,
+    signals: FloatArray,
     features: FloatArray,
     noise: FloatArray,
     motion: FloatArray,
@@ -267,12 +273,12 @@ def shake(
         around: Stock effects around them, or None.
         odd: None where no vehicle has an effect: then the modes go side by side.
         wanted: Commands that the agents want, shape (batch, 3).
+        signals: Receives what is sensed without noise, shape (batch, 3, 80, 24).
         features: Receives the features, shape (batch, 3, 80, 30).
         noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
         motion: Receives f, f', f'' of the arm, shape (batch, 81, 3), or (0, 81, 3).
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
-    signals = np.empty((len(wanted), MODES, SAMPLES, SIGNALS))
     advance(e, rules, arm, around, odd, wanted, signals, motion)
     if len(bodies) > 0:
         bodies[..., 0:3] = signals[..., POSITION : POSITION + 3]

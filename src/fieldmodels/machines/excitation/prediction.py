@@ -27,7 +27,8 @@ from fieldmodels.estimation.parameter_filter import (
     pairs_of,
 )
 from fieldmodels.machines.excitation.declaration import as_vehicles
-from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE, advance_mode
+from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE
+from fieldmodels.machines.excitation.lanes import advance_modes
 from fieldmodels.machines.excitation.motion import (
     AMPLITUDE,
     CONSTANT,
@@ -244,14 +245,12 @@ class Buffers(NamedTuple):
     exact: FloatArray
 
 
-@compiled
+@inlined
 def _shake(q: Any, setup: Setup, state: FloatArray, buffers: Buffers) -> None:
     """Advance all modes, state of shape (3, 24), by the decision whose motion is in the buffers."""
-    for mode in range(MODES):
-        advance_mode(
-            q, setup.arm, mode, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, 0.0, state[mode],
-            buffers.signals[mode],
-        )  # fmt: skip
+    advance_modes(
+        q, setup.arm, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, state, buffers.signals
+    )
 
 
 @inlined

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,8 +143,7 @@ def drawn_around(vehicle: FloatArray, spread: float, factors: FloatArray) -> Flo
     return new
 
 
-@dataclass(frozen=True)
-class Shaken:
+class Shaken(NamedTuple):
     """Where the experiments stand after a decision; arrays are copies.
 
     Attributes:
@@ -338,6 +336,11 @@ class Shakers:
             stock.kept |= {"given": given, "begun": self._begun}
             self._around = Around(stock.actuators, stock.sensors, given, stock.senses)
         self._history = np.zeros((batch, MODES, HISTORY if remembering else 0, TURNS))
+        self._sensed = (
+            np.empty((batch, MODES, SAMPLES, SIGNALS)),
+            np.empty((batch, MODES, SAMPLES, FEATURES)),
+            np.empty((batch, MODES, FEATURES, FEATURES)),
+        )
         self._experiments = Experiments(
             vehicles=as_rows(self._vehicles, ROW),
             **{name: getattr(self, f"_{name}") for name in Experiments._fields if name != "vehicles"},
@@ -442,10 +445,8 @@ class Shakers:
         wanted = np.asarray(commands, dtype=np.float64)
         if wanted.shape != (batch, 3) or not np.isfinite(wanted).all():
             raise ModelError(f"commands must be finite and have shape ({batch}, 3), not {wanted.shape}")
-        if not (self._counts >= 0).all():
+        if self._counts.min() < 0:
             raise ModelError("restart every experiment before the first decision")
-        features = np.empty((batch, MODES, SAMPLES, FEATURES))
-        noise = np.zeros((batch, MODES, FEATURES, FEATURES))
         traced = batch if traces else 0
         motion, bodies = np.empty((traced, SAMPLES + 1, 3)), np.empty((traced, MODES, SAMPLES, 6))
         clipped = np.minimum(np.maximum(wanted, self.ranges[0]), self.ranges[1])
@@ -456,9 +457,9 @@ class Shakers:
         self._filters.threads = self.threads
         run_rows(
             self.threads if around is None else 1, batch, shake, self._experiments, self._records,
-            self._arm, around, self._odd, clipped, features, noise, motion, bodies, whole=(2,),
+            self._arm, around, self._odd, clipped, *self._sensed, motion, bodies, whole=(2,),
         )  # fmt: skip
-        self._filters.update(features, noise)
+        self._filters.update(*self._sensed[1:])
         return self._shaken(motion if traces else None, bodies if traces else None)
 
     def observe(self) -> Shaken:
