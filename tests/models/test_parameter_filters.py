@@ -17,6 +17,7 @@ from fieldmodels.estimation.parameter_filter import (
     Terms,
     _second_moment,
     kalman_run,
+    pairs_of,
     row_noise,
 )
 from fieldmodels.estimation.pseudo_inverse import pseudo_inverse
@@ -166,7 +167,7 @@ def test_the_noise_of_an_equation_is_that_of_its_parts():
     x = np.array([0.7, -1.9])
     second, out = np.empty((3, 3)), np.empty((2, 2))
     _second_moment(x, np.zeros((2, 2)), True, second)
-    row_noise(TWO_ROWS, second, noise, 0.25, out)
+    row_noise(pairs_of(TWO_ROWS), second, noise, 0.25, out)
     parts = np.array([[x[0], x[1], -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, x[1], -1.0]])
     np.testing.assert_allclose(out, 0.25 * parts @ noise @ parts.T, rtol=1e-12)
 

@@ -140,6 +140,16 @@ def copy_to(out: FloatArray, values: FloatArray) -> None:
 
 
 @inlined
+def all_finite(values: FloatArray) -> bool:
+    """Whether a matrix holds no other than finite numbers."""
+    odd = 0
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            odd += 0 if abs(values[i, j]) < np.inf else 1
+    return odd == 0
+
+
+@inlined
 def accumulate(y: FloatArray, average: int, moments: FloatArray) -> None:
     """Add a chunk of one mode to its sum of y y', in place.
 
@@ -476,12 +486,18 @@ def kalman_run(
 
 @compiled
 def _accumulate_all(
-    y: FloatArray, noise: FloatArray, average: int, moments: FloatArray, total: FloatArray
-) -> None:
+    y: FloatArray, noise: FloatArray, average: int, last: FloatArray, last_noise: FloatArray,
+    moments: FloatArray, total: FloatArray, finite: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Sums of each filter from the last ones, which stay as they are; ``finite`` stays where a chunk is."""
     for b in range(len(y)):
         for mode in range(y.shape[1]):
+            copy_to(moments[b, mode], last[b, mode])
+            copy_to(total[b, mode], last_noise[b, mode])
             accumulate(y[b, mode], average, moments[b, mode])
             accumulate_noise(noise[b, mode], average, total[b, mode])
+            if not (all_finite(y[b, mode]) and all_finite(noise[b, mode])):
+                finite[b] = False
 
 
 @compiled
@@ -603,9 +619,10 @@ class ParameterFilters:
         if prior_mean is not None:
             self._prior_mean[index] = prior_mean
         self._samples[index] = 0.0
-        for average in self._moments:
-            self._moments[average][index] = 0.0
-            self._noise[average][index] = 0.0
+        for sums in (self._moments, self._noise):
+            for average, last in sums.items():  # which may have been given away
+                sums[average] = last.copy()
+                sums[average][index] = 0.0
         for name in self.methods:
             self.mean[name][index] = self._prior_mean[index]
             self.covariance[name][index] = np.diag(self._prior_deviation**2)
@@ -630,11 +647,17 @@ class ParameterFilters:
         for average in self._moments:
             if y.shape[2] % average:
                 raise ModelError(f"a chunk must hold a multiple of {average} samples, not {y.shape[2]}")
-        if not math.isfinite(np.vdot(y, y) + np.vdot(v, v)):  # their squares are summed
+        finite, sums = np.ones(batch, dtype=np.bool_), {}
+        for average, last in self._moments.items():
+            sums[average] = np.empty_like(last), np.empty_like(last)
+            run_rows(
+                self.threads, batch, _accumulate_all, y, v, average, last, self._noise[average],
+                *sums[average], finite,
+            )  # fmt: skip
+        if not finite.all():
             raise ModelError("features and noise must be finite")
-        for average in self._moments:
-            moments, total = self._moments[average], self._noise[average]
-            run_rows(self.threads, batch, _accumulate_all, y, v, average, moments, total)
+        for average, own in sums.items():
+            self._moments[average], self._noise[average] = own
         self._samples += y.shape[2]
         for name in self.methods:
             method = METHODS[name]
@@ -657,9 +680,9 @@ class ParameterFilters:
             )
 
     def statistic(self, method: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What one method reads: moments and noise (batch, modes, K, K), samples (batch,); copies."""
+        """What one method reads: moments and noise (batch, modes, K, K), samples (batch,); never changed."""
         average = METHODS[method].average
-        return self._moments[average].copy(), self._noise[average].copy(), self._samples / average
+        return self._moments[average], self._noise[average], self._samples / average
 
     def state(self) -> dict[str, FloatArray]:
         """An exact snapshot: plain arrays by name."""
@@ -679,8 +702,8 @@ class ParameterFilters:
         if own.keys() != state.keys() or any(own[name].shape != state[name].shape for name in own):
             raise ModelError("the snapshot is of filters with other methods, modes, or another batch size")
         for average in self._moments:
-            self._moments[average][...] = state[f"moments_{average}"]
-            self._noise[average][...] = state[f"noise_{average}"]
+            self._moments[average] = state[f"moments_{average}"].copy()
+            self._noise[average] = state[f"noise_{average}"].copy()
         for name in self.methods:
             self.mean[name][...] = state[f"mean_{name}"]
             self.covariance[name][...] = state[f"covariance_{name}"]
