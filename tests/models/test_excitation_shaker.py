@@ -73,7 +73,7 @@ def test_mean_draw_is_that_of_the_noise_at_the_latest_sample():
     key, samples = np.uint64(7), 2 * SAMPLES
     zeros, ones, noise = np.zeros(SIGNALS), np.ones(SIGNALS), np.empty((3, SIGNALS))
     for mode in range(3):
-        corrupt(zeros, ones, False, 1.0, key, first_draw(samples - 1, mode), noise[mode])
+        corrupt(zeros, ones, 1.0, key, first_draw(samples - 1, mode), noise[mode])
     keys = np.array([key, key])
     assert mean_draw(keys[0], samples) == pytest.approx(noise.mean(), rel=1e-12)
     assert mean_draw(keys[1], 0) == 0.0

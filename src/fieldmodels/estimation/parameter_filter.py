@@ -436,54 +436,6 @@ def _inverse(factor: FloatArray, out: FloatArray) -> None:
                     out[i, j] += value * root[k, j]
 
 
-@inlined
-def kalman_step(
-    mean: FloatArray, covariance: FloatArray, regressor: FloatArray, target: FloatArray, variance: FloatArray
-) -> None:
-    """One update of the Kalman filter as published (Fig. 5; no process noise), in place, row by row.
-
-    With independent noises, scalar updates one after the other equal the joint update of all rows.
-
-    Args:
-        mean: Shape (unknowns,).
-        covariance: Shape (unknowns, unknowns).
-        regressor: A, shape (rows, unknowns).
-        target: F, shape (rows,).
-        variance: Diagonal of R_k, shape (rows,), positive.
-    """
-    n = len(mean)
-    shadow = np.empty(n)
-    for r in range(len(target)):
-        total = variance[r]
-        innovation = target[r]
-        for i in range(n):
-            value = 0.0
-            for j in range(n):
-                value += covariance[i, j] * regressor[r, j]
-            shadow[i] = value
-            total += regressor[r, i] * value
-            innovation -= regressor[r, i] * mean[i]
-        gain = 1.0 / total
-        for i in range(n):
-            mean[i] += shadow[i] * gain * innovation
-            for j in range(i, n):
-                covariance[i, j] -= shadow[i] * shadow[j] * gain
-                covariance[j, i] = covariance[i, j]
-
-
-@compiled
-def kalman_run(
-    mean: FloatArray,
-    covariance: FloatArray,
-    regressors: FloatArray,
-    targets: FloatArray,
-    variance: FloatArray,
-) -> None:
-    """``kalman_step`` over samples: regressors (samples, rows, unknowns), targets (samples, rows)."""
-    for k in range(len(targets)):
-        kalman_step(mean, covariance, regressors[k], targets[k], variance)
-
-
 @compiled
 def _accumulate_all(
     y: FloatArray, noise: FloatArray, average: int, last: FloatArray, last_noise: FloatArray,

@@ -181,7 +181,7 @@ def sense(
             raise_maxima(signals, k, maxima)
         for mode in range(MODES):
             counter = first_draw(e.counts[b] + k, mode)
-            corrupt(signals[mode, k], maxima[mode], False, fraction, e.keys[b], counter, measured)
+            corrupt(signals[mode, k], maxima[mode], fraction, e.keys[b], counter, measured)
             for i in range(SIGNALS):
                 size = fraction * maxima[mode, i]
                 variance[i] = size * size / 3.0

@@ -65,7 +65,6 @@ TABLE2 = _variant([EQUATIONS * 0 + 3], [INERTIA, CG + 1, CG + 2, DAMPING + 3, ST
 def corrupt(
     signals: FloatArray,
     maxima: FloatArray,
-    running: bool,
     fraction: float,
     key: np.uint64,
     counter: int,
@@ -75,16 +74,13 @@ def corrupt(
 
     Args:
         signals: True signals, shape (24,).
-        maxima: Maximum sensed value of each, shape (24,); raised in place if ``running``.
-        running: True lets the maxima follow the signals.
+        maxima: Maximum sensed value of each, shape (24,).
         fraction: Share of the maximum that the noise reaches.
         key: Stream of the noise; the draws do not depend on the signals.
         counter: First of 24 draws.
         measured: Receives the measured signals, shape (24,).
     """
     for i in range(SIGNALS):
-        if running:
-            maxima[i] = max(maxima[i], abs(signals[i]))
         measured[i] = signals[i] + fraction * maxima[i] * symmetric(key, counter + i)
 
 
