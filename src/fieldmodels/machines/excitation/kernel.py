@@ -113,6 +113,7 @@ def move_arm(
     e: Experiments,
     b: int,
     around: Around | None,
+    odd: bool | None,
     wanted: FloatArray,
     acceleration: float,
     path: FloatArray,
@@ -131,12 +132,13 @@ def move_arm(
     if around is not None:  # noqa: SIM102 - compiled: without any, the rest is left out
         if around.arm.on[b, 0]:
             give_path(around, b, e.counts[b] * SAMPLE, path)
-    lag = e.vehicles[b].actuator_lag.time_constant
-    if lag > 0.0:
-        copy_to(late[0], e.arm_motion[b])
-        lag_motion(path, SAMPLE / SUBSTEPS, lag, late)
-        copy_to(e.arm_motion[b], late[-1])
-        return True
+    if odd is not None:
+        lag = e.vehicles[b].actuator_lag.time_constant
+        if lag > 0.0:
+            copy_to(late[0], e.arm_motion[b])
+            lag_motion(path, SAMPLE / SUBSTEPS, lag, late)
+            copy_to(e.arm_motion[b], late[-1])
+            return True
     return False
 
 
@@ -205,7 +207,7 @@ def advance(
     """Move the arms and the vehicles under them: their true signals, shape (batch, 3, 80, 24)."""
     path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
     for b in range(len(wanted)):
-        moved = late if move_arm(e, b, around, wanted[b], rules[b].acceleration, path, late) else path
+        moved = late if move_arm(e, b, around, odd, wanted[b], rules[b].acceleration, path, late) else path
         q, state = e.vehicles[b], e.states[b]
         if odd is None:  # compiled: only what there is
             advance_modes(q, arm, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, state, signals[b])

@@ -14,7 +14,11 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.machines.excitation.dynamics import (
+    ACROSS,
+    ARM_MASS,
+    GRAVITY,
     ITERATIONS,
+    REACH,
     Place,
     Response,
     Swing,
@@ -24,12 +28,12 @@ from fieldmodels.machines.excitation.dynamics import (
     half_step,
     moved_by,
     swing_along,
-    system_of,
     turning_share,
     without_accelerations,
     write_force,
     write_motion,
 )
+from fieldmodels.machines.excitation.dynamics import ALONG as ALONG_ITSELF
 from fieldmodels.machines.excitation.parameters import MODES
 from fieldmodels.machines.excitation.regression import (
     ACCELERATION,
@@ -42,7 +46,7 @@ from fieldmodels.machines.excitation.regression import (
     turned_shares,
 )
 from fieldmodels.machines.excitation.suspension import Resistance
-from fieldmodels.machines.excitation.vectors import Vector, vector_at
+from fieldmodels.machines.excitation.vectors import ZERO, Vector, vector_at
 
 LANES = 4
 """Columns, one of which is idle: numbers of a vector."""
@@ -96,10 +100,10 @@ def read_response(s: FloatArray, lane: int) -> Response:
 
 
 @inlined
-def system_in(s: FloatArray, first: System, inertia: Any, lane: int) -> System:
-    """Vehicle and arm of a lane, from those of the first one, with an inertia in registers."""
+def system_in(s: FloatArray, own: System, lane: int) -> System:
+    """Vehicle and arm of a lane."""
     return System(
-        first.total, first.mass, first.reach, first.across, first.slim, first.gravity, inertia, first.joint,
+        own.total, own.mass, own.reach, own.across, own.slim, own.gravity, own.inertia, own.joint,
         read(s, REST, lane),
     )  # fmt: skip
 
@@ -162,20 +166,25 @@ def advance_modes(
     h = step / substeps
     half, full = 0.5 * h, 0.5 * h * (0.5 * h)
     s = np.zeros((ROWS, LANES))
-    first = system_of(q, arm, 0, rest)
-    inertia = vector_at(q.inertia, 0) + vector_at(q.inertia, 3)
+    mass, reach, across = arm[ARM_MASS], arm[REACH], arm[ACROSS]
+    inertia, joint = vector_at(q.inertia, 0) + vector_at(q.inertia, 3), vector_at(q.cg, 0)
+    own = System(
+        q.mass + mass, mass, reach, across, arm[ALONG_ITSELF] - across, arm[GRAVITY], inertia, joint, ZERO
+    )
     damping, twisting = vector_at(q.damping, 0), vector_at(q.damping, 3)
     stiffness, turned = vector_at(q.stiffness, 0), vector_at(q.stiffness, 3)
     for m in range(MODES):
         s[AXIS + m, m] = 1.0
-        write(s, REST, m, system_of(q, arm, m, rest).rest)
+    swing_arm(s, own, rest, 0.0, 0.0)
+    for m in range(MODES):
+        write(s, REST, m, read(s, ALONG, m))
         for i in range(3):
             s[NOW + i, m], s[NOW + 3 + i, m] = state[m, POSITION + i], state[m, VELOCITY + i]
             s[NOW + 6 + i, m], s[NOW + 9 + i, m] = state[m, ANGLE + i], state[m, RATE + i]
             s[A + i, m], s[B + i, m] = state[m, ACCELERATION + i], state[m, TURNING + i]
     for k in range(len(motion)):
         rate, turning = motion[k, 1], motion[k, 2]
-        swing_arm(s, first, motion[k, 0], rate, turning)
+        swing_arm(s, own, motion[k, 0], rate, turning)
         final = k % substeps == 0
         if k > 0:
             for m in range(MODES):
@@ -206,11 +215,11 @@ def advance_modes(
                     write_place(s, BASE, m, base)
             for m in range(LANES):
                 base, o, w = read_place(s, BASE, m), read(s, GUESS + 6, m), read(s, GUESS + 9, m)
-                g = turned_gravity(o[0], o[1], o[2], s[SINE, m], s[COSINE, m], first.gravity)
+                g = turned_gravity(o[0], o[1], o[2], s[SINE, m], s[COSINE, m], own.gravity)
                 force, force_factor = plain_suspension(damping, stiffness, base.r, base.v, c1, c2)
                 torque, torque_factor = plain_suspension(twisting, turned, base.o, base.w, c1, c2)
                 resisting = Resistance(force, torque, force_factor, torque_factor)
-                system = system_in(s, first, inertia, m)
+                system = system_in(s, own, m)
                 found = accelerations(system, read_swing(s, m, rate, turning), g, w, resisting)
                 write(s, A, m, found.a)
                 write(s, B, m, found.b)
@@ -227,7 +236,7 @@ def advance_modes(
             for m in range(MODES):
                 out, response = signals[m, k // substeps - 1], read_response(s, m)
                 write_motion(read_place(s, NOW, m), response.a, response.b, out)
-                system = system_in(s, first, inertia, m)
+                system = system_in(s, own, m)
                 write_force(system, read_swing(s, m, rate, turning), response, out)
     for m in range(MODES):
         write_motion(read_place(s, NOW, m), read(s, A, m), read(s, B, m), state[m])
