@@ -7,6 +7,7 @@ exponential from -700 to 700, beyond which it stays as it is there. Polynomials 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,23 @@ def cosine(x: float) -> float:
     """The cosine of an angle [rad]: the sine a quarter of a turn on."""
     half_turns = rounded(x * (1.0 / PI_1) + 0.5)
     return _sine_near(x, half_turns - 0.5, half_turns)
+
+
+@inlined
+def sine_and_cosine(x: float) -> tuple[float, float]:
+    """Both of an angle [rad], twice as fast as ``math`` within an eighth of a turn; ``math``'s beyond."""
+    if abs(x) > 0.785:
+        return math.sin(x), math.cos(x)
+    # Fdlibm's polynomials, in terms that don't wait for each other.
+    z = x * x
+    z2 = z * z
+    s = -1.66666666666666324348e-01 + z * 8.33333333332248946124e-03
+    s += z2 * (-1.98412698298579493134e-04 + z * 2.75573137070700676789e-06)
+    s += z2 * z2 * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
+    c = 4.16666666666666019037e-02 + z * -1.38888888888741095749e-03
+    c += z2 * (2.48015872894767294178e-05 + z * -2.75573143513906633035e-07)
+    c += z2 * z2 * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
+    return x + x * z * s, (1.0 - 0.5 * z) + z2 * c
 
 
 @inlined

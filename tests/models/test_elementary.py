@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmodels.compiled import compiled
-from fieldmodels.elementary import cosine, exponential, hyperbolic_tangent, sine
+from fieldmodels.elementary import cosine, exponential, hyperbolic_tangent, sine, sine_and_cosine
 
 
 @compiled
@@ -29,6 +29,12 @@ def test_equal_to_the_c_library(size):
         inside = x[np.abs(x) <= 700.0] if function is math.exp else x
         right = np.array([function(value) for value in inside])
         np.testing.assert_allclose(side_by_side(inside, which), right, rtol=5e-16, atol=0.0)
+
+
+def test_both_of_a_small_angle():
+    x = np.r_[np.random.default_rng(0).uniform(-0.8, 0.8, 20_000), 0.785, 0.7850001, 0.0, 1e-300, -3.0, 1e6]
+    both = np.array([sine_and_cosine(value) for value in x])
+    np.testing.assert_allclose(both, np.stack([np.sin(x), np.cos(x)], axis=1), rtol=5e-16, atol=0.0)
 
 
 def test_the_hyperbolic_tangent():

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 from fieldmodels.compiled import inlined
+from fieldmodels.elementary import sine_and_cosine
 
 
 @inlined
@@ -37,7 +36,8 @@ def observer_step(
         cromer: True for Euler-Cromer, eq (2.14); False for Euler, eq (2.9).
     """
     faster = (
-        omega + ((1.0 - sensor) * (-stiffness * math.sin(theta)) + sensor * decay * (gyro - omega)) * step
+        omega
+        + ((1.0 - sensor) * (-stiffness * sine_and_cosine(theta)[0]) + sensor * decay * (gyro - omega)) * step
     )
     return theta + (faster if cromer else omega) * step, faster
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import inlined
+from fieldmodels.elementary import sine_and_cosine
 
 ROW = 14
 
@@ -35,9 +36,10 @@ def predict(
     """
     half = 0.5 * step
     middle = f[0] + half * f[1]
-    omega = f[1] + step * (f[2] - stiffness * math.sin(middle))
+    sine, cosine = sine_and_cosine(middle)
+    omega = f[1] + step * (f[2] - stiffness * sine)
     # Jacobian of the map: rows of angle and speed; torque and collision are scalar recursions.
-    w0 = -step * stiffness * math.cos(middle)
+    w0 = -step * stiffness * cosine
     w1 = 1.0 + half * w0
     w2 = step
     t0 = 1.0 + half * w0

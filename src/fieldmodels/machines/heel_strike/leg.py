@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 from fieldmodels.compiled import inlined
+from fieldmodels.elementary import sine_and_cosine
 
 CREEP = 0.01
 """Speed below which dry friction fades smoothly [rad/s] (assumed: RK4 stays accurate at the turn)."""
@@ -66,7 +67,7 @@ def leg_step(
         extended: False leaves the force effects out, as if all of them were off, which is faster.
     """
     half = 0.5 * step
-    sine, cosine = math.sin(theta), math.cos(theta)
+    sine, cosine = sine_and_cosine(theta)
     a1 = torque - stiffness * sine
     if extended:
         a1 += effect_acceleration(omega, time, plant)
