@@ -1,14 +1,22 @@
 """Stated standard errors are the spread of estimates, even where few windows say how errors correlate."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
+from scipy import stats
 from scipy.signal import lfilter
 
 from fieldmodels.diagnosis.fit import fit, weighed
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.diagnosis.uncertainty import standard_errors
+from fieldmodels.diagnosis.result import Cause, Estimate, Share
+from fieldmodels.diagnosis.uncertainty import amplitudes, differs_from_neutral, standard_errors
 from fieldmodels.diagnosis.whitening import covariance_whitener, diagonal_whitener
-from fieldmodels.model import Model, Parameter, Signal
+from fieldmodels.exam.benches import Conditions, get_bench
+from fieldmodels.exam.sizes import recordings
+from fieldmodels.model import Effect, Model, Parameter, Signal
 from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
 
 STEP, NOISE = 0.02, 0.1
 TRUTH = np.array([0.8, 0.6, 1.3])
@@ -87,3 +95,81 @@ def test_a_parameter_without_influence_has_no_standard_error():
     errors = standard_errors(problem, found)
     assert errors[0] > 0
     assert np.isnan(errors[1])
+
+
+class Hummed(Wave):
+    """The same with a hum that may not be there: two amplitudes and a frequency."""
+
+    name = "hummed"
+    parameters = Wave.parameters[:1]
+    effects = (
+        Effect(
+            "hum",
+            "It hums.",
+            "force",
+            (
+                Parameter("sine", "m", 0.0, -10.0, 10.0, 0.1),
+                Parameter("cosine", "m", 0.0, -10.0, 10.0, 0.1),
+                Parameter("frequency", "Hz", 1.3, 0.01, 25.0, 0.01),
+            ),
+        ),
+    )
+
+    def simulate(self, parameters, windows):
+        gain, sine, cosine, frequency = np.atleast_2d(parameters).T[:, :, None, None]
+        rows = np.minimum(windows.starts[:, None] + np.arange(windows.samples), len(windows.recording) - 1)
+        turn = 2 * np.pi * frequency * windows.recording.time[rows]
+        hum = sine * np.sin(turn) + cosine * np.cos(turn)
+        return (windows.states[:, :1] + gain * windows.recording["command"][rows] + hum)[..., None]
+
+
+def differs(sizes, errors, together=0.0):
+    """What is said of a hum of such amplitudes whose errors are so correlated."""
+    problem = build(Hummed(), [record(1)], 0.8)
+    square = np.linalg.inv([[1.0, together, 0.0], [together, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    rows = np.linalg.cholesky(square).T[None]
+    fitted = SimpleNamespace(
+        parameters=np.array([0.8, *sizes, 2.0]), states=problem.states, free=np.array([1, 2, 3]),
+        information=np.einsum("wrk,wrl->kl", rows, rows),
+    )  # fmt: skip
+    values = dict(zip(("sine", "cosine"), map(Estimate, sizes, errors, "mm"), strict=True))
+    values["frequency"] = Estimate(2.0, 1e-4, "Hz")
+    cause = Cause("hum", "It hums.", "force", values, "level", Share(0.0, (0.0, 0.0)))
+    return differs_from_neutral(problem, fitted, cause)
+
+
+def test_a_sharp_frequency_is_no_evidence_of_a_hum():
+    assert not differs((0.52, -0.16), (0.73, 0.25))
+    assert differs((0.0, -0.8), (0.73, 0.25))
+
+
+@pytest.mark.parametrize("together", [-0.8, 0.0, 0.8])
+@pytest.mark.parametrize("sizes", [(1.9, 1.9), (1.9, -1.9), (2.1, 0.0)])
+def test_amplitudes_are_judged_together_at_the_level_of_two_standard_errors_of_one(sizes, together):
+    """By the density itself: how often chance draws anything as improbable, of 200,000 pairs."""
+    drawn = np.random.default_rng(1).multivariate_normal([0, 0], [[1, together], [together, 1]], 200_000)
+    density = stats.multivariate_normal([0, 0], [[1, together], [together, 1]])
+    as_rare = np.mean(density.pdf(drawn) < density.pdf(sizes))
+    assert abs(as_rare - 0.0455) > 0.002  # the draws decide
+    assert differs(sizes, (1.0, 1.0), together) == (as_rare < 0.0455)
+
+
+SHAPES = {"frequency", "period", "place", "velocity", "distance", "time", "length"}
+
+
+@pytest.mark.parametrize("name", ["rig", "pendulum", "servo", "pose_reaching", "differential_drive"])
+def test_frequencies_places_and_times_are_the_values_that_are_no_amplitudes(name):
+    bench = get_bench(name)
+    train, _ = recordings(bench, (), Conditions(), 5)
+    model = get_model(name).scaled_to([train])
+    problem = build(model, [train], model.horizons[0])
+    for effect in model.effects:
+        fitted = SimpleNamespace(parameters=model.nominal.copy(), states=problem.states)
+        inside = model.slice_of(effect.name)
+        # as a fit would leave it, a stop within the travel
+        fitted.parameters[inside] = [
+            p.starts[0] if p.starts else p.nominal + p.scale for p in effect.parameters
+        ]
+        found = {effect.parameters[k].name for k in amplitudes(problem, fitted, effect)}
+        if len(effect.parameters) > 1:
+            assert found == {p.name for p in effect.parameters} - SHAPES, effect.name

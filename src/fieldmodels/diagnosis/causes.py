@@ -23,7 +23,7 @@ from fieldmodels.diagnosis.result import (
     Share,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value
-from fieldmodels.diagnosis.uncertainty import standard_errors
+from fieldmodels.diagnosis.uncertainty import differs_from_neutral, standard_errors
 from fieldmodels.diagnosis.verdict import (
     Judgement,
 )
@@ -71,7 +71,11 @@ def told_from_neutral(
     """The set without what cannot be told from neutral, one by one, and what that was."""
     chosen, possible = path[-1], []
     while chosen.effects:
-        doubtful = [c for c in causes_of(candidates, path, testing, rng) if not _is_told(c, candidates)]
+        doubtful = [
+            cause
+            for cause in causes_of(candidates, path, testing, rng)
+            if cause.gain.ci95[1] < 0.0 or not differs_from_neutral(candidates.problem, chosen.fit, cause)
+        ]
         if not doubtful:
             break
         weakest = min(doubtful, key=lambda c: c.nats)
@@ -79,18 +83,6 @@ def told_from_neutral(
         chosen = candidates.without(chosen, weakest.effect)
         path = path_to(candidates, path[0], chosen)
     return chosen, tuple(possible)
-
-
-def _is_told(cause: Cause, candidates: Candidates) -> bool:
-    """Whether any of a cause's values is two standard errors from neutral, and its gain above zero."""
-    effect = candidates.problem.model.effect(cause.effect)
-    told = any(
-        abs(cause.parameters[p.name].value - p.nominal) > 2.0 * cause.parameters[p.name].std
-        or not np.isfinite(cause.parameters[p.name].std)
-        for p in effect.parameters
-        if p.name in cause.parameters
-    )
-    return told and not cause.gain.ci95[1] < 0.0
 
 
 def causes_of(

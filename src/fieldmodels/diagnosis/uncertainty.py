@@ -1,15 +1,23 @@
-"""Standard errors of a fit's parameters."""
+"""Standard errors of a fit's parameters, and whether an effect's size differs from neutral."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import INSENSITIVE
 from fieldmodels.diagnosis.linearisation import Fit, pseudo_inverse
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.result import Cause
+from fieldmodels.model import Effect
+
+CHANCE = 2 * float(stats.norm.sf(2.0))
+"""Level at which a size must differ from neutral: two standard errors of a single value."""
+SMALL = 0.01
+"""Of its scale, by which a value is moved from neutral to see whether it does anything."""
 
 
 def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
@@ -48,6 +56,56 @@ def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
     )
     result[used] = np.sqrt(unknown * np.max(variances, axis=0)) * slope[used]
     return result
+
+
+def differs_from_neutral(problem: Problem, fitted: Fit, cause: Cause) -> bool:
+    """Whether an effect's size differs from neutral: Wald's test of all its amplitudes together.
+
+    A frequency, a place or a threshold has no neutral value and proves nothing: it is sharp in whatever is
+    fitted. Amplitudes without a standard error are believed.
+
+    Args:
+        problem: The windows.
+        fitted: A fit with the effect.
+        cause: Its values and their standard errors.
+    """
+    effect, place = problem.model.effect(cause.effect), problem.model.slice_of(cause.effect)
+    own = [k for k in amplitudes(problem, fitted, effect) if effect.parameters[k].name in cause.parameters]
+    named = [(effect.parameters[k], cause.parameters[effect.parameters[k].name]) for k in own]
+    size = np.array([(value.value - p.nominal) / value.std for p, value in named])
+    if not np.isfinite(size).all():
+        return True
+    at = [int(np.flatnonzero(fitted.free == place.start + k)[0]) for k in own]
+    covariance = pseudo_inverse(fitted.information)[np.ix_(at, at)]
+    scale = np.sqrt(np.diag(covariance))
+    wald = size @ pseudo_inverse(covariance / np.outer(scale, scale), 1e-9) @ size
+    return bool(stats.chi2.sf(wald, len(own)) < CHANCE)
+
+
+def amplitudes(problem: Problem, fitted: Fit, effect: Effect) -> list[int]:
+    """Which of an effect's values switch it on: they change the simulation from neutral by themselves.
+
+    The others are neutral meanwhile, or as fitted where no value does so (a stop whose place is neutral
+    beyond the travel).
+    """
+    place, count = problem.model.slice_of(effect.name), len(effect.parameters)
+    if count == 1:
+        return [0]
+    nominal = np.array([p.nominal for p in effect.parameters])
+    step = np.array([SMALL * (p.scale if p.nominal < p.upper else -p.scale) for p in effect.parameters])
+    for others in (nominal, fitted.parameters[place]):
+        batch = np.repeat(fitted.parameters[None], 2 * count, axis=0)
+        own = np.repeat(others[None], 2 * count, axis=0)
+        for k in range(count):
+            own[2 * k : 2 * k + 2, k] = nominal[k], nominal[k] + step[k]
+        batch[:, place] = own
+        outputs = problem.simulate(batch, fitted.states)
+        found = [
+            k for k in range(count) if not np.array_equal(outputs[2 * k], outputs[2 * k + 1], equal_nan=True)
+        ]
+        if found:
+            return found
+    return list(range(count))
 
 
 def _powers(fitted: Fit, which: NDArray[np.bool_]) -> FloatArray:
