@@ -154,6 +154,37 @@ def test_amplitudes_are_judged_together_at_the_level_of_two_standard_errors_of_o
     assert differs(sizes, (1.0, 1.0), together) == (as_rare < 0.0455)
 
 
+class Stopped(Hummed):
+    """A stop whose neutral place is far beyond the travel: at it, no stiffness does anything."""
+
+    effects = (
+        Effect(
+            "stop",
+            "It hits a stop.",
+            "force",
+            (
+                Parameter("stiffness", "1", 0.0, -10.0, 10.0, 0.1),
+                Parameter("place", "m", 1e3, -1e4, 1e4, 1.0),
+                Parameter("slant", "1", 0.0, -10.0, 10.0, 0.1),
+            ),
+        ),
+    )
+
+    def simulate(self, parameters, windows):
+        gain, stiffness, place, slant = np.atleast_2d(parameters).T[:, :, None, None]
+        rows = np.minimum(windows.starts[:, None] + np.arange(windows.samples), len(windows.recording) - 1)
+        level = windows.states[:, :1] + gain * windows.recording["command"][rows]
+        beyond = np.maximum(level - place, 0.0)
+        return (level - stiffness * beyond - slant * np.minimum(beyond, 0.5))[..., None]
+
+
+def test_the_place_of_a_stop_that_is_neutral_out_of_reach_is_no_amplitude():
+    problem = build(Stopped(), [record(1)], 0.8)
+    for stiffness, slant, found in ((2.0, 0.0, [0, 2]), (0.0, 0.3, [0, 2])):
+        fitted = SimpleNamespace(parameters=np.array([0.8, stiffness, 0.1, slant]), states=problem.states)
+        assert amplitudes(problem, fitted, Stopped.effects[0]) == found
+
+
 SHAPES = {"frequency", "period", "place", "velocity", "distance", "time", "length"}
 
 

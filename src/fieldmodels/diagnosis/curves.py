@@ -21,6 +21,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.coordinates import Coordinates
+from fieldmodels.diagnosis.feedback import fed_back
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.jumps import jumps_near, strongest_jump
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
@@ -490,7 +491,10 @@ class Curves:
         for name in self._shown:
             apart = {name: plain[name]} if name in plain else {}
             # A controller's next command holds the sensor's noise, and so does its change.
-            steady = {n: s for n, s in plain.items() if not n.startswith(CHANGE)}
+            held = {n for n in plain if n.startswith(CHANGE)}
+            if fed_back(self.problem, name):
+                held |= {n for n in plain if n.startswith("rate of ")} | {s.name for s in model.inputs}
+            steady = {n: s for n, s in plain.items() if n not in held}
             over = {**(apart if chance else steady), **own[name]}
             for curve in (*tabled(over), *(fading(one, plain) for one in apart)):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])
