@@ -25,8 +25,8 @@ def part(verdict, vector=NOMINAL):
     return SimpleNamespace(
         verdict=verdict, vector=np.array(vector), causes=(), misfit=(), gain={}, curves=(), possible=(),
         seen=(), mistaken="", curve_effects={}, not_runnable=(), next_measurement=None, parameters={},
-        undetermined=(), wandering={}, above_noise={}, not_testable={}, trained_on=(), tested_on=(),
-        windows=(1, 1), seconds=1.0, evidence=nothing, notes=(),
+        undetermined=(), bounded=(), wandering={}, above_noise={}, not_testable={},
+        trained_on=(), tested_on=(), windows=(1, 1), seconds=1.0, evidence=nothing, notes=(),
     )  # fmt: skip
 
 

@@ -86,7 +86,8 @@ def how_sure(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         shown, rest = _least_visible(diagnosis)
         more = " The report lists the rest." if rest else ""
-        return f"Larger than this would have been seen: {listed(shown)}.{more}" if shown else ""
+        seen = f"Larger than this would have been seen: {listed(shown)}.{more}" if shown else ""
+        return " ".join(filter(None, (seen, diagnosis.of_bounds)))
     parts = []
     for cause in diagnosis.causes:
         sure = next((word for level, word in SURE if cause.p_value < level), "")
@@ -99,6 +100,8 @@ def how_sure(diagnosis: Diagnosis) -> str:
     if diagnosis.undetermined:
         names = listed([words(name) for name in diagnosis.undetermined])
         parts.append(f"Caution: these data hardly determine {names}; excite the machine more.")
+    if diagnosis.of_bounds:
+        parts.append(diagnosis.of_bounds)
     if diagnosis.possible:
         names = listed([words(c.effect) for c in diagnosis.possible])
         parts.append(f"Possible, but not distinguishable from none: {names}.")
@@ -134,6 +137,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
             f"Simulate with {what}: <code>extended.yaml</code> holds the extended simulation, for "
             '<code>gym.make(..., reality="extended.yaml")</code> and <code>fieldgym export</code>.'
         )
+    if diagnosis.not_runnable:
+        steps.append(text(f"Not in extended.yaml: {'; '.join(diagnosis.not_runnable)}."))
     if diagnosis.verdict == "unknown":
         steps.append(
             "Look at the shape of the remaining error in the report: it shows where in the machine to look."

@@ -60,6 +60,31 @@ def extend(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Exten
     return Extension(model, fitted, _final(curves, fitted, count))
 
 
+def improving(
+    problem: Problem, kept: Candidate, curves: Sequence[Scored], testing: Problem, after: Prediction
+) -> Extension | None:
+    """The extension with as many of the curves, the first ones, as predict test windows better.
+
+    Better are errors whose logarithms have a lower mean over the outputs.
+
+    Args:
+        problem: As of ``extend``.
+        kept: As of ``extend``.
+        curves: As of ``extend``.
+        testing: Test windows.
+        after: Their prediction by the named effects alone.
+    """
+    for count in range(len(curves), 0, -1):
+        extension = extend(problem, kept, curves[:count])
+        if extension is None:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):  # outputs that are exact, or not measured
+            lower = np.log(extension.predict(testing).rmse() / after.rmse())
+        if np.nanmean(lower) < 0.0:
+            return extension
+    return None
+
+
 def _final(curves: Sequence[Scored], fitted: Fit, first: int) -> tuple[Scored, ...]:
     """The curves with the coefficients of a fit, and their covariance."""
     inverse = np.linalg.pinv(fitted.information, hermitian=True, rcond=1e-10)

@@ -60,6 +60,7 @@ class Diagnosis:
         next_measurement: What to record next, if sets of effects remain indistinguishable.
         parameters: Refitted base parameters of the extended simulation.
         undetermined: Positive base parameters whose standard error exceeds half of their value.
+        bounded: Values that ended at what is allowed, in words.
         vector: Whole parameter vector of the extended simulation.
         not_testable: Effects that could not be tested, with the reason.
         trained_on: Sources of the training data.
@@ -103,6 +104,7 @@ class Diagnosis:
     simulations: float = 0.0
     stopped: str = ""
     above_noise: Mapping[str, float] = field(default_factory=dict)
+    bounded: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """The verdict in a line."""
@@ -197,6 +199,16 @@ class Diagnosis:
         )
 
     @property
+    def of_bounds(self) -> str:
+        """What ended at a bound, and what that means, in a sentence; empty if nothing did."""
+        if not self.bounded or self.mistaken or self.verdict == "unrelated":
+            return ""
+        return (
+            f"Caution: the fit ended with {listed([*self.bounded])}; the verdict and the extended "
+            "simulation depend on what is allowed there."
+        )
+
+    @property
     def horizon(self) -> float:
         """Length of the predicted windows [s]."""
         return next((g.horizon for g in self.gain.values()), self.machine.horizons[0])
@@ -251,6 +263,7 @@ class Diagnosis:
             ),
             "parameters": {name: e.to_json() for name, e in self.parameters.items()},
             "undetermined": list(self.undetermined),
+            "bounded": list(self.bounded),
             "wandering": {name: number(size) for name, size in self.wandering.items()},
             "above_noise": {name: number(times) for name, times in self.above_noise.items()},
             "not_testable": dict(self.not_testable),
@@ -281,6 +294,8 @@ class Diagnosis:
                 f" Caution: these data hardly determine {names}, so the verdict is weak; "
                 "excite the machine more."
             )
+        if bounds := self.of_bounds:
+            text += f" {bounds}"
         if self.possible:
             names = " and ".join(c.effect.replace("_", " ") for c in self.possible)
             text += f" Possible, but not distinguishable from none: {names}."

@@ -33,7 +33,7 @@ from fieldmodels.diagnosis.cutting import (
 )
 from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
-from fieldmodels.diagnosis.extension import extend
+from fieldmodels.diagnosis.extension import improving
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.informative import evenly, informative
 from fieldmodels.diagnosis.inputs import decided
@@ -57,6 +57,7 @@ from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.diagnosis.statements import (
     above_noise,
     base_estimates,
+    bounded,
     gains,
     not_testable,
     poorly_known,
@@ -320,8 +321,9 @@ def _stated(
     """The result in words and numbers, with the extended simulation."""
     training, kept, selection = candidates.problem, found.judged.kept, found.selection
     model = training.model
-    extension = extend(training, kept, found.curves)
-    curves = tuple(s.shown(found.certain) for s in (extension.curves if extension else found.curves))
+    extension = improving(training, kept, found.curves, testing, found.after)
+    added = extension.curves if extension else ()
+    curves = tuple(s.shown(found.certain) for s in (*added, *found.curves[len(added) :]))
     whole = extension.predict(testing) if extension else found.after
     verdict: Verdict = (
         "unknown" if found.mistaken else "unrelated" if found.unrelated else verdict_of(found.causes, curves)
@@ -336,7 +338,8 @@ def _stated(
         bool(found.mistaken) or found.unrelated or (verdict == "unknown" and bool(curves) and found.certain)
     )
     machine = model.inner if isinstance(model, WholeRecords) else model
-    effects, not_runnable = runnable(machine, curves, training.horizon)
+    effects, not_runnable = runnable(machine, curves[: len(added)], training.horizon)
+    no_better = (f"{c.direction} (it predicts the test data no better)" for c in curves[len(added) :])
     lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,
@@ -351,13 +354,14 @@ def _stated(
         curves=curves,
         possible=found.possible,
         curve_effects=effects,
-        not_runnable=not_runnable,
+        not_runnable=(*not_runnable, *no_better),
         seen=visible(kept, found.judged.tried) if verdict == "consistent" else (),
         next_measurement=None
         if answered or lacks("the next measurement")
         else next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=poorly_known(model, base),
+        bounded=bounded(model, final),
         wandering={}
         if found.mistaken or found.unrelated
         else wandering_zeros(training, beside.fit, candidates.options.price),

@@ -208,8 +208,7 @@ def _curve_numbers(curves: Sequence[MissingCurve]) -> Numbers:
 def _curves(diagnosis: Diagnosis) -> str:
     if not diagnosis.curves:
         return ""
-    left = f"Not in extended.yaml: {'; '.join(diagnosis.not_runnable)}." if diagnosis.not_runnable else ""
-    return f"<p>{' '.join(map(_curve_words, diagnosis.curves))} {html.text(left)}</p>"
+    return f"<p>{' '.join(map(_curve_words, diagnosis.curves))}</p>"
 
 
 def _curve_words(curve: MissingCurve) -> str:

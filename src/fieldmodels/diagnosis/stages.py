@@ -52,6 +52,7 @@ def joined(model: Model, parts: Sequence[Diagnosis]) -> Diagnosis:
         next_measurement=next((part.next_measurement for part in parts if part.next_measurement), None),
         parameters=first.parameters,
         undetermined=first.undetermined,
+        bounded=tuple(dict.fromkeys(words for part in parts for words in part.bounded)),
         vector=_vector(model, [part.vector for part in parts]),
         wandering={name: size for part in parts for name, size in part.wandering.items()},
         above_noise={name: times for part in parts for name, times in part.above_noise.items()},

@@ -17,6 +17,7 @@ from fieldmodels.diagnosis.result import (
 from fieldmodels.diagnosis.selection import Selection, block_p_value
 from fieldmodels.diagnosis.uncertainty import standard_errors
 from fieldmodels.model import Model
+from fieldmodels.rounding import with_error, words
 
 POORLY_KNOWN = 0.5  # relative standard error above which a base parameter counts as poorly known
 ABOVE = (
@@ -70,6 +71,16 @@ def poorly_known(model: Model, base: Mapping[str, Estimate]) -> tuple[str, ...]:
         for p in model.parameters
         if p.lower > 0 and not base[p.name].std <= POORLY_KNOWN * base[p.name].value
     )
+
+
+def bounded(model: Model, fitted: Fit) -> tuple[str, ...]:
+    """Fitted values that the data would have beyond what is allowed, each with where it ended."""
+    result = []
+    for i in fitted.free[~fitted.active & (fitted.free < len(model.names))]:
+        p, value = model.all_parameters[i], float(fitted.parameters[i])
+        end = "smallest" if value - p.lower < p.upper - value else "largest"
+        result.append(f"{words(model.names[i])} at the {end} value allowed, {with_error(value, unit=p.unit)}")
+    return tuple(result)
 
 
 def above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
