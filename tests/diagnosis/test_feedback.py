@@ -89,6 +89,15 @@ def test_gaps_and_short_episodes_tell_nothing_of_their_own():
     assert _told(command, shown, np.array([[0, 3], [3, 6]])) == 0.0
 
 
+def test_a_sensor_that_feels_steps_of_a_command_is_not_taken_for_feedback():
+    rng = np.random.default_rng(4)
+    command = np.repeat(rng.normal(size=300), 10)
+    bounds = np.array([[0, 3000]])
+    assert _told(command, 0.5 * command + 0.1 * rng.normal(size=3000), bounds) == 0.0
+    each = rng.normal(size=3000)  # at every sample it cannot be told from that
+    assert _told(each, 0.5 * each + 0.1 * rng.normal(size=3000), bounds) > 0.5
+
+
 def test_each_sensor_is_asked_by_itself():
     problem = build(PENDULUM, [pendulum(3, count=2000, feedback=(0.0, 1.0), keep=0.0)], 0.3)
     assert not fed_back(problem, "angle")
