@@ -78,6 +78,8 @@ NEAR_BEST = 3  # tables whose known functions compete with names
 TRIED = 4  # of the best tables and functions, of which the first that the data call for is taken
 TOLD = 3.0  # times its error that a variable must move where noise drives the machine, as measured inputs do
 OF_CHANCE = 5.0  # times as much a curve must bring in few blocks where chance drives: it brought 2.5 times
+BEFORE = 2  # segments, by which a variable is late that may hold the noise that a controller feeds back
+LASTING = 0.1  # of what a curve over that brings, that it must bring by what that was so long before
 TOGETHER = 500_000  # numbers of curves that are looked at together, which bounds memory
 SOUND = 1e-11  # of the largest eigenvalue of a curve's columns: below it they are the same
 LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the free parameters' sensitivities
@@ -159,6 +161,7 @@ class Curves:
             model.outputs[j].name: offsets(problem, j) for j in measured if not model.outputs[j].event
         }
         self.signals = self._variables()
+        self._fed_back: dict[str, bool] = {}
         self._answers: dict[tuple[str, str, str], Answers] = {}
         self._places: dict[tuple[str, str], FloatArray] = {}
         self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
@@ -189,8 +192,10 @@ class Curves:
             for k, gain, combination in screen.identifiable(tried)
         ]
         promising.sort(key=lambda one: -one[0])
-        found = [self._scored(candidate, *one[1:]) for one in promising[:SCREENED]]
-        return sorted(found, key=lambda s: s.candidate.total)
+        found = (self._scored(candidate, *one[1:]) for one in promising[:SCREENED])
+        return sorted(
+            (one for one in found if not self._is_an_echo(candidate, one)), key=lambda s: s.candidate.total
+        )
 
     def called_for(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether a curve improves a candidate significantly, whichever of all curves it is.
@@ -213,6 +218,25 @@ class Curves:
         return (
             steady and curves.convinces(parent, again, among) and curves.outdoes_noise(parent, again, among)
         )
+
+    def _is_an_echo(self, candidate: Candidate, scored: Scored) -> bool:
+        """Whether a sensor seems to depend on what its own noise has moved through a controller.
+
+        Then it hardly depends on what that was a moment before, when a path or a set-point moved it, too.
+        """
+        curve, model = scored.curve, self.problem.model
+        told = curve.over.startswith("rate of ") or curve.over in {s.name for s in model.inputs}
+        if curve.place != "sensor" or not told or model.random_force:
+            return False
+        if curve.target not in self._fed_back:
+            self._fed_back[curve.target] = fed_back(self.problem, curve.target)
+        if not self._fed_back[curve.target]:
+            return False
+        before = np.zeros_like(scored.values)
+        before[:, BEFORE:] = scored.values[:, :-BEFORE]
+        late = replace(curve, values=before, shapes=scored.basis)
+        again = self._scored(candidate, late, np.eye(before.shape[2]))
+        return again.total < LASTING * scored.total
 
     def with_own_weights(
         self, candidate: Candidate, scored: Scored
@@ -491,10 +515,7 @@ class Curves:
         for name in self._shown:
             apart = {name: plain[name]} if name in plain else {}
             # A controller's next command holds the sensor's noise, and so does its change.
-            held = {n for n in plain if n.startswith(CHANGE)}
-            if fed_back(self.problem, name):
-                held |= {n for n in plain if n.startswith("rate of ")} | {s.name for s in model.inputs}
-            steady = {n: s for n, s in plain.items() if n not in held}
+            steady = {n: s for n, s in plain.items() if not n.startswith(CHANGE)}
             over = {**(apart if chance else steady), **own[name]}
             for curve in (*tabled(over), *(fading(one, plain) for one in apart)):
                 yield replace(curve, place="sensor", target=name, unit=outputs[name])

@@ -3,7 +3,7 @@
 Whatever such a command moves at once (an acceleration) runs as the sensor's error does, on data that had no
 say, too: over it noise looks like a fault of the sensor, the clearer the slower it is (the bias of direct
 identification in closed loop, Ljung 1999, section 13.4). A sensor that feels the command looks alike, unless
-that rests at times, as no noise does, or is smooth.
+that rests at times, as no noise does, or is smooth; ``Curves.judge`` tells them apart by what it was before.
 """
 
 from __future__ import annotations
