@@ -64,7 +64,7 @@ LOGS = {
     "heel_strike-b": recording("heel_strike", "seed=10", "duration=150"),
 }
 GUESSED = {
-    "tuned": 60.0, "searched steps": 0.02, "imitated": 0.2, "learned": 0.3, "steps": 0.02, "calls": 0.5,
+    "tuned": 4.0, "searched steps": 0.02, "imitated": 0.2, "learned": 0.3, "steps": 0.02, "calls": 0.5,
     "batches": 2.0, "validations": 0.1, "validated": 0.002, "played": 0.02, "scenarios": 1.0, "cases": 15.0,
     "hostile cases": 0.9, "search": 5.0, "fitted rows": 1.0, "read rows": 0.01, "recorded rows": 0.005,
     "kernels": 0.6,

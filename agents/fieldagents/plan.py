@@ -274,7 +274,7 @@ def of_realities(config: RealitiesConfig, out: Path, engine: Engine) -> Plan:
     work: Work = {
         "start:evaluate": 1.0,
         f"search:{model}": many,
-        f"tuned:{config.task}/{config.agent}": many,
+        f"tuned:{config.task}/{config.agent}": 2 * many + 1,  # by the diagnosis, and by the truth
         f"played:{config.task}/{config.agent}": 3 * many * config.episodes,
     }
     notes = (f"{config.realities} realities; those that are done are kept",)

@@ -21,8 +21,10 @@ from fieldagents.retune.reality import drawn, recorded
 from fieldagents.retune.recovery import pooled_recovery
 from fieldagents.retune.table import tables
 from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS
+from fieldmodels.diagnosis import diagnose
 from fieldmodels.model import StrayedError
 from fieldmodels.recording import RecordingError
+from fieldmodels.registry import get_model
 
 SHIPPED = sorted((Path(__file__).parents[2] / "configs").glob("*/realities.yaml"))
 FAULTS = {
@@ -154,15 +156,20 @@ def test_what_the_diagnosis_does_not_name_is_not_won_back(nothing, tmp_path, mon
     assert result.recovered.share in (0.0, None)
 
 
-def test_a_robot_that_strays_is_recorded_for_as_long_as_it_came():
+def test_a_robot_that_strays_is_put_back_until_enough_is_recorded():
     """Its commands come so late that it leaves the line; nobody has a log of what comes after."""
     config = RealitiesConfig.model_validate(SHORT)
     late = {"actuator_delay": {"strides": 2.0}}
     with pytest.raises(StrayedError) as caught:
         make_recording(RecordConfig(name="x", model="line_following", reality=late, duration=360, seed=5))
     log = recorded(config, late, 5)
-    assert 0 < len(log) * log.step <= caught.value.lasted < 360
+    lengths = np.diff(log.bounds, axis=1)[:, 0]
+    assert 0 < lengths[0] * log.step <= caught.value.lasted < 360
+    assert 1 < len(lengths) == len(np.unique(log["offset"][log.bounds[:, 0]])), "each walk has its own noise"
+    assert 360 <= len(log) * log.step < 360 + caught.value.lasted
     assert np.abs(log["offset"]).max() < 1.1
+    delay = diagnose(get_model("line_following"), [log]).extended()["effects"]["actuator_delay"]["strides"]
+    assert abs(delay["value"] - 2.0) < 3 * delay["std"] < 0.3
 
 
 def run(*arguments):

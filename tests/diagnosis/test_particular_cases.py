@@ -14,6 +14,7 @@ from fieldmodels.exam.benches.axis import DURATION, STEP
 from fieldmodels.exam.plants.axis import simulate
 from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.excitation.recording import record_experiment
+from fieldmodels.machines.heel_strike.recording import record_walk as record_leg
 from fieldmodels.machines.line_following.body import Body, Hardware
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
@@ -22,6 +23,7 @@ from fieldmodels.machines.line_following.tracks import oval, straight
 from fieldmodels.machines.line_following.walks import Scene
 from fieldmodels.machines.pose_reaching.recording import record_drive
 from fieldmodels.machines.uav_route.recording import record_flight
+from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
@@ -164,6 +166,22 @@ def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
     truth = np.array([force(x) for x in place])
     left = [y - base @ np.linalg.lstsq(base, y, rcond=None)[0] for y in (values, truth)]
     assert np.corrcoef(left)[0, 1] > 0.8
+
+
+def test_a_gyro_that_drifts_is_found_in_a_long_walk():
+    """Of five minutes 2e-5 rad/s2 are not seen, of twenty they are; a model states its peaks by size."""
+    drift = Reality(effects={"gyro_drift": {"rate": 2e-5}})
+    log = record_leg(1200.0, np.random.default_rng(48), reality=drift)
+    found = diagnose(get_model("heel_strike"), [log]).extended()["effects"]["gyro_drift"]["rate"]
+    assert abs(found["value"] - 2e-5) < 3 * found["std"] < 1e-5
+
+
+def test_a_tracker_that_is_off_by_kilometres_is_not_believed_more_than_the_way_of_the_flight():
+    """The base alone explains the courses by positions 2 km aside; from there a fit said 1849 m."""
+    off = {"sensor_bias": {"north": 2200.0, "east": -200.0}}
+    found = diagnose(get_model("uav_route"), [flight(off, 5)]).extended()["effects"]["sensor_bias"]
+    for side, true in off["sensor_bias"].items():
+        assert abs(found[side]["value"] - true) < 3 * found[side]["std"] < 60
 
 
 def test_each_cause_says_in_which_signal_it_shows():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from fieldagents.retune.after import nothing_to_retune
 from fieldagents.retune.config import RealitiesConfig, seeds_of
 from fieldagents.retune.result import NOMINAL, ORACLE, RETUNED
 from fieldagents.retune.trained import tuner_of
+from fieldagents.seeds import LARGEST_SEED
 from fieldgym import find_task
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.drivers.named import flown
@@ -33,6 +35,10 @@ from fieldmodels.yaml import save_yaml
 EPISODES = "episodes.parquet"
 DRAW = 2
 """Stream of a seed from which a reality is drawn, apart from the recording's noise."""
+AGAIN = 3
+"""Stream from which the seeds of further walks are drawn, of a robot that strays."""
+WALKS = 100
+"""Times that such a robot is put back, at most."""
 
 
 def close(config: RealitiesConfig, number: int, folder: Path, report: Report) -> dict[str, Any]:
@@ -96,13 +102,34 @@ def close(config: RealitiesConfig, number: int, folder: Path, report: Report) ->
 
 
 def recorded(config: RealitiesConfig, hidden: Any, seed: int) -> Recording:
-    """A reality's recording; a robot that strays is recorded again, for as long as it came.
+    """A reality's recording; a robot that strays is put back and recorded again, until as much is recorded.
 
     Raises:
         RecordingError: If it strays at once.
     """
+    walks: list[Recording] = []
+    left, again = float(config.record["duration"]), np.random.default_rng([seed, AGAIN])
+    while left > 0 and len(walks) < WALKS:
+        log = _until_it_strays(config, hidden, int(again.integers(LARGEST_SEED)) if walks else seed, left)
+        if log is None:
+            break
+        walks.append(log)
+        left -= len(log) * log.step
+    if not walks:
+        raise RecordingError("the robot strays at once")
+    if len(walks) == 1:
+        return walks[0]
+    return replace(
+        walks[0],
+        time=np.concatenate([log.time for log in walks]),
+        signals={name: np.concatenate([log[name] for log in walks]) for name in walks[0].signals},
+        episode=np.repeat(np.arange(len(walks)), [len(log) for log in walks]),
+    )
+
+
+def _until_it_strays(config: RealitiesConfig, hidden: Any, seed: int, duration: float) -> Recording | None:
+    """A walk of at most so long [s]; nobody has a log of what comes after the robot has strayed."""
     parts = {"name": "record", "model": find_task(config.task).model, "reality": hidden, "seed": seed}
-    duration = config.record["duration"]
     while duration > 0:
         try:
             return make_recording(
@@ -110,7 +137,7 @@ def recorded(config: RealitiesConfig, hidden: Any, seed: int) -> Recording:
             )
         except StrayedError as error:
             duration = error.lasted
-    raise RecordingError("the robot strays at once")
+    return None
 
 
 def drawn(config: RealitiesConfig, seed: int) -> dict[str, dict[str, float]]:

@@ -187,11 +187,23 @@ class Candidates:
         if not np.isfinite(best.cost):
             return None
         best = refit(self.problem, best, self.whitener, MOST, _Twin(self.problem.model, effect))
+        if effect.where == "sensor" and _left_measured(self.problem, parent.fit):
+            best = min(best, self._from_measured(best.parameters, free), key=lambda f: f.cost)
         best = self._profiled(best, effect)
         if simpler(self.problem.model, effect, best.parameters):
             return None
         search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
         return self._judged((*parent.effects, name), best, float(search))
+
+    def _from_measured(self, start: FloatArray, free: IntArray) -> Fit:
+        """A fit whose initial states begin where they were measured, weighed by its own errors on the way.
+
+        Without a sensor's error the base believes its motion more than the sensor; its states and weights
+        keep a fit that goes on from there in a local minimum.
+        """
+        problem = self.problem
+        begun = fit(problem, start, free, self.whitener, problem.states, 3)
+        return refit(problem, weighed(problem, begun, 10), self.whitener, MOST)
 
     def again(self, candidate: Candidate) -> Candidate:
         """Refit a candidate with the current whitener."""
@@ -272,7 +284,7 @@ class Candidates:
         linear = _linear(self.problem, effect)
         for k, parameter in enumerate(effect.parameters):
             if parameter.unit == "Hz" and effect.where == "force" and self.problem.model.disturbance_unit:
-                choices[k] = self.lines(parent, np.array(choices[k]))
+                choices[k] = self.lines(parent, np.sort(choices[k]))  # a model states peaks by size
         values = np.array(list(itertools.product(*choices)))
         place = self.problem.model.slice_of(effect.name)
         result = np.tile(parent.fit.parameters, (len(values), len(linear), 1))
@@ -473,6 +485,14 @@ def _is_far(problem: Problem, fitted: Fit) -> bool:
     """Whether samples of any signal are off by several times its noise."""
     errors, noise = _sample_errors(problem, fitted), np.array([o.noise for o in problem.model.outputs])
     return any(errors[j] > FAR * max(noise[j], problem.resolved(j)) for j in _shown(problem))
+
+
+def _left_measured(problem: Problem, fitted: Fit) -> bool:
+    """Whether initial states that a sensor shows are off what it measured by several times its noise."""
+    noise = {output.name: output.noise for output in problem.model.outputs}
+    moved = np.sqrt(np.mean((fitted.states - problem.states) ** 2, axis=0))
+    states = zip(problem.model.states, moved, strict=True)
+    return any(state.name in noise and size > FAR * noise[state.name] for state, size in states)
 
 
 def _misfit(problem: Problem, fitted: Fit) -> float:
