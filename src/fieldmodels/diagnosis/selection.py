@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,7 +21,6 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 
 RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
-STRONG_P = 1e-6  # of its likelihood-ratio test; slowly varying noise reached 5e-5
 AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = (
     2.0  # nats: too little to decide, however significant (near-equivalent effects differ little, but always)
@@ -94,7 +93,8 @@ def accepted(
         return True
     largest = largest_share(gain, blocks)
     single = len(child.effects) == len(parent.effects) + 1 and total - largest > options.least_gain
-    return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < STRONG_P
+    improbable = np.exp(-options.least_gain)  # as what it must bring
+    return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < improbable
 
 
 def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) -> float:
@@ -203,14 +203,10 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             break
     progress("comparing indistinguishable sets", 0.65)
     base = candidates.again(base)
-    needed = _needed(candidates, chosen)
+    needed, level = _settled(candidates, chosen, levels)
     if needed.effects:
-        level = [c for c in levels[len(needed.effects)] if c.total < needed.total + REFITTED_WITHIN]
-        if needed is not chosen:  # smaller sets were last fitted with other weights
-            level = candidates.each(candidates.again, level)
-        chosen, alternatives = _simplest(
-            needed, _alternatives(candidates, needed, level), blocks, candidates.options
-        )
+        same = tuple(c for c in level if indistinguishable(needed, c, blocks, candidates.options))
+        chosen, alternatives = _simplest(needed, same, blocks, candidates.options)
     else:
         chosen, alternatives = base, ()
     return Selection(
@@ -221,6 +217,45 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
         ranking=ranking,
         unidentifiable=tuple(sorted(candidates.unidentifiable)),
     )
+
+
+def _settled(
+    candidates: Candidates, chosen: Candidate, levels: Mapping[int, list[Candidate]]
+) -> tuple[Candidate, list[Candidate]]:
+    """What is needed of a set, or of a better one that differs in a single effect; and its rivals.
+
+    What the search has found is fitted once more beside all others, each effect from its own starts (a
+    floating search, Pudil et al. 1994): the fewer that it was first fitted beside may have led it astray.
+
+    Args:
+        candidates: What fits the sets.
+        chosen: The set.
+        levels: All sets that were found, by number of effects.
+
+    Returns:
+        The set, and others of its size, the best first.
+    """
+    needed, size = _needed(candidates, chosen), len(chosen.effects)
+    found = {frozenset(c.effects): c for c in levels.get(size, ())}
+    while needed.effects:
+        if len(needed.effects) < size:
+            size = len(needed.effects)
+            near = [c for c in levels[size] if c.total < needed.total + REFITTED_WITHIN]
+            # Smaller sets were last fitted with other weights.
+            found = {frozenset(c.effects): c for c in candidates.each(candidates.again, near)}
+        for child in _neighbours(candidates, needed) if size > 1 else ():
+            key = frozenset(child.effects)
+            if key not in found or child.total < found[key].total:
+                found[key] = child
+        found[frozenset(needed.effects)] = needed
+        enough = needed.total - SAME_ANYHOW
+        better = (_needed(candidates, c) for c in found.values() if c.total < enough)
+        best = min((c for c in better if c.total < enough), key=lambda c: c.total, default=None)
+        if best is None:
+            break
+        needed = best
+    rivals = (c for c in found.values() if c is not needed)
+    return needed, sorted(rivals, key=lambda c: c.total)
 
 
 def _needed(candidates: Candidates, chosen: Candidate) -> Candidate:
@@ -365,25 +400,15 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     return sorted(candidates.each(candidates.again, near), key=lambda c: c.total)
 
 
-def _alternatives(candidates: Candidates, chosen: Candidate, level: list[Candidate]) -> tuple[Candidate, ...]:
-    """Sets of the same size that the data cannot distinguish from the chosen one."""
-    blocks = candidates.problem.blocks
-    found = {frozenset(c.effects): c for c in level if len(c.effects) == len(chosen.effects)}
-    if len(chosen.effects) > 1:
-        for gone in chosen.effects:
-            rest = candidates.without(chosen, gone)
-            # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
-            needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
-            names = [
-                name
-                for name in candidates.names()
-                if name not in chosen.effects and frozenset({*rest.effects, name}) not in found
-            ]
-            scores = candidates.each(partial(candidates.score_test, rest), names)
-            near = [name for name, score in zip(names, scores, strict=True) if score > needed]
-            for child in candidates.each(partial(candidates.extend, rest), near):
-                if child is not None:
-                    found[frozenset(child.effects)] = child
-    found.pop(frozenset(chosen.effects), None)
-    close = [c for c in found.values() if indistinguishable(chosen, c, blocks, candidates.options)]
-    return tuple(sorted(close, key=lambda c: c.total))
+def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
+    """Sets with another effect in the place of one, where it promises at least half of what that brings."""
+    result: list[Candidate | None] = []
+    for gone in chosen.effects:
+        rest = candidates.without(chosen, gone)
+        # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
+        needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
+        names = [name for name in candidates.names() if name not in chosen.effects]
+        scores = candidates.each(partial(candidates.score_test, rest), names)
+        near = [name for name, score in zip(names, scores, strict=True) if score > needed]
+        result += candidates.each(partial(candidates.extend, rest), near)
+    return [child for child in result if child is not None]
