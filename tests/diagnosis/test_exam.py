@@ -442,6 +442,10 @@ def test_what_takes_too_long_and_what_ends_in_an_error_counts_as_failed(monkeypa
         ("rig", ("cubic_stiffness", "constant_force", "sensor_quantisation")),
         ("line_following", ("actuator_delay", "turn_gain", "steering_bias")),
         ("rig", ("backlash", "constant_force", "actuator_saturation")),  # a walking zero a constant force
+        ("heel_strike", ("coulomb_friction", "quadratic_drag", "gyro_delay")),  # viscous friction both
+        ("heel_strike", ("viscous_friction", "coulomb_friction", "gyro_delay")),  # either nearly the other
+        # a fit beside two is stuck
+        pytest.param("servo", ("stribeck_friction", "hysteresis", "dead_band"), marks=SLOW),
     ],
 )
 def test_effects_that_others_or_wandering_noise_imitate_are_found(machine: str, hidden: tuple[str, ...]):

@@ -26,10 +26,7 @@ SAME_ANYHOW = (
     2.0  # nats: too little to decide, however significant (near-equivalent effects differ little, but always)
 )
 PARENTS = 3  # best sets of each size that are extended
-TRIED_AT_LEAST, TRIED_ABOVE = (
-    8,
-    3.0,
-)  # extensions fitted: at least so many, and all with a larger predicted gain [nats]
+TRIED_AT_LEAST = 8  # extensions fitted, and all that promise half of what they must bring
 OF_THE_WAY = 0.25  # to the chosen set's cost, which an alternative's first-order gain must promise
 REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
 
@@ -376,10 +373,10 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     model = candidates.problem.model
     tried: list[tuple[Candidate, str]] = []
     for i, (predicted, parent, name) in enumerate(jobs):
-        needed = TRIED_ABOVE
-        if parent.size + model.effect(name).size < parents[0].size:
-            # What one effect of many parameters imitates; to first order a part of it is promised.
-            needed = -0.5 * (parent.total - parents[0].total) - 2 * candidates.options.same_gain
+        lack = parent.total - parents[0].total
+        needed = 0.5 * (candidates.options.least_gain - lack)  # to first order a part of it is promised
+        if parent.size + model.effect(name).size < parents[0].size:  # what many parameters imitate
+            needed = -0.5 * lack - 2 * candidates.options.same_gain
         if i < TRIED_AT_LEAST or predicted >= needed:
             tried.append((parent, name))
     # A set is told in the order of the best parent, unless another one's led to a better optimum.
