@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from scipy import special
+
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
@@ -23,7 +25,8 @@ class DiagnosisOptions:
             listed effects can imitate one curve (a bilinear spring was named constant force and cogging, a
             quadratic actuator asymmetry and constant force).
         same_gain: Two sets are told apart by more than so many nats, or
-        same_p: by less if the difference is steady over the blocks: the p-value below which it is.
+        same_p: by less if the difference is steady over the blocks: the p-value below which it is. By less
+            than ``undecided`` they are not: near-equivalent effects differ little, but always.
         beaten_by: Nats by which a curve must beat what is named to take its place.
         beaten_p: p-value of the paired test over blocks that it does, from which on it may.
         above: Times a sensor's white noise. If the first output's error stays above it and the names do not
@@ -62,6 +65,14 @@ class DiagnosisOptions:
     most_curves: int = 2
     threads: int = 0
     rows: int = 30_000
+
+    @property
+    def undecided(self) -> float:
+        """Nats by which the wrong one of two sets leads in no more than ``level`` of records, 2.7 of 0.01.
+
+        A lead is normal, its variance twice its mean: the wrong one's tail is largest where that is as large.
+        """
+        return 0.5 * float(special.ndtri(self.level)) ** 2
 
 
 DEFAULT = DiagnosisOptions()

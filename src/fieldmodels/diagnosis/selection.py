@@ -22,9 +22,7 @@ Progress = Callable[[str, float], None]
 
 RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
 AFFECTED = 0.01  # of the largest change by a cause in any block
-SAME_ANYHOW = (
-    2.0  # nats: too little to decide, however significant (near-equivalent effects differ little, but always)
-)
+SAME_ANYHOW = 2.0  # nats that count as none
 PARENTS = 3  # best sets of each size that are extended
 TRIED_AT_LEAST = 8  # extensions fitted, and all that promise half of what they must bring
 OF_THE_WAY = 0.25  # to the chosen set's cost, which an alternative's first-order gain must promise
@@ -352,7 +350,7 @@ def indistinguishable(
     worse = second.total - first.total
     if worse > 0 and second.size > first.size:
         return False
-    if worse < SAME_ANYHOW:
+    if worse < options.undecided:
         return True
     return bool(
         worse < options.same_gain and block_p_value(second.loss - first.loss, blocks) > options.same_p

@@ -297,6 +297,6 @@ def _as_good(
     """
     rival = scored.candidate
     worse = rival.total - named.total - burden - float(np.log(scored.curve.tried))
-    if worse < 2.0:
+    if worse < options.undecided:
         return True
     return bool(worse < options.same_gain and block_p_value(rival.loss - named.loss, blocks) > options.same_p)
