@@ -21,6 +21,7 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 
 RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
+STRONG_P = 1e-6  # of its likelihood-ratio test; noise that is not white reached 6e-6 where nothing was hidden
 AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = 2.0  # nats that count as none
 PARENTS = 3  # best sets of each size that are extended
@@ -88,8 +89,7 @@ def accepted(
         return True
     largest = largest_share(gain, blocks)
     single = len(child.effects) == len(parent.effects) + 1 and total - largest > options.least_gain
-    improbable = np.exp(-options.least_gain)  # as what it must bring
-    return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < improbable
+    return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < STRONG_P
 
 
 def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) -> float:
