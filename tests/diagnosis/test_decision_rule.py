@@ -460,3 +460,16 @@ def test_the_test_data_reject_effects_one_by_one_beside_all_others(monkeypatch, 
     monkeypatch.setattr(causes, "fit", lambda _problem, names, *_rest, **_more: names)
     monkeypatch.setattr(causes, "window_loss", lambda names: np.array([losses[names]]))
     assert causes.confirmed(candidates, made(""), made("ab"), None).effects == kept
+
+
+def test_two_effects_that_a_third_one_imitates_are_fitted_together(monkeypatch):
+    """To first order half of what the second one brings is promised, less than the first one lacks alone."""
+    monkeypatch.setattr(selection, "covariance_whitener", lambda *_: None)
+    idle = {f"v{i}": 99.0 for i in range(selection.TRIED_AT_LEAST)}
+    search = Search({"v": 100.0, "g": 130.0, "gc": 70.0, **idle})
+    search.problem = SimpleNamespace(
+        blocks=BLOCKS, model=SimpleNamespace(effect=lambda _: search.made("c", {}))
+    )
+    search.score_test = lambda parent, name: 0.5 * max(parent.total - search.extend(parent, name).total, 0.0)
+    grown = selection._grown(search, [search.stuck("v"), search.stuck("g")])
+    assert set(grown[0].effects) == {"g", "c"}
