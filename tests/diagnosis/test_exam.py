@@ -436,7 +436,8 @@ def test_what_takes_too_long_and_what_ends_in_an_error_counts_as_failed(monkeypa
 
 
 TOO_FEW = pytest.mark.xfail(
-    strict=True, reason="acts in few blocks, p 2e-5 where noise that is not white reaches 6e-6"
+    strict=True,
+    reason="p above 1e-5; where nothing is hidden noise that is not white has 6e-6",
 )
 
 

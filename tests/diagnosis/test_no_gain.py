@@ -84,11 +84,14 @@ def test_what_ended_at_a_bound_is_said(another_phase):
     heavy = replace(RIG.parameters[0], upper=2.0)
     model = get_model("rig")
     fitted = SimpleNamespace(
-        free=np.array([0, 1]), active=np.array([False, True]), parameters=np.array([2.0, 1.0, 3.0])
-    )
+        free=np.array([0, 1]), active=np.array([False, True]), parameters=np.array([2.0, 1.0, 3.0]),
+        jacobian=np.array([[[2.0, 1.0], [0.0, 1.0]]]), residual=np.array([[2.1, -2.1]]),
+    )  # fmt: skip
     narrow = SimpleNamespace(names=model.names, all_parameters=(heavy, *model.all_parameters[1:]))
     assert bounded(narrow, fitted) == ("mass at the largest value allowed, 2.00 kg",)
     assert bounded(narrow, SimpleNamespace(**{**vars(fitted), "active": np.array([True, True])})) == ()
+    less = np.array([[1.9, -1.9]])  # along (1, -1) / sqrt(2)
+    assert bounded(narrow, SimpleNamespace(**{**vars(fitted), "residual": less / np.sqrt(2)})) == ()
     beyond = SimpleNamespace(**{**vars(fitted), "free": np.array([len(model.names) + 1, 1])})
     assert bounded(narrow, beyond) == ()  # a curve's
     said = replace(another_phase, bounded=("mass at the largest value allowed, 2 kg",))

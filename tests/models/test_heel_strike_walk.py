@@ -6,7 +6,7 @@ from scipy import integrate, special, stats
 
 from fieldmodels.compiled import compiled
 from fieldmodels.machines.heel_strike.declaration import as_plants
-from fieldmodels.machines.heel_strike.leg import leg_step
+from fieldmodels.machines.heel_strike.leg import leg_step, sine_near
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains, stride_errors
@@ -67,6 +67,14 @@ def test_draws_have_their_distributions_and_no_memory():
     for values in (normal, flat):
         for lag in (1, 2, 500):
             assert abs(np.corrcoef(values[lag:], values[:-lag])[0, 1]) < 4 / np.sqrt(len(values))
+
+
+@pytest.mark.parametrize("change", [0.3, -0.3])
+def test_the_sine_a_little_further_is_exact_to_the_fourth_order(change):
+    for angle in np.linspace(-3.0, 3.0, 25):
+        off = sine_near(np.sin(angle), np.cos(angle), change) - np.sin(angle + change)
+        # Lagrange's form of the rest: the fifth derivative somewhere between.
+        assert abs(off) <= abs(change) ** 5 / 120 * (1.0 + 1e-9)
 
 
 def test_truth_agrees_with_an_adaptive_integrator():

@@ -361,7 +361,7 @@ def _stated(
         else next_measurement(candidates, selection, verdict, rng),
         parameters=base,
         undetermined=poorly_known(model, base),
-        bounded=bounded(model, final),
+        bounded=bounded(model, kept.fit),
         wandering={}
         if found.mistaken or found.unrelated
         else wandering_zeros(training, beside.fit, candidates.options.price),

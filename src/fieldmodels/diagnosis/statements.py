@@ -74,9 +74,19 @@ def poorly_known(model: Model, base: Mapping[str, Estimate]) -> tuple[str, ...]:
 
 
 def bounded(model: Model, fitted: Fit) -> tuple[str, ...]:
-    """Fitted values that the data would have beyond what is allowed, each with where it ended."""
+    """Fitted values that the data would have beyond what is allowed, each with where it ended.
+
+    By a score test at two standard errors: a spring that is not there ends at no stiffness as well.
+    """
     result = []
-    for i in fitted.free[~fitted.active & (fitted.free < len(model.names))]:
+    errors = fitted.residual.ravel()
+    columns = fitted.jacobian.reshape(len(errors), -1)
+    others = columns[:, fitted.active]
+    for k in np.flatnonzero(~fitted.active & (fitted.free < len(model.names))):
+        own = columns[:, k] - others @ np.linalg.lstsq(others, columns[:, k], rcond=None)[0]
+        if (own @ errors) ** 2 < 4.0 * (own @ own):
+            continue
+        i = fitted.free[k]
         p, value = model.all_parameters[i], float(fitted.parameters[i])
         end = "smallest" if value - p.lower < p.upper - value else "largest"
         result.append(f"{words(model.names[i])} at the {end} value allowed, {with_error(value, unit=p.unit)}")
