@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from fieldgym import find_task
 from fieldmodels.guard import guard, located
 
-Sees = Literal["observation", "model", "privileged"]
+Sees = Literal["observation", "diagnosis", "model", "privileged"]
 """What an agent may see, least first.
 
-``observation``: the observation of each step, nothing else; its ``info`` is empty. ``model``: also the
-environment's settings (its constants and noise levels, as an algorithm's author knows them) and the entries
-of ``info`` that the task declares in ``model_reads``. ``privileged``: all of ``info``, the hidden truth of
-the simulation and the scores among it; such a result is a bound, no competitor.
+``observation``: the observation of each step, nothing else; its ``info`` is empty. ``diagnosis``: also what
+it was told of its machine beforehand, a diagnosis' estimates and their standard errors; its ``info`` is
+empty, too. ``model``: beside the observation the environment's settings (its constants and noise levels, as
+an algorithm's author knows them) and the entries of ``info`` that the task declares in ``model_reads``.
+``privileged``: all of ``info``, the hidden truth of the simulation and the scores among it; such a result is
+a bound, no competitor.
 """
 
 

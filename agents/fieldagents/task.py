@@ -156,12 +156,16 @@ class Tuner:
         tune: Makes the agent from the environment's settings, the reality in which it is simulated, and the
             options, with tuning seeds alone. Equal arguments give equal agents, so that what is tuned in the
             right simulation is the oracle to the bit.
+        told: Whether the agent is not made anew but told what a diagnosis has found, also that it is nothing.
+        runs: Number of training runs of one that is told; its options say which one is made.
     """
 
     name: str
     title: str
     options: type[Config]
     tune: Callable[[Mapping[str, Any], Any, Any], Agent]
+    told: bool = False
+    runs: int = 1
 
 
 @dataclass(frozen=True)

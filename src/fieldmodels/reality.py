@@ -185,7 +185,7 @@ def _with_samplers(values: Any, effect: str | None) -> Any:
     if not isinstance(values, Mapping):
         return values
     return {
-        name: read_sampler(value, repr(_place(effect, name))) if is_sampler(value) else value
+        name: read_sampler(value, repr(_place(effect, name)), nested=True) if is_sampler(value) else value
         for name, value in values.items()
     }
 
@@ -217,7 +217,7 @@ def _values(entries: Any, place: str) -> dict[str, Any]:
     values = {}
     for name, entry in _mapping(entries, place).items():
         if isinstance(entry, Mapping) and "value" not in entry:
-            values[name] = read_sampler(entry, f"{place}: {name!r}")
+            values[name] = read_sampler(entry, f"{place}: {name!r}", nested=True)
         else:
             values[name] = entry["value"] if isinstance(entry, Mapping) else entry
     return values

@@ -24,7 +24,7 @@ from fieldmodels.names import did_you_mean
 
 
 class Sampler(ABC):
-    """A distribution of a value; one uniform number of the generator is used for each draw."""
+    """A distribution of a value; each draw uses one uniform number of the generator, nested ones one each."""
 
     kind: ClassVar[str]
 
@@ -193,7 +193,7 @@ class Normal(Sampler):
 
 @dataclass(frozen=True)
 class Choice(Sampler):
-    """One of some values, numbers or names, each equally likely."""
+    """One of some values, numbers or names, each equally likely; a sampler among them draws in its turn."""
 
     kind: ClassVar[str] = "choice"
     values: tuple[Any, ...]
@@ -212,22 +212,23 @@ class Choice(Sampler):
 
     def draw(self, rng: np.random.Generator, lower: float = -math.inf, upper: float = math.inf) -> Any:
         """See ``Sampler.draw``."""
-        del lower, upper
-        return self.values[int(len(self.values) * float(rng.random()))]
+        value = self.values[int(len(self.values) * float(rng.random()))]
+        return value.draw(rng, lower, upper) if isinstance(value, Sampler) else value
 
     def extremes(self, lower: float, upper: float) -> tuple[float, float]:
         """See ``Sampler.extremes``."""
-        del lower, upper
-        return min(self.values), max(self.values)
+        ends = [v.extremes(lower, upper) if isinstance(v, Sampler) else (v, v) for v in self.values]
+        return min(low for low, _ in ends), max(high for _, high in ends)
 
     @property
     def typical(self) -> Any:
         """The first value."""
-        return self.values[0]
+        first = self.values[0]
+        return first.typical if isinstance(first, Sampler) else first
 
     def as_mapping(self) -> dict[str, list[Any]]:
         """See ``Sampler.as_mapping``."""
-        return {self.kind: list(self.values)}
+        return {self.kind: [v.as_mapping() if isinstance(v, Sampler) else v for v in self.values]}
 
     def check(self, place: str, lower: float, upper: float, unit: str = "") -> None:
         """See ``Sampler.check``.
@@ -236,7 +237,9 @@ class Choice(Sampler):
             ModelError: If a value is not a number, or outside the bounds.
         """
         for value in self.values:
-            if isinstance(value, bool) or not isinstance(value, int | float):
+            if isinstance(value, Sampler):
+                value.check(place, lower, upper, unit)
+            elif isinstance(value, bool) or not isinstance(value, int | float):
                 raise ModelError(f"{place}: {self} needs numbers here, not {value!r}")
         super().check(place, lower, upper, unit)
 
@@ -302,12 +305,13 @@ def is_sampler(value: Any) -> bool:
     return isinstance(value, Sampler | Mapping)
 
 
-def read_sampler(value: Any, place: str) -> Sampler:
+def read_sampler(value: Any, place: str, nested: bool = False) -> Sampler:
     """Read a sampler from an object or a mapping such as ``{"uniform": [0, 1]}``.
 
     Args:
         value: What stands in the place of a number.
         place: Its name, for messages.
+        nested: Whether a mapping among the values of a choice is a sampler, too.
 
     Raises:
         ModelError: If it is none of the known kinds, or its numbers make no sense.
@@ -326,7 +330,9 @@ def read_sampler(value: Any, place: str) -> Sampler:
         raise ModelError(f"{place}: {kind} takes a list, not {numbers!r}")
     try:
         if kind == Choice.kind:
-            return Choice(tuple(numbers))
+            return Choice(
+                tuple(read_sampler(n, place) if nested and isinstance(n, Mapping) else n for n in numbers)
+            )
         if len(numbers) != 2 or any(isinstance(n, bool) or not isinstance(n, int | float) for n in numbers):
             what = "mean and standard deviation" if kind == Normal.kind else "smallest and largest value"
             raise ModelError(f"{kind} takes two numbers, {what}, not {numbers!r}")

@@ -9,12 +9,15 @@ from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.agents import make_agent
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.telling import Telling
 from fieldagents.learned.training import train
 from fieldagents.policies.policy import OnnxAgent
+from fieldagents.policies.told import simulated
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.recorded import RecordedWalks
 from fieldgym import find_task
-from fieldmodels.reality import Reality
+from fieldmodels.reality import Reality, read_reality
+from fieldmodels.registry import get_model
 
 STRIDES = 12
 SETTINGS = [
@@ -57,6 +60,46 @@ def test_recorded_walks_give_the_environments_observations_returns_and_their_slo
         # an error that changes its sign, or reaches the limit, between the two has no slope there
         assert close.mean() > 0.9
         assert np.abs(expected).max() > 0.05
+
+
+FAULTS = {
+    "gyro_bias": {"rate": {"choice": [0, {"uniform": [-0.01, 0.01]}]}},
+    "viscous_friction": {"rate": {"uniform": [0, 0.2]}},
+}
+
+
+def test_walks_of_a_random_reality_are_those_of_its_environments():
+    env = find_task("heel_strike").make_vec(4, settings={"strides": STRIDES}, reality=FAULTS)
+    reality = read_reality(FAULTS, get_model("heel_strike"))
+    recorded = RecordedWalks(env.unwrapped.settings, reality, range(50, 54))
+    actions = np.random.default_rng(0).uniform(-0.6, 0.9, (4, STRIDES, 3)).astype(np.float32)
+    seen, info = env.reset(seed=[50, 51, 52, 53])
+    for effect, values in recorded.drawn.items():
+        for name, drawn in values.items():
+            np.testing.assert_array_equal(drawn, info["privileged"]["reality"][effect][name])
+    total = np.zeros(4)
+    for step in range(STRIDES):
+        np.testing.assert_array_equal(recorded.observations[:, step], seen)
+        seen, reward, *_ = env.step(actions[:, step])
+        total += reward
+    which = np.array([3, 1])
+    returns, _ = recorded.play(which, actions[which])
+    np.testing.assert_allclose(returns, total[which], atol=1e-6)
+
+
+def test_its_policies_are_told_what_their_validation_tells(tmp_path):
+    settings = {"strides": 20}
+    config = tiny(
+        told=True, environment={"settings": settings, "reality": FAULTS}, validation={"episodes": 4}
+    )
+    run = train(config.model_copy(update={"steps": 320}), progress=False, out=tmp_path / "run")
+    policy = OnnxAgent(run / "policy.onnx")
+    assert [one.effect for one in policy.told] == ["viscous_friction", "gyro_bias"]
+    native = Telling(find_task("heel_strike").make_vec(3, settings=settings, reality=FAULTS), policy.told)
+    reality = read_reality(FAULTS, get_model("heel_strike"))
+    recorded = RecordedWalks(native.unwrapped.settings, reality, range(7, 10))
+    observation, _ = native.reset(seed=[7, 8, 9])
+    np.testing.assert_array_equal(simulated(policy.told, recorded.drawn), observation[:, 6:])
 
 
 def tiny(**more):

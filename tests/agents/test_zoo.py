@@ -11,6 +11,7 @@ import pytest
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.telling import as_trained
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.zoo import ZooError, get_entry, list_zoo, load
 from fieldagents.seeds import TEST_SEEDS
@@ -35,7 +36,7 @@ def test_a_policy_scores_again_what_its_card_says(training, run):
     environment = EnvironmentConfig(**training.card["config"]["environment"])
     first, end = training.card["test_seeds"]
     assert first == TEST_SEEDS.start
-    result = run_episodes(OnnxAgent(data), training.task, environment, TEST_SEEDS[: end - first])
+    result = run_episodes(as_trained(OnnxAgent(data)), training.task, environment, TEST_SEEDS[: end - first])
     for name, score in run["test_scores"].items():
         # other processors round otherwise, which seldom moves a strike by a sample, or, in images of which
         # thousands of pixels are weighed, a few walks: by much less than what chance leaves unknown

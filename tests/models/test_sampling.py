@@ -55,6 +55,26 @@ def test_choices_are_equally_likely():
     assert stats.chisquare(counts).pvalue > 1e-6
 
 
+def test_a_choice_may_hold_samplers_that_draw_in_their_turn():
+    """A fault that is there in a third of the episodes."""
+    source = {"gyro_bias": {"rate": {"choice": [0.0, 0.0, {"uniform": [0.004, 0.01]}]}}}
+    reality = read_reality(source, MODEL)
+    (sampler,) = reality.samplers(MODEL).values()
+    values = drawn(sampler)
+    there = values[values != 0.0]
+    assert stats.binomtest(len(there), len(values), 1 / 3).pvalue > 1e-6
+    assert stats.kstest(there, stats.uniform(0.004, 0.006).cdf).pvalue > 1e-6
+    assert reality.plain() == source
+    assert sampler.typical == 0.0
+    assert sampler.extremes(-1.0, 1.0) == (0.0, 0.01)
+    for wrong, said in (
+        ({"uniform": [0, 99]}, "can draw 99"),
+        ({"unifrom": [0, 1]}, "did you mean 'uniform'"),
+    ):
+        with pytest.raises(ModelError, match=said):
+            read_reality({"gyro_bias": {"rate": {"choice": [0.0, wrong]}}}, MODEL)
+
+
 def test_each_draw_uses_one_number_of_the_generator():
     for sampler in (Uniform(0, 1), LogUniform(1, 2), Normal(0, 1), Choice(("a", "b"))):
         rng, other = np.random.default_rng(3), np.random.default_rng(3)

@@ -49,7 +49,7 @@ def describe_agents(task: str) -> list[dict[str, str]]:
         {"name": one.name, "sees": one.kind, "title": one.title} for one in get_task(task).agents.values()
     ]
     for entry in zoo.list_zoo(task):
-        described.append({"name": entry.name, "sees": "observation", "title": entry.title})
+        described.append({"name": entry.name, "sees": entry.sees, "title": entry.title})
     return described
 
 

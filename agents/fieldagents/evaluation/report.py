@@ -22,7 +22,7 @@ from fieldmodels.html import AFTER, BEFORE, GREY, INK, LINE, PURPLE
 if TYPE_CHECKING:
     from rich.console import Console
 
-COLOURS = {"observation": AFTER, "model": PURPLE, "privileged": BEFORE, "estimator": GREY}
+COLOURS = {"observation": AFTER, "diagnosis": AFTER, "model": PURPLE, "privileged": BEFORE, "estimator": GREY}
 """Colour of an agent by what it sees; an estimator is outside the action space."""
 
 COLUMNS = 4

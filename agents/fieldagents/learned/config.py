@@ -30,6 +30,9 @@ from fieldagents.policies.algorithms import (
 )
 from fieldagents.policies.zoo import get_entry
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
+from fieldgym import find_task
+from fieldmodels.drivers.named import flown
+from fieldmodels.registry import get_model
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -134,6 +137,17 @@ def _wrong_further(
         yield (), f"groups of {twins} twins in {len(also) + 1} environments do not divide num_envs, {rows}"
 
 
+def _nothing_to_tell(
+    told: bool, task: str, environment: EnvironmentConfig, also: tuple[EnvironmentConfig, ...], features: Any
+) -> Problems:
+    if told:
+        reality = environment.reality
+        if reality is None or not flown(get_model(find_task(task).model), reality)[1].random:
+            yield (), "no number of the environment's reality is drawn by a sampler"
+        if also or features:
+            yield (), "works without also and features"
+
+
 def _no_algorithm(algorithm: str) -> Problems:
     find_algorithm(algorithm)
     return ()
@@ -213,6 +227,9 @@ class TrainConfig(Config):
     ] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
+    told: Annotated[bool, checked(_nothing_to_tell, "task", "environment", "also", "features")] = False
+    """Whether the policy is told, beside each observation, what a diagnosis would say of the numbers that the
+    reality draws: of each an estimate and its standard error."""
     learner: Annotated[dict[str, Any], checked(_wrong_learner, "algorithm", "steps", "num_envs")] = Field(
         default_factory=dict, validate_default=True
     )

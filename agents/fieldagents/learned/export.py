@@ -2,12 +2,16 @@
 
 A policy with a memory (a recurrent network, or a stack of observations) has a second input ``memory``, shape
 (batch, n), and a second output ``next_memory``: zeros when an episode begins, then what the last call gave.
+One that is told of its machine has the input ``diagnosis`` after the first, and the metadata ``told``.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import warnings
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any, cast
 
 import numpy as np
@@ -20,6 +24,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from fieldagents.learned.features import FeaturedVecEnv
 from fieldagents.learned.pixels import is_image
+from fieldagents.policies.policy import DIAGNOSIS, TOLD
+from fieldagents.policies.told import Told
 
 
 class ExportedPolicy(torch.nn.Module):
@@ -128,12 +134,29 @@ class RecurrentPolicy(ExportedPolicy):
         return self.limited(action), following
 
 
+class ToldPolicy(torch.nn.Module):
+    """A policy whose observations end with what it is told, which is given apart.
+
+    Args:
+        policy: Takes both in one.
+    """
+
+    def __init__(self, policy: ExportedPolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, observation: torch.Tensor, diagnosis: torch.Tensor, *memory: torch.Tensor) -> Any:
+        """As of the policy."""
+        return self.policy(torch.cat([observation, diagnosis], dim=1), *memory)
+
+
 def to_onnx(
     policy: BasePolicy,
     normaliser: VecNormalize,
     note: str,
     stack: int = 1,
     featured: FeaturedVecEnv | None = None,
+    told: Sequence[Told] = (),
 ) -> bytes:
     """Export a policy; equal weights give equal bytes.
 
@@ -143,6 +166,7 @@ def to_onnx(
         note: One line about where it comes from, kept in the file as its documentation.
         stack: Observations that it is given at once.
         featured: What takes features of them.
+        told: What the ends of its observations tell; the file has a further input for it.
     """
     names, outputs = ["observation"], ["action"]
     module: ExportedPolicy
@@ -157,12 +181,18 @@ def to_onnx(
     if isinstance(module, StackedPolicy | RecurrentPolicy):
         names, outputs = [*names, "memory"], [*outputs, "next_memory"]
         example.append(torch.zeros(2, module.memory))
+    exported: torch.nn.Module = module
+    if told:
+        names.insert(1, DIAGNOSIS)
+        own = shape[0] - 2 * len(told)
+        example[:1] = [example[0][:, :own], example[0][:, own:]]
+        exported = ToldPolicy(module)
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # the exporter that needs no further package; its deprecation is torch's affair, pinned here
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            module.eval(),
+            exported.eval(),
             tuple(example),
             stream,  # type: ignore[arg-type]
             input_names=names,
@@ -173,5 +203,8 @@ def to_onnx(
         )
     model = onnx.load_from_string(stream.getvalue())
     model.doc_string = note
+    if told:
+        numbers = json.dumps([asdict(one) for one in told])
+        onnx.helper.set_model_props(model, {TOLD: numbers})
     onnx.checker.check_model(model)
     return cast(bytes, model.SerializeToString(deterministic=True))

@@ -7,6 +7,7 @@ the luck of an episode, which hides an action's worth from learning by reward, i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 from sb3_contrib import RecurrentPPO
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from fieldagents.learned.telling import Telling
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.made import imported
+from fieldagents.policies.told import simulated
 
 
 class Recorded(Protocol):
@@ -24,9 +27,11 @@ class Recorded(Protocol):
 
     Attributes:
         observations: Shape (episodes, steps, ...); the actions do not change them.
+        drawn: What each episode has drawn of a random reality, as ``info["privileged"]["reality"]`` has it.
     """
 
     observations: NDArray[np.float32]
+    drawn: Mapping[str, Mapping[str, Any]]
 
     def __init__(self, settings: Any, reality: Any, seeds: range) -> None:
         """Record an episode for each seed."""
@@ -76,11 +81,15 @@ class Pathwise(RecurrentPPO):
         """Record the episodes, which a resumed run does anew, and show the normaliser all they hold."""
         if len(native.parts) > 1:
             raise ValueError("episodes are recorded of one kind of environment, without the key also")
-        place = native.parts[0].unwrapped
+        part = native.parts[0]
+        place = part.unwrapped
         seeds = range(native.first_seed, native.first_seed + self.episodes)
         recorded: Recorded = self._recorded_class(place.settings, place.reality, seeds)  # type: ignore[attr-defined]
         if recorded.observations.shape[1] != self.n_steps:
             raise ValueError(f"n_steps is {self.n_steps}, an episode has {recorded.observations.shape[1]}")
+        if isinstance(part, Telling):
+            told = simulated(part.told, recorded.drawn)[:, None].repeat(self.n_steps, axis=1)
+            recorded.observations = np.concatenate([recorded.observations, told], axis=2)
         if self.num_timesteps == 0 and isinstance(self.env, VecNormalize) and self.env.norm_obs:
             self.env.obs_rms.update(recorded.observations.reshape(-1, *recorded.observations.shape[2:]))
         return recorded

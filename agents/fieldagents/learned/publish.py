@@ -18,6 +18,7 @@ import typer
 from fieldagents.config import load_config
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.config import TrainConfig
+from fieldagents.learned.telling import as_trained
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.zoo import ZOO, ZooError
 from fieldagents.seeds import TEST_SEEDS
@@ -94,7 +95,7 @@ def publish(
 
 def score(agent: OnnxAgent, config: TrainConfig, episodes: int = EPISODES) -> dict[str, float | None]:
     """Mean return and metrics of a policy over the first published test seeds; None without any value."""
-    result = run_episodes(agent, config.task, config.environment, TEST_SEEDS[:episodes])
+    result = run_episodes(as_trained(agent), config.task, config.environment, TEST_SEEDS[:episodes])
     names = ["return", *(metric.name for metric in get_task(config.task).metrics)]
     means = {name: float(result[name].mean()) for name in names}
     return {name: None if math.isnan(mean) else mean for name, mean in means.items()}

@@ -21,6 +21,7 @@ from fieldagents.learned.checkpoint import CheckpointError, checkpoints, save_ch
 from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.run import Best, Run
+from fieldagents.learned.telling import as_trained, told_in
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.progress import Report
 from fieldagents.task import get_task
@@ -120,10 +121,11 @@ class Recorder(BaseCallback):
         """Score the policy as it would be shipped; keep it if it is the best so far."""
         run, config, steps = self._run, self._run.config, self.model.num_timesteps
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
-        policy = to_onnx(run.policy, run.normaliser, note, config.stack, run.featured)
+        policy = to_onnx(run.policy, run.normaliser, note, config.stack, run.featured, told_in(config))
         seeds = VALIDATION_SEEDS[: config.validation.episodes]
         episodes = pd.concat(
-            run_episodes(OnnxAgent(policy), config.task, one, seeds) for one in config.environments
+            run_episodes(as_trained(OnnxAgent(policy)), config.task, one, seeds)
+            for one in config.environments
         )
         mean_return = float(episodes["return"].mean())
         scores = {"return": mean_return, self._metric: float(episodes[self._metric].mean())}

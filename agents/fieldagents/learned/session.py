@@ -18,6 +18,7 @@ from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.imitation import imitate
 from fieldagents.learned.recorder import PausedError, Recorder
 from fieldagents.learned.run import Run
+from fieldagents.learned.telling import Telling, told_in
 from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
 from fieldgym import find_task
@@ -57,6 +58,8 @@ def _run_training(
         find_task(config.task).make_vec(len(share), **environment.options)
         for environment, share in zip(config.environments, shares, strict=True)
     ]
+    if told := told_in(config):
+        parts = [Telling(part, told) for part in parts]
     run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed, twins=config.twins))
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,16 @@ from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, AgentError, checked_actions
+from fieldagents.policies.told import Told, said
 from fieldmodels.extras import needed
 
+DIAGNOSIS, TOLD = "diagnosis", "told"
+"""The input of what a policy is told of its machine, and the metadata that say of which parameters."""
 FORMS = (
     (["observation"], ["action"]),
     (["observation", "memory"], ["action", "next_memory"]),
 )
-"""Inputs and outputs of a policy file."""
+"""Inputs and outputs of a policy file; the input ``diagnosis`` may follow the first."""
 
 
 class PolicyError(ValueError):
@@ -29,11 +33,14 @@ class OnnxAgent(Agent):
 
     Attributes:
         shape: Shape of one observation.
+        told: The parameters of its machine that it is told of, see ``tell``.
+        diagnosis: What it is told, shape (2 parameters,) or (environments, 2 parameters); nothing at first.
 
     Args:
         policy: The ONNX file or its bytes: input ``observation`` (batch, ...) float32, output ``action``
             (batch, ...). One with a memory also has ``memory`` (batch, n) float32 among its inputs and
-            ``next_memory`` among its outputs; it is zero when an episode begins.
+            ``next_memory`` among its outputs; it is zero when an episode begins. One that is told of its
+            machine has ``diagnosis`` (batch, n) after the first input.
         name: The agent's name in tables; the file's stem unless given.
         title: One line that says what it is.
 
@@ -41,7 +48,7 @@ class OnnxAgent(Agent):
         PolicyError: If the file is missing or is no such policy.
     """
 
-    sees = "observation"
+    diagnosis: NDArray[np.float32]
 
     def __init__(
         self, policy: Path | str | bytes, name: str | None = None, title: str = "learned policy"
@@ -61,15 +68,23 @@ class OnnxAgent(Agent):
             raise PolicyError(f"{path}: not an ONNX policy: {error}") from None
         given = {entry.name: tuple(entry.shape[1:]) for entry in self._session.get_inputs()}
         outputs = [entry.name for entry in self._session.get_outputs()]
-        if (list(given), outputs) not in FORMS:
+        if ([name for name in given if name != DIAGNOSIS], outputs) not in FORMS:
             raise PolicyError(
                 f"{path}: a policy maps 'observation' to 'action' (one with a memory also 'memory' to"
                 f" 'next_memory'), this file maps {list(given)} to {outputs}"
             )
         self.shape = given["observation"]
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        self.told = tuple(Told(**one) for one in json.loads(metadata[TOLD])) if DIAGNOSIS in given else ()
+        self.tell({})
         self._memories: tuple[int, ...] | None = given.get("memory")
         self._memory = np.zeros((0, 0), dtype=np.float32)
         self._source, self.name, self.title = path, name or path.stem, title
+
+    def tell(self, found: Mapping[str, Mapping[str, Any]]) -> None:
+        """Tell it what a diagnosis has found; see `fieldagents.policies.told.said`."""
+        if self.told:
+            self.sees, self.diagnosis = "diagnosis", said(self.told, found)
 
     def reset(self, seed: int) -> None:  # noqa: ARG002 - nothing is drawn
         """See ``Agent.reset``."""
@@ -94,11 +109,15 @@ class OnnxAgent(Agent):
         """The deterministic actions for a batch of observations."""
         observation = np.ascontiguousarray(observation, dtype=np.float32)
         self._check(observation.shape[1:])
+        given = {"observation": observation}
+        if self.told:
+            rows = len(observation), 2 * len(self.told)
+            given[DIAGNOSIS] = np.ascontiguousarray(np.broadcast_to(self.diagnosis, rows))
         if self._memories is None:
-            return self._run({"observation": observation})[0]
+            return self._run(given)[0]
         if len(self._memory) != len(observation):
             self._memory = np.zeros((len(observation), *self._memories), dtype=np.float32)
-        actions, memory = self._run({"observation": observation, "memory": self._memory})
+        actions, memory = self._run({**given, "memory": self._memory})
         if memory.shape != self._memory.shape:
             raise PolicyError(
                 f"{self._source}: next_memory has shape {memory.shape}, not {self._memory.shape}"

@@ -16,6 +16,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from fieldagents.agent import Sees
 from fieldagents.policies.policy import OnnxAgent
 from fieldgym import find_task
 from fieldmodels.names import did_you_mean
@@ -113,6 +114,11 @@ class ZooEntry:
     def title(self) -> str:
         """One line that says what it is."""
         return str(self.trainings[0].card["title"])
+
+    @property
+    def sees(self) -> Sees:
+        """What its policies may see."""
+        return "diagnosis" if self.trainings[0].card["config"].get("told") else "observation"
 
     def agents(self, settings: Mapping[str, Any] | None = None) -> tuple[OnnxAgent, ...]:
         """The policies of all training runs in the scenario that is most like the settings."""

@@ -18,7 +18,7 @@ from fieldagents.config import (
     wrong_reality,
 )
 from fieldagents.record.config import RecordConfig
-from fieldagents.retune.trained import Training, tuner_of
+from fieldagents.retune.trained import Training, tuner_of, wrong_telling
 from fieldagents.seeds import TEST_SEEDS, TUNING_SEEDS
 from fieldagents.sweep.config import changed
 from fieldagents.task import get_task
@@ -36,6 +36,8 @@ def _wrong_options(options: dict[str, Any], task: str, agent: str) -> Problems:
     yield from (problems := list(invalid(options, tuner.options)))
     if not problems and tuner.options is Training:
         changed(agent, options.get("change", {}))
+    elif not problems and tuner.told and (problem := wrong_telling(task, tuner, options)):
+        yield (), problem
 
 
 def _wrong_hidden(hidden: Any, task: str) -> Problems:

@@ -22,6 +22,7 @@ from fieldagents.retune.result import NOMINAL, ORACLE, RETUNED
 from fieldagents.retune.trained import code_behind, tuner_of
 from fieldagents.task import Metric, get_task
 from fieldmodels import html
+from fieldmodels.arrays import FloatArray
 from fieldmodels.engine import HERE, Engine, Job, run_all
 from fieldmodels.files import replacing, write_text
 
@@ -63,10 +64,12 @@ class Realities:
         task: Name of the task.
         agent: Name of what is tuned.
         title: How it is tuned.
+        told: Whether it is told the diagnosis, and not tuned by it.
         metric: By which the loss is counted.
         episodes: Of every agent in each reality.
         seeds: Where the seeds are from.
         recovered: What is recovered in all realities over what is lost in all.
+        of_runs: What each training run of a policy recovers; all other scores are means over the runs.
         closed: Each reality.
     """
 
@@ -74,10 +77,12 @@ class Realities:
     task: str
     agent: str
     title: str
+    told: bool
     metric: Metric
     episodes: int
     seeds: str
     recovered: Recovery
+    of_runs: tuple[float | None, ...]
     closed: tuple[Closed, ...]
 
     def mean(self, agent: str) -> float:
@@ -92,16 +97,24 @@ class Realities:
         """What came out, in plain words."""
         scale, unit = (100, "%") if self.metric.binary else (1, self.metric.unit)
         said = {name: f"{scale * self.mean(name):.4g}" for name in (NOMINAL, RETUNED, ORACLE)}
+        how = (
+            "if tuned in the nominal simulation",
+            "if tuned by the diagnosis of each",
+            "if tuned in the reality itself (the oracle)",
+        )
+        if self.told:
+            how = "by the nominal agent", "if told the diagnosis of each", "if told the truth (the oracle)"
         begin = (
             f"{self.metric.title} of {self.agent} over {len(self.closed)} drawn realities: "
-            f"{said[NOMINAL]} {unit} if tuned in the nominal simulation, {said[RETUNED]} if tuned by the "
-            f"diagnosis of each, {said[ORACLE]} if tuned in the reality itself (the oracle)"
+            f"{said[NOMINAL]} {unit} {how[0]}, {said[RETUNED]} {how[1]}, {said[ORACLE]} {how[2]}"
         )
         if self.recovered.share is None or self.recovered.ci95 is None:
             return f"{begin}. Nothing to recover: the oracle is not better than the nominal agent."
         low, high = (100 * end for end in self.recovered.ci95)
         share = f"{100 * self.recovered.share:.1f} % of the loss recovered"
-        return f"{begin}: {share} (95 % interval {low:.1f} to {high:.1f})."
+        runs = [100 * one for one in self.of_runs if one is not None]
+        single = f"; single training runs {min(runs):.1f} to {max(runs):.1f} %" if len(runs) > 1 else ""
+        return f"{begin}: {share} (95 % interval {low:.1f} to {high:.1f}){single}."
 
 
 def close_loops(
@@ -136,30 +149,36 @@ def close_loops(
     task = get_task(config.task)
     metric = next(one for one in task.metrics if one.name == config.counted)
     scores = {
-        str(name): own[metric.name].to_numpy(dtype=np.float64).reshape(config.realities, config.episodes)
+        str(name): own[metric.name].to_numpy(dtype=np.float64).reshape(config.realities, -1, config.episodes)
         for name, own in episodes.groupby("agent")
     }
+    roles = NOMINAL, RETUNED, ORACLE
+    of_runs = [_share(*(scores[name][:, run] for name in roles)) for run in range(scores[RETUNED].shape[1])]
+    scores = {name: own.mean(axis=1) for name, own in scores.items()}
     how = {"lower_is_better": metric.lower_is_better}
 
     def closed(number: int, told: dict[str, Any]) -> Closed:
-        own = [scores[name][number] for name in (NOMINAL, RETUNED, ORACLE)]
+        own = [scores[name][number] for name in roles]
         rng = np.random.default_rng(RESAMPLING_SEED)
         means = {name: float(scores[name][number].mean()) for name in scores}
         return Closed(**told, means=means, recovered=recovery(*own, **how, binary=metric.binary, rng=rng))
 
+    tuner = tuner_of(config.task, config.agent)
     result = Realities(
         name=config.name,
         task=config.task,
         agent=config.agent,
-        title=tuner_of(config.task, config.agent).title,
+        title=tuner.title,
+        told=tuner.told,
         metric=metric,
         episodes=config.episodes,
         seeds=config.seeds,
         recovered=pooled_recovery(
-            *(scores[name] for name in (NOMINAL, RETUNED, ORACLE)),
+            *(scores[name] for name in roles),
             **how,
             rng=np.random.default_rng(RESAMPLING_SEED),
         ),
+        of_runs=tuple(of_runs),
         closed=tuple(closed(number, one.result) for number, one in enumerate(done)),
     )
     with replacing(out / "realities.parquet") as temporary:
@@ -168,6 +187,12 @@ def close_loops(
     body = f'<p class="lead">{html.text(result.sentence())}</p>' + html.table(HEADER, rows(result), NOTE)
     write_text(out / "realities.html", html.page(f"Drawn realities: {config.name}", body))
     return result
+
+
+def _share(nominal: FloatArray, retuned: FloatArray, oracle: FloatArray) -> float | None:
+    """What one training run recovers in all realities over what is lost in all."""
+    loss = (nominal - oracle).mean()
+    return float((nominal - retuned).mean() / loss) if loss else None
 
 
 def _job(config: RealitiesConfig, number: int, folder: Path) -> Job:

@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -74,17 +75,20 @@ def close(config: RealitiesConfig, number: int, folder: Path, report: Report) ->
         verdict, extended, skipped = found.verdict, found.extended(), nothing_to_retune(found) or ""
     save_yaml(extended, folder / "extended.yaml")
     took("diagnose")
-    agents = {NOMINAL: _nominal(config.model_dump_json(include={"task", "agent", "options", "settings"}))}
+    agents: dict[str, list[Agent]] = {}
+    agents[NOMINAL] = _nominal(config.model_dump_json(include={"task", "agent", "options", "settings"}))
     took(NOMINAL)
-    agents[RETUNED] = agents[NOMINAL] if skipped else _tuned(config, str(folder / "extended.yaml"))
+    stays = skipped and not tuner_of(config.task, config.agent).told
+    agents[RETUNED] = agents[NOMINAL] if stays else _made(config, str(folder / "extended.yaml"))
     took(RETUNED)
-    agents[ORACLE] = _tuned(config, hidden)
+    agents[ORACLE] = _made(config, hidden)
     took(ORACLE)
     where = EnvironmentConfig(settings=config.settings, reality=hidden)
     own = seeds[number * config.episodes : (number + 1) * config.episodes]
     tables = [
-        play_episodes(agent, config.task, where, own).table.assign(agent=name, run=0)
-        for name, agent in agents.items()
+        play_episodes(agent, config.task, where, own).table.assign(agent=name, run=run)
+        for name, runs in agents.items()
+        for run, agent in enumerate(runs)
     ]
     with replacing(folder / EPISODES) as temporary:
         pd.concat(tables, ignore_index=True).to_parquet(temporary, index=False)
@@ -152,14 +156,18 @@ def drawn(config: RealitiesConfig, seed: int) -> dict[str, dict[str, float]]:
     return reality.draw(model, rng).plain()
 
 
-def _tuned(config: RealitiesConfig, reality: Any) -> Agent:
+def _made(config: RealitiesConfig | SimpleNamespace, reality: Any) -> list[Agent]:
+    """The agent for a reality; of a policy that is told, every training run unless one is asked for."""
     tuner = tuner_of(config.task, config.agent)
-    return tuner.tune(config.settings, reality, tuner.options.model_validate(config.options))
+    options = tuner.options.model_validate(config.options)
+    if tuner.told and "run" not in config.options:
+        each = [options.model_copy(update={"run": run}) for run in range(tuner.runs)]
+    else:
+        each = [options]
+    return [tuner.tune(config.settings, reality, one) for one in each]
 
 
 @lru_cache(maxsize=1)
-def _nominal(config: str) -> Agent:
+def _nominal(config: str) -> list[Agent]:
     """The agent of the nominal simulation, the same in all realities; by the config's parts that matter."""
-    parts = json.loads(config)
-    tuner = tuner_of(parts["task"], parts["agent"])
-    return tuner.tune(parts["settings"], None, tuner.options.model_validate(parts["options"]))
+    return _made(SimpleNamespace(**json.loads(config)), None)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldagents.tasks.heel_strike.search import recorded
+from fieldgym import find_task
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
 from fieldmodels.machines.heel_strike.search import Walks
 from fieldmodels.machines.heel_strike.sensitivity import loss_slopes, stride_slopes
@@ -19,13 +21,14 @@ class RecordedWalks:
 
     Args:
         settings: Of the environment.
-        reality: Of the environment.
+        reality: Of the environment; of a random one, each walk has what its seed draws there.
         seeds: One for each walk.
     """
 
     def __init__(self, settings: HeelStrikeSettings, reality: Reality, seeds: range) -> None:
         self._settings = settings
-        self._walks = recorded(settings, seeds, reality)
+        self.drawn = _drawn(settings, reality, seeds)
+        self._walks = _walks(settings, reality, seeds, self.drawn)
         shape = (len(seeds), settings.strides, -1)
         bounded = np.clip(self._walks.features, FEATURE_LOW, FEATURE_HIGH)
         self.observations = bounded.astype(np.float32).reshape(shape)
@@ -55,3 +58,33 @@ class RecordedWalks:
         parts = ("samples", "walk", "theta", "height", "features", "levels", "estimator_mm")
         chosen = {name: getattr(every, name)[strides] for name in parts}
         return replace(every, gyro=np.concatenate(pieces), **chosen)
+
+
+def _drawn(settings: HeelStrikeSettings, reality: Reality, seeds: range) -> dict[str, dict[str, Any]]:
+    """What each of some environments draws of a random reality, arrays of shape (seeds,)."""
+    if not reality.random:
+        return {}
+    env = find_task("heel_strike").make_vec(len(seeds), settings=settings, reality=reality)
+    _, info = env.reset(seed=list(seeds))
+    env.close()
+    found = info["privileged"]["reality"]
+    return {effect: {name: found[effect][name] for name in own} for effect, own in reality.plain().items()}
+
+
+def _walks(
+    settings: HeelStrikeSettings, reality: Reality, seeds: range, drawn: dict[str, dict[str, Any]]
+) -> Walks:
+    """The walks of all seeds end to end, each in its own reality."""
+    if not drawn:
+        return recorded(settings, seeds, reality)
+    walks = []
+    for i, seed in enumerate(seeds):
+        own = {
+            effect: {name: float(of[i]) for name, of in values.items()} for effect, values in drawn.items()
+        }
+        walks.append(recorded(settings, range(seed, seed + 1), own))
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in walks])
+        for name in ("gyro", "samples", "theta", "height", "features", "levels", "estimator_mm")
+    }
+    return replace(walks[0], walk=np.repeat(np.arange(len(walks)), settings.strides), **joined)

@@ -1,0 +1,92 @@
+"""Telling a policy in training, and where it is scored as it was trained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import Space
+from gymnasium.spaces import Box
+from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from fieldagents.agent import Agent
+from fieldagents.learned.config import TrainConfig
+from fieldagents.policies.policy import OnnxAgent
+from fieldagents.policies.told import Told, simulated, told_of
+from fieldgym import find_task
+from fieldmodels.drivers.named import flown
+from fieldmodels.registry import get_model
+
+
+def told_in(config: TrainConfig) -> tuple[Told, ...]:
+    """What a policy of a config is told of; nothing unless the config says so."""
+    if not config.told:
+        return ()
+    return told_of(*flown(get_model(find_task(config.task).model), config.environment.reality))
+
+
+class Telling(VectorWrapper):
+    """Environments of a random reality that tell what a diagnosis of it might say; see `simulated`.
+
+    Attributes:
+        told: Of what they tell.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], told: Sequence[Told]) -> None:
+        super().__init__(env)
+        self.told = told
+        space, more = env.single_observation_space, np.full(2 * len(told), np.inf, dtype=np.float32)
+        assert isinstance(space, Box)
+        self.single_observation_space = Box(np.append(space.low, -more), np.append(space.high, more))
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+
+    def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
+        """See ``VectorEnv.reset``."""
+        observation, info = self.env.reset(**how)
+        return self._tell(observation, info), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """See ``VectorEnv.step``."""
+        observation, *rest, info = self.env.step(actions)
+        return self._tell(observation, info), *rest, info
+
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        return np.concatenate([observation, simulated(self.told, info["privileged"]["reality"])], axis=1)
+
+
+class Diagnosed(Agent):
+    """A policy in random realities, told what diagnoses of them might say; the truth is read for that alone.
+
+    Args:
+        policy: A policy that is told something.
+    """
+
+    sees = "privileged"
+
+    def __init__(self, policy: OnnxAgent) -> None:
+        self.name, self.title, self._policy = policy.name, policy.title, policy
+
+    def fits(self, observations: Space[Any], actions: Space[Any]) -> None:
+        """See ``Agent.fits``."""
+        self._policy.fits(observations, actions)
+
+    def reset(self, seed: int) -> None:
+        """See ``Agent.reset``."""
+        self._policy.reset(seed)
+
+    def begin_episodes(self, begun: NDArray[np.bool_]) -> None:
+        """See ``Agent.begin_episodes``."""
+        self._policy.begin_episodes(begun)
+
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+        """See ``Agent.act``."""
+        self._policy.diagnosis = simulated(self._policy.told, info["privileged"]["reality"])
+        return self._policy.act(observation, {})
+
+
+def as_trained(policy: OnnxAgent) -> Agent:
+    """A policy as it was trained: with a simulated diagnosis, if it is told one."""
+    return Diagnosed(policy) if policy.told else policy
