@@ -8,6 +8,7 @@ from fieldmodels.diagnosis.linearisation import PRIOR
 from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.response import offsets, responses
+from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.drivers.variables import SEGMENTS
 from fieldmodels.exam.benches import get_bench
 from fieldmodels.exam.benches.base import Conditions
@@ -61,6 +62,24 @@ def test_a_gyro_that_shows_more_makes_strides_close_worse():
             np.testing.assert_allclose(found, -turned, rtol=1e-9, atol=1e-12)
             seen += turned > 0
     assert seen > 10
+
+
+def test_a_curve_of_a_gyro_moves_what_is_derived_from_it():
+    """One that is the same everywhere is a bias, in the closure and the push-off as in the readings."""
+    problem, fitted = walk()
+    model, windows, bias = problem.model, problem.parts[0].windows, 0.01
+    curved = Curved(
+        model, [FreeCurve("sensor", "gyro", "gyro", np.array([-2.0, 2.0]), np.full((2, 1), bias))]
+    )
+    true = windows.states - [0.0, bias]  # the start is what the gyro reads
+    found = curved.simulate(np.append(fitted.parameters, 1.0)[None], windows.with_states(true))[0]
+    effect = model.vector(effects={"gyro_bias": {"rate": bias}})
+    expected = model.simulate(effect[None], windows)[0]
+    without = model.simulate(model.nominal[None], windows)[0]
+    for j in range(len(model.outputs)):
+        seen = windows.observed[..., j]
+        assert np.abs((found - expected)[seen, j]).max() < 1e-12
+        assert np.abs((without - expected)[seen, j]).max() > 1e-4
 
 
 def test_an_erring_sensor_errs_at_the_start_too():

@@ -50,8 +50,9 @@ class Sensors:
     def __len__(self):
         return self.windows
 
-    def average(self, columns):
-        return np.repeat(columns[0][:, None], 2 * FEATURES, axis=1)
+    @property
+    def zeros(self):
+        return {j: np.repeat((j == OUTPUTS)[None] * 1.0, self.windows, axis=0) for j in (0, 1)}
 
 
 class Recorded:

@@ -194,6 +194,19 @@ class Problem:
         return np.array([self.model.outputs[j].event for j in self.outputs], dtype=np.bool_)
 
     @cached_property
+    def zeros(self) -> dict[int, FloatArray]:
+        """What a unit too much in each output adds, also to what is derived from it, (windows, features)."""
+        result = {}
+        for j in np.unique(self.outputs[~self.events]).tolist():
+            parts = []
+            for part in self.parts:
+                true = np.zeros((1, *part.slots.shape))
+                shown = true + (np.arange(true.shape[3]) == j)
+                parts.append(part.compressed(self.model.derived(true, shown, part.windows))[0])
+            result[j] = np.concatenate(parts)
+        return result
+
+    @cached_property
     def observations(self) -> Observations | None:
         """The event features; None if there are none."""
         if not self.events.any():
@@ -269,16 +282,6 @@ class Problem:
             results.append(np.where(part.windows.observed, np.clip(outputs, -HUGE, HUGE), np.nan))
             first = last
         return results
-
-    def average(self, columns: list[FloatArray]) -> FloatArray:
-        """Averages of a signal of each recording over the bins of the features, shape (windows, features)."""
-        results = []
-        for part, column in zip(self.parts, columns, strict=True):
-            rows = part.windows.starts[:, None] + np.arange(part.slots.shape[1])[None, :]
-            values = column[np.minimum(rows, len(column) - 1)]
-            spread = np.repeat(values[None, :, :, None], part.slots.shape[2], axis=3)
-            results.append(part.compressed(spread)[0])
-        return np.concatenate(results)
 
     def select(self, blocks: NDArray[np.bool_]) -> Problem:
         """Keep the windows of some blocks; ``blocks`` says for each window whether it stays."""

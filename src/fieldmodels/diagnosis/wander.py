@@ -114,11 +114,10 @@ class _Walks:
     """Likelihood of a fit's residual beside walks of some outputs' zeros."""
 
     def __init__(self, problem: Problem, fitted: Fit) -> None:
-        one = problem.average([np.ones(len(part.windows.recording)) for part in problem.parts])
         self.shown, model = {}, problem.model
         sources = [model.measured_states.get(s.name, s.name) for s in model.states]
         for j in np.unique(problem.outputs[~problem.events]):
-            own = one * (problem.outputs == j)
+            own = problem.zeros[int(j)]
             # What a sensor shows too much it says of the window's start, too.
             same = np.array([source == model.outputs[j].name for source in sources], dtype=np.bool_)
             start = same / (PRIOR * problem.state_scale)
