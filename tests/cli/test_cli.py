@@ -64,7 +64,10 @@ def mistake(*arguments: object) -> str:
         ("watch --agent straight", {"straight"}),
         ("list pose", {"pose_reaching"}),
         ("list rig", {"rig"}),
-        ("train heel_strike/", {"heel_strike/pathwise", "heel_strike/ppo", "heel_strike/ppo_twins"}),
+        (
+            "train heel_strike/",
+            {f"heel_strike/{name}" for name in ("conditioned", "pathwise", "ppo", "ppo_twins")},
+        ),
         ("evaluate heel_strike/", {"heel_strike/benchmark", "heel_strike/realities"}),
         ("evaluate bench", {"benchmark"}),
         ("sweep heel_strike/", {"heel_strike/sweep", "heel_strike/tune"}),
