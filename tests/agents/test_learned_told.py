@@ -243,7 +243,9 @@ def test_where_a_diagnosis_names_nothing_the_policy_acts_untold(run, tmp_path, m
         "episodes": 20,
         "seeds": "tuning",
     }
-    close_loops(RealitiesConfig.model_validate(config), tmp_path)
+    result = close_loops(RealitiesConfig.model_validate(config), tmp_path)
+    assert "if told the diagnosis of each" in result.sentence()
+    assert len(result.of_runs) == 1
     episodes = pd.read_parquet(tmp_path / "realities.parquet").set_index("agent")["return"]
     untold = OnnxAgent(run / "policy.onnx")
     for number in range(2):

@@ -29,6 +29,16 @@ from fieldmodels.files import replacing, write_text
 if TYPE_CHECKING:
     from rich.console import Console
 
+TUNED = (
+    "if tuned in the nominal simulation",
+    "if tuned by the diagnosis of each",
+    "if tuned in the reality itself (the oracle)",
+)
+TOLD = {
+    told: ("by the nominal agent", f"if told {what}", "if told the truth (the oracle)")
+    for told, what in ((True, "the diagnosis of each"), (False, "nothing"))
+}
+"""What the three agents are, in words."""
 FILES = ("realities.json", "realities.parquet", "realities.html")
 
 
@@ -64,7 +74,7 @@ class Realities:
         task: Name of the task.
         agent: Name of what is tuned.
         title: How it is tuned.
-        told: Whether it is told the diagnosis, and not tuned by it.
+        roles: What nominal agent, re-tuned agent and oracle are, in words.
         metric: By which the loss is counted.
         episodes: Of every agent in each reality.
         seeds: Where the seeds are from.
@@ -77,7 +87,7 @@ class Realities:
     task: str
     agent: str
     title: str
-    told: bool
+    roles: tuple[str, str, str]
     metric: Metric
     episodes: int
     seeds: str
@@ -97,13 +107,7 @@ class Realities:
         """What came out, in plain words."""
         scale, unit = (100, "%") if self.metric.binary else (1, self.metric.unit)
         said = {name: f"{scale * self.mean(name):.4g}" for name in (NOMINAL, RETUNED, ORACLE)}
-        how = (
-            "if tuned in the nominal simulation",
-            "if tuned by the diagnosis of each",
-            "if tuned in the reality itself (the oracle)",
-        )
-        if self.told:
-            how = "by the nominal agent", "if told the diagnosis of each", "if told the truth (the oracle)"
+        how = self.roles
         begin = (
             f"{self.metric.title} of {self.agent} over {len(self.closed)} drawn realities: "
             f"{said[NOMINAL]} {unit} {how[0]}, {said[RETUNED]} {how[1]}, {said[ORACLE]} {how[2]}"
@@ -169,7 +173,7 @@ def close_loops(
         task=config.task,
         agent=config.agent,
         title=tuner.title,
-        told=tuner.told,
+        roles=TOLD[bool(config.options.get("told", True))] if tuner.told else TUNED,
         metric=metric,
         episodes=config.episodes,
         seeds=config.seeds,
