@@ -90,16 +90,16 @@ def test_the_likelihood_is_that_of_a_gaussian_with_walks(paces, share):
         covariance += pace * walk[:, None, :, None] * own[None, :, None, None] * own
     size = residual.size
     exact = -multivariate_normal(np.zeros(size), covariance.reshape(size, size)).logpdf(residual.ravel())
-    (cost,) = _Walks(problem, fit).costs([*paces], [([*paces.values()], share)])
+    (cost,) = _Walks(problem, fit).costs([*paces], np.array([[*paces.values()]]), np.array([share]))
     assert cost + 0.5 * size * np.log(2 * np.pi) == pytest.approx(exact)
 
 
 def test_columns_that_say_the_same_twice_count_once():
     rng = np.random.default_rng(7)
     residual, column = rng.normal(size=(60, 2 * FEATURES)), rng.normal(size=(60, 2 * FEATURES, 1))
-    tried = [([pace], 0.3) for pace in (1.0, 100.0)]
+    tried = np.array([[1.0], [100.0]]), np.array([0.3, 0.3])
     once, twice = (
-        _Walks(*fitted(residual, columns)).costs([0], tried) for columns in (column, column[:, :, [0, 0]])
+        _Walks(*fitted(residual, columns)).costs([0], *tried) for columns in (column, column[:, :, [0, 0]])
     )
     assert twice == pytest.approx(once, rel=1e-9)
 

@@ -128,6 +128,11 @@ class _Walks:
             self.shown[FORCE] = _pushed(problem, fitted)
         self._columns = _columns(fitted)
         self._products, self._precision = _products(self._columns), _precision(problem)
+        above = self._precision[1]
+        self._logs = float(np.sum(np.log(-above[above < 0.0])))
+        # Squares of what a window answers to an offset.
+        squares = {j: float(np.mean(np.sum(one**2, axis=1))) for j, one in self.shown.items()}
+        self._typical = {j: max(square, 1e-300) for j, square in squares.items()}
         self.without = 0.5 * float(_left(self._products[None])[0])
 
     def search(self, price: float) -> tuple[float, dict[int, float]]:
@@ -142,19 +147,16 @@ class _Walks:
 
     def still(self, paces: dict[int, float], outputs: list[int]) -> float:
         """Least cost if some outputs walk as slowly as any, and others at their paces."""
-        slow = [*paces.values(), *(PACES[0] / self._typical(j) for j in outputs)]
-        return float(self.costs([*paces, *outputs], [(slow, share) for share in SHARES]).min())
-
-    def _typical(self, j: int) -> float:
-        """Square of what a window answers to an output's offset."""
-        return max(float(np.mean(np.sum(self.shown[j] ** 2, axis=1))), 1e-300)
+        slow = [*paces.values(), *(PACES[0] / self._typical[j] for j in outputs)]
+        return float(self.costs([*paces, *outputs], np.tile(slow, (len(SHARES), 1)), np.array(SHARES)).min())
 
     def best(self, paces: dict[int, float], j: int) -> tuple[float, float]:
         """Least cost with one output more, and its pace."""
-        tried = [([*paces.values(), pace], share) for pace in PACES / self._typical(j) for share in SHARES]
-        costs = self.costs([*paces, j], tried)
+        own = np.repeat(PACES / self._typical[j], len(SHARES))
+        tried = np.column_stack([*np.tile(list(paces.values()), (len(own), 1)).T, own])
+        costs = self.costs([*paces, j], tried, np.tile(SHARES, len(PACES)))
         k = int(np.argmin(costs))
-        return float(costs[k]), float(tried[k][0][-1])
+        return float(costs[k]), float(own[k])
 
     def walk(self, j: int, pace: float) -> FloatArray:
         """The most probable offset of an output's zero in every window, by itself, shape (windows,)."""
@@ -164,18 +166,18 @@ class _Walks:
         banded = np.stack([np.append(0.0, above[:-1]), diagonal])
         return np.asarray(solveh_banded(banded, np.sum(shown * residual, axis=1)), dtype=np.float64)
 
-    def costs(self, outputs: list[int], tried: list[tuple[list[float], float]]) -> FloatArray:
+    def costs(self, outputs: list[int], paces: FloatArray, shares: FloatArray) -> FloatArray:
         """Negative log-likelihoods beside walks of these outputs, parameters at their optimum.
 
         Args:
             outputs: Whose zeros walk.
-            tried: Their paces, and the share of the errors along the offsets that is left.
+            paces: Their paces, shape (cases, outputs).
+            shares: Of the errors along the offsets, that is left, shape (cases,).
         """
         shown = np.stack([self.shown[j] for j in outputs], axis=2)
         across = shown.transpose(0, 2, 1)
         power, score = across @ shown, across @ self._columns
         along = stacked(score).T @ stacked(pseudo_inverse(power) @ score)
-        paces, shares = np.array([own for own, _ in tried]), np.array([share for _, share in tried])
         taken, changes = _integrated(self._precision, power, score, paces, shares)
         # Errors have the covariance (1 - V) + share V + walks, where V projects on the offsets.
         products = self._products + np.multiply.outer(1.0 / shares - 1.0, along) - taken
@@ -184,9 +186,7 @@ class _Walks:
 
     def _spread(self, paces: FloatArray) -> FloatArray:
         """Half the logarithm of the determinant of the walks' precision, shape (cases,)."""
-        size, above = self._precision.shape[1], self._precision[1]
-        own = float(np.sum(np.log(-above[above < 0.0])))
-        return np.asarray(0.5 * np.sum(own - size * np.log(paces), axis=1))
+        return np.asarray(0.5 * np.sum(self._logs - self._precision.shape[1] * np.log(paces), axis=1))
 
 
 @compiled
@@ -195,7 +195,7 @@ def _integrated(
 ) -> tuple[FloatArray, FloatArray]:
     """What walks take off the products of the columns, and half the log-determinant of their precision.
 
-    By Cholesky's factor of the banded precision, row by row, a window's offsets side by side.
+    By Cholesky's factor of the banded precision, row by row, a window's offsets and all cases side by side.
 
     Args:
         precision: Of a walk with variance one, as of ``_precision``.
@@ -208,43 +208,55 @@ def _integrated(
         Shapes (cases, columns, columns) and (cases,); infinite where a precision is none.
     """
     windows, walks, columns = score.shape
-    taken = np.zeros((len(paces), columns, columns))
-    logs = np.zeros(len(paces))
-    factor = np.zeros((windows * walks, walks + 1))  # of row r the columns r - walks to r
-    half = np.zeros((windows * walks, columns))
-    for case in range(len(paces)):
-        share = shares[case]
-        for r in range(windows * walks):
-            w, a = r // walks, r % walks
-            for i in range(walks + 1):
-                c = r - walks + i
-                if c < 0:
-                    continue
-                value = power[w, a, i - walks + a] / share if i >= walks - a else 0.0
-                if i == walks:
-                    value += precision[0, w] / paces[case, a]
-                elif i == 0:
-                    value += precision[1, w - 1] / paces[case, a]
-                for k in range(max(i - walks, 0, walks - r), i):
-                    value -= factor[r, k] * factor[c, k + walks - i]
-                if i < walks:
-                    factor[r, i] = value / factor[c, walks]
-                elif value > 0.0:
-                    factor[r, walks] = math.sqrt(value)
-                    logs[case] += math.log(factor[r, walks])
-                else:
-                    factor[r, walks] = 1.0
-                    logs[case] = np.inf
-            for m in range(columns):
-                half[r, m] = score[w, a, m] / share
+    cases = len(paces)
+    kept = walks + 1  # rows that the next one looks at
+    precise, paced = 1.0 / shares, 1.0 / paces.T.copy()
+    taken, logs = np.zeros((columns, columns, cases)), np.zeros(cases)
+    factor = np.zeros((kept, kept, cases))  # of row r the columns r - walks to r, the last one's inverse
+    half = np.zeros((kept, columns, cases))
+    value = np.zeros(cases)
+    for r in range(windows * walks):
+        w, a, row = r // walks, r % walks, r % kept
+        for i in range(max(walks - r, 0), kept):
+            c = (r - walks + i) % kept
+            beside = power[w, a, i - walks + a] if i >= walks - a else 0.0
+            along = precision[0, w] if i == walks else precision[1, w - 1] if i == 0 else 0.0
+            slow = paced[a]
+            for case in range(cases):
+                value[case] = beside * precise[case] + along * slow[case]
+            for k in range(max(walks - r, 0), i):
+                first, second = factor[row, k], factor[c, k + walks - i]
+                for case in range(cases):
+                    value[case] -= first[case] * second[case]
+            if i < walks:
+                first, second = factor[row, i], factor[c, walks]
+                for case in range(cases):
+                    first[case] = value[case] * second[case]
+        pivot = factor[row, walks]
+        for case in range(cases):
+            logs[case] += 0.5 * math.log(value[case]) if value[case] > 0.0 else np.inf
+            pivot[case] = 1.0 / math.sqrt(value[case]) if value[case] > 0.0 else 1.0
+        for m in range(columns):
+            mine = half[row, m]
+            for case in range(cases):
+                mine[case] = score[w, a, m] * precise[case]
             for i in range(max(walks - r, 0), walks):
-                for m in range(columns):
-                    half[r, m] -= factor[r, i] * half[r - walks + i, m]
-            for m in range(columns):
-                half[r, m] /= factor[r, walks]
-        if logs[case] < np.inf:
-            taken[case] = half.T @ half
-    return taken, logs
+                first, second = factor[row, i], half[(r - walks + i) % kept, m]
+                for case in range(cases):
+                    mine[case] -= first[case] * second[case]
+            for case in range(cases):
+                mine[case] *= pivot[case]
+            for n in range(m + 1):
+                other, sums = half[row, n], taken[m, n]
+                for case in range(cases):
+                    sums[case] += mine[case] * other[case]
+    result = np.zeros((cases, columns, columns))
+    for case in range(cases):
+        for m in range(columns):
+            for n in range(m + 1):
+                if logs[case] < np.inf:
+                    result[case, m, n] = result[case, n, m] = taken[m, n, case]
+    return result, logs
 
 
 def _columns(fitted: Fit) -> FloatArray:
