@@ -249,6 +249,7 @@ class Search:
     def __init__(self, totals, better=None):
         self.totals = {frozenset(names): total for names, total in totals.items()}
         self.better = {frozenset(names): total for names, total in (better or {}).items()}
+        self.simpler, self.ways, self.fitted_again = {}, [], []
 
     def made(self, names, table):
         key = frozenset(names)
@@ -262,21 +263,30 @@ class Search:
         return self.made([n for n in candidate.effects if n != gone], self.better)
 
     def extend(self, parent, name):
+        self.ways.append(("".join(parent.effects), name))
         return self.made([*parent.effects, name], self.better)
 
     def names(self):
         return sorted(set().union(*self.totals))
 
     def score_test(self, parent, name):
-        return parent.total - self.extend(parent, name).total
+        return parent.total - self.made([*parent.effects, name], self.better).total
 
     def each(self, function, items):
         return [function(one) for one in items]
 
+    def promised(self, parent, name):
+        return parent.fit.cost - self.score_test(parent, name)
+
+    def twins(self, name):
+        return self.simpler.get(name, set())
+
     def again(self, candidate):
+        self.fitted_again.append(set(candidate.effects))
         return candidate
 
-    simplified = again
+    def simplified(self, candidate):
+        return candidate
 
 
 PAIRS = {"ab": 100.0, "ac": 103.0, "a": 200.0, "b": 200.0, "c": 200.0}
@@ -473,3 +483,35 @@ def test_two_effects_that_a_third_one_imitates_are_fitted_together(monkeypatch):
     search.score_test = lambda parent, name: 0.5 * max(parent.total - search.extend(parent, name).total, 0.0)
     grown = selection._grown(search, [search.stuck("v"), search.stuck("g")])
     assert set(grown[0].effects) == {"g", "c"}
+
+
+def searching(monkeypatch, totals, **more):
+    monkeypatch.setattr(selection, "covariance_whitener", lambda *_: None)
+    search = Search(totals, **more)
+    search.problem = SimpleNamespace(
+        blocks=BLOCKS, model=SimpleNamespace(effect=lambda name: search.made(name, {}))
+    )
+    return search
+
+
+@pytest.mark.parametrize(("lacks", "ways"), [(0.0, [("a", "b")]), (5.0, [("a", "b"), ("b", "a")])])
+def test_a_set_is_fitted_from_a_second_parent_if_it_lacks_what_that_promises(monkeypatch, lacks, ways):
+    search = searching(monkeypatch, {"a": 100.0, "b": 130.0, "ab": 50.0})
+    search.promised = lambda parent, name: 50.0 - lacks
+    selection._grown(search, [search.stuck("a"), search.stuck("b")])
+    assert search.ways == ways
+
+
+def test_what_contains_a_simpler_effect_that_is_as_good_is_no_parent(monkeypatch):
+    search = searching(monkeypatch, {"a": 100.0, "b": 100.5, "c": 120.0, "": 300.0})
+    search.simpler = {"b": {"a"}, "c": {"d"}}
+    grown = selection._grown(search, [search.stuck()])
+    assert [set(one.effects) for one in grown] == [{"a"}, {"c"}]
+    search.simpler = {"a": {"b"}}  # it contains b and is better
+    assert len(selection._grown(search, [search.stuck()])) == 3
+
+
+def test_where_no_larger_set_is_better_none_is_fitted_again(monkeypatch):
+    search = searching(monkeypatch, {"a": 100.0, "ab": 101.0, "ac": 102.0, "b": 300.0, "c": 300.0})
+    assert [set(one.effects) for one in selection._grown(search, [search.stuck("a")])] == [{"a", "b"}]
+    assert search.fitted_again == []

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldmodels.diagnosis import candidates, diagnose
+from fieldmodels.diagnosis import candidates, diagnose, signs
+from fieldmodels.diagnosis import fit as fitting
+from fieldmodels.diagnosis.averages import resolving
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.effort import VARIABLE, metered, shared, threads_of
 from fieldmodels.diagnosis.fit import fit
@@ -154,6 +156,52 @@ def test_a_fit_that_stays_at_its_bound_ends_as_the_simpler_effect_and_early(
     late, many = tried()
     assert early is late is None
     assert few < many
+
+
+def test_derivatives_that_still_hold_are_used_again_and_the_end_is_the_same(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = np.arange(len(problem.model.parameters))
+
+    def ended() -> tuple[Fit, int]:
+        with metered() as meter:
+            found = fit(problem, 1.2 * problem.model.nominal, free, np.diag(1 / problem.output_scale))
+        return found, meter.windows
+
+    again, few = ended()
+    monkeypatch.setattr(fitting, "FORESEEN", 0.0)
+    anew, many = ended()
+    assert few < 0.9 * many
+    assert again.cost == pytest.approx(anew.cost, abs=2 * fitting.SETTLED)
+    at = again.parameters, again.free, again.whitener, again.states, again.raw
+    np.testing.assert_array_equal(again.jacobian, linearise(problem, *at).jacobian)
+
+
+def test_few_periods_of_a_cogging_are_simulated_and_the_best_or_the_next_one_is_among_them() -> None:
+    data = synthesise(
+        get_model("rig"), {"cogging": {"sine": 0.4, "period": 0.02}}, "mixed", duration=20.0, step=0.01,
+        amplitude=8.0, rng=np.random.default_rng(2),
+    )  # fmt: skip
+    problem = build(model := get_model("rig").scaled_to([data]), [data], model.horizons[1])
+    search = Candidates(
+        problem=problem, start=model.nominal, fixed=frozenset(), folds=problem.folds,
+        whitener=np.diag(1 / problem.output_scale),
+    )  # fmt: skip
+    base, effect, own = search.base(), model.effect("cogging"), model.slice_of("cogging")
+    few = search.start_vectors(base, effect)
+    every = np.repeat(few[:1], len(effect.parameters[2].starts), axis=0)
+    every[:, :, own.stop - 1] = np.array(effect.parameters[2].starts)[:, None]
+    assert len(few) <= candidates.LINES < len(every)
+    assert search.score(base, few)[0].max() > 0.95 * search.score(base, every)[0].max()
+
+
+def test_columns_are_not_doubted_where_what_is_found_explains_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(signs, "_hypotheses", lambda *_: pytest.fail("doubted"))
+    assert diagnose(get_model("rig"), [recorded(12.0)]).verdict == "named"
+
+
+def test_averages_that_show_what_a_base_lacks_are_fine_enough(problem: Problem, fitted: Fit) -> None:
+    assert resolving(problem, fitted.parameters, lambda _: pytest.fail("fitted more finely")) == 0
 
 
 def test_pseudo_inverses_are_numpys() -> None:

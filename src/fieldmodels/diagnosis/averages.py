@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem
 
@@ -36,18 +36,37 @@ def resolving(
         return 0
     shortest = min(int(part.windows.lengths.min()) for part in problem.parts)
     counts = [times * problem.bins for times in FINER if times * problem.bins <= shortest // 2]
-    present = _error(problem, parameters)
+    prediction = predict(problem, parameters)
+    present = _error(problem, prediction)
+    if _of_averages(problem, prediction) >= SHARPER * present:
+        return 0
     errors = {}
     for bins in counts:
         finer, fitted = refitted(bins)
-        errors[bins] = _error(finer, fitted.parameters)
+        errors[bins] = _error(finer, predict(finer, fitted.parameters))
     best = min(errors.values(), default=present)
     if not best < SHARPER * present:
         return 0
     return min(bins for bins, error in errors.items() if error <= ALIKE * best)
 
 
-def _error(problem: Problem, parameters: FloatArray) -> float:
+def _error(problem: Problem, prediction: Prediction) -> float:
     """Error of the samples, of all signals the geometric mean."""
-    errors = predict(problem, parameters).rmse()[np.unique(problem.outputs)]
+    return _mean(prediction.rmse()[np.unique(problem.outputs)])
+
+
+def _of_averages(problem: Problem, prediction: Prediction) -> float:
+    """The same of the averages: what they show of an error is no smaller where it is fitted more finely."""
+    names = tuple(o.name for o in problem.model.outputs)
+    squares, counts = np.zeros(len(names)), np.zeros(len(names))
+    for part, simulated in zip(problem.parts, prediction.simulated, strict=True):
+        error = np.nan_to_num(part.windows.measured(names) - simulated)
+        averages = part.compressed(error[None])[0] * part.noise_ratio
+        np.add.at(squares, problem.outputs, np.sum(part.counts * averages**2, axis=0))
+        np.add.at(counts, problem.outputs, part.counts.sum(axis=0))
+    shown = np.unique(problem.outputs)
+    return _mean(np.sqrt(squares[shown] / counts[shown]))
+
+
+def _mean(errors: FloatArray) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(errors, 1e-300)))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -13,27 +14,28 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.budget import SEARCH, Budget
-from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.effort import shared, threads_of
 from fieldmodels.diagnosis.fit import best_of, costs, fit, parameters_at, refit, weighed
 from fieldmodels.diagnosis.held_out import held_out_loss, leave_out_steps, window_loss
 from fieldmodels.diagnosis.linearisation import Fit, project, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.response import Answers, felt_from, responses, sample_times
+from fieldmodels.diagnosis.response import Answers, felt_from, mean_outputs, responses, sample_times
 from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.model import Effect, Model
 
 IntArray = NDArray[np.int64]
 Names = tuple[str, ...]
+Pushed = tuple[Answers, FloatArray, FloatArray]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
-PROMISED = 0.7  # of the gain predicted of the first start: with so much in hand no second one is followed
+PROMISED = 0.7  # of the gain predicted of the first start: with so much in hand no other one is followed
 LEAST = 0.5  # nats of the same
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
-HELD = 3  # better points in a row at which a bound holds a fit that then counts as the simpler effect there
+ROUGH = 0.1  # nats; an extension whose step gains less is told from others, and fitted again if it is near
+HELD = 2  # better points in a row at which a bound holds a fit that then counts as the simpler effect there
 LINES = 4  # spectral lines that are followed
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
@@ -90,6 +92,8 @@ class Candidates:
         budget: How long the search may take.
         seen: Cached results of ``screened``, by parent and effect.
         made: The same of ``again`` and ``without``, by candidate, effect and whitener.
+        pushes: The same of ``_pushed``, by fit.
+        pushing: Held while one of these is made, by fit.
         bases: The same of ``base``, by number of steps.
     """
 
@@ -103,6 +107,10 @@ class Candidates:
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
     made: dict[tuple[int, str, int], tuple[Candidate, FloatArray, Candidate]] = field(default_factory=dict)
+    pushes: dict[int, tuple[Fit, tuple[Answers, FloatArray, FloatArray]]] = field(
+        default_factory=dict, init=False
+    )
+    pushing: dict[int, Lock] = field(default_factory=dict, init=False)
     bases: dict[int, Candidate] = field(default_factory=dict, init=False)  # of this problem alone
 
     def of(self, problem: Problem) -> Candidates:
@@ -135,7 +143,7 @@ class Candidates:
         """Fit the base alone, from the nominal values, the model's starts and a coarse search."""
         if iterations not in self.bases:
             self.bases[iterations] = self._fitted_base(iterations)
-        self.whitener = self.bases[iterations].fit.whitener
+            self.whitener = self.bases[iterations].fit.whitener
         return self.bases[iterations]
 
     def _fitted_base(self, iterations: int) -> Candidate:
@@ -178,15 +186,12 @@ class Candidates:
         if self.budget.lacks(" + ".join((*parent.effects, name)), SEARCH):
             return None
         effect = self.problem.model.effect(name)
-        predicted, starts = self.screened(parent, effect)
+        starts, good = self.screened(parent, effect)[1], self.promised(parent, name)
         free = self.free((*parent.effects, name))
-        good = -np.inf
-        if self.problem.observations is None and parent.fit.whitener is self.whitener:
-            good = parent.fit.cost - max(PROMISED * predicted, LEAST)
         best = best_of(self.problem, starts, free, self.whitener, parent.fit.states, 3, good)
         if not np.isfinite(best.cost):
             return None
-        best = refit(self.problem, best, self.whitener, MOST, _Twin(self.problem.model, effect))
+        best = refit(self.problem, best, self.whitener, MOST, _Enough(self.problem.model, effect))
         if effect.where == "sensor" and _left_measured(self.problem, parent.fit):
             best = min(best, self._from_measured(best.parameters, free), key=lambda f: f.cost)
         best = self._profiled(best, effect)
@@ -248,6 +253,16 @@ class Candidates:
         """Improvement [nats] by an effect from its best start, predicted to first order (a score test)."""
         return self.screened(parent, self.problem.model.effect(name))[0]
 
+    def twins(self, name: str) -> set[str]:
+        """Simpler effects that an effect equals at bounds of its parameters."""
+        return {twin for p in self.problem.model.effect(name).parameters for twin in p.twins if twin}
+
+    def promised(self, parent: Candidate, name: str) -> float:
+        """Cost [nats] at which a fit of an effect beside a parent needs no other start; -inf if none does."""
+        if self.problem.observations is not None or parent.fit.whitener is not self.whitener:
+            return -np.inf
+        return parent.fit.cost - max(PROMISED * self.score_test(parent, name), LEAST)
+
     def score(self, parent: Candidate, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Improvement [nats] by an effect from each of its starts, predicted to first order (score tests).
 
@@ -283,8 +298,16 @@ class Candidates:
         choices = [_parameter_starts(self.problem, effect, k) for k in range(len(effect.parameters))]
         linear = _linear(self.problem, effect)
         for k, parameter in enumerate(effect.parameters):
-            if parameter.unit == "Hz" and effect.where == "force" and self.problem.model.disturbance_unit:
-                choices[k] = self.lines(parent, np.sort(choices[k]))  # a model states peaks by size
+            if effect.where != "force" or not self.problem.model.disturbance_unit or len(choices[k]) <= LINES:
+                continue
+            if parameter.unit == "Hz":  # a model states peaks by size
+                found = self.lines(parent, sample_times(self.problem), np.sort(choices[k]))
+                choices[k] = tuple(found.tolist())
+            way = [j for j in _shown(self.problem) if self.problem.model.outputs[j].unit == parameter.unit]
+            if parameter.name == "period" and len(way) == 1:
+                passed = mean_outputs(self.problem, parent.fit, way[0])
+                found = self.lines(parent, passed, np.sort(1.0 / np.array(choices[k])))
+                choices[k] = tuple((1.0 / found).tolist())
         values = np.array(list(itertools.product(*choices)))
         place = self.problem.model.slice_of(effect.name)
         result = np.tile(parent.fit.parameters, (len(values), len(linear), 1))
@@ -295,21 +318,22 @@ class Candidates:
                     result[:, g, place.start + other] = effect.parameters[other].nominal
         return result
 
-    def lines(self, parent: Candidate, grid: FloatArray) -> tuple[float, ...]:
-        """Frequencies of a periodic force that explain most of a parent's residual, by its force response."""
-        push = self.problem.model.pushes[0]
-        force = responses(self.problem, parent.fit, [push.name])[push.name]
-        answers = Answers(project(parent.fit, force), felt_from(self.problem))
-        time = answers.spread(sample_times(self.problem))
-        basis = np.linalg.qr(stacked(parent.fit.jacobian[:, :, parent.fit.active]))[0]
-        residual = parent.fit.residual.reshape(-1)
-        others = answers.with_all(np.column_stack([basis, residual]))
+    def lines(self, parent: Candidate, over: FloatArray, grid: FloatArray) -> FloatArray:
+        """Frequencies of a periodic force that explain most of a parent's residual, by its force response.
+
+        Args:
+            parent: What the force is added to.
+            over: What it repeats over, on the segments of every window, shape (windows, segments).
+            grid: Frequencies that are tried, rising.
+        """
+        answers, others, left = self._pushed(parent.fit)
+        over = answers.spread(over)
         gain = np.empty(len(grid))
         for some in _evenly_spaced(grid):
-            pairs = waves.against(time, others, grid[some])
-            whole, cross = waves.products(time, answers.products, grid[some]), pairs[:-1]
+            pairs = waves.against(over, others, grid[some])
+            whole, cross = waves.products(over, answers.products, grid[some]), pairs[:-1]
             own = whole - np.einsum("fkc,fkd->kcd", cross, cross)
-            s, t = (pairs[-1] - np.tensordot(basis.T @ residual, cross, 1)).T
+            s, t = (pairs[-1] - np.tensordot(left, cross, 1)).T
             a, b, c = own[:, 0, 0], own[:, 1, 1], own[:, 0, 1]
             determinant = np.maximum(a * b - c**2, 1e-6 * a * b)
             power = b * s**2 - 2 * c * s * t + a * t**2
@@ -317,7 +341,21 @@ class Candidates:
             told = np.minimum(a, b) > SEEN * np.trace(whole, axis1=1, axis2=2)
             gain[some] = np.divide(power, determinant, out=np.zeros_like(power), where=told)
         peaks = [i for i in np.argsort(-gain) if gain[i] >= gain[max(i - 1, 0) : i + 2].max()]
-        return tuple(grid[peaks[:LINES]].tolist())
+        return np.asarray(grid[peaks[:LINES]])
+
+    def _pushed(self, fitted: Fit) -> Pushed:
+        """How a fit answers to a force, products of that with its parameters and residual, and these' own."""
+        key = id(fitted)
+        with self.pushing.setdefault(key, Lock()):  # of two threads one waits for the other
+            if key not in self.pushes:
+                push = self.problem.model.pushes[0]
+                force = responses(self.problem, fitted, [push.name])[push.name]
+                answers = Answers(project(fitted, force), felt_from(self.problem))
+                basis = np.linalg.qr(stacked(fitted.jacobian[:, :, fitted.active]))[0]
+                residual = fitted.residual.reshape(-1)
+                others = answers.with_all(np.column_stack([basis, residual]))
+                self.pushes[key] = fitted, (answers, others, basis.T @ residual)
+        return self.pushes[key][1]
 
     @staticmethod
     def beside(fitted: Fit, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -379,7 +417,7 @@ class Candidates:
 
     def _central(self, here: Fit) -> FloatArray:
         """Jacobian by central differences, accurate enough for a rank test."""
-        coordinates = Coordinates(self.problem.model.all_parameters, here.free)
+        coordinates = self.problem.coordinates(here.free)
         at = coordinates.encode(here.parameters[here.free])
         step = 1e-3
         batch = np.repeat(here.parameters[None], 2 * len(here.free), axis=0)
@@ -402,7 +440,7 @@ class Candidates:
         """
         loss, coordinates = (
             held_out_loss(fitted, self.folds),
-            Coordinates(self.problem.model.all_parameters, fitted.free),
+            self.problem.coordinates(fitted.free),
         )
         if fitted.observations is not None:
             return loss
@@ -451,18 +489,19 @@ def _evenly_spaced(grid: FloatArray) -> list[IntArray]:
     return [*np.split(numbers, breaks), *np.flatnonzero(~even)[:, None]]
 
 
-class _Twin:
-    """Says when a fit has come to a simpler effect for good: its bound holds, time after time."""
+class _Enough:
+    """Says when a fit has nearly ended, or come to a simpler effect: its bound holds, time after time."""
 
     def __init__(self, model: Model, effect: Effect) -> None:
-        self.model, self.effect, self.times = model, effect, 0
+        self.model, self.effect, self.times, self.cost = model, effect, 0, np.inf
 
     def __call__(self, here: Fit) -> bool:
         """Whether it has, at the next better point of the fit."""
         at, _ = _reached(self.model, self.effect, here.parameters)
         held = at is not None and bool((~here.active & (here.free == at)).any())
         self.times = self.times + 1 if held else 0
-        return self.times == HELD
+        gained, self.cost = self.cost - here.cost, here.cost
+        return self.times == HELD or gained < ROUGH
 
 
 def simpler(model: Model, effect: Effect, parameters: FloatArray) -> str:

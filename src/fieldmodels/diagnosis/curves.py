@@ -20,7 +20,6 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import waves
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.feedback import fed_back
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.jumps import jumps_near, strongest_jump
@@ -165,6 +164,7 @@ class Curves:
         self._answers: dict[tuple[str, str, str], Answers] = {}
         self._places: dict[tuple[str, str], FloatArray] = {}
         self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
+        self._judged: dict[int, tuple[Candidate, list[Scored]]] = {}
         self.all = tuple(self._curves())
         self._wave_places = tuple(waves.places(model, self.signals, self._shown, self._averaged))
         self._over_time = [place for place in self._wave_places if place.over == "time"]
@@ -172,7 +172,7 @@ class Curves:
     def reweighed(self, fitted: Fit) -> Curves:
         """The same curves beside the same fit with other weights."""
         result = copy(self)
-        result.fitted, result._answers, result._wave_products = fitted, {}, {}
+        result.fitted, result._answers, result._wave_products, result._judged = fitted, {}, {}, {}
         return result
 
     def judge(self, candidate: Candidate, curves: Iterable[Curve] | None = None) -> list[Scored]:
@@ -182,8 +182,11 @@ class Curves:
             candidate: The fit that the responses were computed for, perhaps with curves of its own already.
             curves: The curves; by default all.
         """
+        if curves is None and id(candidate) in self._judged:
+            return self._judged[id(candidate)][1]
         basis, _ = np.linalg.qr(stacked(candidate.fit.jacobian[:, :, candidate.fit.active]))
         screen = _Screen(self, basis, candidate.fit.residual.reshape(-1))
+        every = curves is None
         if curves is None:
             curves = (*self.all, *self._waves(screen), *self._jumps(screen))
         tried = tuple(curves)
@@ -193,9 +196,12 @@ class Curves:
         ]
         promising.sort(key=lambda one: -one[0])
         found = (self._scored(candidate, *one[1:]) for one in promising[:SCREENED])
-        return sorted(
+        judged = sorted(
             (one for one in found if not self._is_an_echo(candidate, one)), key=lambda s: s.candidate.total
         )
+        if every:
+            self._judged[id(candidate)] = candidate, judged
+        return judged
 
     def called_for(self, candidate: Candidate, scored: Scored, among: int | None = None) -> bool:
         """Whether a curve improves a candidate significantly, whichever of all curves it is.
@@ -427,7 +433,7 @@ class Curves:
         """As of ``Answers``; a parameter is one for a window, and its only segment is the whole."""
         if place == "parameter":
             k = int(np.flatnonzero(self.fitted.free == self.problem.model.index(target))[0])
-            slope = Coordinates(self.problem.model.all_parameters, self.fitted.free).slope(
+            slope = self.problem.coordinates(self.fitted.free).slope(
                 self.fitted.parameters[self.fitted.free]
             )[k]
             return np.asarray(self.fitted.jacobian[:, :, [k]] / slope)

@@ -13,7 +13,14 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.diagnosis.coordinates import Coordinates
-from fieldmodels.diagnosis.linearisation import Fit, cost_of, linearise, losses_of, reweighed
+from fieldmodels.diagnosis.linearisation import (
+    Fit,
+    cost_of,
+    linearise,
+    losses_of,
+    projected,
+    reweighed,
+)
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.whitening import diagonal_whitener, whitener_by_output
 
@@ -23,6 +30,7 @@ AGREED = 1.2  # ratio of variances from which on they do no longer
 SETTLED = 0.01  # nats; a smaller improvement ends a fit
 SHARES = (1.0, 0.25, 0.0625, 0.0)  # of a window's proposed change, tried until one does not raise its cost
 ROSE = 0.5  # nats by which one window may get worse where parameters move: too little for more simulations
+FORESEEN = 0.33  # of what a step promises, within which its gain must be for its derivatives to serve again
 SHORTEST = 1e-3  # share below which a window's state counts as settled
 
 
@@ -130,15 +138,18 @@ def _followed(
 ) -> tuple[Fit, _Trial | None]:
     """The last linearisation of so many steps, and the better point to which the last step led, if it did."""
     free, whitener = here.free, here.whitener
-    coordinates = Coordinates(problem.model.all_parameters, free)
+    coordinates = problem.coordinates(free)
     damping, reach = 1e-3, np.ones(len(problem))
     trial: _Trial | None = None
+    at: _Trial | None = None  # where the derivatives are those of another point
+    foreseen = False
     losses = losses_of(problem, here.raw, here.states, whitener)
     for _ in range(iterations):
         if trial is not None:
-            losses = trial.losses
-            here, trial = _ended(problem, here, trial), None
-            if enough(here):
+            losses, new = trial.losses, trial is not at
+            here = _carried(problem, here, trial) if foreseen else _ended(problem, here, trial)
+            trial, at = None, trial if foreseen else None
+            if new and enough(here):
                 break
         if not np.isfinite(losses).any():
             break
@@ -151,15 +162,24 @@ def _followed(
         gained = _gain(losses, tried.losses)
         if gained > 0:
             trial, reach = tried, tried.reach
+            foreseen = abs(gained - expected) < FORESEEN * expected
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
             damping = max(damping * 0.1, 1e-6)
             if gained < SETTLED and not searching:
                 break
+        elif at is not None:
+            trial, foreseen = at, False
         else:
             damping = max(damping * 10, 1e-3)
             if damping > 1e5 or not len(free):
                 break
-    return here, trial
+    return here, trial or at
+
+
+def _carried(problem: Problem, here: Fit, trial: _Trial) -> Fit:
+    """A fit where a step has led to, with the derivatives of where it began; the errors are its own."""
+    moved = trial.parameters, here.free, here.whitener, trial.states, trial.raw
+    return projected(problem, *moved, here.by_states, here.by_free)
 
 
 @dataclass(frozen=True)

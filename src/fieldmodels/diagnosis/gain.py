@@ -53,6 +53,14 @@ def predict(problem: Problem, parameters: FloatArray, wandering: Sequence[int] =
         parameters: The whole vector.
         wandering: Outputs whose zero is free in each window.
     """
+    key = parameters.tobytes(), tuple(wandering)
+    if key not in problem.predicted:
+        problem.predicted[key] = _predicted(problem, parameters, wandering)
+    prediction: Prediction = problem.predicted[key]
+    return prediction
+
+
+def _predicted(problem: Problem, parameters: FloatArray, wandering: Sequence[int]) -> Prediction:
     apart = np.eye(len(problem.outputs))
     for j in wandering:
         own = (problem.outputs == j).astype(np.float64)

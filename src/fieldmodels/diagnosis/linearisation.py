@@ -98,6 +98,8 @@ def pseudo_inverse(powers: FloatArray, least: float = 1e-15) -> FloatArray:
         powers: Shape (..., n, n).
         least: Eigenvalues below this share of the largest count as zero.
     """
+    if powers.shape[-1] == 1:
+        return np.divide(1.0, powers, out=np.zeros_like(powers), where=powers != 0.0)
     values, vectors = np.linalg.eigh(powers)
     sizes = np.abs(values)
     kept = sizes > least * sizes.max(axis=-1, keepdims=True, initial=0.0)
@@ -188,23 +190,23 @@ def linearise(
     raw: FloatArray,
 ) -> Fit:
     """The linearisation at some parameters and states, given the errors there."""
-    coordinates = Coordinates(problem.model.all_parameters, free)
+    coordinates = problem.coordinates(free)
     simulated = problem.features - raw  # not a number where the simulation failed: it says nothing there
     by_free = _derivatives(problem, parameters, free, states, simulated, coordinates)
     by_states = _by_states(problem, parameters, states, simulated)
-    return _projected(problem, parameters, free, whitener, states, raw, by_states, by_free)
+    return projected(problem, parameters, free, whitener, states, raw, by_states, by_free)
 
 
 def reweighed(problem: Problem, here: Fit, whitener: FloatArray) -> Fit:
     """The same linearisation with another whitener, which takes no simulation."""
     if whitener is here.whitener:
         return here
-    return _projected(
+    return projected(
         problem, here.parameters, here.free, whitener, here.states, here.raw, here.by_states, here.by_free
     )
 
 
-def _projected(
+def projected(
     problem: Problem,
     parameters: FloatArray,
     free: IntArray,
@@ -241,7 +243,7 @@ def _projected(
         residual=residual,
         jacobian=jacobian,
         raw=raw,
-        active=_active(residual, jacobian, parameters[free], Coordinates(problem.model.all_parameters, free)),
+        active=_active(residual, jacobian, parameters[free], problem.coordinates(free)),
         basis=basis,
         state_residual=solved[:, :, 0],
         state_jacobian=solved[:, :, 1:],

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
+from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.effort import simulated
 from fieldmodels.diagnosis.events import Observations
 from fieldmodels.diagnosis.resolution import of_averages, rounding
@@ -135,6 +137,22 @@ class Problem:
         runs = [self.model.runs(part.windows) for part in self.parts]
         own = [np.unique(r, return_inverse=True)[1] for r in runs if r is not None]
         return _counted_on(own) if len(own) == len(runs) else None
+
+    def coordinates(self, free: IntArray) -> Coordinates:
+        """Free parameters as numbers of order one; a fit asks at every step."""
+        key = free.tobytes()
+        if key not in self._coordinates:
+            self._coordinates[key] = Coordinates(self.model.all_parameters, free)
+        return self._coordinates[key]
+
+    @cached_property
+    def _coordinates(self) -> dict[bytes, Coordinates]:
+        return {}
+
+    @cached_property
+    def predicted(self) -> dict[tuple[bytes, tuple[int, ...]], Any]:
+        """What ``gain.predict`` has found of these windows, by its other arguments."""
+        return {}
 
     @cached_property
     def state_scale(self) -> FloatArray:

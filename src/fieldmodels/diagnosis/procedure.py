@@ -197,8 +197,7 @@ def _diagnose_stage(
     if training is not candidates.problem:
         candidates = candidates.of(training)
     testing, measured = evenly(testing, options.rows)
-    mistaken = mistaken_columns(model, train, candidates)
-    found = _found(candidates, train, testing, mistaken, report, rng)
+    found = _found(candidates, train, testing, report, rng)
     result = _stated(candidates, testing, found, fixed, rng)
     report("done", 1.0)
     return replace(
@@ -266,7 +265,6 @@ def _found(
     candidates: Candidates,
     train: Sequence[Recording],
     testing: Problem,
-    mistaken: str,
     report: Progress,
     rng: np.random.Generator,
 ) -> _Found:
@@ -274,6 +272,7 @@ def _found(
     selection = select(candidates, report)
     report("measuring the gain", 0.8)
     base, found = selection.base, selection.chosen
+    mistaken = mistaken_columns(candidates.problem.model, train, candidates, found.fit)
     fits = (base.fit, found.fit) if found.effects else (base.fit,)
     unrelated = not mistaken and is_unrelated(candidates.problem, testing, fits, candidates.options.level)
     exact = candidates.problem.is_exact(base.fit.raw)
@@ -349,7 +348,7 @@ def _stated(
         mistaken=found.mistaken,
         misfit=()
         if lacks("tests of the residuals")
-        else failed_tests(training, selection.base, candidates.options, found.judged.tried),
+        else failed_tests(training, selection.base, candidates.options, found.judged.beside_base),
         gain=gains(testing, (selection.base, kept), (found.before, found.after, whole), rng),
         curves=curves,
         possible=found.possible,

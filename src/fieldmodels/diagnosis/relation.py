@@ -14,7 +14,6 @@ import numpy as np
 from scipy.stats import ttest_1samp
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.held_out import leave_out_steps
 from fieldmodels.diagnosis.linearisation import Fit
@@ -84,7 +83,7 @@ def _answers(recording: Recording, model: Declaration, doubt: float) -> bool:
 
 def _gain_is_significant(training: Problem, testing: Problem, fitted: Fit, level: float) -> bool:
     """Whether the command improves predictions of windows that were not fitted."""
-    coordinates = Coordinates(training.model.all_parameters, fitted.free)
+    coordinates = training.coordinates(fitted.free)
     here = coordinates.encode(fitted.parameters[fitted.free])
     trials = [(testing, fitted.parameters)]
     for fold, step in leave_out_steps(fitted, training.folds):

@@ -9,14 +9,14 @@ from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.curves import Curves
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
-from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
+from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import FailedTest
 from fieldmodels.diagnosis.whitening import diagonal_whitener
 
 
 def failed_tests(
-    problem: Problem, base: Candidate, options: DiagnosisOptions = DEFAULT, tried: Curves | None = None
+    problem: Problem, base: Candidate, options: DiagnosisOptions, curves: Curves
 ) -> tuple[FailedTest, ...]:
     """Residual tests that the refitted base fails, smallest p-value first.
 
@@ -28,10 +28,9 @@ def failed_tests(
         problem: The windows.
         base: The base alone.
         options: Thresholds.
-        tried: Curves beside a fit, which are used again if it is that of the base.
+        curves: What is tried beside it.
     """
-    same = tried is not None and tried.fitted is base.fit
-    result, curves = [], tried if tried and same else Curves(problem, base.fit, options)
+    result = []
     for j in np.unique(problem.outputs):
         signal = problem.model.outputs[j].name
         mask = problem.outputs == j

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import BoolArray, FloatArray, IntArray
+from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Part, Problem
 from fieldmodels.diagnosis.shapes import Curve
@@ -87,11 +88,24 @@ def averaged(values: FloatArray, segment: NDArray[np.int64]) -> FloatArray:
 
     A window of a slow machine has fewer samples than segments.
     """
-    result = np.zeros((len(values), SEGMENTS))
-    for k in range(SEGMENTS):
-        inside = (segment == k) & np.isfinite(values)
-        mean = np.where(inside, values, 0.0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
-        result[:, k] = np.where(inside.any(axis=1) | (k == 0), mean, result[:, k - 1])
+    return _averaged(np.ascontiguousarray(values, dtype=np.float64), segment)
+
+
+@compiled
+def _averaged(values: FloatArray, segment: IntArray) -> FloatArray:
+    windows, samples = values.shape
+    result = np.zeros((windows, SEGMENTS))
+    for w in range(windows):
+        counts = np.zeros(SEGMENTS)
+        for n in range(samples):
+            if segment[w, n] >= 0 and math.isfinite(values[w, n]):
+                result[w, segment[w, n]] += values[w, n]
+                counts[segment[w, n]] += 1.0
+        for k in range(SEGMENTS):
+            if counts[k] > 0.0:
+                result[w, k] /= counts[k]
+            elif k > 0:
+                result[w, k] = result[w, k - 1]
     return result
 
 
@@ -105,6 +119,15 @@ def sample_times(problem: Problem) -> FloatArray:
         segment = segments(part.windows.lengths, samples)
         result.append(averaged(time[np.minimum(rows, len(time) - 1)], segment))
     return np.concatenate(result)
+
+
+def mean_outputs(problem: Problem, fitted: Fit, output: int) -> FloatArray:
+    """Mean of a simulated output on every segment, shape (windows, segments)."""
+    simulated = problem.samples(fitted.parameters, fitted.states)
+    return np.concatenate([
+        averaged(one[:, :, output], segments(part.windows.lengths, one.shape[1]))
+        for part, one in zip(problem.parts, simulated, strict=True)
+    ])  # fmt: skip
 
 
 def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:

@@ -25,7 +25,7 @@ STRONG_P = 1e-6  # of its likelihood-ratio test; noise that is not white reached
 AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = 2.0  # nats that count as none
 PARENTS = 3  # best sets of each size that are extended
-TRIED_AT_LEAST = 8  # extensions fitted, and all that promise half of what they must bring
+TRIED_AT_LEAST = 4  # extensions fitted, and all that promise half of what they must bring
 OF_THE_WAY = 0.25  # to the chosen set's cost, which an alternative's first-order gain must promise
 REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
 
@@ -377,22 +377,45 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
             needed = -0.5 * lack - 2 * candidates.options.same_gain
         if i < TRIED_AT_LEAST or predicted >= needed:
             tried.append((parent, name))
-    # A set is told in the order of the best parent, unless another one's led to a better optimum.
+    # A set is told in the order of the best parent, unless another one's led to a better optimum: that is
+    # sought where the first way did not bring what the other one promises.
     tried.sort(key=lambda pair: pair[0] is not parents[0])
-    for child in candidates.each(lambda pair: candidates.extend(*pair), tried):
-        if child is None:
-            continue
-        key = frozenset(child.effects)
-        if key not in best or child.total < best[key].total - SAME_ANYHOW:
-            best[key] = child
+    ways: dict[frozenset[str], tuple[Candidate, str]] = {}
+    others = [way for way in tried if ways.setdefault(_set_of(way), way) is not way]
+    for now in (list(ways.values()), others):
+        now = [
+            w for w in now if _set_of(w) not in best or best[_set_of(w)].fit.cost > candidates.promised(*w)
+        ]
+        for child in candidates.each(lambda way: candidates.extend(*way), now):
+            if child is None:
+                continue
+            key = frozenset(child.effects)
+            if key not in best or child.total < best[key].total - SAME_ANYHOW:
+                best[key] = child
     if not best:
         return []
     leader = min(best.values(), key=lambda c: c.total)
+    if parents[0].effects and leader.total > parents[0].total:
+        return [leader]  # nothing is called for beside them
     candidates.whitener = covariance_whitener(candidates.problem, leader.fit)
     ranked = sorted(best.values(), key=lambda c: c.total)
     # Two effects that one imitates may each be far off alone: the next parents stay, whatever they lack.
     near = [c for i, c in enumerate(ranked) if i <= PARENTS or c.total < leader.total + REFITTED_WITHIN]
+    near = [c for c in near if not _simpler_is_better(candidates, c, best)]
     return sorted(candidates.each(candidates.again, near), key=lambda c: c.total)
+
+
+def _simpler_is_better(
+    candidates: Candidates, child: Candidate, others: Mapping[frozenset[str], Candidate]
+) -> bool:
+    """Whether a set with a simpler effect in the place of one that contains it is as good."""
+    sets = [frozenset({*child.effects} - {e} | {twin}) for e in child.effects for twin in candidates.twins(e)]
+    return any(others[one].total <= child.total for one in sets if one in others)
+
+
+def _set_of(way: tuple[Candidate, str]) -> frozenset[str]:
+    """The set that an effect beside a parent makes."""
+    return frozenset((*way[0].effects, way[1]))
 
 
 def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
@@ -402,7 +425,8 @@ def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
         rest = candidates.without(chosen, gone)
         # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
         needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
-        names = [name for name in candidates.names() if name not in chosen.effects]
+        others = (name for name in candidates.names() if name not in chosen.effects)
+        names = [name for name in others if gone not in candidates.twins(name)]
         scores = candidates.each(partial(candidates.score_test, rest), names)
         near = [name for name, score in zip(names, scores, strict=True) if score > needed]
         result += candidates.each(partial(candidates.extend, rest), near)

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.coordinates import Coordinates
 from fieldmodels.diagnosis.held_out import INSENSITIVE
 from fieldmodels.diagnosis.linearisation import Fit, pseudo_inverse
 from fieldmodels.diagnosis.problem import Problem
@@ -51,9 +50,7 @@ def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
         variances.append(spread)
     states = fitted.states.shape[1]
     unknown = 1.0 + max(fitted.raw.shape[1] - states, 0) / len(fitted.raw)
-    slope = np.abs(
-        Coordinates(problem.model.all_parameters, fitted.free).slope(fitted.parameters[fitted.free])
-    )
+    slope = np.abs(problem.coordinates(fitted.free).slope(fitted.parameters[fitted.free]))
     result[used] = np.sqrt(unknown * np.max(variances, axis=0)) * slope[used]
     return result
 

@@ -33,6 +33,7 @@ class Judgement:
     Attributes:
         kept: The base with the effects that are named.
         tried: The curves that were tried beside it.
+        beside_base: Those that were tried beside the base.
         curves: Unlisted curves beside it, the most important first.
         twin: An unlisted curve that explains the data as well as the named effects, if there is one.
         beaten: Effects that the search had chosen and that curves explain better.
@@ -42,6 +43,7 @@ class Judgement:
 
     kept: Candidate
     tried: Curves
+    beside_base: Curves
     curves: tuple[Scored, ...] = ()
     twin: Scored | None = None
     beaten: tuple[str, ...] = ()
@@ -61,12 +63,13 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         curves = Curves(problem, base.fit, options)
         rivals = curves.first(base)
         if not rivals:
-            return Judgement(base, curves)
+            return Judgement(base, curves, curves)
         rivals += curves.rivals(rivals[0].candidate, options.most_curves - 1)
-        return Judgement(base, curves, _with_formulas(curves, base, rivals))
+        return Judgement(base, curves, curves, _with_formulas(curves, base, rivals))
     curves = Curves(problem, base.fit, options)
-    rivals = curves.rivals(base)
-    if len(chosen.effects) > 1 and rivals:
+    several = len(chosen.effects) > 1
+    rivals = curves.rivals(base, 1 if several else None)
+    if several and rivals:
         # One curve as a known function has few parameters, too.
         rivals[0] = curves.as_formula(base, rivals[0])
         rivals[1:] = curves.rivals(rivals[0].candidate, options.most_curves - 1)
@@ -79,7 +82,8 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         if _beats(last, chosen, burden, problem.blocks, options) and not _mostly(
             candidates, base, chosen, left, rival, burden
         ):
-            return Judgement(base, curves, _with_formulas(curves, base, rival), beaten=chosen.effects)
+            found = _with_formulas(curves, base, rival)
+            return Judgement(base, curves, curves, found, beaten=chosen.effects)
     kept, beaten, as_good = _without_the_beaten(candidates, chosen, left)
     if beaten:
         beside = Curves(problem, kept.fit, options)
@@ -90,6 +94,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     return Judgement(
         kept,
         beside,
+        curves,
         _with_formulas(beside, kept, left),
         twin if not beaten else None,
         beaten,

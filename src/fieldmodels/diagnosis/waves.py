@@ -71,7 +71,9 @@ def spectrum(x: FloatArray, columns: FloatArray, counts: FloatArray) -> NDArray[
     Returns:
         Shape (columns, counts).
     """
-    step = float(counts[-1] - counts[0]) / (len(counts) - 1) if len(counts) > 1 else 1.0
+    if len(counts) == 1:
+        return np.asarray(columns.T @ np.exp(2j * np.pi * counts[0] * x))[:, None]
+    step = float(counts[-1] - counts[0]) / (len(counts) - 1)
     modes = np.rint(counts[0] / step) + np.arange(len(counts))
     rest = float(counts[0] - modes[0] * step)
     if abs(rest) > 1e-12 * step:

@@ -62,9 +62,10 @@ class Rows:
 
     def of(self, parameters: FloatArray, *places: str) -> list[FloatArray]:
         """Rows of some places, each (batch, signals, len(layout)); derivatives, if any, on a last axis."""
-        neutral = np.zeros((len(parameters), len(self.neutral), *parameters.shape[2:]))
-        (neutral[..., 0] if parameters.ndim > 2 else neutral)[:] = self.neutral
-        numbers = np.concatenate([parameters, neutral], axis=1)
+        count = parameters.shape[1]
+        numbers = np.zeros((len(parameters), count + len(self.neutral), *parameters.shape[2:]))
+        numbers[:, :count] = parameters
+        (numbers[..., 0] if parameters.ndim > 2 else numbers)[:, count:] = self.neutral
         return [numbers.take(self.sources[place], axis=1) for place in places]
 
 
@@ -131,10 +132,10 @@ class WindowDriver:
         machine, recording, rows = self.machine, windows.recording, self.rows
         carried = parameters.shape[2:]
         out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs), *carried))
-        if np.any(windows.lengths < windows.samples):
-            out[:] = np.nan
         if not len(windows):
             return out
+        if windows.lengths.min() < windows.samples:
+            out[:] = np.nan
         driving, bounds = self._driving(recording), windows.pieces
         inside = bounds[np.searchsorted(bounds[:, 0], windows.starts, side="right") - 1]
         # A column of one row is contiguous and one of several is not: two kernels for the compiler.
