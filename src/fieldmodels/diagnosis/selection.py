@@ -26,7 +26,7 @@ AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = 2.0  # nats that count as none
 PARENTS = 3  # best sets of each size that are extended
 TRIED_AT_LEAST = 4  # extensions fitted, and all that promise half of what they must bring
-OF_THE_WAY = 0.25  # to the chosen set's cost, which an alternative's first-order gain must promise
+OF_THE_WAY = 0.25  # to the best set's cost, which the first-order gain of another must promise
 REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
 
 
@@ -375,7 +375,9 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
         needed = 0.5 * (candidates.options.least_gain - lack)  # to first order a part of it is promised
         if parent.size + model.effect(name).size < parents[0].size:  # what many parameters imitate
             needed = -0.5 * lack - 2 * candidates.options.same_gain
-        if i < TRIED_AT_LEAST or predicted >= needed:
+        # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
+        far = OF_THE_WAY * (parent.fit.cost - parents[0].fit.cost)
+        if i < TRIED_AT_LEAST or (predicted >= needed and predicted + lack >= far):
             tried.append((parent, name))
     # A set is told in the order of the best parent, unless another one's led to a better optimum: that is
     # sought where the first way did not bring what the other one promises.
@@ -423,7 +425,6 @@ def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
     result: list[Candidate | None] = []
     for gone in chosen.effects:
         rest = candidates.without(chosen, gone)
-        # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
         needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
         others = (name for name in candidates.names() if name not in chosen.effects)
         names = [name for name in others if gone not in candidates.twins(name)]
