@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -226,6 +227,8 @@ class Model(ABC):
         unbounded_outputs: Outputs that may leave the recorded range (a robot's position on an open floor).
         wrapped_outputs: Outputs that are measured within a turn, [-pi, pi): its errors go by that.
         measured_states: Which output a window's state is taken from, where it has another name.
+        corrected: True if what was measured puts every sample of a window right (an observer), so that errors
+            are innovations, alike at every sample; see ``running_free``.
         whole_records: True for a process whose memory is longer than any window (with hidden states): a
             diagnosis then runs through each episode from one start. A hidden state says by its ``noise`` how
             uncertain its start is.
@@ -253,6 +256,7 @@ class Model(ABC):
     measured_inputs: tuple[Signal, ...] = ()
     wrapped_outputs: tuple[str, ...] = ()
     measured_states: Mapping[str, str] = MappingProxyType({})
+    corrected: bool = False
     whole_records: bool = False
 
     @abstractmethod
@@ -337,6 +341,10 @@ class Model(ABC):
         """Number of the run that each window is a piece of; by default each has a start of its own (None)."""
         del windows
         return None
+
+    def running_free(self) -> Model:
+        """The same model, whose windows run on from their starts; itself, unless it is ``corrected``."""
+        return self
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Model:
         """The same model with scales, starts and sensor noise that suit these data.
@@ -516,6 +524,12 @@ class Wrapper(Model):
     def runs(self, windows: Windows) -> NDArray[np.int64] | None:
         """The inner model's."""
         return self.inner.runs(windows)
+
+    def running_free(self) -> Model:
+        """The same around the inner model that runs free."""
+        result = copy(self)
+        result.inner, result.corrected = self.inner.running_free(), False
+        return result
 
     def between(self, commands: FloatArray, refine: int) -> FloatArray:
         """The inner model's."""

@@ -26,7 +26,7 @@ DRIVE = {
     "actuator_dead_zone": [{"width": w} for w in (0.0021, 0.0437, 0.313)],
     "unequal_wheels": [{"difference": d} for d in (-0.37, -0.0113, 0.0071, 0.61)],
     "yaw_slip": [{"share": s} for s in (-0.43, -0.0127, 0.0173, 0.71)],
-    "sideways_slip": [{"coefficient": c} for c in (-0.317, -0.0043, 0.0067, 0.283)],
+    "sideways_slip": [{"coefficient": c} for c in (0.0067, 0.0431, 0.283, 0.317)],
     "slope": [{"x": 0.0171, "y": -0.0093}, {"x": -0.231, "y": 0.117}, {"x": -0.087}, {"y": 0.43}],
     "sensor_delay": [{"delay": d} for d in (0.0017, 0.05, 0.0831, 0.379)],
     "heading_bias": [{"angle": a} for a in (-2.71, -0.0123, 0.0217, 0.83)],

@@ -195,10 +195,18 @@ class Candidates:
         if effect.where == "sensor" and _left_measured(self.problem, parent.fit):
             best = min(best, self._from_measured(best.parameters, free), key=lambda f: f.cost)
         best = self._profiled(best, effect)
-        if simpler(self.problem.model, effect, best.parameters):
+        if simpler(self.problem.model, effect, best.parameters) or self._never_repeats(
+            effect, best.parameters
+        ):
             return None
         search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
         return self._judged((*parent.effects, name), best, float(search))
+
+    def _never_repeats(self, effect: Effect, parameters: FloatArray) -> bool:
+        """Whether a period along the way has ended beyond the longest that is sought, the way itself."""
+        values = parameters[self.problem.model.slice_of(effect.name)]
+        pairs = zip(effect.parameters, values, strict=True)
+        return any(p.name == "period" and value > max(p.starts, default=np.inf) for p, value in pairs)
 
     def _from_measured(self, start: FloatArray, free: IntArray) -> Fit:
         """A fit whose initial states begin where they were measured, weighed by its own errors on the way.

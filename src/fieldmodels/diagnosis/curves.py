@@ -157,7 +157,7 @@ class Curves:
             if model.outputs[j].event
         }
         self._shown = {
-            model.outputs[j].name: offsets(problem, j) for j in measured if not model.outputs[j].event
+            model.outputs[j].name: offsets(problem, j, fitted) for j in measured if not model.outputs[j].event
         }
         self.signals = self._variables()
         self._fed_back: dict[str, bool] = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ class Prediction:
 
 
 def predict(problem: Problem, parameters: FloatArray, wandering: Sequence[int] = ()) -> Prediction:
-    """Predict every window with its best initial state.
+    """Predict every window with its best initial state, and nothing else that was measured in it.
 
     Args:
         problem: The windows.
@@ -61,6 +61,8 @@ def predict(problem: Problem, parameters: FloatArray, wandering: Sequence[int] =
 
 
 def _predicted(problem: Problem, parameters: FloatArray, wandering: Sequence[int]) -> Prediction:
+    if problem.model.corrected:
+        problem = replace(problem, model=problem.model.running_free())
     apart = np.eye(len(problem.outputs))
     for j in wandering:
         own = (problem.outputs == j).astype(np.float64)

@@ -25,6 +25,7 @@ FOLDS = 4  # of held-out losses
 BLOCK = 4  # windows per block: the unit of resampling, since slow noise correlates neighbours
 HUGE = 1e100  # larger values mean that a simulation has diverged, in any unit: their squares would overflow
 SPARSE = 12  # observations in a window up to which each is a feature by itself
+FIXED = 1e-4  # of a state's noise, within which it stays as it is
 MIN_BLOCKS = 20  # blocks are smaller if there would be fewer
 
 
@@ -157,6 +158,8 @@ class Problem:
     @cached_property
     def state_scale(self) -> FloatArray:
         """How much each initial state varies between windows, shape (states,)."""
+        if self.model.corrected:  # what a start errs is an innovation
+            return FIXED * np.array([state.noise for state in self.model.states])
         if self.model.random_force:
             # Free states would absorb the random force of their windows and bias every fit.
             return 0.5 * np.array([state.noise for state in self.model.states])
@@ -166,6 +169,12 @@ class Problem:
         if self.events.all():  # events alone hardly constrain the initial states
             spread = np.where(noise > 0, 0.5 * noise, spread)
         return np.asarray(np.maximum(spread, 1e-3 * np.abs(self.states).max(axis=0) + 1e-9))
+
+    @property
+    def alike(self) -> bool:
+        """Whether each sample is a feature, and errors are innovations, alike at every sample."""
+        samples = max(part.windows.samples for part in self.parts)
+        return self.model.corrected and bool((np.bincount(self.outputs) % samples == 0).all())
 
     @cached_property
     def output_scale(self) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -149,12 +149,13 @@ def odds_responses(problem: Problem, fitted: Fit, output: int) -> FloatArray:
     return result
 
 
-def offsets(problem: Problem, output: int | None = None) -> FloatArray:
+def offsets(problem: Problem, output: int | None = None, fitted: Fit | None = None) -> FloatArray:
     """Change of the features by an offset of a sensor on each segment, (windows, features, segments).
 
     Args:
         problem: The windows.
         output: The sensor; by default all at once. What is derived from it errs, too (``Model.derived``).
+        fitted: Gives the motion of which an observer takes a part of the offset for.
     """
     result = []
     for part in problem.parts:
@@ -165,7 +166,30 @@ def offsets(problem: Problem, output: int | None = None) -> FloatArray:
         shown[..., own] = (segment == np.arange(SEGMENTS)[:, None, None])[..., None]
         changed = part.compressed(problem.model.derived(true, shown, part.windows))
         result.append(np.moveaxis(changed, 0, -1))
-    return np.concatenate(result)
+    whole = np.concatenate(result)
+    if fitted is not None and output is not None and problem.model.corrected:
+        whole -= _believed(problem, fitted, output)
+    return whole
+
+
+def _believed(problem: Problem, fitted: Fit, output: int) -> FloatArray:
+    """What an observer makes of an offset on each segment, (windows, features, segments)."""
+    name, base = problem.model.outputs[output].name, problem.features - fitted.raw
+    size = float(np.sqrt(np.mean(fitted.raw[:, problem.outputs == output] ** 2)))
+    result = np.zeros((*base.shape, SEGMENTS))
+    number = np.arange(len(base))
+    # Windows in turn: what is shown in one is believed in the next one, too.
+    for k, turn in itertools.product(range(SEGMENTS), range(2)):
+        parts, first = [], 0
+        for part in problem.parts:
+            acting = number[first : first + len(part.windows)] % 2 == turn
+            segment = segments(part.windows.lengths, part.slots.shape[1])
+            errors = size * ((segment == k) & acting[:, None])
+            parts.append(replace(part, windows=part.windows.with_errors(name, errors)))
+            first += len(part.windows)
+        changed = replace(problem, parts=tuple(parts)).simulate(fitted.parameters[None], fitted.states)[0]
+        result[turn::2, :, k] = (base - changed)[turn::2] / size
+    return result
 
 
 def felt_from(problem: Problem) -> IntArray | None:

@@ -80,7 +80,7 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
 
 def wandering_zeros(problem: Problem, fitted: Fit, price: float) -> dict[str, float]:
     """Outputs whose zeros certainly wander, and by how much: the standard deviation over a record."""
-    if fitted.runs is not None:
+    if fitted.runs is not None or problem.is_exact(fitted.raw):
         return {}
     walks = _Walks(problem, fitted)
     cost, paces = walks.search(price)

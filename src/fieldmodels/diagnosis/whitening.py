@@ -31,6 +31,8 @@ def covariance_whitener(problem: Problem, fitted: Fit, shrink: float = 0.15) -> 
 
     Few windows for many features need more shrinkage than the usual 15 %. Events are left unchanged.
     """
+    if problem.alike:
+        return _of_samples(problem, fitted.raw)
     if problem.events.any():
         result = np.eye(len(problem.outputs))
         if not problem.events.all():
@@ -51,3 +53,13 @@ def _from_covariance(raw: FloatArray, floor: FloatArray, free: int, shrink: floa
     values, vectors = np.linalg.eigh(correlation)
     values = np.maximum(values, 0.05 * np.median(values))
     return np.asarray((vectors / np.sqrt(values)).T / scale)
+
+
+def _of_samples(problem: Problem, raw: FloatArray) -> FloatArray:
+    """Whitener by the covariance of outputs at the same sample, which is that of every sample."""
+    outputs, number = np.unique(problem.outputs, return_inverse=True)
+    samples = np.stack([raw[:, number == j].ravel() for j in range(len(outputs))])
+    floor = [np.mean(problem.floor[number == j] ** 2) for j in range(len(outputs))]
+    own = np.linalg.inv(np.linalg.cholesky(samples @ samples.T / samples.shape[1] + np.diag(floor)))
+    place = np.sum(np.tril(number[:, None] == number[None, :], -1), axis=1)
+    return np.where(place[:, None] == place[None, :], own[number[:, None], number[None, :]], 0.0)

@@ -154,6 +154,12 @@ class Surrounded(Wrapper):
             for i, state in enumerate(self.states):
                 if measured.get(state.name, state.name) == name:
                     states[:, i] = self._true(np.asarray(states[:, i]), clock, name, vector)
+        if self.corrected:  # an observer compares with what is true
+            for name in (self.outputs[j].name for j in bent):
+                shown_ones = given.recording[name]
+                true = self._true(shown_ones, given.recording.time, name, vector)
+                signals = {**given.recording.signals, name: true}
+                given = replace(given, recording=replace(given.recording, signals=signals))
         out = self._changed(own, vector, given.with_states(states))
         if not bent:
             return out

@@ -130,6 +130,8 @@ class Curved(Wrapper):
                     f"model {self.name!r}: what a curve adds does not settle: "
                     + ", ".join(direction_of(c.place, c.target, c.over) for c in self.curves)
                 )
+        if self.corrected:
+            out = self._observed(own, windows, forces, shown, out)
         result = out.copy()
         for curve, a in shown:
             j = [s.name for s in self.outputs].index(curve.target)
@@ -144,6 +146,24 @@ class Curved(Wrapper):
             true, erring = out[None, ..., measured], result[None, ..., measured]
             result[..., measured] = self.inner.derived(true, erring, windows)[0]
         return result
+
+    def _observed(
+        self,
+        own: FloatArray,
+        windows: Windows,
+        forces: Sequence[tuple[FreeCurve, FloatArray]],
+        shown: Sequence[tuple[FreeCurve, FloatArray]],
+        out: FloatArray,
+    ) -> FloatArray:
+        """Outputs of an observer that does not believe what curves of sensors explain of what they show."""
+        for _ in range(self.repetitions if shown else 0):
+            true = self._pushed(windows, out, forces)
+            for curve, a in shown:
+                true = true.with_errors(
+                    curve.target, curve.at(variable(self.inner, windows, out, curve.over), a)
+                )
+            out = self.inner.simulate_all(own[None], true)[0]
+        return out
 
     def _pushed(
         self, windows: Windows, out: FloatArray, forces: Sequence[tuple[FreeCurve, FloatArray]]

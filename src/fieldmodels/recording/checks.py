@@ -9,15 +9,12 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording
+from fieldmodels.recording.data import GAP, MAX_JITTER
 from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins, turns
 from fieldmodels.recording.tables import SHOWN, Problem
 from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
 from fieldmodels.recording.windows import MIN_SAMPLES, longer_windows
 
-MAX_JITTER = 0.01
-"""Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
-GAP = 1.5
-"""A time step of more than this many medians is a gap."""
 REST = 0.1
 """Largest distance from 1 of the median of an accelerometer that is suspected to be in g."""
 LEAST_COUNTED = 0.5

@@ -10,6 +10,12 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 
+MAX_JITTER = 0.01
+"""Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
+GAP = 1.5
+"""A time step of more than this many medians is a gap."""
+SAME = 1e-6
+"""Share of a step by which mean and median differ from rounding alone."""
 STRETCHES = 30  # of an excerpt at most,
 STRETCH = 2_000  # and rows in each at least, so that windows fit
 
@@ -72,10 +78,21 @@ class Recording:
 
     @cached_property
     def step(self) -> float:
-        """Sampling interval [s]: the median time step within episodes (of a long record, of a million)."""
+        """Sampling interval [s]: the mean time step within episodes, of uneven ones the median.
+
+        Stamps of few digits show steps of two lengths, of which the median is one. A million steps count of a
+        long record.
+        """
         rows = np.arange(0, len(self) - 1, 1 + len(self) // 1_000_000)
         rows = rows[self.episode[rows + 1] == self.episode[rows]]
-        return float(np.median(self.time[rows + 1] - self.time[rows])) if len(rows) else float("nan")
+        if not len(rows):
+            return float("nan")
+        steps = self.time[rows + 1] - self.time[rows]
+        median = float(np.median(steps))
+        if np.any((steps <= 0.0) | (steps > GAP * median)) or steps.std() > MAX_JITTER * median:
+            return median
+        mean = float(steps.mean())
+        return mean if abs(mean - median) > SAME * median else median
 
     @cached_property
     def bounds(self) -> IntArray:

@@ -67,6 +67,19 @@ class Windows:
             self.recording, self.starts, self.lengths, states, self.observed, self.disturbance, self.needed
         )
 
+    def with_errors(self, output: str, errors: FloatArray) -> Windows:
+        """The same windows as they would be if a sensor had not shown some errors.
+
+        Args:
+            output: The sensor's output.
+            errors: What it has shown too much, shape (windows, samples).
+        """
+        inside = np.arange(self.samples) < self.lengths[:, None]
+        shown = self.recording[output].copy()
+        shown[(self.starts[:, None] + np.arange(self.samples))[inside]] -= errors[inside]
+        signals = {**self.recording.signals, output: shown}
+        return replace(self, recording=replace(self.recording, signals=signals))
+
     def with_disturbance(self, disturbance: FloatArray | None) -> Windows:
         """Add a generalised force along the whole recording."""
         return replace(self, disturbance=disturbance)

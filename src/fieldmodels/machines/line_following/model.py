@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.line_following.declaration import EFFECTS, as_plants, base_parameters
+from fieldmodels.machines.line_following.observer import observer_gain
 from fieldmodels.machines.line_following.parameters import Camera, Gait
 from fieldmodels.machines.line_following.sensor import make_optics
-from fieldmodels.machines.line_following.simulation import Log, simulate
+from fieldmodels.machines.line_following.simulation import OFFSET, Log, simulate
 from fieldmodels.model import Combination, Model, Signal
 from fieldmodels.recording import Recording, Windows
 
@@ -56,7 +57,13 @@ class LineFollowing(Model):
     )
     random_force = True
 
-    def __init__(self, gait: Gait | None = None, camera: Camera | None = None, tracked: bool = True) -> None:
+    def __init__(
+        self,
+        gait: Gait | None = None,
+        camera: Camera | None = None,
+        tracked: bool = True,
+        gain: FloatArray | None = None,
+    ) -> None:
         """Declare the parameters for a robot with this gait and camera.
 
         Args:
@@ -64,18 +71,28 @@ class LineFollowing(Model):
             camera: The camera.
             tracked: Whether recordings hold offset and heading; if not, windows start from less certain
                 states.
+            gain: Of an observer, shape (2, 3), that predicts each stride from all before; without one a
+                window is predicted from where it starts, as measured there.
         """
         if not tracked:
             self.states = tuple(replace(state, noise=UNTRACKED) for state in self.states)
-        self.gait, self.camera = gait or Gait(), camera or Camera()
+        self.gait, self.camera, self.tracked = gait or Gait(), camera or Camera(), tracked
         self.parameters = base_parameters(self.gait, self.camera)
         self.horizons = tuple(self.gait.stride_time * strides for strides in (3, 7, 15))
         self._optics = make_optics(self.camera)
+        self.corrected = gain is not None
+        self._gain = np.zeros((0, 3)) if gain is None else gain
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
         """The same model for data in which the robot's place is measured or not; see ``Model.scaled_to``."""
-        tracked = all("offset" in one and "heading" in one for one in recordings)
-        return type(self)(self.gait, self.camera, tracked)
+        outputs = [signal.name for signal in self.outputs]
+        tracked = all(name in one for one in recordings for name in outputs[OFFSET:])
+        gain = observer_gain(recordings, outputs) if tracked else None
+        return type(self)(self.gait, self.camera, tracked, gain)
+
+    def running_free(self) -> Self:
+        """The same model without an observer; see ``Model.running_free``."""
+        return type(self)(self.gait, self.camera, self.tracked)
 
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """See ``Model.simulate``."""
@@ -89,6 +106,9 @@ class LineFollowing(Model):
             first=np.repeat(recording.bounds[:, 0], counts),
             last=np.repeat(recording.bounds[:, 1] - 1, counts),
             force=windows.pushed(3),
+            shown=np.column_stack([recording[s.name] for s in self.outputs])
+            if len(self._gain)
+            else np.zeros((0, 3)),
         )
         simulate(
             plants,
@@ -98,6 +118,7 @@ class LineFollowing(Model):
             np.ascontiguousarray(windows.states),
             self._optics,
             self.gait.limit,
+            self._gain,
             out,
         )
         return out

@@ -15,6 +15,8 @@ from fieldmodels.machines.line_following.sensor import NODES, Optics
 
 LINE, OFFSET, HEADING = range(3)
 """Outputs of a prediction, in the order of ``LineFollowing.outputs``."""
+LEAD = 6
+"""Strides before a window that are observed: what was wrong before them is forgotten."""
 STRAIGHT = 1e-9
 """Curvature below which a line counts as straight [1/m]."""
 
@@ -76,6 +78,7 @@ class Log(NamedTuple):
         first: First sample of each sample's episode, shape (n,).
         last: Last sample of each sample's episode, shape (n,).
         force: Turn [rad], way ahead and to the left [m] added in each stride, shape (n, 3) or (0, 3).
+        shown: Line [m], offset [m] and heading [rad] as measured, shape (n, 3) or (0, 3).
     """
 
     steering: FloatArray
@@ -83,12 +86,63 @@ class Log(NamedTuple):
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     force: FloatArray
+    shown: FloatArray
+
+
+@inlined
+def stride_on(
+    offset: float, misalignment: float, stride: float, i: int, log: Log, pushed: bool, commands: FloatArray,
+    plant: Any, limit: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Offset and misalignment after the stride that begins at sample ``i``; ``commands`` is overwritten."""
+    for m in range(MEMORY):
+        commands[m] = log.steering[i - m] if i - m >= log.first[i] else 0.0
+    turn = turn_of(commands, plant, 0.0, limit)
+    more = left = 0.0
+    if pushed:
+        turn, more, left = turn + log.force[i, 0], log.force[i, 1], log.force[i, 2]
+    offset, misalignment = follow(offset, misalignment, stride + more, left, log.curvature[i])
+    return offset, misalignment + turn
+
+
+@inlined
+def put_right(
+    offset: float, misalignment: float, line: float, shown: FloatArray, after: tuple[float, float],
+    gain: FloatArray,
+) -> tuple[float, float]:  # fmt: skip
+    """What a stride ends with, put right by what was measured where it began; a gap leaves it as it is."""
+    result = after
+    expected = (line, offset, misalignment)
+    for j in range(3):
+        error = shown[j] - expected[j]
+        if not math.isnan(error):
+            result = result[0] + gain[0, j] * error, result[1] + gain[1, j] * error
+    return result
+
+
+@inlined
+def observed(
+    start: int, stride: float, log: Log, gain: FloatArray, commands: FloatArray, plant: Any, limit: float,
+    optics: Optics,
+) -> tuple[float, float]:  # fmt: skip
+    """Offset and misalignment at a sample by an observer of the strides before."""
+    i = max(start - LEAD, log.first[start])
+    offset, misalignment = log.shown[i, OFFSET], log.shown[i, HEADING]
+    while i < start:
+        near, far = log.curvature[i], log.curvature[min(i + 1, log.last[i])]
+        place = line_in_view(offset, misalignment, near, far, stride, plant, optics)
+        after = stride_on(offset, misalignment, stride, i, log, False, commands, plant, limit)
+        offset, misalignment = put_right(
+            offset, misalignment, measured(place, plant), log.shown[i], after, gain
+        )
+        i += 1
+    return offset, misalignment
 
 
 @compiled
 def simulate(
     plants: NDArray[Any], log: Log, starts: NDArray[np.int64], lengths: NDArray[np.int64],
-    states: FloatArray, optics: Optics, limit: float, out: FloatArray,
+    states: FloatArray, optics: Optics, limit: float, gain: FloatArray, out: FloatArray,
 ) -> None:  # fmt: skip
     """Predict every window with every plant.
 
@@ -100,6 +154,8 @@ def simulate(
         states: Offset [m] and misalignment [rad] at each window's start.
         optics: The camera's constants, for its nominal height.
         limit: Largest turn of a stride [rad].
+        gain: Of an observer, shape (2, 3), whose prediction of every sample rests on all that was measured
+            before; without one, shape (0, 3), on each window's start.
         out: Filled with line [m], offset [m], heading [rad]; shape (batch, windows, samples, 3).
     """
     commands = np.zeros(MEMORY)
@@ -108,6 +164,11 @@ def simulate(
         stride = plant.stride * (1.0 - plant.foot_slip.step)
         for w in range(len(starts)):
             offset, misalignment = states[w, 0], states[w, 1]
+            if len(gain) > 0:
+                # States that differ from the measured ones move the start likewise.
+                before = observed(starts[w], stride, log, gain, commands, plant, limit, optics)
+                offset += before[0] - log.shown[starts[w], OFFSET]
+                misalignment += before[1] - log.shown[starts[w], HEADING]
             for k in range(lengths[w]):
                 i = starts[w] + k
                 near, far = log.curvature[i], log.curvature[min(i + 1, log.last[i])]
@@ -115,11 +176,9 @@ def simulate(
                 out[p, w, k, LINE] = measured(place, plant)
                 out[p, w, k, OFFSET] = offset
                 out[p, w, k, HEADING] = misalignment
-                for m in range(MEMORY):
-                    commands[m] = log.steering[i - m] if i - m >= log.first[i] else 0.0
-                turn = turn_of(commands, plant, 0.0, limit)
-                more = left = 0.0
-                if len(log.force) > 0:
-                    turn, more, left = turn + log.force[i, 0], log.force[i, 1], log.force[i, 2]
-                offset, misalignment = follow(offset, misalignment, stride + more, left, near)
-                misalignment += turn
+                after = stride_on(
+                    offset, misalignment, stride, i, log, len(log.force) > 0, commands, plant, limit
+                )
+                if len(gain) > 0:
+                    after = put_right(offset, misalignment, out[p, w, k, LINE], log.shown[i], after, gain)
+                offset, misalignment = after

@@ -146,7 +146,7 @@ def _ground_effects() -> tuple[Effect, ...]:
             "sideways_slip",
             "The robot slides outwards in curves, in proportion to its centripetal acceleration.",
             "environment",
-            (Parameter("coefficient", "s", 0.0, -5.0, 5.0, 0.02),),
+            (Parameter("coefficient", "s", 0.0, 0.0, 5.0, 0.02),),
             "sideways velocity = -coefficient * speed * turn rate",
         ),
         Effect(
