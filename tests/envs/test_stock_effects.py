@@ -461,18 +461,18 @@ def test_a_recorded_gyro_bends_and_lags_as_numpy_says():
 
 
 MEASURED = {
-    "bend": ({"gyro_bend": {"curvature": 0.05}}, (1e-3, 1e-4, 1e-4, 2e-4)),
+    "bend": ({"gyro_bend": {"curvature": 0.05}}, (1e-3, 1e-4, 1e-4, 2e-4, 2e-4)),
     "curve": (
         {"gyro_curve": {"low": -1.0, "high": 1.0, "value_1": 0.05, "value_2": 0.02, "value_3": -0.04}},
-        (1e-3, 1e-4, 1e-4, 2e-4),
+        (1e-3, 1e-4, 1e-4, 2e-4, 2e-4),
     ),
-    "strike angle": ({"strike_angle_bias": {"bias": 0.02}}, (2e-3, 1e-4, 1e-4, 1e-4)),
+    "strike angle": ({"strike_angle_bias": {"bias": 0.02}}, (2e-3, 1e-4, 1e-4, 1e-4, 1e-4)),
 }
 
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_the_model_with_the_same_effects_predicts_a_recorded_gait(name):
-    """Also what it derives: the closure of the gyro's integral, and the push-off."""
+    """Also what it derives: the closures of the gyro's integral, and the push-off."""
     reality, errors = MEASURED[name]
     plain = HeelStrikeModel()
     quiet = GaitNoise(gyro=0.0, collision=0.0, process=0.0, floor=0.0)

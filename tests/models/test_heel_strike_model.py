@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.machines.heel_strike.model import HeelStrikeModel
+from fieldmodels.machines.heel_strike.model import LONG, HeelStrikeModel, with_derived
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise
 from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.model import ModelError
@@ -35,9 +35,14 @@ def walk(
     return record_walk(duration, np.random.default_rng(seed), noise, reality)
 
 
-def residual(windows: Windows, vector: FloatArray) -> FloatArray:
+def errors(windows: Windows, vector: FloatArray) -> FloatArray:
     error = windows.measured(OUTPUTS) - MODEL.simulate(vector, windows)[0]
-    return np.where(windows.observed, error, 0.0).reshape(len(windows), -1)
+    return np.where(windows.observed, error, 0.0)
+
+
+def residual(windows: Windows, vector: FloatArray) -> FloatArray:
+    """Of what is simulated from the window's start."""
+    return errors(windows, vector)[..., :LONG].reshape(len(windows), -1)
 
 
 def best_states(windows: Windows, vector: FloatArray) -> Windows:
@@ -73,6 +78,30 @@ def test_closure_does_not_see_the_process_torque():
     error = np.nanmax(np.where(windows.observed, error, np.nan), axis=(0, 1))
     assert error[0] > 0.05
     assert error[2] < 2e-4
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_a_long_turn_shows_what_turns_the_gyro_steadily(effect):
+    """Six strides add a bias up; a gain and a delay do not show, nor does any force."""
+    reality = Reality(effects={effect: EFFECTS[effect]})
+    windows = MODEL.windows(walk(8, 40.0, Noise(gyro=0, collision=0, floor=0, process=0.15), reality), 1.0)
+    true, nominal = (
+        errors(windows, v)[..., LONG].sum(axis=1) for v in (reality.vector(MODEL), MODEL.nominal)
+    )
+    steady = effect in ("gyro_bias", "gyro_drift", "parameter_step")
+    assert np.abs(true).max() < 3e-5
+    assert (np.abs(nominal).max() > 0.03) == steady
+    assert steady or np.abs(nominal).max() < 1e-3
+
+
+def test_six_strides_close_as_well_as_one():
+    """What the geometry errs at a strike enters the next closure with the opposite sign."""
+    recording = walk(9, 400.0, Noise(process=0.15))
+    windows = MODEL.windows(recording, 1.0)
+    error = errors(windows, MODEL.nominal).sum(axis=1)
+    one, six = error[:, 2] - error[:, 2].mean(), error[:, LONG]
+    assert np.mean(one[1:] * one[:-1]) / np.mean(one**2) == pytest.approx(-0.5, abs=0.1)
+    assert np.std(six) == pytest.approx(np.std(one), rel=0.15)
 
 
 def test_windows_run_from_strike_to_strike():
@@ -141,7 +170,7 @@ def test_readings_are_late_by_more_samples_than_a_walker_remembers():
     step, delay, around, share = 0.001, 0.019, 30, MODEL.leg.push_off
     time = step * np.arange(200)
     signals = {"gyro": np.zeros(200), "strike": np.zeros(200), "strike_angle": np.zeros(200)}
-    recording = Recording(time=time, signals=signals)
+    recording = with_derived(Recording(time=time, signals=signals), MODEL.leg)
     one = np.array([0])
     observed = np.ones((1, 100, 4), dtype=bool)
     windows = Windows(recording, one, np.array([100]), np.array([[0.1, 1.2]]), observed)

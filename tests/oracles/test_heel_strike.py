@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import fieldgym  # noqa: F401
 from fieldmodels.exam.oracles.heel_strike import Leg, Walk, simulate, walk
-from fieldmodels.machines.heel_strike.model import HeelStrikeModel, samples_around
+from fieldmodels.machines.heel_strike.model import HeelStrikeModel, samples_around, with_derived
 from fieldmodels.recording import Recording, Windows
 
 Array = NDArray[np.float64]
@@ -77,6 +77,7 @@ def windows(torque: bool = False) -> Windows:
     strike[[100, 620, 1137, 1650, 2210]] = 1.0
     zeros = np.zeros(count)
     recording = Recording(time, {"strike": strike, "gyro": zeros, "strike_angle": zeros})
+    recording = with_derived(recording, HeelStrikeModel().leg)
     states = np.array([[0.0131, 0.973], [0.0021, -0.91], [0.31, 0.05], [-0.173, 0.64], [-0.004, 1.07]])
     lengths = np.array([521, 1100, 61, 300, 1600])
     rng = np.random.default_rng(7)
@@ -113,7 +114,7 @@ def both(effects: Effects, torque: bool = False) -> tuple[list[Array], list[Arra
         )
         only = np.arange(length) != around
         oracle[only, 3] = np.nan
-        own = predicted[w, :length].copy()
+        own = predicted[w, :length, :4].copy()  # a long turn is predicted by what was measured
         own[only, 3] = np.nan
         ours.append(own)
         theirs.append(oracle)

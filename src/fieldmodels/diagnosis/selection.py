@@ -14,7 +14,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.linearisation import Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
-from fieldmodels.diagnosis.wander import beside, follows_slowly, wanders_more
+from fieldmodels.diagnosis.wander import beside, follows_slowly, wander, wanders_more
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 IntArray = NDArray[np.int64]
@@ -277,7 +277,7 @@ def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool
     options = candidates.options
     gain, left = beside(candidates.problem, parent.fit, child.fit, options.price)
     gain -= options.price * (child.size - parent.size)
-    if left < SAME_ANYHOW:
+    if left < SAME_ANYHOW or wander(candidates.problem, child.fit, options.price).walked < SAME_ANYHOW:
         return True
     if gain <= min(options.least_gain, left):
         return False
