@@ -230,6 +230,7 @@ def test_of_sets_alike_the_one_with_fewest_parameters_is_chosen():
 )
 def test_a_name_must_explain_as_much_as_noise_that_wanders(monkeypatch, gain, left, yes):
     monkeypatch.setattr(selection, "beside", lambda *_: (gain + 1.0, left))  # its parameter costs a nat
+    monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=left))
     candidates = SimpleNamespace(problem=SimpleNamespace(observations=None), options=selection.DEFAULT)
     parent, child = stands(100.0), stands(50.0, effects=("a",), size=1)
     monkeypatch.setattr(selection, "follows_slowly", lambda *_: False)

@@ -162,7 +162,8 @@ def _followed(
         gained = _gain(losses, tried.losses)
         if gained > 0:
             trial, reach = tried, tried.reach
-            foreseen = abs(gained - expected) < FORESEEN * expected
+            # Windows that share no parameter do not wait for each other's derivatives.
+            foreseen = len(free) > 0 and abs(gained - expected) < FORESEEN * expected
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
             damping = max(damping * 0.1, 1e-6)
             if gained < SETTLED and not searching:
