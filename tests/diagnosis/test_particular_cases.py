@@ -172,7 +172,7 @@ def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
 
 
 def test_a_gyro_that_drifts_is_found_in_a_long_walk():
-    """Of five minutes 2e-5 rad/s2 are not seen, of twenty they are; a model states its peaks by size."""
+    """Of so long a walk a model states its peaks by size."""
     drift = Reality(effects={"gyro_drift": {"rate": 2e-5}})
     log = record_leg(1200.0, np.random.default_rng(48), reality=drift)
     found = diagnose(get_model("heel_strike"), [log]).extended()["effects"]["gyro_drift"]["rate"]
