@@ -230,7 +230,7 @@ def test_of_sets_alike_the_one_with_fewest_parameters_is_chosen():
 )
 def test_a_name_must_explain_as_much_as_noise_that_wanders(monkeypatch, gain, left, yes):
     monkeypatch.setattr(selection, "beside", lambda *_: (gain + 1.0, left))  # its parameter costs a nat
-    monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=left))
+    monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=np.inf))
     candidates = SimpleNamespace(problem=SimpleNamespace(observations=None), options=selection.DEFAULT)
     parent, child = stands(100.0), stands(50.0, effects=("a",), size=1)
     monkeypatch.setattr(selection, "follows_slowly", lambda *_: False)
@@ -240,6 +240,15 @@ def test_a_name_must_explain_as_much_as_noise_that_wanders(monkeypatch, gain, le
     assert selection._stands(candidates, parent, child) == yes
     monkeypatch.setattr(selection, "wanders_more", lambda *_: True)
     assert selection._stands(candidates, parent, child) == (left < 2.0)
+
+
+@pytest.mark.parametrize(("walked", "yes"), [(1.9, True), (2.1, False)])
+def test_a_name_stands_where_walks_beside_it_bring_nothing_by_walking(monkeypatch, walked, yes):
+    """They may bring much by smaller errors along their offsets."""
+    monkeypatch.setattr(selection, "beside", lambda *_: (-3.0, 40.0))
+    monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=walked))
+    candidates = SimpleNamespace(problem=None, options=selection.DEFAULT)
+    assert selection._stands(candidates, stands(100.0), stands(50.0, effects=("a",), size=1)) == yes
 
 
 class Search:

@@ -120,7 +120,7 @@ def test_with_parameters_known_no_window_notices_another(problem):
 
 def test_no_step_raises_the_cost(problem):
     states = thrown(problem)
-    costs = [fitted(problem, states, iterations=k).cost for k in range(24)]
+    costs = [fitted(problem, states, iterations=k).cost for k in range(16)]
     assert (np.diff(costs) <= 1e-9).all()
     assert costs[-1] < 1e-3 * costs[0]
 

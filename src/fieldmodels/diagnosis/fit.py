@@ -31,6 +31,7 @@ SETTLED = 0.01  # nats; a smaller improvement ends a fit
 SHARES = (1.0, 0.25, 0.0625, 0.0)  # of a window's proposed change, tried until one does not raise its cost
 ROSE = 0.5  # nats by which one window may get worse where parameters move: too little for more simulations
 FORESEEN = 0.33  # of what a step promises, within which its gain must be for its derivatives to serve again
+FAR = 10.0  # nats a feature, from which on derivatives change too soon to serve again
 SHORTEST = 1e-3  # share below which a window's state counts as settled
 
 
@@ -163,7 +164,8 @@ def _followed(
         if gained > 0:
             trial, reach = tried, tried.reach
             # Windows that share no parameter do not wait for each other's derivatives.
-            foreseen = len(free) > 0 and abs(gained - expected) < FORESEEN * expected
+            near = tried.cost < FAR * tried.raw.size
+            foreseen = near and len(free) > 0 and abs(gained - expected) < FORESEEN * expected
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
             damping = max(damping * 0.1, 1e-6)
             if gained < SETTLED and not searching:
