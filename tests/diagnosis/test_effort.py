@@ -195,6 +195,23 @@ def test_few_periods_of_a_cogging_are_simulated_and_the_best_or_the_next_one_is_
     assert search.score(base, few)[0].max() > 0.95 * search.score(base, every)[0].max()
 
 
+def test_what_repeats_beyond_the_way_is_no_cogging(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = problem.model
+    search = Candidates(
+        problem=problem, start=model.nominal, fixed=frozenset(), folds=problem.folds,
+        whitener=np.diag(1 / problem.output_scale),
+    )  # fmt: skip
+    base, cogging = search.base(), model.effect("cogging")
+    positions = np.concatenate([part.windows.recording["position"] for part in problem.parts])
+    way = 4.0 * np.std(positions)
+    for share, beyond in ((0.95, False), (1.05, True)):
+        vector = base.fit.parameters.copy()
+        vector[model.slice_of("cogging").stop - 1] = share * way
+        assert search._never_repeats(cogging, vector) == beyond
+    monkeypatch.setattr(Candidates, "_never_repeats", lambda *_: True)
+    assert search.extend(base, "cogging") is None
+
+
 def test_columns_are_not_doubted_where_what_is_found_explains_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(signs, "_hypotheses", lambda *_: pytest.fail("doubted"))
     assert diagnose(get_model("rig"), [recorded(12.0)]).verdict == "named"

@@ -31,7 +31,7 @@ def fitted(residual, jacobian=None):
     problem = Sensors(model, (part,), windows)
     columns = np.zeros((windows, 2 * FEATURES, 0)) if jacobian is None else jacobian
     fit = SimpleNamespace(
-        raw=residual, residual=residual, jacobian=columns, active=np.ones(columns.shape[2], bool),
+        residual=residual, jacobian=columns, active=np.ones(columns.shape[2], bool),
         states=np.zeros((windows, 0)),
         basis=np.zeros((windows, 2 * FEATURES, 0)), whitener=np.eye(2 * FEATURES), weight=None, runs=None,
     )  # fmt: skip
@@ -50,8 +50,8 @@ class Sensors:
     def __len__(self):
         return self.windows
 
-    def is_exact(self, raw):
-        return False
+    def resolved(self, output):
+        return 0.0
 
     @property
     def zeros(self):

@@ -5,10 +5,16 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.problem import build
+from fieldmodels.diagnosis.response import averaged, offsets, segments
+from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.exam.benches import Conditions, Hidden, get_bench
 from fieldmodels.exam.plants import walk
 from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.line_following.observer import observer_gain
+from fieldmodels.recording import Recording
 
 OUTPUTS = ("line", "offset", "heading")
 
@@ -57,3 +63,64 @@ def test_the_law_that_answers_to_chance_makes_no_turn_seem_smaller():
         off.append((gain.value - bench.values("turn_gain", 3.0, -1, seed)["factor"]) / gain.std)
     assert abs(np.mean(off)) < 1.0
     assert np.sqrt(np.mean(np.square(off))) < 1.8
+
+
+@pytest.fixture(scope="module")
+def short_walks():
+    """Windows of eight strides, each an episode of its own: nothing was measured before they start."""
+    bench = get_bench("line_following")
+    train, _ = recordings(bench, [], Conditions(), 11)
+    count = len(train) // 8 * 8
+    signals = {name: values[:count] for name, values in train.signals.items()}
+    apart = Recording(train.time[:count], signals, train.units, np.repeat(np.arange(count // 8), 8))
+    model = bench.model.scaled_to([apart])
+    assert model.corrected
+    return build(model, [apart], model.horizons[1])
+
+
+def gained(problem, factor):
+    """Simulated windows of a camera whose scale is wrong."""
+    model, windows = problem.model, problem.parts[0].windows
+    return model.simulate(model.vector(effects={"sensor_gain": {"factor": factor}})[None], windows)[0]
+
+
+def test_a_curve_of_a_sensor_is_not_believed_by_the_observer(short_walks):
+    """One in proportion to the line is a gain of the camera, which the kernel has by itself."""
+    model, windows = short_walks.model, short_walks.parts[0].windows
+    knots = np.array([-2.0, 2.0])
+    curved = Curved(model, [FreeCurve("sensor", "line", "line", knots, knots[:, None])])
+    found = curved.simulate(np.append(model.nominal, 0.2)[None], windows)[0]
+    expected, nominal = gained(short_walks, 1.2), gained(short_walks, 1.0)
+    places = np.abs(nominal - expected)[..., 1:].max()  # of the robot, which it would take the error for
+    assert places > 0.005
+    assert np.abs(found - expected).max() < 0.1 * places
+
+
+def test_what_is_made_of_a_sensors_offset_is_in_its_response(short_walks):
+    problem, part = short_walks, short_walks.parts[0]
+    model, none = problem.model, np.zeros(0, dtype=np.int64)
+    fitted = fit(problem, model.nominal, none, np.diag(1.0 / problem.output_scale), iterations=0)
+    nominal = gained(problem, 1.0)
+    segment = segments(part.windows.lengths, part.windows.samples)
+    line = averaged(nominal[:, :, 0], segment)
+    found = np.einsum("wfk,wk->wf", offsets(problem, 0, fitted), line)
+    expected = part.compressed((gained(problem, 1.01)[None] - nominal) / 0.01)[0]
+    off = np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2))
+    assert off < 0.02
+    believing = np.einsum("wfk,wk->wf", offsets(problem, 0), line)
+    assert np.sqrt(np.mean((believing - expected) ** 2) / np.mean(expected**2)) > 0.1
+
+
+def test_gains_are_measured_on_windows_that_nothing_puts_right(short_walks):
+    found = predict(short_walks, short_walks.model.nominal)
+    windows = short_walks.parts[0].windows.with_states(found.states)
+    free = get_bench("line_following").model.simulate(short_walks.model.nominal[None], windows)[0]
+    assert np.array_equal(found.simulated[0], free)
+    assert not np.array_equal(gained(short_walks, 1.0), free)
+
+
+def test_no_zero_wanders_by_a_millionth_of_the_noise():
+    bench = get_bench("line_following")
+    train, test = recordings(bench, [], Conditions(factor=1e-6), 3)
+    found = diagnose(bench.model, [train], [test])
+    assert (found.verdict, dict(found.wandering)) == ("consistent", {})

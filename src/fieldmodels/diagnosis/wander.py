@@ -80,7 +80,7 @@ def wander(problem: Problem, fitted: Fit, price: float) -> Wander:
 
 def wandering_zeros(problem: Problem, fitted: Fit, price: float) -> dict[str, float]:
     """Outputs whose zeros certainly wander, and by how much: the standard deviation over a record."""
-    if fitted.runs is not None or problem.is_exact(fitted.raw):
+    if fitted.runs is not None:
         return {}
     walks = _Walks(problem, fitted)
     cost, paces = walks.search(price)
@@ -88,8 +88,11 @@ def wandering_zeros(problem: Problem, fitted: Fit, price: float) -> dict[str, fl
     for j in sorted(paces.keys() - {FORCE}):
         others = {k: pace for k, pace in paces.items() if k != j}
         offsets = walks.walk(j, paces[j])
+        size = float(np.std(offsets))
+        if size < problem.resolved(j):
+            continue
         if walks.still(others, [j]) - cost > CERTAIN and alike(problem, offsets) > WALKING:
-            result[problem.model.outputs[j].name] = float(np.std(offsets))
+            result[problem.model.outputs[j].name] = size
     return result
 
 
