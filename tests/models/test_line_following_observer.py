@@ -80,7 +80,7 @@ def test_its_errors_are_innovations():
     )  # a start that moved would hold the window's chance
     errors = np.stack([fitted.raw[:, problem.outputs == j] for j in range(3)], axis=2)
     errors = errors / errors.std(axis=(0, 1))
-    windows, samples, outputs = errors.shape
+    _, samples, outputs = errors.shape
     assert np.mean(errors**2, axis=0) == pytest.approx(np.ones((samples, outputs)), abs=0.2)
     for lag in (1, 2, 3):
         before, after = errors[:, :-lag].reshape(-1, outputs), errors[:, lag:].reshape(-1, outputs)
