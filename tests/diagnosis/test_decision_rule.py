@@ -259,7 +259,7 @@ class Search:
     def __init__(self, totals, better=None):
         self.totals = {frozenset(names): total for names, total in totals.items()}
         self.better = {frozenset(names): total for names, total in (better or {}).items()}
-        self.simpler, self.ways, self.fitted_again = {}, [], []
+        self.ways, self.fitted_again = [], []
 
     def made(self, names, table):
         key = frozenset(names)
@@ -289,7 +289,7 @@ class Search:
         return parent.fit.cost - self.score_test(parent, name)
 
     def twins(self, name):
-        return self.simpler.get(name, set())
+        return set()
 
     def again(self, candidate):
         self.fitted_again.append(set(candidate.effects))
@@ -510,15 +510,6 @@ def test_a_set_is_fitted_from_a_second_parent_if_it_lacks_what_that_promises(mon
     search.promised = lambda parent, name: 50.0 - lacks
     selection._grown(search, [search.stuck("a"), search.stuck("b")])
     assert search.ways == ways
-
-
-def test_what_contains_a_simpler_effect_that_is_as_good_is_no_parent(monkeypatch):
-    search = searching(monkeypatch, {"a": 100.0, "b": 100.5, "c": 120.0, "": 300.0})
-    search.simpler = {"b": {"a"}, "c": {"d"}}
-    grown = selection._grown(search, [search.stuck()])
-    assert [set(one.effects) for one in grown] == [{"a"}, {"c"}]
-    search.simpler = {"a": {"b"}}  # it contains b and is better
-    assert len(selection._grown(search, [search.stuck()])) == 3
 
 
 def test_where_no_larger_set_is_better_none_is_fitted_again(monkeypatch):

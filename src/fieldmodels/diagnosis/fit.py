@@ -150,7 +150,7 @@ def _followed(
             losses, new = trial.losses, trial is not at
             here = _carried(problem, here, trial) if foreseen else _ended(problem, here, trial)
             trial, at = None, trial if foreseen else None
-            if new and enough(here):
+            if new and at is None and enough(here):
                 break
         if not np.isfinite(losses).any():
             break
@@ -158,7 +158,10 @@ def _followed(
         searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
         # A step that was clipped may be predicted to lose, yet gain: do not stop then.
         if abs(expected) < SETTLED and damping <= 1e-3 and not searching:
-            break
+            if at is None:
+                break
+            trial, foreseen = at, False  # another point's derivatives do not tell the end
+            continue
         tried = _moved(problem, here, parameters_at(here, coordinates, step), step, reach, losses)
         gained = _gain(losses, tried.losses)
         if gained > 0:
@@ -169,7 +172,9 @@ def _followed(
             searching = bool(((reach < 1.0) & (reach > SHORTEST)).any())
             damping = max(damping * 0.1, 1e-6)
             if gained < SETTLED and not searching:
-                break
+                if at is None:
+                    break
+                foreseen = False
         elif at is not None:
             trial, foreseen = at, False
         else:

@@ -403,16 +403,7 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
     ranked = sorted(best.values(), key=lambda c: c.total)
     # Two effects that one imitates may each be far off alone: the next parents stay, whatever they lack.
     near = [c for i, c in enumerate(ranked) if i <= PARENTS or c.total < leader.total + REFITTED_WITHIN]
-    near = [c for c in near if not _simpler_is_better(candidates, c, best)]
     return sorted(candidates.each(candidates.again, near), key=lambda c: c.total)
-
-
-def _simpler_is_better(
-    candidates: Candidates, child: Candidate, others: Mapping[frozenset[str], Candidate]
-) -> bool:
-    """Whether a set with a simpler effect in the place of one that contains it is as good."""
-    sets = [frozenset({*child.effects} - {e} | {twin}) for e in child.effects for twin in candidates.twins(e)]
-    return any(others[one].total <= child.total for one in sets if one in others)
 
 
 def _set_of(way: tuple[Candidate, str]) -> frozenset[str]:
