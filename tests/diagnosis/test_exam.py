@@ -497,7 +497,7 @@ def test_logs_are_read_as_their_publishers_say(public_data):
 
 
 def test_what_a_real_axis_is_known_to_have_is_named(public_data):
-    """A ball screw's dry friction and offset; half a second ahead it errs by 0.18 mm, not by the 0.15 wanted."""
+    """A ball screw's dry friction and offset; half a second ahead it errs by 0.18 mm, 0.15 are wanted."""
     if not (public_data / "emps").is_dir():
         pytest.skip("no real data: FIELDGYM_DATA holds no emps")
     statement, model = STATEMENTS["emps"], get_model("rig")
