@@ -18,6 +18,7 @@ from fieldmodels.recording.files import named, recording_of
 from fieldmodels.recording.proposals import Proposal, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
+from fieldmodels.rounding import listed as in_words
 
 Ask = Callable[[str], bool]
 
@@ -138,10 +139,11 @@ def listed(proposal: Proposal) -> str:
     """A proposal for a reader: a line a column, with how sure it is and why."""
     lines = [f"  {c.role} = {c.channel}" for c in proposal.columns]
     wide = max(map(len, lines))
-    return "\n".join(
+    rows = [
         f"{line:<{wide}}  {100 * c.confidence:3.0f} %  {'; '.join(c.evidence)}"
         for line, c in zip(lines, proposal.columns, strict=True)
-    )
+    ]
+    return "\n".join([*rows, *([f"  {still}"] if (still := _constant(proposal)) else [])])
 
 
 def asked(question: str) -> bool:
@@ -157,4 +159,12 @@ def _over(bench: Bench, declared: Bench) -> Bench:
 
 def _needs(proposal: Proposal) -> str:
     names = ["a clock (t)" if name == TIME else name for name in proposal.missing]
-    return f"no column seems to hold {' or '.join(names)}"
+    still = _constant(proposal)
+    return f"no column seems to hold {' or '.join(names)}{f' ({still})' if still else ''}"
+
+
+def _constant(proposal: Proposal) -> str:
+    """Which columns never change, in words; empty for none."""
+    names = [repr(name) for name in proposal.constant]
+    never = "never changes: it is" if len(names) == 1 else "never change: they are"
+    return f"{in_words(names)} {never} not taken for a command" if names else ""

@@ -1,10 +1,14 @@
 """The pages on measured data: their programs run, and their messages are the program's."""
 
 import re
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.datasets import dataset_names
 from fieldmodels.recording.files import load_recording
@@ -46,6 +50,39 @@ def test_the_data_pages_declarations_and_message_are_real(tmp_path, monkeypatch)
     assert str(caught.value) == shown.strip()
     for name in dataset_names():
         assert name in text or f"`{name.split('/')[1]}`" in text
+
+
+def test_the_data_page_unwraps_counters_and_reads_temperatures(tmp_path):
+    """The angle goes round three times; a twelfth of a turn is 30 deg and 341 counts, 20 °C are 293.15 K."""
+
+    class Oven(Machine):
+        inputs = (Signal("heater", "W"),)
+        states = outputs = (Signal("temperature", "K"),)
+        loss = number("1/s", 1.0, 0.0, 10.0)
+
+        def derivative(self, state, input, p):
+            return input.heater - p.loss * state.temperature
+
+    turns = np.arange(300) / 100
+    read = {"heading": 360 * turns % 360, "encoder": np.round(4096 * turns) % 4096, "thermometer": 20 + turns}
+    lines = [",".join(["t,torque,heater", *read])] + [
+        ",".join(f"{cell:g}" for cell in (t, np.cos(t), np.cos(t), *row))
+        for t, row in zip(turns, zip(*read.values(), strict=True), strict=True)
+    ]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    section = (DOCS / "data.md").read_text().split("### Counters")[1].split("## What is checked")[0]
+    commands = [line for line in section.splitlines() if line.startswith("fieldgym diagnose")]
+    found = {}
+    for line in commands:
+        model = Oven() if "oven.py" in line else get_model(line.split("--model ")[1].split()[0])
+        signal, spec = line.split("--column ")[1].split("=")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found[spec] = load_recording(tmp_path / "log.csv", model, {signal: spec})[signal]
+    degrees, counts, kelvins = found.values()
+    np.testing.assert_allclose(degrees, 2 * np.pi * turns, atol=1e-4)
+    np.testing.assert_allclose(counts, 2 * np.pi * turns, atol=2e-3)
+    np.testing.assert_allclose(kelvins, 293.15 + turns, atol=1e-4)
 
 
 def test_the_data_page_lists_every_unit():

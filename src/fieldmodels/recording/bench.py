@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import Table
 from fieldmodels.yaml import YamlError, load_yaml, save_yaml
@@ -17,29 +20,36 @@ NAME = "bench.yaml"
 """A bench's file beside its logs."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _SPEC = re.compile(
-    rf"(?:(?P<gain>{_NUMBER})\*|(?P<minus>-))?(?P<name>.+?)(?P<offset>[-+]{_NUMBER[5:]})?", re.S
+    rf"(?:(?P<gain>{_NUMBER})\*|(?P<minus>-))?(?P<name>.+?)(?:%(?P<period>{_NUMBER[5:]}))?"
+    rf"(?P<offset>[-+]{_NUMBER[5:]})?",
+    re.S,
 )
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A column, and what its numbers mean: ``gain * cell + offset``, in ``unit``.
+    """A column, and what its numbers mean: ``gain * cell + offset``, in ``unit``; cells may wrap around.
 
     Attributes:
         column: Its name in the file.
         unit: Unit of the result; empty for what the file states, else the model's.
         gain: A scale or a sign.
         offset: What is added then, in ``unit``.
+        period: Of cells that wrap around, as a counter of 12 bits does at 4096: they are unwrapped first; 0
+            for cells that do not.
     """
 
     column: str
     unit: str = ""
     gain: float = 1.0
     offset: float = 0.0
+    period: float = 0.0
 
     @classmethod
     def parse(cls, spec: str, header: Sequence[str] = ()) -> Channel:
-        """Read ``[GAIN*]COLUMN[+OFFSET][:UNIT]``, as in ``-2.5*tau:N cm``, ``-tau`` or ``0.1*adc-12:deg``.
+        """Read ``[GAIN*]COLUMN[%PERIOD][+OFFSET][:UNIT]``.
+
+        Examples are ``-2.5*tau:N cm``, ``-tau``, ``0.1*adc-12:deg`` and ``-count%4096``, which wraps.
 
         Args:
             spec: The text; a column of the header that is really named so is taken whole.
@@ -53,18 +63,23 @@ class Channel:
         if match is None:
             return cls(body, unit)
         gain = float(match["gain"]) if match["gain"] else -1.0 if match["minus"] else 1.0
-        name, offset = match["name"].strip(), match["offset"]
-        if offset and (name not in header and name + offset in header):
-            name, offset = name + offset, None
-        if not header and not match["gain"] and not match["minus"]:
-            name, offset = body, None
-        return cls(name, unit, gain, float(offset or 0.0))
+        name, offset, period = match["name"].strip(), match["offset"] or "", match["period"] or ""
+        tail = f"%{period}" * bool(period)
+        if name not in header:  # a column may be named as if it had a period or an offset
+            if name + tail in header:
+                name, period = name + tail, ""
+            elif name + tail + offset in header:
+                name, period, offset = name + tail + offset, "", ""
+        if not header and not match["gain"] and not match["minus"] and not period:
+            name, offset = body, ""
+        return cls(name, unit, gain, float(offset or 0.0), float(period or 0.0))
 
     def __str__(self) -> str:
         """The text that ``parse`` reads."""
         gain = "" if self.gain == 1 else "-" if self.gain == -1 else f"{self.gain:.12g}*"
         offset = f"{self.offset:+.12g}" if self.offset else ""
-        return f"{gain}{self.column}{offset}" + (f":{self.unit}" if self.unit else "")
+        period = f"%{self.period:.12g}" if self.period else ""
+        return f"{gain}{self.column}{period}{offset}" + (f":{self.unit}" if self.unit else "")
 
 
 @dataclass(frozen=True)
@@ -117,6 +132,7 @@ class Bench:
             | ({"unit": c.unit} if c.unit else {})
             | ({"gain": c.gain} if c.gain != 1 else {})
             | ({"offset": c.offset} if c.offset else {})
+            | ({"period": c.period} if c.period else {})
             for signal, c in self.columns.items()
         }
         save_yaml(data, Path(path))
@@ -124,6 +140,22 @@ class Bench:
     def fits(self, table: Table) -> bool:
         """Whether a log has all of its columns."""
         return all(channel.column in table.header for channel in self.columns.values())
+
+
+def unwrapped(values: FloatArray, period: float, episode: FloatArray | None = None) -> FloatArray:
+    """Cells that wrap around as if they went on: no step is longer than half a period.
+
+    Args:
+        values: The cells, shape (n,); missing ones (NaN) stay so.
+        period: Of the counter or the angle, in the cells' unit.
+        episode: Number of each row's episode, shape (n,): each goes on by itself; None for one.
+    """
+    result = values.copy()
+    edges = [] if episode is None else (np.flatnonzero(np.diff(episode)) + 1).tolist()
+    for rows in np.split(np.arange(len(values)), edges):
+        known = rows[np.isfinite(values[rows])]
+        result[known] = np.unwrap(values[known], period=period)
+    return result
 
 
 def beside(path: Path, model: str) -> Path | None:
@@ -137,12 +169,14 @@ def beside(path: Path, model: str) -> Path | None:
 def _channel(path: str | Path, signal: object, value: object) -> Channel:
     if isinstance(value, str):
         return Channel.parse(value)
-    if isinstance(value, dict) and "column" in value and set(value) <= {"column", "unit", "gain", "offset"}:
-        gain, offset = value.get("gain", 1.0), value.get("offset", 0.0)
-        if _is_number(gain) and _is_number(offset) and gain != 0:
-            return Channel(str(value["column"]), str(value.get("unit") or ""), float(gain), float(offset))
+    known = {"column", "unit", "gain", "offset", "period"}
+    if isinstance(value, dict) and "column" in value and set(value) <= known:
+        numbers = [value.get("gain", 1.0), value.get("offset", 0.0), value.get("period", 0.0)]
+        if all(map(_is_number, numbers)) and numbers[0] != 0 and numbers[2] >= 0:
+            return Channel(str(value["column"]), str(value.get("unit") or ""), *map(float, numbers))
     raise RecordingError(
-        f"{path}: {signal!r} needs 'column', and perhaps 'unit', 'gain' and 'offset' (numbers), not {value!r}"
+        f"{path}: {signal!r} needs 'column', and perhaps 'unit', 'gain', 'offset' and 'period' (numbers), "
+        f"not {value!r}"
     )
 
 

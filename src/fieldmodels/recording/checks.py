@@ -9,6 +9,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording
+from fieldmodels.recording.clipping import saturated_rows, wraps
 from fieldmodels.recording.data import GAP, MAX_JITTER
 from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins, turns
 from fieldmodels.recording.tables import SHOWN, Problem
@@ -19,9 +20,6 @@ REST = 0.1
 """Largest distance from 1 of the median of an accelerometer that is suspected to be in g."""
 LEAST_COUNTED = 0.5
 """Smallest time step [s] that is suspected to be in a fraction of a second."""
-STUCK = 5
-"""Consecutive rows at an extreme value that count as saturation, unless the signal is coarse."""
-
 _BLOCK = 1_000_000  # rows examined together
 
 
@@ -122,11 +120,14 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
             )
         if span == 0 and len(values) > MIN_SAMPLES and signal in model.outputs:
             found.append(f"column {signal.name!r} never changes; is the sensor connected?")
-        if signal in model.outputs and not signal.event and (rows := _stuck(values)):
-            found.append(
-                f"column {signal.name!r} stays at its extreme values for up to {rows} rows at a time; if the "
-                "sensor saturates there, leave these rows out and start new episodes"
-            )
+        if signal in model.outputs and not signal.event:
+            if rows := saturated_rows(recording, signal, model):
+                found.append(
+                    f"column {signal.name!r} stays at its extreme values for up to {rows} rows at a time; if "
+                    "the sensor saturates there, leave these rows out and start new episodes"
+                )
+            if signal.name not in model.wrapped_outputs and (wrap := wraps(recording, signal.name)):
+                found.append(_wrapped(signal, *wrap))
         usual = float(np.median(np.abs(values)))
         if (
             signal.name not in stated
@@ -144,16 +145,14 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
     return found
 
 
-def _stuck(values: FloatArray) -> int:
-    """Longest run at the extreme values of a signal that varies otherwise; 0 if it is unsuspicious."""
-    first = values[:_BLOCK]
-    coarse = len(np.unique(first)) < 0.25 * len(first)
-    longest = 0
-    for extreme in (values.max(), values.min()):
-        at = np.concatenate([[False], values == extreme, [False]])
-        edges = np.flatnonzero(np.diff(at.astype(np.int8)))
-        longest = max(longest, int(np.max(edges[1::2] - edges[::2], initial=0)))
-    return 0 if coarse or longest < STUCK else longest
+def _wrapped(signal: Signal, period: float, jumps: int, row: int) -> str:
+    times = "once" if jumps == 1 else f"{jumps} times"
+    return (
+        f"column {signal.name!r} jumps {times} by about {period:.4g} {signal.unit}, first {row} rows after "
+        "the first one, as a counter or an angle that wraps around does; declare its period in the file's "
+        f"own numbers, such as '{signal.name}=NAME%360:deg' for an angle in degrees, or "
+        f"'{signal.name}=0.00153398*NAME%4096:rad' for 4096 counts a turn, and it is unwrapped"
+    )
 
 
 def _more(rows: list[int], what: str) -> list[Problem]:

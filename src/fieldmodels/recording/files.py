@@ -13,7 +13,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
+from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel, unwrapped
 from fieldmodels.recording.checks import (
     LEAST_COUNTED,
     check_episodes,
@@ -25,7 +25,7 @@ from fieldmodels.recording.checks import (
 from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
-from fieldmodels.recording.tables import EMPTY, Problem, Table, write_table
+from fieldmodels.recording.tables import EMPTY, REMEDY, Problem, Table, write_table
 from fieldmodels.recording.units import UnitError, factor, si_unit
 
 LEAST_SCALED = 50
@@ -121,7 +121,7 @@ def recording_of(
     clocks = {c.name: table.clocks.get(c.name, "") for c in wanted if c.name}
     sparse = {n for n, v in values.items() if len(v) and SPARSE < np.isnan(v).mean() < 1}
     problems = [
-        Problem(EMPTY, name, int(bad[0]))
+        Problem(f"{EMPTY}; {REMEDY}", name, int(bad[0]), tuple(bad.tolist()))
         for name, column in values.items()
         if name not in sparse and len(bad := np.flatnonzero(~np.isfinite(column)))
     ]
@@ -133,6 +133,10 @@ def recording_of(
         what = f"times of several files are read in seconds, not {clock.channel.unit}; declare no unit"
         raise table.fail([Problem(what, clock.name)])
     used = {c.signal: values[c.name] if single else values[c.name].copy() for c in wanted if c.name}
+    runs = used.get(EPISODE) if single else None
+    for c in wanted:
+        if c.channel.period:  # before values are interpolated
+            used[c.signal] = unwrapped(used[c.signal], c.channel.period, runs)
     if bench.rate is not None and not clock.name:
         used[TIME] = np.arange(rows) / bench.rate
     elif not single:
@@ -245,7 +249,8 @@ def _columns(table: Table, model: Model | None, bench: Bench) -> list[_Column]:
         try:
             found.append(_convert(table, model, signal, channel))
         except UnitError as error:
-            problems.append(Problem(str(error), channel.column))
+            said = str(error).replace("SIGNAL", signal).replace("COLUMN", channel.column)
+            problems.append(Problem(said, channel.column))
     if problems:
         raise table.fail(problems)
     return found if not bench.rate or TIME in mapping else [_Column(TIME, Channel(""), 1.0, "s"), *found]

@@ -13,12 +13,12 @@ from scipy.optimize import linear_sum_assignment
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.names import did_you_mean
-from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel
+from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel, unwrapped
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope, turns
 from fieldmodels.recording.merging import held_or_between
 from fieldmodels.recording.tables import Table
-from fieldmodels.recording.units import UnitError, factor, is_unit
+from fieldmodels.recording.units import UnitError, factor, is_unit, zero_of
 from fieldmodels.recording.words import is_time, meanings, suits
 
 DECLARED = "as declared"
@@ -40,6 +40,7 @@ class ColumnProposal:
         unit: Of ``gain * cell + offset``.
         gain: A scale or a sign; negative where the sign seems reversed.
         offset: Added then, in ``unit``.
+        period: Of cells that wrap around, as of ``Channel``.
         confidence: 0 to 1; from ``SURE`` on it needs no confirmation.
         evidence: Why, in plain words.
     """
@@ -49,13 +50,14 @@ class ColumnProposal:
     unit: str
     gain: float = 1.0
     offset: float = 0.0
+    period: float = 0.0
     confidence: float = 1.0
     evidence: tuple[str, ...] = ()
 
     @property
     def channel(self) -> Channel:
         """The same for a bench file."""
-        return Channel(self.column, self.unit, self.gain, self.offset)
+        return Channel(self.column, self.unit, self.gain, self.offset, self.period)
 
     def doubted(self, most: float, why: str, gain: float | None = None) -> ColumnProposal:
         """The same with less confidence, for one more reason."""
@@ -73,6 +75,7 @@ class Proposal:
         missing: Signals that the model needs and no column seems to hold; ``t`` if there is no clock, so
             that a rate must be given.
         unused: Columns of numbers that are left over.
+        constant: Those of them that never change, and so tell of no command.
         rate: Rows a second, as it was given.
     """
 
@@ -80,6 +83,7 @@ class Proposal:
     columns: tuple[ColumnProposal, ...]
     missing: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
+    constant: tuple[str, ...] = ()
     rate: float | None = None
 
     @property
@@ -118,7 +122,8 @@ def propose(
     )
     taken = {clock and clock.column, *table.clocks.values(), *(c.column for c in stated.values())}
     rest = {n: v for n, v in values.items() if n not in taken}
-    found = _by_names(table, model, rest, set(stated)) | stated
+    constant = {name for name, column in rest.items() if _never_changes(table, name, column)}
+    found = _by_names(table, model, rest, set(stated), constant) | stated
     if clock is None and table.clocks and found:
         master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
         name = table.clocks[master]
@@ -130,13 +135,30 @@ def propose(
     roles = [s.name for s in model.signals]
     columns = sorted(found.values(), key=lambda c: roles.index(c.role) if c.role in roles else -1)
     needed = [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
+    unused = tuple(n for n in rest if n not in {c.column for c in columns})
     return Proposal(
         model=model.name,
         columns=(*([clock] if clock else []), *columns),
         missing=(*([TIME] if clock is None and not rate else []), *[n for n in needed if n not in found]),
-        unused=tuple(n for n in rest if n not in {c.column for c in columns}),
+        unused=unused,
+        constant=tuple(n for n in unused if n in constant),
         rate=rate,
     )
+
+
+def _never_changes(table: Table, name: str, first: FloatArray) -> bool:
+    """Whether a column has one value in all rows; a machine may stand still in the first ones.
+
+    Args:
+        table: The log.
+        name: The column.
+        first: Its first rows.
+    """
+
+    def changes(values: FloatArray) -> bool:
+        return bool(np.ptp(values[np.isfinite(values)]) > 0)
+
+    return not changes(first) and (len(first) < ROWS or not changes(table[name]))
 
 
 @dataclass(frozen=True)
@@ -176,7 +198,8 @@ class _View:
         signals = {}
         for role, one in found.items():
             if role != EPISODE:
-                values = one.gain * self.column(one.column) + one.offset
+                values = self.column(one.column)
+                values = one.gain * (unwrapped(values, one.period) if one.period else values) + one.offset
                 signals[role] = values * factor(one.unit, self.signals[role].unit)
         count = min(map(len, signals.values()))
         signals = {role: values[:count] for role, values in signals.items()}
@@ -214,7 +237,9 @@ def _declared(table: Table, model: Model, role: str, channel: Channel) -> Column
         )
     unit = channel.unit or table.units.get(channel.column, "")
     unit = unit or next((s.unit for s in model.signals if s.name == role), "s" if role == TIME else "")
-    return ColumnProposal(role, channel.column, unit, channel.gain, channel.offset, evidence=(DECLARED,))
+    return ColumnProposal(
+        role, channel.column, unit, channel.gain, channel.offset, channel.period, evidence=(DECLARED,)
+    )
 
 
 def clock_of(table: Table) -> ColumnProposal | None:
@@ -224,9 +249,12 @@ def clock_of(table: Table) -> ColumnProposal | None:
 
 
 def _by_names(
-    table: Table, model: Model, values: Mapping[str, FloatArray], stated: Set[str]
+    table: Table, model: Model, values: Mapping[str, FloatArray], stated: Set[str], constant: Set[str]
 ) -> dict[str, ColumnProposal]:
-    """Signals that are not stated yet to columns, by the sum of how well names and units suit."""
+    """Signals that are not stated yet to columns, by the sum of how well names and units suit.
+
+    A constant column is no command, whatever its name.
+    """
     names = list(values)
     found: dict[str, ColumnProposal] = {}
     for name in names:
@@ -244,6 +272,8 @@ def _by_names(
     if not names or not signals:
         return found
     scores = np.array([[suits(n, table.units.get(n, ""), s, model) for n in names] for s in signals])
+    still = np.outer([s in model.inputs for s in signals], [n in constant for n in names])
+    scores[still] = 0.0
     weight = np.array([[1.0 if not s.optional else 0.6] for s in signals])
     for i, j in zip(*linear_sum_assignment(-(weight * scores)), strict=True):
         signal, score = signals[i], float(scores[i, j])
@@ -327,6 +357,11 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
             factor(stated, signal.unit)
             return replace(one, unit=stated, evidence=(*one.evidence, f"the file states {stated}"))
         except UnitError:
+            if known := zero_of(stated, signal.unit):
+                gain, offset = known
+                one = replace(one, unit=signal.unit, gain=gain * one.gain, offset=offset)
+                why = f"the file states {stated}, hence the offset, which a temperature difference has not"
+                return one.doubted(0.85, why)
             one = one.doubted(0.6, f"the file states {stated}, which is no unit of {signal.name!r}")
         if is_unit(stated):  # of another quantity, as a current for a torque
             return replace(one, unit=signal.unit).doubted(0.6, f"1 {stated} is taken as 1 {signal.unit}")

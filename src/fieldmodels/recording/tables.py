@@ -22,10 +22,14 @@ import pyarrow.parquet as pq
 from fieldmodels.arrays import FloatArray
 from fieldmodels.files import replacing
 from fieldmodels.recording.data import RecordingError
+from fieldmodels.rounding import listed
 
 SHOWN = 5
 """Largest number of problems of one kind in a message."""
-EMPTY = "the cell is empty or NaN; fill the gap, or leave the row out and start a new episode"
+EMPTY = "the cell is empty or NaN"
+REMEDY = (
+    "leave such rows out (gaps of up to four are then filled, longer ones begin a new episode), or fill them"
+)
 LARGEST = 4 << 30
 """Most bytes that the columns of one log may take in memory."""
 
@@ -38,11 +42,13 @@ class Problem:
         message: What is wrong and what to do.
         column: Column in the file, empty if it concerns the whole file.
         row: Index of the data row (0-based), None if there is none.
+        more: Other data rows of which the same is true, ascending, ``row`` the first of them.
     """
 
     message: str
     column: str = ""
     row: int | None = None
+    more: tuple[int, ...] = ()
 
 
 class Table(ABC):
@@ -93,16 +99,38 @@ class Table(ABC):
 
     def fail(self, problems: Sequence[Problem]) -> RecordingError:
         """Make one error of all problems."""
-        shown = self.rows_shown([p.row for p in problems if p.row is not None])
+        ranges = {p: _ranges(p.more) for p in problems if p.more}
+        ends = {row for found in ranges.values() for pair in (*found[:SHOWN], found[-1]) for row in pair}
+        shown = self.rows_shown({*ends, *(p.row for p in problems if p.row is not None)})
         lines = []
         for p in problems:
             column = f"column {p.column!r}" if p.column else ""
             row = f"row {shown[p.row]}" if p.row is not None else ""
+            if p in ranges:
+                row = _rows(ranges[p], shown, len(p.more))
             place = ", ".join(x for x in (column, row) if x)
             lines.append(f"{place}: {p.message}" if place else p.message)
         if len(lines) == 1:
             return RecordingError(f"{self.path}: {lines[0]}")
         return RecordingError("\n  - ".join([f"{self.path}: {len(lines)} problems", *lines]))
+
+
+def _ranges(rows: Sequence[int]) -> list[tuple[int, int]]:
+    """First and last row of every run of ascending rows."""
+    found = np.asarray(rows)
+    breaks = np.flatnonzero(np.diff(found) > 1)
+    first, last = np.append(0, breaks + 1), np.append(breaks, len(found) - 1)
+    return [(int(found[a]), int(found[b])) for a, b in zip(first, last, strict=True)]
+
+
+def _rows(ranges: Sequence[tuple[int, int]], shown: Mapping[int, int], count: int) -> str:
+    """Ranges of rows as in an editor: "rows 5, 9 to 12 and 40 (6 rows)"; of many the first ones."""
+    parts = [str(shown[a]) if a == b else f"{shown[a]} to {shown[b]}" for a, b in ranges[:SHOWN]]
+    if more := len(ranges) - len(parts):
+        parts.append(
+            f"{more} more {'stretch' if more == 1 else 'stretches'} up to row {shown[ranges[-1][1]]}"
+        )
+    return f"row {parts[0]}" if count == 1 else f"rows {listed(parts)} ({count:,} rows)"
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import pyarrow.csv as pa_csv
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff
-from fieldmodels.recording.tables import EMPTY, SHOWN, Problem, Table, collect
+from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, collect
 
 _SAMPLE = 1 << 20  # bytes in which the dialect is found
 _BLOCK = 1 << 20  # bytes of text parsed at once
@@ -195,7 +195,7 @@ class TextTable(Table):
         if self.dialect.is_number(cell):
             return ""
         if cell.lower() in MISSING:
-            return EMPTY
+            return f"{EMPTY}; {REMEDY}"
         if cell.lower().lstrip("+-") in ("inf", "infinity"):
             return f"{cell} is not a finite number; leave the row out and start a new episode"
         if self.dialect.decimal == "." and re.fullmatch(r"-?\d+,\d+", cell):

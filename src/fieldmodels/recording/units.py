@@ -26,6 +26,13 @@ _SPELLINGS: dict[str, str] = {
     other: unit for unit, others in _TABLES["spellings"].items() for other in others
 }
 _UNSCALED = ("counts", "count", "ticks", "tick", "lsb", "inc", "inkremente", "digits", "raw", "steps")
+_TEMPERATURES = {
+    ("°C", "K"): (1.0, 273.15),
+    ("K", "°C"): (1.0, -273.15),
+    ("°F", "K"): (5 / 9, 273.15 - 160 / 9),
+    ("°F", "°C"): (5 / 9, -160 / 9),
+}
+"""Gain and offset between units whose zeros differ, exact by definition (BIPM 2019)."""
 _ANGLES = ("radian", "degree", "turn", "arcminute", "arcsecond", "grade")
 _WRITTEN = re.compile(r"[\w µμ°%/*^().²³-]{1,40}")
 
@@ -69,9 +76,19 @@ def factor(unit: str, wanted: str) -> float:
     others = _UNITS.get(want, {})
     if have in others:
         return _ratio(others[have], want)
+    if known := zero_of(unit, wanted):
+        gain = "" if known[0] == 1.0 else f"{known[0]:.7g}*"
+        raise UnitError(
+            f"{unit!r} has another zero than {want!r}: declare it as "
+            f"'SIGNAL={gain}COLUMN{known[1]:+.7g}:{want}', or if it is a difference of temperatures, as "
+            f"'SIGNAL={gain}COLUMN:{want}'"
+        )
     allowed = ", ".join([want, *others])
     if have.lower() in _UNSCALED:
-        raise UnitError(f"unit {unit!r} has no size; state what one is worth, as in '0.0015*COLUMN:{want}'")
+        raise UnitError(
+            f"unit {unit!r} has no size; state what one is worth, as in 'SIGNAL=0.0015*COLUMN:{want}', or "
+            f"'SIGNAL=0.0015*COLUMN%4096:{want}' if it wraps around at 4096"
+        )
     if have not in known_units() and want in _UNITS:
         try:
             return _ratio(have.replace(" ", "*"), want)
@@ -80,6 +97,12 @@ def factor(unit: str, wanted: str) -> float:
     if have in known_units():
         raise UnitError(f"unit {unit!r} does not measure a quantity in {wanted!r} (possible: {allowed})")
     raise UnitError(f"unknown unit {unit!r}{did_you_mean(have, [want, *others])}; possible: {allowed}")
+
+
+def zero_of(unit: str, wanted: str) -> tuple[float, float] | None:
+    """Gain and offset from one unit of temperature to another with another zero; None for other units."""
+    have, want = canonical(unit), canonical(wanted)
+    return _TEMPERATURES.get(({"C": "°C", "F": "°F"}.get(have, have), want))
 
 
 def si_unit(unit: str) -> tuple[str, float]:

@@ -74,7 +74,7 @@ def quantity(found: frozenset[str], unit: str) -> str:
 
 
 def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
-    """How well a column's name and unit suit a signal, 0 to 1; 1 only for the very name.
+    """How well a column's name and unit suit a signal, 0 to 1; 1 only for the very name, its unit left aside.
 
     Args:
         name: The column's.
@@ -88,7 +88,7 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
             factor(unit, signal.unit)
         except UnitError:
             convertible = False
-    if name.lower() == signal.name and convertible:
+    if re.split(r"[\[(]", name)[0].strip().lower() == signal.name and convertible:
         return 1.0
     found, wanted = meanings(name), meanings(signal.name)
     theirs = quantity(found, unit)

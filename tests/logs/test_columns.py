@@ -1,0 +1,159 @@
+"""Which column is what: constants are no commands, temperatures have another zero, bad cells are counted."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from fieldagents.logs import Logs, listed
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
+from fieldmodels.recording import RecordingError
+from fieldmodels.recording.bench import Bench, Channel
+from fieldmodels.recording.files import load_recording
+from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.reading import read_table
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+PENDULUM, RIG = get_model("pendulum"), get_model("rig")
+
+
+@pytest.fixture(scope="module")
+def run():
+    rng = np.random.default_rng(0)
+    made = synthesise(PENDULUM, {}, "mixed", duration=15.0, step=0.01, amplitude=3.0, rng=rng, noise=True)
+    return {"t": made.time, "u": made["torque"], "y": made["angle"]}
+
+
+def written(path, **columns):
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{cell:.6g}" for cell in row) for row in rows)]
+    path.write_text("\n".join(lines).replace("nan", "") + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["torque", "torque_cmd", "motor_torque_limit", "u"])
+@pytest.mark.parametrize("other", ["ch1", ""])
+def test_a_column_that_never_changes_is_no_command(tmp_path, run, name, other):
+    moving = {other: run["u"]} if other else {}
+    columns = {"time": run["t"], name: np.full(1500, 24.0), **moving, "winkel": run["y"]}
+    proposal = propose(read_table(written(tmp_path / "log.csv", **columns)), PENDULUM)
+    assert name not in {c.column for c in proposal.columns}
+    assert proposal.constant == (name,)
+    assert f"{name!r} never changes: it is not taken for a command" in listed(proposal)
+    if other:
+        assert proposal.bench().columns["torque"].column == other
+    else:
+        with pytest.raises(RecordingError, match=f"no column seems to hold torque .{name!r} never changes"):
+            Logs(PENDULUM).read(str(tmp_path / "log.csv"))
+        told = Logs(PENDULUM, {"": {"torque": f"{name}:N m"}}, accept=True)  # whoever says so knows
+        assert np.ptp(told.read(str(tmp_path / "log.csv"))["torque"]) == 0
+
+
+def test_a_command_that_begins_late_is_one(tmp_path, run):
+    """The machine stands still in the first 100,000 rows; only some 20,000 are looked at."""
+    still = np.zeros(100_000)
+    columns = {
+        "time": 0.01 * np.arange(101_500),
+        "torque_cmd": np.concatenate([still, run["u"]]),
+        "winkel": np.concatenate([still, run["y"]]),
+    }
+    proposal = propose(read_table(written(tmp_path / "log.csv", **columns)), PENDULUM)
+    assert proposal.bench().columns["torque"].column == "torque_cmd"
+    assert proposal.constant == ()
+
+
+class Oven(Machine):
+    """An oven in a room of 293 K."""
+
+    inputs = (Signal("heater", "W"),)
+    states = outputs = (Signal("temperature", "K", noise=0.1),)
+    loss = number("W/K", 1.0, 0.01, 10.0)
+
+    def derivative(self, state, input, p):
+        """Newton's law of cooling, with a capacity of 10 J/K."""
+        return (input.heater - p.loss * (state.temperature - 293.0)) / 10.0
+
+
+HEADS = [("temperature [°C]", 1.0, 273.15), ("temperature (celsius)", 1.0, 273.15),
+         ("temperature [degF]", 5 / 9, 255.3722)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("head", "gain", "offset"), HEADS)
+def test_a_temperature_is_told_with_its_zero_and_reads_as_told(tmp_path, head, gain, offset):
+    """Water freezes at 0 °C and 32 °F, which are 273.15 K."""
+    time = 0.01 * np.arange(500)
+    columns = {"t": time, "heater [W]": np.sin(time), head: 20 + np.cos(time)}
+    path = written(tmp_path / "log.csv", **columns)
+    with pytest.raises(RecordingError, match="has another zero than 'K'") as error:
+        load_recording(path, Oven())
+    remedy = str(error.value).split("declare it as 'temperature=")[1].split("'")[0]
+    read = load_recording(path, Oven(), {"temperature": remedy})
+    np.testing.assert_allclose(read["temperature"], gain * columns[head] + offset, atol=1e-3)
+    proposed = propose(read_table(path), Oven()).bench().columns["temperature"]
+    assert (proposed.gain, proposed.offset) == pytest.approx((gain, offset))
+
+
+def test_a_model_in_celsius_reads_any_spelling_of_it(tmp_path):
+    class Room(Oven):
+        states = outputs = (Signal("temperature", "degC", noise=0.1),)
+
+    time = 0.01 * np.arange(500)
+    for head in ("temperature [°C]", "temperature [deg C]", "temperature (Celsius)", "temperature"):
+        path = written(tmp_path / "log.csv", t=time, heater=np.sin(time), **{head: 20 + np.cos(time)})
+        assert load_recording(path, Room())["temperature"][0] == pytest.approx(21.0)
+
+
+def test_counts_are_told_how_they_are_declared(tmp_path, run):
+    path = written(tmp_path / "log.csv", t=run["t"], torque=run["u"], **{"angle [counts]": run["y"]})
+    with pytest.raises(RecordingError, match=r"'angle=0\.0015\*angle \[counts\]%4096:rad' if it wraps"):
+        load_recording(path, PENDULUM)
+
+
+@pytest.mark.parametrize("spec", ["enc%4096", "-enc%360:deg", "0.001*enc%4096-2:m", "2*enc%1e3+1.5"])
+def test_a_period_is_read_as_written_and_kept(tmp_path, spec):
+    channel = Channel.parse(spec, ("enc", "t"))
+    assert (channel.column, str(channel)) == ("enc", spec.replace("1e3", "1000"))
+    assert channel.period in (4096.0, 360.0, 1000.0)
+    assert Channel.parse(spec) == channel  # whether or not the header is known
+    assert Channel.parse("duty%50", ("duty%50",)) == Channel("duty%50")
+    bench = Bench({"angle": channel})
+    bench.save(tmp_path / "bench.yaml")
+    assert Bench.load(tmp_path / "bench.yaml") == bench
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_missing_cells_are_counted_and_their_rows_given(tmp_path, run, kind):
+    columns = {"t": run["t"], "torque": run["u"].copy(), "angle": run["y"].copy()}
+    columns["torque"][[4, 8, 9, 10, 11, 40]] = np.nan
+    columns["angle"][100:300:20] = np.nan
+    columns["angle"][1000:1100] = np.nan
+    path = tmp_path / f"log.{kind}"
+    if kind == "csv":
+        written(path, **columns)
+    else:
+        pq.write_table(pa.table(columns), path)
+    first = 2 if kind == "csv" else 1  # a text's header is row 1
+    with pytest.raises(RecordingError) as error:
+        load_recording(path, PENDULUM)
+    said = str(error.value)
+    rows = f"rows {first + 4}, {first + 8} to {first + 11} and {first + 40} (6 rows)"
+    assert f"column 'torque', {rows}: the cell is empty or NaN" in said
+    few = ", ".join(str(first + row) for row in range(100, 200, 20))
+    assert f"column 'angle', rows {few} and 6 more stretches up to row {first + 1099} (110 rows)" in said
+
+
+def test_leaving_the_rows_out_is_a_remedy(tmp_path, run):
+    """As the message says: a gap of four is filled, a longer one begins a new episode."""
+    bad = np.zeros(1500, dtype=bool)
+    bad[[300, 301, 302, 303, *range(800, 860)]] = True
+    path = written(tmp_path / "log.csv", t=run["t"], torque=run["u"], angle=np.where(bad, np.nan, run["y"]))
+    with pytest.raises(RecordingError, match=r"leave such rows out .gaps of up to four are then filled"):
+        load_recording(path, PENDULUM)
+    written(path, t=run["t"][~bad], torque=run["u"][~bad], angle=run["y"][~bad])
+    with pytest.warns(match="rows"):
+        read = load_recording(path, PENDULUM)
+    assert len(read.bounds) == 2
+    at = np.argmin(np.abs(read.time - run["t"][302]))
+    assert read["angle"][at] == pytest.approx(run["y"][302], abs=0.02)
