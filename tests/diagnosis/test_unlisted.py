@@ -292,6 +292,44 @@ def test_a_delay_that_varies_by_chance_is_told_from_one_that_is_steady(late: str
     assert ("random changes of actuator delay" in delay.alternatives) == by_chance
 
 
+JITTER = 0.003
+"""Mean lateness of a position sensor's stamps [s]."""
+
+
+def stamped(seed: int, jitter: bool, quantum: float = 0.0, walk: float = 0.0) -> Recording:
+    """The rig, whose positions are late by random times, or always; rounded, or of a zero that walks."""
+
+    def shown(x: np.ndarray, v: np.ndarray, _u: np.ndarray) -> np.ndarray:
+        drawn = np.abs(np.random.default_rng([seed, 3]).standard_normal(SAMPLES))
+        zero = walk * np.random.default_rng([seed, 4]).standard_normal(SAMPLES).cumsum()
+        return x - v * JITTER * (drawn / drawn.mean() if jitter else 1.0) + zero
+
+    log = rig(seed, shown=shown)
+    if quantum:
+        log.signals["position"][:] = quantum * np.round(log["position"] / quantum)
+    return log
+
+
+@pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
+@pytest.mark.parametrize(
+    ("jitter", "quantum"), [(True, 0.0), (False, 0.0), (False, 2e-3)], ids=["jitter", "steady", "an encoder"]
+)
+def test_stamps_that_jitter_are_told_from_late_ones(seed: int, jitter: bool, quantum: float):
+    """A coarse encoder is wrong by chance while it moves, and not at rest; that is no jitter."""
+    logs = [[stamped(each, jitter, quantum)] for each in (seed, 500 + seed)]
+    named = [c for c in diagnose(get_model("rig"), *logs).causes if c.effect == "sensor_delay"]
+    assert len(named) == 1
+    assert ("random changes of sensor delay" in named[0].alternatives) == jitter
+
+
+@pytest.mark.parametrize("jitter", [True, False])
+def test_jitter_shows_beside_a_zero_that_walks(jitter: bool):
+    logs = [[stamped(seed, jitter, walk=1e-4)] for seed in (3, 503)]
+    [named] = diagnose(get_model("rig"), *logs).causes
+    assert named.effect == "sensor_delay"
+    assert ("random changes of sensor delay" in named.alternatives) == jitter
+
+
 @pytest.mark.parametrize(("power", "alternatives"), [(0.0, ()), (0.5, ("curve of velocity",))])
 def test_a_drag_of_another_power_than_the_listed_ones_is_not_named_alone(
     power: float, alternatives: tuple[str, ...]

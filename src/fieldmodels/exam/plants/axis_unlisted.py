@@ -247,6 +247,11 @@ def _held_samples(axis: Axis, k: float, s: Scale, rng: Rng) -> None:
     axis.holds = lambda i: fresh[i]
 
 
+def _flickering_gain(axis: Axis, k: float, s: Scale, rng: Rng) -> None:
+    lost = (0.01 * k * np.abs(rng.standard_normal(round(s.duration / s.step) + 2))).tolist()
+    axis.position.append(lambda y, t, _x, _v, _f: y * (1.0 - lost[round(t / s.step)]))
+
+
 def _slow_clock(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
     rate = k * s.step / s.duration
     axis.late = lambda t: rate * t
@@ -291,6 +296,7 @@ DEVELOP: Mapping[str, AxisFault] = {
     "clipped_sensor": Fault("The position sensor ends before the axis.", _clipped_sensor, ("clipping",)),
     "held_samples": Fault("Positions are lost; the last one is shown.", _held_samples, random=True),
     "slow_clock": Fault("The position sensor's clock runs slow.", _slow_clock),
+    "flickering_gain": Fault("The position sensor's gain flickers.", _flickering_gain, random=True),
 }
 """To develop a diagnosis on."""
 

@@ -268,6 +268,11 @@ def _sagging_supply(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
     _command(drive, sag)
 
 
+def _patchy_grip(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
+    lost = np.minimum(0.02 * k * np.abs(rng.standard_normal(_samples(s))), 1.0).tolist()
+    _command(drive, lambda speed, rate, t: (speed, rate * (1.0 - lost[round(t / s.step)])))
+
+
 def _worn_wheel(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
     _rim(drive, lambda rim, side, t: rim * (1.0 - 0.005 * k * (t / s.duration) * (side > 0)))
 
@@ -335,6 +340,7 @@ DEVELOP: Mapping[str, DriveFault] = {
     "input_play": Fault("The turn rate has play.", _input_play, ("play",)),
     "sagging_supply": Fault("The supply sags at speed.", _sagging_supply),
     "hunting": Fault("The speed swings about the commanded one.", _hunting),
+    "patchy_grip": Fault("Of each turn a random share is lost.", _patchy_grip, random=True),
 }
 
 
