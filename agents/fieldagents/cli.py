@@ -11,9 +11,10 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from contextvars import ContextVar
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -474,6 +475,7 @@ def diagnose(
 
         fieldgym diagnose log.csv --model my_bench.py
     """
+    began = perf_counter()
     from fieldagents import findings, plan
     from fieldagents.logs import Logs, asked, declared
     from fieldmodels.machine import held_inputs
@@ -509,6 +511,7 @@ def diagnose(
         diagnosis = run(
             chosen, recordings, tests, fixed=held, progress=report, seed=seed, budget=budget, window=window
         )
+    diagnosis = replace(diagnosis, seconds=perf_counter() - began)
     written = write_results(diagnosis, folder)
     result = diagnosis.to_json()
     shows: list[Callable[[Console], None]] = [partial(findings.show, result, said=in_words(diagnosis))]

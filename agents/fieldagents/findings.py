@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+GAIN = "Gain over the others: how much smaller the error is with this cause than without it, all others kept."
+
+
 def fixed_parameters(model: Model, texts: Sequence[str]) -> dict[str, float]:
     """Read ``parameter=value`` texts.
 
@@ -50,7 +53,7 @@ def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = (
     for line in [*more, f"Verdict: {diagnosis['verdict']}"]:
         console.print(line, markup=False)
     if diagnosis["causes"]:
-        table = Table("effect", "where", "parameters", "gain", "cause")
+        table = Table("effect", "where", "parameters", "gain over the others", "cause")
         for cause in diagnosis["causes"]:
             values = "\n".join(f"{name} = {_value(entry)}" for name, entry in cause["parameters"].items())
             names = "\nor ".join([cause["effect"], *cause["alternatives"]])
@@ -58,10 +61,11 @@ def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = (
                 names,
                 cause["where"],
                 values,
-                f"{cause['gain']['signal']}: {_gain(cause['gain'])}",
+                _own_gain(cause["gain"]),
                 cause["cause"],
             )
         console.print(table)
+        console.print(GAIN, markup=False)
     if diagnosis["gain"]:
         table = Table("signal", "unit", "error before", "after", "gain", "with curves", "horizon")
         for signal, gain in diagnosis["gain"].items():
@@ -82,6 +86,15 @@ def show(diagnosis: Mapping[str, Any], console: Console, said: Sequence[str] = (
         console.print(f"Unlisted: {which} depends on {runs}", markup=False)
     for effect, why in diagnosis.get("not_testable", {}).items():
         console.print(f"Not testable: {effect}: {why}", markup=False)
+
+
+def _own_gain(gain: Mapping[str, Any]) -> str:
+    """What a cause gains over all the others; a dash where that is nothing."""
+    if gain["percent"] is None:
+        return "– (it explains noise)"
+    if gain["percent"] <= 0:
+        return "– (the others make up for it)"
+    return f"{gain['signal']}: {_gain(gain)}"
 
 
 def _value(entry: Mapping[str, Any]) -> str:

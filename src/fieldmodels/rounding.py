@@ -47,7 +47,7 @@ def percent(value: float, interval: tuple[float, float] | None = None) -> str:
 
 def words(name: str) -> str:
     """An identifier as a reader writes it: "Coulomb friction"."""
-    plain = name.replace("_", " ")
+    plain = name.replace("_", " ").replace("one sided", "one-sided")
     return plain.replace("coulomb", "Coulomb").replace("stribeck", "Stribeck")
 
 

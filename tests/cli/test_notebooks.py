@@ -11,7 +11,7 @@ notebooks = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(notebooks)
 
 SHOWN = {
-    "my_first_log": ("torque = -Sollmoment [Nm]", "named", "coulomb friction", "angle_predicted"),
+    "my_first_log": ("torque = -Sollmoment [Nm]", "named", "Coulomb friction", "angle_predicted"),
     "my_own_simulator": ("named", "actuator dead zone"),
     "train_and_compare": ("policy.onnx", "feedback", "still"),
     "hide_and_find": ("named", "actuator delay", "% of the loss recovered"),

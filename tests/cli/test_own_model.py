@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
+from fieldagents.logs import Logs
 from fieldmodels import contract
 from fieldmodels.contract import ContractError, ModelWarning, at_rest, check_declarations, check_simulation
 from fieldmodels.effects import actuators, changes, forces, sensors
@@ -18,7 +19,7 @@ from fieldmodels.registry import get_model, model_names
 
 PAGE = (Path(__file__).parents[2] / "docs" / "bring_your_own_bench.md").read_text()
 OWN = PAGE.split("## Your own simulator")[1]
-MOTOR, LAG = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
+MOTOR, AXIS, LAG = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
 
 
 @pytest.fixture
@@ -61,6 +62,51 @@ def test_the_page_s_machine_fits_in_a_dozen_lines_and_finds_what_is_hidden(tmp_p
     assert found["causes"][0]["parameters"]["width"]["value"] == pytest.approx(1.0, abs=0.02)
     extended = ["record", "motor.yaml", "--set", "model=motor.py", "--set"]
     assert CliRunner().invoke(app, [*extended, "reality=results/motor/extended.yaml"]).exit_code == 0
+
+
+def dry_axis(seed: int, friction: float, step: float = 0.01, finer: int = 100) -> dict[str, np.ndarray]:
+    """Two kilograms on a dry guide, by small steps; it stays where friction holds it."""
+    rng, dt = np.random.default_rng(seed), step / finer
+    force = np.repeat(rng.uniform(-12.0, 12.0, 150), 20)
+    position, speed, shown = 0.0, 0.0, []
+    for pull in force:
+        shown.append(position)
+        for _ in range(finer):
+            free = speed + dt * (pull - 4.0 * speed) / 2.0
+            speed = np.sign(free) * max(abs(free) - dt * friction / 2.0, 0.0)
+            position += dt * speed
+    return {
+        "t": step * np.arange(len(force)), "force": force,
+        "position": np.array(shown) + 1e-4 * rng.normal(size=len(force)),
+    }  # fmt: skip
+
+
+@pytest.mark.filterwarnings("error::fieldmodels.contract.ModelWarning")
+def test_the_page_s_machine_of_two_states_finds_the_friction_of_an_axis(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("axis.py").write_text(AXIS)
+    for seed in (1, 2):
+        columns = dry_axis(seed, 1.5)
+        rows = zip(*columns.values(), strict=True)
+        lines = [",".join(columns), *(",".join(f"{cell:.7g}" for cell in row) for row in rows)]
+        Path(f"{seed}.csv").write_text("\n".join(lines))
+    clock, read = [0.0], Logs.read
+
+    def slowly(logs, source):
+        clock[0] += 40.0
+        return read(logs, source)
+
+    monkeypatch.setattr(Logs, "read", slowly)
+    monkeypatch.setattr("fieldagents.cli.perf_counter", lambda: clock[0])
+    result = CliRunner().invoke(
+        app, ["diagnose", "1.csv", "--model", "axis.py", "--test", "2.csv", "--out", "out", "--json"]
+    )
+    assert result.exit_code == 0, result.output
+    found = json.loads(Path("out/diagnosis.json").read_text())
+    assert [cause["effect"] for cause in found["causes"]] == ["coulomb_friction"]
+    (value,) = found["causes"][0]["parameters"].values()
+    assert (value["unit"], value["value"]) == ("N", pytest.approx(1.5, rel=0.05))
+    assert found["seconds"] == 80.0  # reading the logs is in it
 
 
 def test_the_page_names_every_stock_effect():

@@ -128,7 +128,7 @@ def test_results_are_valid_and_load_back(leaking, tmp_path):
     reality = read_reality(paths["extended.yaml"], Tank())
     assert reality.effects["leak"]["rate"] == pytest.approx(0.05, abs=0.02)
     page = paths["report.html"].read_text()
-    assert "The simulation lacks leak." in page
+    assert "The simulation lacks a leak." in page
     assert "https://" not in page
 
 
@@ -150,11 +150,12 @@ def test_an_error_below_the_rule_is_still_said(leaking):
     assert clean.summary().startswith("Nothing significant is missing")
     near = replace(clean, above_noise={"level": 2.9})
     assert near.summary() == (
-        "No listed effect and no curve helps for certain. Errors remain above the sensors' white noise: "
-        "that of level 2.9 times; coloured noise of a sensor may be all of it, or something small is missing."
+        "No listed effect and no unlisted curve certainly helps. The remaining error is larger than the "
+        "sensors' white noise (2.9 times in the level): either the noise of a sensor is coloured, or "
+        "something small is missing."
     )
     said = " ".join(in_words(near))
-    assert "coloured noise" in said
+    assert "the noise of a sensor is coloured" in said
     assert "Something is missing" not in said
     named = replace(leaking, above_noise={"level": 2.9})
     assert "coloured noise" not in named.summary()

@@ -45,8 +45,8 @@ def test_lost_samples_are_said_and_put_between_the_others():
     (mended,), (untouched, tested), said = lost_samples(RIG, [lossy], [one, lossy])
     assert np.array_equal(tested["position"], mended["position"])
     assert said == (
-        f"position repeats its last value in {100 * lost.mean():.2g} % of the samples, which were lost and "
-        "are interpolated here",
+        f"the position sensor repeats its last value in {100 * lost.mean():.2g} % of the samples, which were "
+        "lost and are interpolated here",
     )
     assert np.array_equal(mended["position"][~lost], one["position"][~lost])
     true = 0.1 * np.sin(3.0 * one.time)

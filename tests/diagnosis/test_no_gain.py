@@ -88,20 +88,20 @@ def test_what_ended_at_a_bound_is_said(another_phase):
         jacobian=np.array([[[2.0, 1.0], [0.0, 1.0]]]), residual=np.array([[2.1, -2.1]]),
     )  # fmt: skip
     narrow = SimpleNamespace(names=model.names, all_parameters=(heavy, *model.all_parameters[1:]))
-    assert bounded(narrow, fitted) == ("mass at the largest value allowed, 2.00 kg",)
+    assert bounded(narrow, fitted) == ("the mass at the largest value allowed, 2.00 kg",)
     assert bounded(narrow, SimpleNamespace(**{**vars(fitted), "active": np.array([True, True])})) == ()
     less = np.array([[1.9, -1.9]])  # along (1, -1) / sqrt(2)
     assert bounded(narrow, SimpleNamespace(**{**vars(fitted), "residual": less / np.sqrt(2)})) == ()
     beyond = SimpleNamespace(**{**vars(fitted), "free": np.array([len(model.names) + 1, 1])})
     assert bounded(narrow, beyond) == ()  # a curve's
-    said = replace(another_phase, bounded=("mass at the largest value allowed, 2 kg",))
+    said = replace(another_phase, bounded=("the mass at the largest value allowed, 2 kg",))
     for text in (said.summary(), how_sure(said), how_sure(replace(said, verdict="consistent"))):
-        assert "ended with mass at the largest value allowed, 2 kg" in text
-    assert said.to_json()["bounded"] == ["mass at the largest value allowed, 2 kg"]
+        assert "ended with the mass at the largest value allowed, 2 kg" in text
+    assert said.to_json()["bounded"] == ["the mass at the largest value allowed, 2 kg"]
     assert "ended" not in another_phase.summary()
 
 
 def test_a_damping_below_none_is_said_to_have_ended_there():
     found = diagnose(RIG, [rig(3, None, drag=-0.3)], [rig(4, None, drag=-0.3)])
     assert found.bounded
-    assert found.bounded[0].startswith("damping at the smallest value allowed, 0 ")
+    assert found.bounded[0].startswith("the damping at the smallest value allowed, 0 ")

@@ -10,7 +10,12 @@ from scipy.signal import lfilter
 from fieldmodels.diagnosis.fit import fit, weighed
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Cause, Estimate, Share
-from fieldmodels.diagnosis.uncertainty import amplitudes, differs_from_neutral, standard_errors
+from fieldmodels.diagnosis.uncertainty import (
+    amplitudes,
+    differs_from_neutral,
+    size_by_chance,
+    standard_errors,
+)
 from fieldmodels.diagnosis.whitening import covariance_whitener, diagonal_whitener
 from fieldmodels.exam.benches import Conditions, get_bench
 from fieldmodels.exam.sizes import recordings
@@ -123,8 +128,8 @@ class Hummed(Wave):
         return (windows.states[:, :1] + gain * windows.recording["command"][rows] + hum)[..., None]
 
 
-def differs(sizes, errors, together=0.0):
-    """What is said of a hum of such amplitudes whose errors are so correlated."""
+def hum(sizes, errors, together=0.0):
+    """A hum of such amplitudes whose errors are so correlated: the windows, a fit, and it as a cause."""
     problem = build(Hummed(), [record(1)], 0.8)
     square = np.linalg.inv([[1.0, together, 0.0], [together, 1.0, 0.0], [0.0, 0.0, 1.0]])
     rows = np.linalg.cholesky(square).T[None]
@@ -135,7 +140,31 @@ def differs(sizes, errors, together=0.0):
     values = dict(zip(("sine", "cosine"), map(Estimate, sizes, errors, "mm"), strict=True))
     values["frequency"] = Estimate(2.0, 1e-4, "Hz")
     cause = Cause("hum", "It hums.", "force", values, "level", Share(0.0, (0.0, 0.0)))
-    return differs_from_neutral(problem, fitted, cause)
+    return problem, fitted, cause
+
+
+def differs(sizes, errors, together=0.0):
+    """What is said of such a hum."""
+    return differs_from_neutral(*hum(sizes, errors, together))
+
+
+@pytest.mark.parametrize("together", [-0.8, 0.0])
+@pytest.mark.parametrize("sizes", [(1.4, 0.8), (2.2, 0.0)])
+def test_chance_makes_such_a_size_as_often_as_is_said(sizes, together):
+    """By draws whose scale is estimated from as many blocks as there are; 3 standard errors of the count."""
+    problem, fitted, cause = hum(sizes, (1.0, 1.0), together)
+    said, count = size_by_chance(problem, fitted, cause), 400_000
+    rng, freedom = np.random.default_rng(2), len(np.unique(problem.blocks)) - 1
+    covariance = np.array([[1, together], [together, 1]])
+    drawn = rng.multivariate_normal([0, 0], covariance, count)
+    drawn /= np.sqrt(rng.chisquare(freedom, (count, 1)) / freedom)
+
+    def form(x):
+        return np.einsum("...k,kl,...l->...", x, np.linalg.inv(covariance), x)
+
+    share = np.mean(form(drawn) > form(np.array(sizes)))
+    assert said == pytest.approx(share, abs=3 * np.sqrt(share / count))
+    assert np.isnan(size_by_chance(*hum(sizes, (1.0, np.nan))))
 
 
 def test_a_sharp_frequency_is_no_evidence_of_a_hum():

@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 from fieldmodels import html
-from fieldmodels.diagnosis.outcome import EITHER, Diagnosis
+from fieldmodels.diagnosis.outcome import EITHER, NOTHING_CERTAIN, Diagnosis
+from fieldmodels.diagnosis.phrases import a, lacking, the, times_the_noise
 from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import Cause, SignalGain, Visible
 from fieldmodels.html import text
@@ -14,7 +15,7 @@ from fieldmodels.rounding import listed, percent, with_error, words
 
 TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad", "unrelated": "bad"}
 SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
-"""How a p-value reads, by its upper end."""
+"""How the probability that chance alone makes a cause seem to be there reads, by its upper end."""
 SHOWN = 4
 """Of what could be missing without being seen, how much is said."""
 
@@ -25,7 +26,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"Check the columns first: {diagnosis.mistaken}."
     if diagnosis.verdict == "consistent":
         if diagnosis.above_noise:
-            return "No listed effect and no curve helps for certain."
+            return NOTHING_CERTAIN
         if diagnosis.of_sensors:
             return f"The simulation explains these data, but {diagnosis.of_sensors[0]}."
         return "The simulation explains these data; nothing significant is missing."
@@ -35,9 +36,8 @@ def headline(diagnosis: Diagnosis) -> str:
         curve = diagnosis.unknown
         where = f": it depends on {curve.words}" if curve and curve.certain else ""
         return f"The simulation lacks something that no listed effect explains{where}."
-    sets = [listed([words(c.effect), *map(words, c.alternatives)], "or") for c in diagnosis.causes]
     more = ", and something else" if diagnosis.curves else ""
-    return f"The simulation lacks {listed(sets)}{more}."
+    return f"The simulation lacks {diagnosis.names}{more}."
 
 
 def by_how_much(diagnosis: Diagnosis) -> str:
@@ -57,16 +57,18 @@ def by_how_much(diagnosis: Diagnosis) -> str:
 
 
 def _it(diagnosis: Diagnosis) -> str:
-    return "it" if len(diagnosis.causes) == 1 else "them"
+    if len(diagnosis.causes) == 1:
+        return "the first of these" if diagnosis.verdict == "ambiguous" else "it"
+    return "them"
 
 
 def what_is_left(diagnosis: Diagnosis) -> str:
     """The error that remains, by the sensors' noise; empty where that is all."""
-    left = [f"{words(name)} {times:.1f}" for name, times in diagnosis.above_noise.items()]
+    if not diagnosis.above_noise:
+        return ""
     why = f": {EITHER}" if diagnosis.verdict == "consistent" else ""
-    return (
-        f"The remaining error is above the sensors' white noise ({listed(left)} times){why}." if left else ""
-    )
+    times = times_the_noise(diagnosis.above_noise)
+    return f"The remaining error is larger than the sensors' white noise ({times}){why}."
 
 
 def most_improved(diagnosis: Diagnosis) -> str | None:
@@ -86,26 +88,32 @@ def how_sure(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         shown, rest = _least_visible(diagnosis)
         more = " The report lists the rest." if rest else ""
-        seen = f"Larger than this would have been seen: {listed(shown)}.{more}" if shown else ""
+        seen = f"Anything larger than these would have been seen: {listed(shown)}.{more}" if shown else ""
         return " ".join(filter(None, (seen, diagnosis.of_bounds)))
-    parts = []
-    for cause in diagnosis.causes:
-        sure = next((word for level, word in SURE if cause.p_value < level), "")
-        several = listed([words(name) for name in (cause.effect, *cause.alternatives)])
-        if sure and cause.alternatives:
-            parts.append(f"{sure} that one of {several} is missing")
-        elif sure:
-            parts.append(f"{sure} that {several} is missing")
-    parts = [f"It is {listed(parts)}."] if parts else []
+    said = [
+        f"{word} that {'it' if k else 'the simulation'} lacks {lacking(sets)}"
+        for k, (word, sets) in enumerate(_by_certainty(diagnosis.causes).items())
+    ]
+    parts = [f"It is {', and '.join(said)}."] if said else []
+    if diagnosis.verdict == "ambiguous" and said:
+        parts.append("These data cannot tell the alternatives apart.")
     if diagnosis.undetermined:
-        names = listed([words(name) for name in diagnosis.undetermined])
+        names = listed([the(name) for name in diagnosis.undetermined])
         parts.append(f"Caution: these data hardly determine {names}; excite the machine more.")
     if diagnosis.of_bounds:
         parts.append(diagnosis.of_bounds)
-    if diagnosis.possible:
-        names = listed([words(c.effect) for c in diagnosis.possible])
-        parts.append(f"Possible, but not distinguishable from none: {names}.")
-    return " ".join(parts)
+    return " ".join(filter(None, [*parts, diagnosis.of_possible]))
+
+
+def _by_certainty(causes: Sequence[Cause]) -> dict[str, list[tuple[str, ...]]]:
+    """Causes, each with what could stand in its place, by how certain it is that one of these is missing."""
+    result: dict[str, list[tuple[str, ...]]] = {}
+    for level, word in SURE:
+        for cause in causes:
+            sets = (cause.effect, *cause.alternatives)
+            if cause.chance < level and not any(sets in known for known in result.values()):
+                result.setdefault(word, []).append(sets)
+    return result
 
 
 def _least_visible(diagnosis: Diagnosis) -> tuple[list[str], bool]:
@@ -117,7 +125,7 @@ def _least_visible(diagnosis: Diagnosis) -> tuple[list[str], bool]:
 
     known = [v for v in diagnosis.seen if v.errors]
     most = sorted(known, key=added, reverse=True)[:SHOWN]
-    return [v.words() for v in known if v in most], len(known) > SHOWN
+    return [v.words for v in known if v in most], len(known) > SHOWN
 
 
 def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
@@ -145,13 +153,15 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
         )
     elif diagnosis.above_noise:
         steps.append(
-            "Record the sensors with the machine at rest. Where their noise is as large and as slow there, "
-            "it is the remaining error; otherwise the shape of that error in the report shows where to look."
+            "Record the sensors with the machine at rest. If their noise is as large and as slow there, it "
+            "is the remaining error; otherwise the shape of that error in the report shows where to look."
         )
     if diagnosis.wandering:
         steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")
     if diagnosis.lost:
-        steps.append("Mend that sensor or its log; what it did not measure tells nothing of the machine.")
+        steps.append(
+            "Repair that sensor or its logging: what it did not measure says nothing about the machine."
+        )
     return steps or ["Nothing: go on with this simulation."]
 
 
@@ -187,7 +197,7 @@ def section(diagnosis: Diagnosis, picture: str) -> str:
         if diagnosis.causes and math.isfinite(g.gain.percent)
     ]
     instead = [
-        f"{words(c.effect)}: {listed([*map(words, c.alternatives)], 'or')}"
+        f"{listed([a(name) for name in c.alternatives], 'or')} in place of {a(c.effect)}"
         for c in diagnosis.causes
         if c.alternatives
     ]

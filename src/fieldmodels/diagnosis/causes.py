@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate, Candidates, is_quantisation
-from fieldmodels.diagnosis.chance import CHANCE
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
 from fieldmodels.diagnosis.held_out import window_loss
 from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.phrases import CHANCE, CURVE
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.profile import profiled_error
 from fieldmodels.diagnosis.quantisation import coarse_sensor
@@ -23,7 +24,7 @@ from fieldmodels.diagnosis.result import (
     Share,
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value
-from fieldmodels.diagnosis.uncertainty import differs_from_neutral, standard_errors
+from fieldmodels.diagnosis.uncertainty import differs_from_neutral, size_by_chance, standard_errors
 from fieldmodels.diagnosis.verdict import (
     Judgement,
 )
@@ -128,6 +129,43 @@ def causes_of(
     return tuple(causes)
 
 
+def beside_the_others(
+    causes: Sequence[Cause],
+    candidates: Candidates,
+    path: Sequence[Candidate],
+    testing: Problem,
+    rng: np.random.Generator,
+) -> tuple[Cause, ...]:
+    """Causes with the gain of each over all the others, and the probability that each is but chance.
+
+    The gain over those before it, by which they are chosen, may be nothing where it acts only together with a
+    later one.
+
+    Args:
+        causes: Of the path's end, in its order.
+        candidates: What fits the sets without one.
+        path: Fits from the base to the set of all causes.
+        testing: Windows to measure gains on.
+        rng: Source of randomness.
+    """
+    chosen, result = path[-1], []
+    for cause in causes:
+        rest = candidates.without(chosen, cause.effect) if len(causes) > 1 else path[0]
+        pair = [rest, chosen]
+        [output] = _most_improved_outputs(candidates.problem, pair)
+        without, beside = (predict(testing, one.fit.parameters) for one in pair)
+        by_size = size_by_chance(candidates.problem, chosen.fit, cause)
+        result.append(
+            replace(
+                cause,
+                signal=candidates.problem.model.outputs[output].name,
+                gain=share(without, beside, output, testing.blocks, rng),
+                chance=float(np.nanmin([cause.p_value, by_size])),
+            )
+        )
+    return tuple(result)
+
+
 def _most_improved_outputs(training: Problem, path: Sequence[Candidate]) -> list[int]:
     """The output whose error each cause reduces most on the training data: its gain is stated there."""
     errors = [predict(training, c.fit.parameters).rmse() for c in path]
@@ -143,7 +181,7 @@ def with_alternatives(
     result = []
     for cause in causes:
         others: list[str] = []
-        twin = f"curve of {judged.twin.curve.direction}" if judged.twin else ""
+        twin = f"{CURVE}{judged.twin.curve.direction}" if judged.twin else ""
         unsure = judged.unsure.get(cause.effect, "")
         # A value that varies by chance is another matter than a curve that does as well on average.
         instead = [twin, unsure] if unsure.startswith(CHANCE) else [twin or unsure]
@@ -184,6 +222,6 @@ def _quantisation(model: Model, effect: Effect, step: float, share: float) -> Ca
         where=effect.where,
         parameters={parameter.name: Estimate(step, 0.0, parameter.unit)},
         signal=model.outputs[0].name,
-        gain=Share(0.0, (0.0, 0.0)),
+        gain=Share(math.nan, (math.nan, math.nan)),
         equation=effect.equation,
     )

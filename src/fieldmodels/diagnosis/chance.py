@@ -16,11 +16,10 @@ from scipy import stats
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.gain import noise_floor, predict
+from fieldmodels.diagnosis.phrases import CHANCE
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.resolution import rounding
 
-CHANCE = "random changes of "
-"""Begins the words for a value that varies by chance."""
 LEVEL = 0.01
 """Share of steady values that are said to vary: the least p-value of a value's tests, times their number."""
 FEWEST = 30

@@ -26,6 +26,7 @@ from fieldmodels.diagnosis.jumps import jumps_near, strongest_jump
 from fieldmodels.diagnosis.linearisation import PRIOR, Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.own_weights import has_own_weights, weighed
+from fieldmodels.diagnosis.phrases import CONSTANT
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.response import (
     Answers,
@@ -47,7 +48,6 @@ from fieldmodels.diagnosis.selection import (
     largest_share,
 )
 from fieldmodels.diagnosis.shapes import (
-    CONSTANT,
     Curve,
     Signals,
     fading,

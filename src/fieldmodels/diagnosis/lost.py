@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.phrases import sensor_of
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
@@ -47,8 +48,8 @@ def lost_samples(
         if held.any():
             share = float(held.mean())
             said.append(
-                f"{name} repeats its last value in {100 * share:.2g} % of the samples, which were lost and "
-                "are interpolated here"
+                f"{sensor_of(name)} repeats its last value in {100 * share:.2g} % of the samples, "
+                "which were lost and are interpolated here"
             )
             for r in (*train, *test):
                 lost = _held(r[name])

@@ -16,11 +16,13 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.linearisation import project
+from fieldmodels.diagnosis.phrases import a, the
 from fieldmodels.diagnosis.planned_inputs import Limits, Shape, limits_of, planned, shapes
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import NextMeasurement, Verdict
 from fieldmodels.diagnosis.selection import Selection
 from fieldmodels.recording import Recording, RecordingError, Windows
+from fieldmodels.rounding import listed, words
 
 Scores = dict[tuple[str, float], float]
 SECONDS, LONGEST = 20.0, 240.0  # durations of a planned measurement: for comparing inputs, at most
@@ -86,7 +88,7 @@ def next_measurement(
 
 
 def _names(candidate: Candidate) -> str:
-    return " and ".join(candidate.effects).replace("_", " ")
+    return listed([a(name) for name in candidate.effects])
 
 
 def _clock(count: int, step: float) -> FloatArray:
@@ -154,17 +156,19 @@ class _Plan:
         """Sentence that gives the ranges of outputs without limits."""
         model, outputs = self.present.model, self._outputs(values)
         spans = [
-            f"{signal.name} {outputs[:, j].min():.1f} to {outputs[:, j].max():.1f} {signal.unit}"
+            f"{words(signal.name)} {outputs[:, j].min():.1f} to {outputs[:, j].max():.1f} {signal.unit}"
             for j, signal in enumerate(model.outputs)
             if signal.name in model.unbounded_outputs and not signal.angle and j in self.present.outputs
         ]
-        return f" It needs room: {', '.join(spans)}, from its start." if spans else ""
+        return f" It needs room: {listed(spans)} from its start." if spans else ""
 
     def undecidable(self, score: float) -> NextMeasurement:
         """What to change where not even the best input distinguishes the sets."""
         recording = self.present.parts[0].windows.recording
         lacking = [output.name for output in self.present.model.outputs if output.name not in recording]
-        remedy = f"measure {' and '.join(lacking)} too, or sample faster" if lacking else "sample faster"
+        remedy = "sample faster"
+        if lacking:
+            remedy = f"measure {listed([the(name) for name in lacking])}, too, or {remedy}"
         return NextMeasurement(
             why=(
                 f"No input distinguishes {_names(self.chosen)} from {_names(self.other)} with these signals "
@@ -187,14 +191,16 @@ class _Plan:
         """
         inputs, (kind, shortest) = self.present.model.inputs, best
         peaks = [float(peak) for peak in np.abs(values).max(axis=0)]
-        up_to = ", ".join(f"{s.name} up to {p:.3g} {s.unit}" for s, p in zip(inputs, peaks, strict=True))
+        up_to = ", ".join(
+            f"{words(s.name)} up to {p:.3g} {s.unit}" for s, p in zip(inputs, peaks, strict=True)
+        )
         several = len(inputs) > 1
         chance = float(ndtr(math.sqrt(0.5 * expected)))
         return NextMeasurement(
             why=(
-                f"A {kind} (shortest {shortest:g} s, {up_to}: nothing beyond what was recorded) separates "
-                f"{_names(self.chosen)} from {_names(self.other)} best. After {seconds:.0f} s of it the "
-                f"better one should lead with a probability of {min(100 * chance, 99.9):.1f} %."
+                f"A {kind} (shortest time {shortest:g} s, {up_to}, nothing beyond what was recorded) tells "
+                f"{_names(self.chosen)} from {_names(self.other)} best. After {seconds:.0f} s of it, the "
+                f"right one should be found with a probability of {min(100 * chance, 99.9):.1f} %."
                 f"{self.room(values)}"
             ),
             input={
@@ -260,15 +266,15 @@ def _informative_windows(
     seconds = sum(float(part.windows.lengths.sum() * part.windows.recording.step) for part in problem.parts)
     more = max(ENOUGH / total * seconds, problem.horizon)
     why = (
-        f"This machine's inputs cannot be chosen freely. The {seconds:.0f} s of data do "
-        f"not separate {_names(chosen)} from {_names(other)}; about {more:.0f} s would decide"
+        f"This machine's inputs cannot be chosen freely. These {seconds:.0f} s of data do not tell "
+        f"{_names(chosen)} from {_names(other)}; about {more:.0f} s would"
     )
     where: dict[str, object] = {}
     if best is not None and best[0] > 1.2:
         share, name, unit, bound = best
         why += (
-            f", and {more / share:.0f} s where {name.replace('_', ' ')} is large "
-            f"(root mean square of a window above {bound:.3g} {unit})"
+            f", or about {more / share:.0f} s in which {the(name)} is large "
+            f"(root mean square in a window above {bound:.3g} {unit})"
         )
         where = {"signal": name, "above": bound, "unit": unit, "times": round(share, 2)}
     return NextMeasurement(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fieldmodels import html
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.free_run import FreeRun, free_run
+from fieldmodels.diagnosis.phrases import a, lacking, sensor_of, the, times_the_noise
 from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import (
     Cause,
@@ -36,8 +37,10 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-EITHER = "coloured noise of a sensor may be all of it, or something small is missing"
+EITHER = "either the noise of a sensor is coloured, or something small is missing"
 """What a remaining error above the white noise may be where nothing is named."""
+NOTHING_CERTAIN = "No listed effect and no unlisted curve certainly helps."
+"""Said where nothing is named and an error above the noise remains."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,7 +69,8 @@ class Diagnosis:
         trained_on: Sources of the training data.
         tested_on: Sources of the test data ("held-out part of ..." if there were none).
         windows: Number of training and of test windows.
-        seconds: Duration of the diagnosis.
+        seconds: Duration of the whole diagnosis, compilation included; the program counts from the start of
+            its command, so that reading the logs is in it, too. Drawing the report is not.
         evidence: Arrays for the report.
         notes: Peculiarities and preprocessing of the data (``Recording.notes``), and which of them were used.
         lost: Of each sensor that loses samples, that in words.
@@ -193,7 +197,8 @@ class Diagnosis:
         return (
             *self.lost,
             *(
-                f"the zero of {name} wanders, by {with_error(size, unit=units[name])} RMS within a record"
+                f"the zero of {sensor_of(name)} wanders by {with_error(size, unit=units[name])} "
+                "(RMS) within a record"
                 for name, size in self.wandering.items()
             ),
         )
@@ -205,8 +210,20 @@ class Diagnosis:
             return ""
         return (
             f"Caution: the fit ended with {listed([*self.bounded])}; the verdict and the extended "
-            "simulation depend on what is allowed there."
+            "simulation depend on that bound."
         )
+
+    @property
+    def of_possible(self) -> str:
+        """Effects that may be there, in a sentence; empty if there are none."""
+        if not self.possible:
+            return ""
+        names, them = (
+            listed([a(c.effect) for c in self.possible]),
+            "it" if len(self.possible) == 1 else "them",
+        )
+        sentence = f"{names} may be missing, too, but these data cannot tell {them} from nothing."
+        return sentence[0].upper() + sentence[1:]
 
     @property
     def horizon(self) -> float:
@@ -282,35 +299,30 @@ class Diagnosis:
         """The verdict in one sentence, the remaining error, and a caution where needed."""
         text = " ".join([self._sentence(), *(f"{one[0].upper()}{one[1:]}." for one in self.of_sensors)])
         if self.above_noise and self.verdict != "unknown":
-            rest = " and ".join(
-                f"that of {name.replace('_', ' ')} {times:.1f} times"
-                for name, times in self.above_noise.items()
-            )
-            why = f"; {EITHER}" if self.verdict == "consistent" else ""
-            text += f" Errors remain above the sensors' white noise: {rest}{why}."
+            why = f": {EITHER}" if self.verdict == "consistent" else ""
+            times = times_the_noise(self.above_noise)
+            text += f" The remaining error is larger than the sensors' white noise ({times}){why}."
         if self.undetermined and not self.mistaken and self.verdict != "unrelated":
-            names = " and ".join(name.replace("_", " ") for name in self.undetermined)
+            names = listed([the(name) for name in self.undetermined])
             text += (
                 f" Caution: these data hardly determine {names}, so the verdict is weak; "
                 "excite the machine more."
             )
         if bounds := self.of_bounds:
             text += f" {bounds}"
-        if self.possible:
-            names = " and ".join(c.effect.replace("_", " ") for c in self.possible)
-            text += f" Possible, but not distinguishable from none: {names}."
+        if maybe := self.of_possible:
+            text += f" {maybe}"
         if self.stopped:
             text += f" {self.stopped}"
         return text
 
     def _sentence(self) -> str:
-        names = " and ".join(c.effect.replace("_", " ") for c in self.causes)
         if self.verdict == "consistent":
             if self.above_noise:
-                return "No listed effect and no curve helps for certain."
+                return NOTHING_CERTAIN
             text = "Nothing significant is missing: the refitted simulation explains these data."
-            if shown := [v.words() for v in self.seen if v.errors]:
-                text += f" They would have shown (root mean square) {listed(shown)}."
+            if shown := [v.words for v in self.seen if v.errors]:
+                text += f" Anything larger than these would have shown (root mean square): {listed(shown)}."
             return text
         if self.mistaken:
             return f"First check the columns: {self.mistaken}. Nothing is named before that."
@@ -320,25 +332,29 @@ class Diagnosis:
             shape = ""
             if self.unknown:
                 shape = (
-                    f"; it depends on {self.unknown.words}"
+                    f": it depends on {self.unknown.words}"
                     if self.unknown.certain
-                    else "; no direction of it is certain"
+                    else ", and what it depends on is not certain"
                 )
             return f"Something is missing that no listed effect explains{shape}. Nothing is named."
         if self.verdict == "ambiguous":
-            sets = [" or ".join([c.effect, *c.alternatives]).replace("_", " ") for c in self.causes]
-            if len(sets) == 1:
-                return f"Missing: {sets[0]}; these data cannot distinguish between them."
-            sets = [f"({s})" if c.alternatives else s for s, c in zip(sets, self.causes, strict=True)]
-            return f"Missing: {' and '.join(sets)}; these data cannot distinguish the effects in brackets."
-        rest = ""
-        if self.unknown:
-            rest = (
-                f" More is missing; it depends on {self.unknown.words}."
-                if self.unknown.certain
-                else " More is missing; no direction of it is certain."
-            )
-        return f"Missing: {names}.{rest}"
+            return f"Missing: {self.names}; these data cannot tell these alternatives apart.{self._more()}"
+        return f"Missing: {self.names}.{self._more()}"
+
+    @property
+    def names(self) -> str:
+        """The causes in words, with what could stand in their places."""
+        return lacking([(c.effect, *c.alternatives) for c in self.causes])
+
+    def _more(self) -> str:
+        """What is missing beside the causes, in a sentence."""
+        if not self.unknown:
+            return ""
+        return (
+            f" More is missing: it depends on {self.unknown.words}."
+            if self.unknown.certain
+            else " More is missing, and what it depends on is not certain."
+        )
 
     def extended(self) -> dict[str, Any]:
         """The extended simulation as data: what ``extended.yaml`` holds."""

@@ -13,6 +13,7 @@ from fieldmodels.diagnosis.averages import resolving
 from fieldmodels.diagnosis.budget import Budget
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.causes import (
+    beside_the_others,
     causes_of,
     confirmed,
     path_to,
@@ -112,9 +113,11 @@ def diagnose(
         RecordingError: If there are too few data or none.
         ValueError: If the budget is no positive time.
     """
+    began = time.perf_counter()
     with metered() as meter:
         result = _diagnosed(model, train, test, fixed or {}, progress, seed, options, Budget(budget), window)
-    return replace(result, simulations=meter.windows / max(result.windows[0], 1))
+    simulations = meter.windows / max(result.windows[0], 1)
+    return replace(result, simulations=simulations, seconds=time.perf_counter() - began)
 
 
 def _diagnosed(
@@ -174,7 +177,6 @@ def _diagnose_stage(
     budget: Budget,
 ) -> Diagnosis:
     """Diagnose one stage by itself; arguments as of ``diagnose``."""
-    began = time.perf_counter()
     start = start_vector(model, fixed)
     model = model.scaled_to([*train, *test])
     report("cutting the data into windows", 0.0)
@@ -204,7 +206,6 @@ def _diagnose_stage(
         result,
         trained_on=tuple(r.source for r in train),
         tested_on=tuple(r.source for r in test) or tuple(f"held-out part of {r.source}" for r in train),
-        seconds=time.perf_counter() - began,
         notes=tuple(
             note
             for note in (
@@ -283,8 +284,9 @@ def _found(
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)
     judged = judge(candidates, selection.base, chosen)
-    causes = causes_of(candidates, path_to(candidates, selection.base, judged.kept), testing, rng)
-    causes = with_alternatives(causes, selection, judged)
+    path = path_to(candidates, selection.base, judged.kept)
+    causes = with_alternatives(causes_of(candidates, path, testing, rng), selection, judged)
+    causes = beside_the_others(causes, candidates, path, testing, rng.spawn(1)[0])
     before = predict(testing, selection.base.fit.parameters)
     after = predict(testing, judged.kept.fit.parameters) if causes else before
     options = candidates.options

@@ -28,8 +28,8 @@ DOUBT, CERTAIN = 0.05, 1e-3
 """p-values below which they go together: in doubt there is a relation, and what is wrong is not known; but
 where nothing is found either, chance must be excluded."""
 REMEDY = (
-    "check that both columns are of the same run and on the same clock, that the actuator was connected, and "
-    "that the machine was moved well above the noise of its sensors"
+    "check that both columns are from the same run and on the same clock, that the actuator was connected, "
+    "and that the machine moved by much more than the noise of its sensors"
 )
 
 

@@ -214,12 +214,12 @@ def _curves(diagnosis: Diagnosis) -> str:
 def _curve_words(curve: MissingCurve) -> str:
     if not curve.certain:
         return (
-            "No curve is certain, but the error is far above the sensor's noise: something is missing. "
-            f"The one that helps most depends on {html.text(curve.words)}."
+            "No curve is certain, but the error is far above the sensor's noise, so something is missing. "
+            f"The curve that helps most depends on {html.text(curve.words)}."
         )
     return (
-        f"A curve depends on {html.text(curve.words)}: it removes {percent(curve.percent)} of the "
-        f"remaining loss on held-out windows (p = {figures.chance(curve.p_value)})."
+        f"A curve is missing that depends on {html.text(curve.words)}: it removes {percent(curve.percent)} "
+        f"of the remaining loss on held-out windows (p = {figures.chance(curve.p_value)})."
     )
 
 
@@ -243,7 +243,7 @@ def _seen(diagnosis: Diagnosis) -> str:
         "would have been found, over the variable where it is hardest to see. What is smaller may be missing "
         "unseen, and so may what is no curve of one variable.</p>"
     )
-    return table(("what", "from", "over"), rows) + note
+    return table(("what", "seen from", "over"), rows) + note
 
 
 def _residual_tests(diagnosis: Diagnosis) -> str:
@@ -274,5 +274,6 @@ def _data(diagnosis: Diagnosis) -> str:
     return (
         f'<p class="soft">Fitted and chosen on {html.text(train)} ({diagnosis.windows[0]} windows); gains '
         f"measured on {html.text(test)} ({diagnosis.windows[1]} windows), which could only veto a cause. "
-        f"{diagnosis.seconds:.1f} s, {diagnosis.simulations:.0f} simulations of the fitted windows.</p>"
+        f"{diagnosis.seconds:.1f} s in all, {diagnosis.simulations:.0f} simulations of the fitted "
+        "windows.</p>"
     )

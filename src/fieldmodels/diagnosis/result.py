@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.phrases import depends_on
-from fieldmodels.drivers.variables import direction_of
+from fieldmodels.diagnosis.phrases import depends_on, sensor_of, the, value_of
+from fieldmodels.drivers.variables import SHARE, direction_of
 from fieldmodels.recording import Recording
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown", "unrelated"]
@@ -52,10 +52,13 @@ class Cause:
         where: Where in the loop it acts.
         parameters: Fitted values.
         signal: The measured signal that it improves most.
-        gain: Gain on that signal over the causes before it, on data not used for selection.
+        gain: How much smaller its error is with this cause than without it, all others kept, on data not used
+            for selection; NaN where it explains noise alone.
         equation: The term that it adds, in plain notation.
         alternatives: Effects that these data cannot distinguish from it.
-        p_value: Of the paired test over blocks of windows.
+        p_value: Of the paired test over blocks of windows, when it was added to those before it.
+        chance: Probability that it is but chance: the smaller one of ``p_value`` and that of its size, by its
+            standard errors.
         nats: Gain in held-out log-likelihood.
     """
 
@@ -68,6 +71,7 @@ class Cause:
     equation: str = ""
     alternatives: tuple[str, ...] = ()
     p_value: float = float("nan")
+    chance: float = float("nan")
     nats: float = float("nan")
 
     def to_json(self) -> dict[str, Any]:
@@ -81,6 +85,7 @@ class Cause:
             "gain": {"signal": self.signal, **self.gain.to_json()},
             "alternatives": list(self.alternatives),
             "p_value": number(self.p_value),
+            "chance": number(self.chance),
             "nats": number(self.nats),
         }
 
@@ -259,17 +264,25 @@ class Visible:
     @property
     def what(self) -> str:
         """What it would have been."""
-        return {
-            "force": f"an error of the {self.target}" if self.target else "a missing force",
-            "sensor": f"an error of the {self.target.replace('_', ' ')} sensor",
-            "parameter": f"a change of {self.target.replace('_', ' ')}",
-            "odds": f"a change of the log-odds of {self.target}",
-        }[self.place]
+        return " ".join(filter(None, self._noun_and_place))
 
+    @property
     def words(self) -> str:
-        """A few words for a sentence."""
+        """The same with its size, for a sentence."""
+        noun, place = self._noun_and_place
         unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.what} of {self.size:.2g}{unit}"
+        return f"{noun} of {self.size:.2g}{unit} {place}".strip()
+
+    @property
+    def _noun_and_place(self) -> tuple[str, str]:
+        moved = the(self.target.removeprefix(SHARE)) if self.target else ""
+        share = ", in proportion to it" if self.target.startswith(SHARE) else ""
+        return {
+            "force": ("an error", f"in {moved}{share}") if self.target else ("a missing force", ""),
+            "sensor": ("an error", f"in {sensor_of(self.target)}"),
+            "parameter": ("a change", f"in {value_of(self.target)}"),
+            "odds": ("a change", f"in the log-odds of {moved}"),
+        }[self.place]
 
 
 @dataclass(frozen=True)

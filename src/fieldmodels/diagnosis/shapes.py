@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.phrases import CONSTANT
 from fieldmodels.drivers.variables import CHANGE, MEMORY, PLAY, direction_of
 
 Place = Literal["force", "sensor", "parameter", "odds"]
@@ -33,7 +34,6 @@ def _bend(x: FloatArray) -> FloatArray:
     return np.asarray(x * np.abs(x))
 
 
-CONSTANT = "constant"
 FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
     CONSTANT: (np.ones_like,),
     "in proportion": (np.array,),

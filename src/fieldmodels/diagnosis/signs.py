@@ -71,7 +71,7 @@ def _dead(model: Model, train: Sequence[Recording]) -> str:
     for name in (s.name for s in model.outputs if not s.event):
         still = [r.source for r in train if name in r and len(np.unique(r[name])) == 1]
         if 0 < len(still) < len(train):
-            return f"{name} never changes in {listed(still)}: leave out what was recorded with a dead sensor"
+            return f"{name} never changes in {listed(still)} (leave out what was recorded with a dead sensor)"
     return ""
 
 
@@ -83,12 +83,14 @@ def _hypotheses(
     events = {s.name for s in model.outputs if s.event}
     for name in names:
         if name not in events:
-            yield {name: (name, -1.0)}, f"the sign of {name} seems to be reversed: give it as {name}=-{name}"
+            said = f"the sign of {name} seems to be reversed (declare it as {name}=-{name})"
+            yield {name: (name, -1.0)}, said
     for group in (model.inputs, model.outputs):
         for a, b in itertools.combinations(group, 2):
             if a.unit == b.unit and {a.name, b.name} <= set(names) - events:
                 said = (
-                    f"{a.name} and {b.name} seem to be swapped: give {a.name}={b.name} and {b.name}={a.name}"
+                    f"{a.name} and {b.name} seem to be swapped (declare {a.name}={b.name} and "
+                    f"{b.name}={a.name})"
                 )
                 yield {a.name: (b.name, 1.0), b.name: (a.name, 1.0)}, said
 

@@ -9,6 +9,7 @@ import numpy as np
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.gain import Prediction, by_horizon, noise_floor, share
 from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.phrases import value_of
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import (
     Estimate,
@@ -17,7 +18,7 @@ from fieldmodels.diagnosis.result import (
 from fieldmodels.diagnosis.selection import Selection, block_p_value
 from fieldmodels.diagnosis.uncertainty import standard_errors
 from fieldmodels.model import Model
-from fieldmodels.rounding import with_error, words
+from fieldmodels.rounding import with_error
 
 POORLY_KNOWN = 0.5  # relative standard error above which a base parameter counts as poorly known
 ABOVE = (
@@ -89,7 +90,8 @@ def bounded(model: Model, fitted: Fit) -> tuple[str, ...]:
         i = fitted.free[k]
         p, value = model.all_parameters[i], float(fitted.parameters[i])
         end = "smallest" if value - p.lower < p.upper - value else "largest"
-        result.append(f"{words(model.names[i])} at the {end} value allowed, {with_error(value, unit=p.unit)}")
+        size = with_error(value, unit=p.unit)
+        result.append(f"{value_of(model.names[i])} at the {end} value allowed, {size}")
     return tuple(result)
 
 

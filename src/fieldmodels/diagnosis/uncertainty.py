@@ -58,25 +58,51 @@ def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
 def differs_from_neutral(problem: Problem, fitted: Fit, cause: Cause) -> bool:
     """Whether an effect's size differs from neutral: Wald's test of all its amplitudes together.
 
+    Amplitudes without a standard error are believed; arguments as of ``_wald``.
+    """
+    wald, count = _wald(problem, fitted, cause)
+    return not np.isfinite(wald) or bool(stats.chi2.sf(wald, count) < CHANCE)
+
+
+def size_by_chance(problem: Problem, fitted: Fit, cause: Cause) -> float:
+    """Probability that chance alone makes an effect so large: by Wald's test, of as many blocks as there are.
+
+    Returns:
+        NaN where a standard error is unknown, and for a limit that is neutral only beyond all data.
+    """
+    effect = problem.model.effect(cause.effect)
+    wald, count = _wald(problem, fitted, cause)
+    blocks = len(np.unique(problem.blocks))
+    if not np.isfinite(wald) or blocks < 2 or any(p.nominal >= p.upper for p in effect.parameters):
+        return float("nan")
+    return float(stats.f.sf(wald / count, count, blocks - 1))
+
+
+def _wald(problem: Problem, fitted: Fit, cause: Cause) -> tuple[float, int]:
+    """Wald's statistic of an effect's amplitudes together, and how many they are.
+
     A frequency, a place or a threshold has no neutral value and proves nothing: it is sharp in whatever is
-    fitted. Amplitudes without a standard error are believed.
+    fitted.
 
     Args:
         problem: The windows.
         fitted: A fit with the effect.
         cause: Its values and their standard errors.
+
+    Returns:
+        NaN where an amplitude has no standard error.
     """
     effect, place = problem.model.effect(cause.effect), problem.model.slice_of(cause.effect)
     own = [k for k in amplitudes(problem, fitted, effect) if effect.parameters[k].name in cause.parameters]
     named = [(effect.parameters[k], cause.parameters[effect.parameters[k].name]) for k in own]
     size = np.array([(value.value - p.nominal) / value.std for p, value in named])
     if not np.isfinite(size).all():
-        return True
+        return float("nan"), len(own)
     at = [int(np.flatnonzero(fitted.free == place.start + k)[0]) for k in own]
     covariance = pseudo_inverse(fitted.information)[np.ix_(at, at)]
     scale = np.sqrt(np.diag(covariance))
     wald = size @ pseudo_inverse(covariance / np.outer(scale, scale), 1e-9) @ size
-    return bool(stats.chi2.sf(wald, len(own)) < CHANCE)
+    return float(wald), len(own)
 
 
 def amplitudes(problem: Problem, fitted: Fit, effect: Effect) -> list[int]:

@@ -16,6 +16,7 @@ from fieldmodels.diagnosis.chance import varying_by_chance
 from fieldmodels.diagnosis.curves import NEAR_BEST, Curves, Scored
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
 from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.diagnosis.phrases import CURVE
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.result import Cause, MissingCurve, Verdict
 from fieldmodels.diagnosis.selection import block_p_value
@@ -124,7 +125,7 @@ def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -
 
 def _words(scored: Scored) -> str:
     """A curve as an alternative to a name."""
-    return f"curve of {scored.curve.direction}"
+    return f"{CURVE}{scored.curve.direction}"
 
 
 def _in_one_sensor(problem: Problem, kept: Candidate, left: Sequence[Scored]) -> dict[str, str]:

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.diagnosis.chance import CHANCE
 from fieldmodels.diagnosis.outcome import Diagnosis
+from fieldmodels.diagnosis.phrases import CHANCE
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
