@@ -71,7 +71,7 @@ def test_a_diagnosis_goes_on_with_the_better_way():
     data = recorded("interpolated", duration=30.0)
     found = diagnose(Rig(), [data])
     assert found.verdict == "consistent"
-    assert "move along a line" in found.to_json()["data"]["notes"][0]
+    assert "vary linearly between samples" in found.to_json()["data"]["notes"][0]
     insisting = diagnose(held_inputs(Rig(), "held"), [data])
     assert insisting.verdict != "consistent"
     assert insisting.notes == ()

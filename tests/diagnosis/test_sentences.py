@@ -191,10 +191,10 @@ def test_what_is_known_to_a_percent_is_practically_certain(two_together):
 
 
 def test_a_cause_gains_what_its_absence_costs(two_together):
-    """Errors with and without each from the simulations themselves, over windows from the measured states.
+    """Errors with and without each from the simulations themselves, over windows.
 
-    Their starts are noisy, so that shares agree to some percent; over the causes before it, the first one
-    would gain a third of what it gains beside the other one.
+    Each window starts from the state that fits it best, and the rest is not refitted without the cause, so
+    that shares agree to some percent. Over the causes before it the first one would gain less.
     """
     rig, _, (train, test) = two_together
     found = diagnose(rig, [train], [test])

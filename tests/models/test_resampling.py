@@ -110,7 +110,7 @@ def test_a_long_gap_starts_a_new_episode_and_a_short_one_is_filled():
     log, truth = logged("taken", 0.0, duration=10.0)
     keep = np.r_[np.arange(300), np.arange(303, 600), np.arange(640, 1000)]
     result = evened(Recording(log.time[keep], {k: v[keep] for k, v in log.signals.items()}), RIG)
-    assert "1 long gap start" in result.notes[-1]
+    assert "1 long gap starts a new episode" in result.notes[-1]
     assert result.bounds.tolist() == [[0, 600], [600, 960]]
     filled = result["position"][300:303]
     np.testing.assert_allclose(filled, truth["position"][300 * FINE : 303 * FINE : FINE], atol=1e-3)

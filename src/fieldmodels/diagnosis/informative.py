@@ -58,8 +58,8 @@ def informative(candidates: Candidates) -> tuple[Problem, str]:
     held = 100.0 * shares[chosen].sum(axis=0)
     said = (
         f"{len(kept)} of {len(candidates.problem)} training windows are fitted: half of them are spread "
-        "evenly over the record, the others tell most of parameters and listed effects. They hold "
-        f"{held.min():.0f} to {held.max():.0f} % of what all windows tell of each "
+        "evenly over the record, the others say most about the parameters and the listed effects. They hold "
+        f"{held.min():.0f} to {held.max():.0f} % of what all windows say about each "
         f"(median {np.median(held):.0f} %)"
     )
     if len(problem) < len(candidates.problem):

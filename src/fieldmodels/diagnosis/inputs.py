@@ -26,7 +26,10 @@ ENOUGH = 10_000
 """Samples of windows that suffice for the decision."""
 FEWEST = 12
 """Blocks of windows, however many samples each has."""
-WORDS: dict[Hold, str] = {"held": "are held from sample to sample", "interpolated": "move along a line"}
+WORDS: dict[Hold, str] = {
+    "held": "are held from sample to sample",
+    "interpolated": "vary linearly between samples",
+}
 
 
 def decided(
@@ -68,8 +71,8 @@ def decided(
     if not clear or _p_value(gain, usual.problem.blocks) > LEVEL:
         return model, ()
     said = (
-        f"inputs that {WORDS[other]} fit better than inputs that {WORDS[model.hold]}, by {total:.0f} nats; "
-        "used here. Say --hold to decide it."
+        f"inputs that {WORDS[other]} explain these data better than inputs that {WORDS[model.hold]} (by "
+        f"{total:.0f} nats) and are used; --hold decides it otherwise"
     )
     return held_inputs(model, other), (said,)
 

@@ -16,7 +16,7 @@ from fieldmodels.model import Model, Stage, Wrapper
 from fieldmodels.recording import Recording, Windows
 
 LONGER = (
-    "windows hardly determine some parameters; if the process remembers for longer than a window, "
+    "the windows hardly determine some parameters; if the process has a longer memory than a window, "
     "--window record fits each record as a whole, from one start"
 )
 """What to say where windows have no power."""

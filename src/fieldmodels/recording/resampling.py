@@ -86,14 +86,15 @@ def evened(recording: Recording, model: Model | None) -> Recording:
             f"{recording.source}: {100 * filled:.0f} % of the rows are missing (allowed: "
             f"{100 * MOST_FILLED:.0f} %, at a step of {step:.6g} s); log at a steady rate"
         )
+    gaps = len(grids) - len(parts)
     what = [
         f"{dropped} repeated row{'s' if dropped > 1 else ''} dropped" if dropped else "",
         "the rows are even and only their stamps wander, so rows are counted"
         if coarse
         else "the signals were interpolated",
         f"{100 * filled:.2g} % of the rows are missing and were filled" if filled > 0.0005 else "",
-        f"{len(grids) - len(parts)} long gap{'s' if len(grids) > len(parts) + 1 else ''} start new episodes"
-        if len(grids) > len(parts)
+        ("1 long gap starts a new episode" if gaps == 1 else f"{gaps} long gaps start new episodes")
+        if gaps
         else "",
     ]
     note = f"time steps are uneven; put on an even step of {step:.6g} s: {'; '.join(w for w in what if w)}"
