@@ -102,6 +102,16 @@ def test_who_is_refused(served: Served, path: str, headers: dict[str, str]):
     assert text.startswith("refused")
 
 
+def test_a_column_that_never_changes_is_told_of(served: Served):
+    log = served.dropped / "still.csv"
+    log.write_text("t,torque_cmd,angle\n" + "".join(f"{i / 100},2.0,{(i % 50) / 50}\n" for i in range(300)))
+    assert served.ask("/api/open", json.dumps({"path": str(log)}).encode())[0] == 200
+    status, text = served.ask("/api/propose", json.dumps({"model": "pendulum"}).encode())
+    assert status == 200, text
+    found = json.loads(text)
+    assert (found["missing"], found["constant"]) == (["torque"], ["torque_cmd"])
+
+
 def test_a_change_needs_an_origin(served: Served):
     body = json.dumps({"path": str(served.dropped / "none.csv")}).encode()
     assert served.ask("/api/open", body, Origin="")[0] == 403

@@ -136,7 +136,12 @@ class Page:
             for c in found.columns
         ]
         roles = {"t": "s", **{s.name: s.unit for s in model.signals}}
-        return {"columns": columns, "roles": roles, "missing": list(found.missing)}
+        return {
+            "columns": columns,
+            "roles": roles,
+            "missing": list(found.missing),
+            "constant": list(found.constant),
+        }
 
     def diagnose(self, _query: Any, body: Any) -> Any:
         """Start a diagnosis."""

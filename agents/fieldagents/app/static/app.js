@@ -131,7 +131,9 @@ async function propose() {
     const row = add(body, "tr"), column = known[role];
     add(add(row, "td"), "label", `${role} [${unit}]`, { htmlFor: `column-${role}` });
     add(add(row, "td"), "input", "", { id: `column-${role}`, name: role, value: column ? column.spec : "" });
-    const why = column ? column.why.join("; ") : found.missing.includes(role) ? "not found: name a column" : "optional";
+    const still = found.constant.length ? ` (no command, as it never changes: ${found.constant.join(", ")})` : "";
+    const lacks = found.missing.includes(role) ? `not found: name a column${still}` : "optional";
+    const why = column ? column.why.join("; ") : lacks;
     const sure = column ? ` (${Math.round(100 * column.confidence)} % sure)` : "";
     add(row, "td", why + sure, { className: column && column.confidence >= 0.9 ? "soft" : "warn" });
   }
