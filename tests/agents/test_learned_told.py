@@ -70,6 +70,15 @@ def test_a_policy_is_told_of_what_the_reality_draws_in_units_of_half_its_range()
     assert said(TOLD, {}).tolist() == NOTHING
 
 
+def test_of_a_limit_that_is_nominally_out_of_reach_the_farthest_that_was_drawn_is_none():
+    limit = {"actuator_saturation": {"limit": {"choice": [1.5, {"uniform": [0.3, 1.0]}]}}}
+    (one,) = told = told_in(TrainConfig(**{**CONFIG, "environment": {"reality": limit}}))
+    assert (one.neutral, one.spread) == (1.5, pytest.approx(0.6))
+    assert known(told, {}).tolist() == [0, 0]
+    found = {"actuator_saturation": {"limit": {"value": 0.6, "std": 0.03}}}
+    np.testing.assert_allclose(said(told, found), [-1.5, 0.05], rtol=1e-6)
+
+
 def test_simulated_estimates_scatter_about_the_truth_as_they_say():
     rng = np.random.default_rng(0)
     truth = {"turn_gain": {"gain": rng.uniform(0.5, 1.5, 40_000)}}
@@ -170,7 +179,14 @@ def test_a_policy_takes_the_tasks_observation_and_acts_by_what_it_is_told(run):
     assert OnnxAgent(blind / "policy.onnx").sees == "observation"
 
 
-@pytest.mark.parametrize("memory", [{"stack": 3}, {"algorithm": "recurrent_ppo", "policy": "MlpLstmPolicy"}])
+MEMORIES = (
+    {"stack": 3},
+    {"stack": 3, "features": "torch.nn:Identity"},  # and of its own actions
+    {"algorithm": "recurrent_ppo", "policy": "MlpLstmPolicy"},
+)
+
+
+@pytest.mark.parametrize("memory", MEMORIES, ids=str)
 def test_policies_with_a_memory_are_told_too(memory, tmp_path):
     made = train(TrainConfig(**{**CONFIG, **memory}), progress=False, out=tmp_path / "run")
     policy = OnnxAgent(made / "policy.onnx")
@@ -196,12 +212,19 @@ def test_a_run_that_was_paused_ends_as_one_that_was_not(run, tmp_path):
     [
         ({"environment": {"reality": {"turn_gain": {"gain": 0.8}}}}, "is drawn by a sampler"),
         ({"environment": {}}, "is drawn by a sampler"),
-        ({"also": [{"settings": {"timeout": 2.0}}]}, "without also and features"),
+        ({"also": [{"settings": {"timeout": 2.0}}]}, "without also"),
     ],
 )
 def test_there_must_be_something_to_tell(wrong, message):
     with pytest.raises(ValueError, match=message):
         TrainConfig(**{**CONFIG, **wrong})
+
+
+def test_images_leave_no_place_for_what_is_told(tmp_path):
+    reality = {"camera_yaw": {"angle": {"uniform": [-0.1, 0.1]}}}
+    config = TrainConfig(**{**CONFIG, "task": "line_following_pixels", "environment": {"reality": reality}})
+    with pytest.raises(ValueError, match="beside observations of one dimension"):
+        train(config, progress=False, out=tmp_path / "run")
 
 
 def test_a_policy_is_told_of_a_reality_what_its_role_knows(run, tmp_path):

@@ -138,14 +138,14 @@ def _wrong_further(
 
 
 def _nothing_to_tell(
-    told: bool, task: str, environment: EnvironmentConfig, also: tuple[EnvironmentConfig, ...], features: Any
+    told: bool, task: str, environment: EnvironmentConfig, also: tuple[EnvironmentConfig, ...]
 ) -> Problems:
     if told:
         reality = environment.reality
         if reality is None or not flown(get_model(find_task(task).model), reality)[1].random:
             yield (), "no number of the environment's reality is drawn by a sampler"
-        if also or features:
-            yield (), "works without also and features"
+        if also:
+            yield (), "works without also"
 
 
 def _no_algorithm(algorithm: str) -> Problems:
@@ -227,7 +227,7 @@ class TrainConfig(Config):
     ] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
-    told: Annotated[bool, checked(_nothing_to_tell, "task", "environment", "also", "features")] = False
+    told: Annotated[bool, checked(_nothing_to_tell, "task", "environment", "also")] = False
     """Whether the policy is told, beside each observation, what a diagnosis would say of the numbers that the
     reality draws: of each an estimate and its standard error."""
     learner: Annotated[dict[str, Any], checked(_wrong_learner, "algorithm", "steps", "num_envs")] = Field(

@@ -33,13 +33,17 @@ class Telling(VectorWrapper):
 
     Attributes:
         told: Of what they tell.
+
+    Raises:
+        ValueError: If observations have more than one dimension.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], told: Sequence[Told]) -> None:
         super().__init__(env)
         self.told = told
         space, more = env.single_observation_space, np.full(2 * len(told), np.inf, dtype=np.float32)
-        assert isinstance(space, Box)
+        if not isinstance(space, Box) or len(space.shape) != 1:
+            raise ValueError(f"a diagnosis is told beside observations of one dimension, not {space}")
         self.single_observation_space = Box(np.append(space.low, -more), np.append(space.high, more))
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
 

@@ -30,7 +30,7 @@ class Told:
     Attributes:
         effect: Its effect; ``parameters`` for a base parameter.
         name: Its name.
-        neutral: Its value in the nominal simulation.
+        neutral: Its value in the nominal simulation, or the nearest that was drawn: a limit's is far out.
         spread: Half of the range that it was drawn from in training, the unit of what is told.
     """
 
@@ -52,7 +52,7 @@ def told_of(model: Model, reality: Reality) -> tuple[Told, ...]:
     found = []
     for i in reality.samplers(model):
         effect, _, name = model.names[i].rpartition(".")
-        neutral = model.all_parameters[i].nominal
+        neutral = float(np.clip(model.all_parameters[i].nominal, lowest[i], highest[i]))
         found.append(Told(effect or "parameters", name, neutral, float(highest[i] - lowest[i]) / 2))
     return tuple(found)
 
