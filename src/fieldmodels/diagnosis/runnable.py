@@ -63,7 +63,8 @@ def _machine_effect(machine: Declaration, curve: MissingCurve) -> tuple[str, Map
     known = {*(s.name for s in (*machine.states, *machine.inputs)), "time"}
     target = curve.target
     if curve.place == "force":
-        target = machine.forces[0].velocity if machine.forces else ""
+        pushed = zip(machine.pushes, machine.forces, strict=False)  # a machine without forces has none
+        target = next((force.velocity for push, force in pushed if push.name == curve.target), "")
     if not target or curve.place == "odds":
         return "a machine has no place where it could act"
     if curve.place == "parameter" and target not in {p.name for p in machine.parameters}:

@@ -14,7 +14,7 @@ from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.effects.curves import Curve
 from fieldmodels.effects.forces import PLACED
 from fieldmodels.effects.stock import Names, Sizes, Stock
-from fieldmodels.model import Effect, Model, ModelError, Parameter
+from fieldmodels.model import Combination, Effect, Model, ModelError, Parameter
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording
 
@@ -159,6 +159,15 @@ class Declaration(Model):
         self.stock_names = tuple(effect.name for effect, own in pairs if isinstance(own, Stock))
         if self.forces and not self.disturbance_unit:
             self.disturbance_unit = self._force_unit(self.forces[0])
+        if len(self.forces) > 1:
+            self.directions = tuple(
+                Combination(
+                    f"{'force on' if f.unit or f.inertia else 'rate of'} {f.velocity}",
+                    self._force_unit(f),
+                    tuple(column),
+                )
+                for f, column in zip(self.forces, np.eye(len(self.forces)).tolist(), strict=True)
+            )
         if not self.horizons:
             self.horizons = (0.1, 0.2, 0.4)
 

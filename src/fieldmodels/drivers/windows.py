@@ -153,7 +153,7 @@ class WindowDriver:
             change,
             parameters.take(rows.curves, axis=1),
             driving.command,
-            np.zeros(0) if windows.disturbance is None else np.ascontiguousarray(windows.disturbance),
+            np.ascontiguousarray(windows.pushed(max(len(machine.forces), 1))),
             recording.bounds,  # a bristle remembers for as long as it is not turned round
             bounds,
             firsts,

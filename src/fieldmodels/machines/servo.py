@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Self
 
 from fieldmodels.effects import actuator, force, sensor
 from fieldmodels.effects.stock import LARGE, NO_LIMIT
 from fieldmodels.elementary import sine
 from fieldmodels.machine import Force, Machine, number
+from fieldmodels.machines.one_axis.scales import Scales, measure_scales
 from fieldmodels.model import Effect, Parameter, Signal
+from fieldmodels.recording import Recording
 
 LEG = "assumed: 0.02 kg m^2 under 20 N m/rad and 1.5 N m s/rad, as in a quadruped's leg"
 GRAVITY = Effect(
@@ -36,6 +40,13 @@ TORQUE_LIMIT = Effect(
     (Parameter("limit", "rad", NO_LIMIT, 1e-9, NO_LIMIT, 0.02, starts=(0.05, 0.2, 0.5)),),
     "|e - damping v| <= limit",
 )
+USUAL = Scales(
+    base=(1e-3, 0.075, 1.0), force=0.2, high_forces=(0.5, 0.4, 0.3, 0.2), rate=20.0, position=0.2,
+    velocity=1.0, duration=30.0, step=0.01, position_noise=5e-4, velocity_noise=2e-2, frequencies=(1.0,),
+)  # fmt: skip
+"""Of a leg's joint: inertia, damping and stiffness by its proportional gain, where data cannot tell."""
+LEAST = 1e-2
+"""Of the inertia at which a fit starts: with less, errors of friction would have it vanish."""
 
 
 class Servo(Machine):
@@ -54,7 +65,7 @@ class Servo(Machine):
     inputs = (Signal("set_point", "rad"),)
     outputs = (Signal("position", "rad", noise=5e-4), Signal("velocity", "rad/s", noise=2e-2, optional=True))
     states = (Signal("position", "rad"), Signal("velocity", "rad/s"))
-    inertia = number("s^2", 1e-3, 1e-5, 1e3, source=LEG)
+    inertia = number("s^2", 1e-3, 1e-10, 1e3, source=LEG)
     damping = number("s", 0.075, 0.0, 1e3, source=LEG)
     offset = number("rad", 0.0, -10.0, 10.0, scale=0.01)
     forces = (Force("velocity", "position", "rad", "inertia", name="torque"),)
@@ -67,6 +78,20 @@ class Servo(Machine):
         *actuator("set_point", ("gain", "lag", "rate_limit", "delay", "saturation")),
         *sensor("position", ("drift", "delay", "quantisation")),
     )
+
+    def scaled_to(self, recordings: Sequence[Recording]) -> Self:
+        """Start inertia and damping where an axis on a spring would have them; see ``Model.scaled_to``."""
+        result = super().scaled_to(recordings)
+        measured = measure_scales(
+            recordings, self.inputs[0].name, "position", "velocity", False, True, USUAL, self.hold
+        )
+        inertia, damping, stiffness = measured.base
+        own = {p.name: p for p in result.parameters}
+        for name, size in (("inertia", inertia / stiffness), ("damping", damping / stiffness)):
+            least = min(LEAST * size, own[name].nominal) if name == "inertia" else 0.0
+            own[name] = replace(own[name], starts=(size,), scale=0.1 * size, lower=least)
+        result.parameters = tuple(own.values())
+        return result
 
     def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of position and velocity."""

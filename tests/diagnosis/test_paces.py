@@ -1,0 +1,42 @@
+"""A servo of any pace, from a telescope's axis to a galvanometer's mirror, moved exactly by its equation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+
+SAMPLES, PER_PERIOD, DAMPING = 3000, 30, 0.8
+"""Samples, how many of them in a natural period, and the damping ratio."""
+
+
+def moved(seed: int, frequency: float) -> Recording:
+    """A log of a servo with this natural frequency [Hz], under steps of its set-point."""
+    rng, mode = np.random.default_rng(seed), 2.0 * np.pi * frequency
+    step = 1.0 / (frequency * PER_PERIOD)
+    rates = np.array([[0.0, 1.0], [-(mode**2), -2.0 * DAMPING * mode]])
+    a, b, *_ = cont2discrete((rates, np.array([[0.0], [mode**2]]), np.eye(2), np.zeros((2, 1))), step)
+    given = np.repeat(rng.uniform(-0.3, 0.3, 200), rng.integers(10, 60, 200))[:SAMPLES]
+    states = np.zeros((SAMPLES, 2))
+    for i in range(SAMPLES - 1):
+        states[i + 1] = a @ states[i] + b[:, 0] * given[i]
+    noise = rng.standard_normal((SAMPLES, 2)) * (5e-4, 5e-4 * mode)
+    signals = {
+        "set_point": given,
+        "position": states[:, 0] + noise[:, 0],
+        "velocity": states[:, 1] + noise[:, 1],
+    }
+    return Recording(step * np.arange(SAMPLES), signals, f"{frequency} Hz")
+
+
+@pytest.mark.parametrize("frequency", [0.05, 5.0, 340.0, 2000.0])
+def test_a_servo_of_any_pace_is_fitted(frequency: float):
+    found = diagnose(get_model("servo"), [moved(1, frequency)], [moved(2, frequency)])
+    assert found.verdict == "consistent", found.summary()
+    mode = 2.0 * np.pi * frequency
+    assert found.parameters["inertia"].value == pytest.approx(mode**-2, rel=0.01)
+    assert found.parameters["damping"].value == pytest.approx(2.0 * DAMPING / mode, rel=0.01)
