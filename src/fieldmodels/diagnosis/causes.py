@@ -23,7 +23,7 @@ from fieldmodels.diagnosis.result import (
     Estimate,
     Share,
 )
-from fieldmodels.diagnosis.selection import Selection, block_p_value
+from fieldmodels.diagnosis.selection import Selection, block_p_value, in_few_blocks
 from fieldmodels.diagnosis.uncertainty import differs_from_neutral, size_by_chance, standard_errors
 from fieldmodels.diagnosis.verdict import (
     Judgement,
@@ -155,12 +155,13 @@ def beside_the_others(
         [output] = _most_improved_outputs(candidates.problem, pair)
         without, beside = (predict(testing, one.fit.parameters) for one in pair)
         by_size = size_by_chance(candidates.problem, chosen.fit, cause)
+        if_rare = in_few_blocks(rest, chosen, candidates.problem.blocks)
         result.append(
             replace(
                 cause,
                 signal=candidates.problem.model.outputs[output].name,
                 gain=share(without, beside, output, testing.blocks, rng),
-                chance=float(np.nanmin([cause.p_value, by_size])),
+                chance=float(np.nanmin([cause.p_value, by_size, if_rare])),
             )
         )
     return tuple(result)

@@ -84,12 +84,25 @@ def accepted(
         or child.fit.cost >= parent.fit.cost
     ):
         return False
-    p = block_p_value(gain, blocks)
-    if p < options.level:
+    if block_p_value(gain, blocks) < options.level:
         return True
-    largest = largest_share(gain, blocks)
-    single = len(child.effects) == len(parent.effects) + 1 and total - largest > options.least_gain
-    return single and p < RARE_P and likelihood_p_value(parent, child, blocks) < STRONG_P
+    return in_few_blocks(parent, child, blocks, options) < STRONG_P
+
+
+def in_few_blocks(
+    parent: Candidate, child: Candidate, blocks: IntArray, options: DiagnosisOptions = DEFAULT
+) -> float:
+    """p-value of one more effect that may act in few blocks only, such as a limit that is seldom reached.
+
+    Returns:
+        That of the gain in likelihood; 1 if a single block brings it, or the gain over blocks is nothing.
+    """
+    gain = parent.loss - child.loss
+    total = parent.total - child.total
+    single = len(child.effects) == len(parent.effects) + 1
+    if not single or total - largest_share(gain, blocks) <= options.least_gain:
+        return 1.0
+    return likelihood_p_value(parent, child, blocks) if block_p_value(gain, blocks) < RARE_P else 1.0
 
 
 def likelihood_p_value(parent: Candidate, child: Candidate, blocks: IntArray) -> float:
