@@ -100,7 +100,7 @@ def test_two_causes_at_once_have_no_second_chance(monkeypatch):
 def test_a_cause_that_shows_in_a_single_block_is_not_accepted(monkeypatch):
     monkeypatch.setattr(selection, "likelihood_p_value", lambda *_: 1e-9)
     assert not rare(20.0, 0.5, ("a",))  # without that block it brings 7.5 nats
-    monkeypatch.setattr(selection, "likelihood_p_value", lambda *_: 1e-3)
+    monkeypatch.setattr(selection, "likelihood_p_value", lambda *_: 6e-6)  # as noise that is not white had
     assert not rare(20.0, 0.6, ("a",))
 
 

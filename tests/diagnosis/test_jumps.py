@@ -87,3 +87,12 @@ def test_waves_of_a_slow_machine_are_sought_down_to_two_samples_a_cycle():
     asked = []
     strongest(place, lambda _, counts: asked.append(counts) or np.zeros(len(counts)))
     assert asked[0][-1] == pytest.approx(499.0, abs=2.0)
+
+
+def test_waves_over_a_command_of_few_levels_have_four_levels_in_a_cycle():
+    """With more cycles a wave would fit forty levels with any errors."""
+    levels = np.random.default_rng(1).integers(0, 40, (60, 2)).repeat(8, axis=1) / 39.0
+    place = Curve("force", "", "command", "N", "N", levels, np.array([-5.0, 5.0]), np.eye(2))
+    asked = []
+    strongest(place, lambda _, counts: asked.append(counts) or np.zeros(len(counts)))
+    assert asked[0][-1] == pytest.approx(10.0, abs=0.5)

@@ -225,7 +225,7 @@ def test_a_sensor_that_was_dead_in_some_recordings_is_said_before_any_sign():
     assert result.verdict == "unknown"
     assert not result.causes
     assert result.mistaken == (
-        "position never changes in seed 4: leave out what was recorded with a dead sensor"
+        "position never changes in seed 4 (leave out what was recorded with a dead sensor)"
     )
 
 

@@ -20,7 +20,7 @@ from fieldmodels.diagnosis.phrases import CHANCE
 from fieldmodels.diagnosis.problem import IntArray, Problem
 from fieldmodels.diagnosis.resolution import rounding
 
-LEVEL = 0.01
+LEVEL = 0.002
 """Share of steady values that are said to vary: the least p-value of a value's tests, times their number."""
 FEWEST = 30
 """Windows that suffice for a test."""
