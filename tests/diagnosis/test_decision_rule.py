@@ -504,6 +504,18 @@ def searching(monkeypatch, totals, **more):
     return search
 
 
+def test_what_many_parameters_imitate_is_tried_with_fewer_whatever_little_is_promised(monkeypatch):
+    """Eight values of a curve do what an effect and another one do, of which the first is as good alone."""
+    idle = {f"v{i}": 99.0 for i in range(selection.TRIED_AT_LEAST)}
+    search = searching(monkeypatch, {"v": 100.0, "g": 102.0, "gc": 70.0, **idle})
+    search.score_test = lambda parent, name: 2.0 if (*parent.effects, name) == ("g", "c") else 1.0
+    many = stands(
+        93.0, effects=("v",), cost=100.0, size=8, spread=0.0
+    )  # with its price as good as one of one
+    assert set(selection._grown(search, [many, search.stuck("g")])[0].effects) == {"g", "c"}
+    assert set(selection._grown(search, [search.stuck("v"), search.stuck("g")])[0].effects) != {"g", "c"}
+
+
 @pytest.mark.parametrize(("lacks", "ways"), [(0.0, [("a", "b")]), (5.0, [("a", "b"), ("b", "a")])])
 def test_a_set_is_fitted_from_a_second_parent_if_it_lacks_what_that_promises(monkeypatch, lacks, ways):
     search = searching(monkeypatch, {"a": 100.0, "b": 130.0, "ab": 50.0})
