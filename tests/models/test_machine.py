@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from fieldmodels.diagnosis import diagnose
 from fieldmodels.effects import actuator, change, curve, force, friction, sensor
 from fieldmodels.machine import Force, Machine, held_inputs, number
 from fieldmodels.model import ModelError, Signal
@@ -118,3 +119,33 @@ def test_what_cannot_be_is_said():
         curve("gearbox", "speed")
     with pytest.raises(ModelError, match="says itself what its inputs do"):
         held_inputs(get_model("heel_strike"), "held")
+
+
+class Known(Machine):
+    """The motor with numbers that are known: it has effects alone."""
+
+    inputs = (Signal("voltage", "V"),)
+    states = outputs = (Signal("speed", "rad/s", noise=0.02),)
+    effects = actuator("voltage") + sensor("speed")
+
+    def derivative(self, state, input, p):
+        return (10.0 * input.voltage - state.speed) / 0.1
+
+
+def test_a_machine_whose_numbers_are_known_needs_none():
+    voltage = np.repeat(np.random.default_rng(1).uniform(-3, 3, 100), 5)
+    shown, kept = np.zeros(len(voltage)), np.exp(-STEP / 0.1)
+    for i in range(len(voltage) - 1):
+        shown[i + 1] = kept * shown[i] + (1.0 - kept) * 10.0 * 0.9 * voltage[i]
+    shown += 0.02 * np.random.default_rng(2).standard_normal(len(shown))
+    logs = [
+        Recording(STEP * np.arange(250), {"voltage": voltage[part], "speed": shown[part]})
+        for part in (slice(0, 250), slice(250, 500))
+    ]
+    found = diagnose(Known(), logs[:1], logs[1:])
+    [cause] = found.causes
+    assert {cause.effect, *cause.alternatives} == {
+        "actuator_gain",
+        "sensor_gain",
+    }  # of a linear machine the same
+    assert found.parameters == {}

@@ -144,7 +144,7 @@ class Declaration(Model):
         self.windows_apart = self.pace is not None  # else it is that of some of the windows
         if (self.derivative is None) == (self.step is None):
             raise ModelError(f"{type(self).__name__}: give either derivative or step")
-        if self.numbers:
+        if self.numbers or not hasattr(self, "parameters"):
             self.parameters = tuple(n.parameter() for n in self.numbers)
         self.stock = tuple(e for e in self.own_effects if isinstance(e, Stock))
         self.forces = self._forces()
