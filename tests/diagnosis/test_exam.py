@@ -507,6 +507,14 @@ def test_what_a_real_axis_is_known_to_have_is_named(public_data):
     assert all("ahead" in missed for missed in failures(statement, found))
 
 
+def test_a_real_joint_keeps_its_inertia_beside_friction(public_data):
+    """The hip of a leg: with an inertia that may vanish, dry friction would not be found."""
+    if not (public_data / "go2_joints").is_dir():
+        pytest.skip("no real data: FIELDGYM_DATA holds no go2_joints")
+    statement, model = STATEMENTS["go2_hip"], get_model("servo")
+    assert not list(failures(statement, ask(model, *statement.records(model), {})))
+
+
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=SLOW) if n in ("excitation", "uav_route") else n for n in bench_names()]
 )

@@ -330,6 +330,15 @@ def test_jitter_shows_beside_a_zero_that_walks(jitter: bool):
     assert ("random changes of sensor delay" in named.alternatives) == jitter
 
 
+def test_errors_of_the_simulation_alone_are_no_chance(monkeypatch):
+    """Without noise what an integration errs goes with the motion, and with every sensitivity."""
+    for name in NOISE:
+        monkeypatch.setitem(NOISE, name, 0.0)
+    late = {"late": lambda rng: np.full(SAMPLES, 3)}
+    [cause] = diagnose(get_model("rig"), [rig(3, **late)], [rig(503, **late)]).causes
+    assert (cause.effect, cause.alternatives) == ("actuator_delay", ())
+
+
 @pytest.mark.parametrize(("power", "alternatives"), [(0.0, ()), (0.5, ("curve of velocity",))])
 def test_a_drag_of_another_power_than_the_listed_ones_is_not_named_alone(
     power: float, alternatives: tuple[str, ...]
