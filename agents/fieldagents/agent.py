@@ -22,10 +22,10 @@ Sees = Literal["observation", "diagnosis", "model", "privileged"]
 
 ``observation``: the observation of each step, nothing else; its ``info`` is empty. ``diagnosis``: also what
 it was told of its machine beforehand, a diagnosis' estimates and their standard errors; its ``info`` is
-empty, too. ``model``: beside the observation the environment's settings (its constants and noise levels, as
-an algorithm's author knows them) and the entries of ``info`` that the task declares in ``model_reads``.
-``privileged``: all of ``info``, the hidden truth of the simulation and the scores among it; such a result is
-a bound, no competitor.
+empty, too, but for the angle by which the task turns observations (``turned_by``). ``model``: beside the
+observation the environment's settings (its constants and noise levels, as an algorithm's author knows them)
+and the entries of ``info`` that the task declares in ``model_reads``. ``privileged``: all of ``info``, the
+hidden truth of the simulation and the scores among it; such a result is a bound, no competitor.
 """
 
 
@@ -184,9 +184,13 @@ def visible(info: Mapping[str, Any], sees: Sees, task: str) -> Mapping[str, Any]
     Args:
         info: Of the environment; a vector environment's masks (``"_key"``) go with their entries.
         sees: The agent's right.
-        task: Name of the task, which declares what the right ``model`` reads.
+        task: Name of the task, which declares what the rights ``model`` and ``diagnosis`` read.
     """
     if sees == "privileged":
         return info
-    allowed = find_task(task).model_reads if sees == "model" else ()
+    allowed: tuple[str, ...] = ()
+    if sees == "model":
+        allowed = find_task(task).model_reads
+    elif sees == "diagnosis" and (angle := find_task(task).turned_by):
+        allowed = (angle,)
     return {key: value for key, value in info.items() if key.removeprefix("_") in allowed}

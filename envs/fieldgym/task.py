@@ -44,6 +44,9 @@ class Task:
         operator: Whether a human operator can take over, as in the source.
         model_reads: Entries of ``info`` that follow from what was observed and from the model's constants,
             so that an agent with the right ``model`` may read them. All others are truth or scores.
+        turned_by: Entry of ``info`` with the angle [rad], clockwise from north, by which observations are
+            turned, if they are: what a policy is told of an effect's ``north`` and ``east`` is turned by it
+            as well, step by step, so that an agent with the right ``diagnosis`` may read it.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Task:
     model: str = ""
     operator: bool = False
     model_reads: tuple[str, ...] = ()
+    turned_by: str = ""
 
     def __post_init__(self) -> None:
         defaults = {

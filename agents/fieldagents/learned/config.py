@@ -28,11 +28,9 @@ from fieldagents.policies.algorithms import (
     is_on_policy,
     wrong_arguments,
 )
+from fieldagents.policies.told import told_of
 from fieldagents.policies.zoo import get_entry
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
-from fieldgym import find_task
-from fieldmodels.drivers.named import flown
-from fieldmodels.registry import get_model
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -141,9 +139,11 @@ def _nothing_to_tell(
     told: bool, task: str, environment: EnvironmentConfig, also: tuple[EnvironmentConfig, ...]
 ) -> Problems:
     if told:
-        reality = environment.reality
-        if reality is None or not flown(get_model(find_task(task).model), reality)[1].random:
-            yield (), "no number of the environment's reality is drawn by a sampler"
+        try:
+            if environment.reality is None or not told_of(task, environment.reality):
+                yield (), "no number of the environment's reality is drawn by a sampler"
+        except ValueError as error:
+            yield (), str(error)
         if also:
             yield (), "works without also"
 

@@ -15,17 +15,12 @@ from numpy.typing import NDArray
 from fieldagents.agent import Agent
 from fieldagents.learned.config import TrainConfig
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.policies.told import Told, simulated, told_of
-from fieldgym import find_task
-from fieldmodels.drivers.named import flown
-from fieldmodels.registry import get_model
+from fieldagents.policies.told import Told, simulated, told_of, turned
 
 
 def told_in(config: TrainConfig) -> tuple[Told, ...]:
     """What a policy of a config is told of; nothing unless the config says so."""
-    if not config.told:
-        return ()
-    return told_of(*flown(get_model(find_task(config.task).model), config.environment.reality))
+    return told_of(config.task, config.environment.reality) if config.told else ()
 
 
 class Telling(VectorWrapper):
@@ -58,7 +53,8 @@ class Telling(VectorWrapper):
         return self._tell(observation, info), *rest, info
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        return np.concatenate([observation, simulated(self.told, info["privileged"]["reality"])], axis=1)
+        numbers = simulated(self.told, info["privileged"]["reality"])
+        return np.concatenate([observation, turned(self.told, numbers, info)], axis=1)
 
 
 class Diagnosed(Agent):
@@ -88,7 +84,7 @@ class Diagnosed(Agent):
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
         """See ``Agent.act``."""
         self._policy.diagnosis = simulated(self._policy.told, info["privileged"]["reality"])
-        return self._policy.act(observation, {})
+        return self._policy.act(observation, info)
 
 
 def as_trained(policy: OnnxAgent) -> Agent:

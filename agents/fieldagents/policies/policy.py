@@ -12,7 +12,7 @@ from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, AgentError, checked_actions
-from fieldagents.policies.told import Told, said
+from fieldagents.policies.told import Told, said, turned
 from fieldmodels.extras import needed
 
 DIAGNOSIS, TOLD = "diagnosis", "told"
@@ -98,21 +98,21 @@ class OnnxAgent(Agent):
     def fits(self, observations: Space[Any], actions: Space[Any]) -> None:
         """See ``Agent.fits``."""
         self._check(observations.shape)
-        action = self.act(np.zeros((2, *self.shape)), {})
+        action = self.act(np.zeros((2, *self.shape)), {one.turned_by: np.zeros(2) for one in self.told})
         self.reset(0)
         try:
             checked_actions(action, self.name, 2, actions)
         except AgentError as error:
             raise PolicyError(f"{self._source}: {error}") from None
 
-    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
-        """The deterministic actions for a batch of observations."""
+    def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
+        """The deterministic actions for a batch of observations; ``info`` turns what it is told."""
         observation = np.ascontiguousarray(observation, dtype=np.float32)
         self._check(observation.shape[1:])
         given = {"observation": observation}
         if self.told:
-            rows = len(observation), 2 * len(self.told)
-            given[DIAGNOSIS] = np.ascontiguousarray(np.broadcast_to(self.diagnosis, rows))
+            rows = np.broadcast_to(self.diagnosis, (len(observation), 2 * len(self.told)))
+            given[DIAGNOSIS] = turned(self.told, rows, info)
         if self._memories is None:
             return self._run(given)[0]
         if len(self._memory) != len(observation):

@@ -8,17 +8,20 @@ for a resume, and equal seeds are told the same.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmodels.model import Model
-from fieldmodels.reality import Reality
+from fieldgym import find_task
+from fieldmodels.drivers.named import flown
+from fieldmodels.registry import get_model
 
 LEAST, NAMED = 0.003, 4.0
 """Smallest standard error that is drawn, in spreads; and how many of them a named effect is from neutral."""
+NORTH_EAST = ("north", "east")
+"""Names of an effect's numbers that are a vector on the map."""
 UNSAID, EXACT = (0.0, 1.0), (0.0, 0.0)
 """Of a parameter of which nothing is said, and of one that is known to be neutral."""
 
@@ -32,12 +35,15 @@ class Told:
         name: Its name.
         neutral: Its value in the nominal simulation, or the nearest that was drawn: a limit's is far out.
         spread: Half of the range that it was drawn from in training, the unit of what is told.
+        turned_by: Of a number to the north or the east in a task that turns its observations, the entry of
+            ``info`` with their angle; see `turned`.
     """
 
     effect: str
     name: str
     neutral: float
     spread: float
+    turned_by: str = ""
 
     def numbers(self, estimate: Any, error: Any) -> NDArray[np.float64]:
         """Estimate and standard error as a policy reads them, shape (..., 2)."""
@@ -46,14 +52,27 @@ class Told:
         return np.stack([away, np.broadcast_to(sure, away.shape)], axis=-1)
 
 
-def told_of(model: Model, reality: Reality) -> tuple[Told, ...]:
-    """All parameters that a random reality draws, in the model's order."""
-    lowest, highest = reality.extremes(model)
+def told_of(task: str, reality: Any) -> tuple[Told, ...]:
+    """All parameters that a task's random reality draws, in its model's order.
+
+    Raises:
+        ValueError: If observations are turned, and of an effect's ``north`` and ``east`` one is not drawn as
+            the other is.
+    """
+    model, drawn = flown(get_model(find_task(task).model), reality)
+    lowest, highest = drawn.extremes(model)
     found = []
-    for i in reality.samplers(model):
+    for i in drawn.samplers(model):
         effect, _, name = model.names[i].rpartition(".")
         neutral = float(np.clip(model.all_parameters[i].nominal, lowest[i], highest[i]))
-        found.append(Told(effect or "parameters", name, neutral, float(highest[i] - lowest[i]) / 2))
+        by = find_task(task).turned_by if name in NORTH_EAST else ""
+        found.append(Told(effect or "parameters", name, neutral, float(highest[i] - lowest[i]) / 2, by))
+    for one in found:
+        if one.turned_by and sum(replace(one, name=name) in found for name in NORTH_EAST) < 2:
+            raise ValueError(
+                f"observations are turned, and so is what a policy is told: of {one.effect}, draw both north "
+                "and east, from ranges of one width"
+            )
     return tuple(found)
 
 
@@ -80,6 +99,43 @@ def known(told: Iterable[Told], reality: Mapping[str, Mapping[str, float]]) -> N
     """What one knows who knows a reality, shape (2 parameters,); what it does not name is neutral."""
     numbers = [one.numbers(reality.get(one.effect, {}).get(one.name, one.neutral), 0.0) for one in told]
     return np.concatenate(numbers).astype(np.float32)
+
+
+def turned(
+    told: Sequence[Told], numbers: NDArray[np.float32], info: Mapping[str, Any]
+) -> NDArray[np.float32]:
+    """What is told, as observations are turned: instead of north and east, ahead and to the right.
+
+    Args:
+        told: What policies are told of.
+        numbers: Shape (rows, 2 parameters).
+        info: Of these rows.
+
+    Returns:
+        Shape (rows, 2 parameters). The standard errors of a vector are turned as those of independent
+        numbers.
+
+    Raises:
+        ValueError: If the angle is not in ``info``, once a row.
+    """
+    result = np.array(numbers, dtype=np.float32).reshape(len(numbers), len(told), 2)
+    for k, one in enumerate(told):
+        if not one.turned_by or one.name == "east":
+            continue
+        angle = np.asarray(info.get(one.turned_by, np.nan), dtype=np.float64)
+        if angle.shape != (len(numbers),):
+            raise ValueError(
+                f"what is told of {one.effect} is turned by info[{one.turned_by!r}], one angle for each of "
+                f"{len(numbers)} rows: give act the info of the step, of a single aircraft or robot a row"
+            )
+        cosine, sine = np.cos(angle), np.sin(angle)
+        east = told.index(replace(one, name="east"))
+        (north_by, north_error), (east_by, east_error) = result[:, k].T.copy(), result[:, east].T.copy()
+        result[:, k, 0] = north_by * cosine + east_by * sine
+        result[:, east, 0] = east_by * cosine - north_by * sine
+        result[:, k, 1] = np.hypot(north_error * cosine, east_error * sine)
+        result[:, east, 1] = np.hypot(north_error * sine, east_error * cosine)
+    return result.reshape(numbers.shape)
 
 
 def simulated(told: Sequence[Told], reality: Mapping[str, Mapping[str, Any]]) -> NDArray[np.float32]:

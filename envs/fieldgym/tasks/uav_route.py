@@ -8,4 +8,5 @@ TASK = Task(
     description="Fly to a goal past radars that see an aircraft's sides, leg by leg.",
     version=1,
     model_reads=("place", "course", "radial", "path_length", "layout", "leg_left"),
+    turned_by="radial",
 )
