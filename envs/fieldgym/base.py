@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fieldgym.info import InfoLike, complete, merged, row
 from fieldgym.randomisation import Drawn
-from fieldmodels.compiled import compiled
+from fieldmodels.compiled import allocation_free
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.reality import Reality
 
@@ -230,21 +230,20 @@ class BatchTask(ABC):
         """Draw one environment."""
 
 
-@compiled
-def clipped(actions: NDArray[Any], low: Floats, high: Floats) -> Floats:
-    """Actions within bounds; shape (batch, numbers), the bounds (numbers,).
+@allocation_free
+def clip(actions: NDArray[Any], low: Floats, high: Floats, copy: Floats) -> bool:
+    """Copy actions within bounds; shape (batch, numbers), the bounds (numbers,).
 
     Returns:
-        A copy, float64; without rows if an action is not a finite number.
+        Whether all actions are finite numbers.
     """
-    copy = np.empty(actions.shape)
     for i in range(len(actions)):
         for j in range(len(low)):
             value = float(actions[i, j])
             if not math.isfinite(value):
-                return np.empty((0, len(low)))
+                return False
             copy[i, j] = min(max(value, low[j]), high[j])
-    return copy
+    return True
 
 
 class OwnLimit:
@@ -297,8 +296,8 @@ class ActionCheck:
             if values.shape[:1] != (batch,):
                 raise InvalidAction(f"actions of shape {self._shape} are needed, not {values.shape}")
             raise InvalidAction(f"an action of shape {tuple(own)} is needed, not {values.shape[1:]}")
-        checked = clipped(values, self._low, self._high)
-        if not len(checked):
+        checked = np.empty(values.shape)
+        if not clip(values, self._low, self._high, checked):
             raise InvalidAction(f"actions must be finite numbers, not {actions}")
         return checked
 

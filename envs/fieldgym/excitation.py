@@ -23,7 +23,7 @@ from fieldgym.info import Info
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import read_random_settings
 from fieldgym.stock import read_truth
-from fieldmodels.compiled import compiled
+from fieldmodels.compiled import allocation_free, allocation_free_inlined
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
 from fieldmodels.machines.excitation.parameters import (
@@ -112,29 +112,27 @@ def _rules(settings: ExcitationSettings, batch: int) -> NDArray[Any]:
     return kernel_rows(settings, batch, {"weight_of_each": weight_of_each(np.array(settings.weights))})
 
 
-@compiled
-def worth(
-    information: Floats, covariance: Floats, nominal: Floats, estimated: Flags, rules: NDArray[Any]
-) -> Floats:
+@allocation_free
+def fill_worth(
+    information: Floats, covariance: Floats, nominal: Floats, estimated: Flags, rules: NDArray[Any],
+    value: Floats,
+) -> None:  # fmt: skip
     """What experiments are worth, by the reward of each, shape (batch,)."""
-    value = np.empty(len(information))
     for i in range(len(information)):
         p = rules[i]
         if p.reward == RELATIVE:
             value[i] = relative_accuracy(covariance[i], nominal[i], p.weight_of_each, estimated)
         else:
             value[i] = bits(information[i], p.weight_of_each)
-    return value
 
 
-@compiled
+@allocation_free
 def observe(
     mean: Floats, covariance: Floats, command: Floats, phase: Floats, low: Floats, high: Floats,
-    elapsed: NDArray[np.int64], rules: NDArray[Any],
-) -> NDArray[np.float32]:  # fmt: skip
+    elapsed: NDArray[np.int64], rules: NDArray[Any], observed: NDArray[np.float32],
+) -> None:  # fmt: skip
     """What is known and where the arm is, shape (batch, 50)."""
     n = mean.shape[1]
-    observed = np.empty((len(mean), 2 * n + 6), dtype=np.float32)
     for i in range(len(mean)):
         row = observed[i]
         for k in range(n):
@@ -146,17 +144,24 @@ def observe(
             row[2 * n + k] = min(max(place, -1.0), 1.0)
         row[2 * n + 3], row[2 * n + 4] = math.cos(phase[i]), math.sin(phase[i])
         row[2 * n + 5] = max(1.0 - elapsed[i] / rules[i].decisions, 0.0)
-    return observed
 
 
-@compiled
+@allocation_free_inlined
+def sum_of(values: Floats) -> float:
+    """Sum from first to last; NumPy's own method takes long to compile."""
+    total = 0.0
+    for k in range(len(values)):
+        total += values[k]
+    return total
+
+
+@allocation_free
 def score(
     mean: Floats, naive: Floats, information: Floats, information_naive: Floats, truth: Floats,
     counted: Flags, elapsed: NDArray[np.int64], below_since: NDArray[np.int64],
-    keys: NDArray[np.uint64], samples: NDArray[np.int64],
-) -> Floats:  # fmt: skip
+    keys: NDArray[np.uint64], samples: NDArray[np.int64], numbers: Floats,
+) -> None:  # fmt: skip
     """``NUMBERS``, and the mean draw, shape (10, batch); ``below_since`` follows the average error."""
-    numbers = np.empty((10, len(mean)))
     for i in range(len(mean)):
         own, own_naive = error_percent(mean[i], truth[i], counted), error_percent(naive[i], truth[i], counted)
         if elapsed[i] == 0 or own[0] >= REACHED_PERCENT:
@@ -165,13 +170,12 @@ def score(
             below_since[i] = elapsed[i]
         time, reached = elapsed[i] * DECISION, below_since[i] >= 0
         values = (
-            time, information[i].sum(), information_naive[i].sum(), own[0], own[1], own_naive[0],
+            time, sum_of(information[i]), sum_of(information_naive[i]), own[0], own[1], own_naive[0],
             own_naive[1], 1.0 if reached else 0.0, below_since[i] * DECISION if reached else time,
             mean_draw(keys[i], samples[i]),
         )  # fmt: skip
         for k in range(len(values)):
             numbers[k, i] = values[k]
-    return numbers
 
 
 class _ExcitationTask(BatchTask):
@@ -286,22 +290,27 @@ class _ExcitationTask(BatchTask):
     def _worth(self, shaken: Shaken) -> Floats:
         """What the experiments are worth as they stand, by the settings' reward, shape (batch,)."""
         shakers = self.shakers
-        return worth(shaken.bits, shaken.covariance, shakers.nominal, shakers.estimated, self._rules)
+        value = np.empty(len(self.elapsed))
+        fill_worth(shaken.bits, shaken.covariance, shakers.nominal, shakers.estimated, self._rules, value)
+        return value
 
     def observation(self) -> NDArray[np.float32]:
         """What is known and where the arm is, shape (batch, 50)."""
         shaken = self.shaken
-        return observe(
+        observed = np.empty((len(self.elapsed), 2 * UNKNOWNS + 6), dtype=np.float32)
+        observe(
             shaken.mean, shaken.covariance, shaken.command, shaken.phase, *self.shakers.ranges, self.elapsed,
-            self._rules,
+            self._rules, observed,
         )  # fmt: skip
+        return observed
 
     def reset_info(self) -> Info:
         """The info, the same after ``reset`` as after a step."""
         shaken, truth = self.shaken, self.shakers.truth
-        numbers = score(
+        numbers = np.empty((len(NUMBERS) + 1, len(self.elapsed)))
+        score(
             shaken.mean, shaken.mean_naive, shaken.bits, shaken.bits_naive, truth, self.shakers.estimated,
-            self.elapsed, self.below_since, *self.shakers.streams,
+            self.elapsed, self.below_since, *self.shakers.streams, numbers,
         )  # fmt: skip
         others = {
             "noise_draw": numbers[len(NUMBERS)],

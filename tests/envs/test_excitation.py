@@ -1,5 +1,9 @@
 """The excitation task: what its docs page states."""
 
+import os
+import subprocess
+import sys
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -309,3 +313,27 @@ def test_pictures_go_on_from_a_restored_state():
     blank = env.render()
     env.step(np.zeros(3, np.float32))
     assert (env.render() != blank).any()
+
+
+FIRST_STEP = """
+import gymnasium as gym, fieldgym
+from numba.core import event
+with event.install_recorder("numba:compile") as record:
+    env = gym.make("fieldgym/Excitation-v0")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+print(sum(one.is_start for _, one in record.buffer))
+"""
+
+
+def test_a_first_step_compiles_at_most_so_many_functions(tmp_path):
+    """Each takes 12 ms and more, and one that creates an array compiles another six for it."""
+    places = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "TMPDIR"), str(tmp_path))
+    found = subprocess.run(
+        [sys.executable, "-c", FIRST_STEP],
+        env=os.environ | places,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert 50 < int(found.stdout) <= 100

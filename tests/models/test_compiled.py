@@ -18,11 +18,13 @@ import numba
 import numpy as np
 import pytest
 from numba.core import config, event
+from numba.core.compiler import Flags
 
 import fieldagents
 import fieldmodels
 from fieldmodels.compiled import allocation_free, cache, cache_folder, compiled, fingerprint, folder, inlined
 from fieldmodels.compiled.fingerprint import _globals_read
+from fieldmodels.compiled.settled import _Settled
 
 LAB = {
     "__init__.py": "",
@@ -421,6 +423,32 @@ def test_a_part_has_one_version_no_file_and_its_own_errors(tmp_path, monkeypatch
         thirds(np.ones(5))
     assert raised.value.args[1] == 4
     assert third(np.ones(3), 1) == 1.0 / 3.0  # Python may call it, too
+
+
+def test_settings_are_read_a_few_times_a_kernel(monkeypatch):
+    """Not for each operator and each of its implementations; and they mean what Numba's own mean."""
+    reads = 0
+
+    def counted(flags):
+        nonlocal reads
+        reads += 1
+        return read(flags)
+
+    read = Flags.values
+    monkeypatch.setattr(Flags, "values", counted)
+
+    @compiled
+    def total(x):
+        return x[0] + x[1] + x[2] + x[3]
+
+    total._cache.disable()
+    assert total(np.arange(4.0)) == 6.0
+    assert reads <= 10
+    flags, other = Flags(), Flags()
+    other.nrt = True
+    assert _Settled(flags) == flags
+    assert hash(_Settled(flags)) == hash(flags)
+    assert _Settled(flags) != _Settled(other)
 
 
 def test_garbage_is_collected_again_after_a_failure():

@@ -161,7 +161,7 @@ def test_the_noise_of_an_equation_is_that_of_its_parts():
     x = np.array([0.7, -1.9])
     second, out = np.empty((3, 3)), np.empty((2, 2))
     _second_moment(x, np.zeros((2, 2)), True, second)
-    row_noise(pairs_of(TWO_ROWS), second, noise, 0.25, out)
+    row_noise(pairs_of(TWO_ROWS), second.ravel(), noise.ravel(), 0.25, out, out.ravel())
     parts = np.array([[x[0], x[1], -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, x[1], -1.0]])
     np.testing.assert_allclose(out, 0.25 * parts @ noise @ parts.T, rtol=1e-12)
 

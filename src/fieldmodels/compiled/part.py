@@ -14,9 +14,9 @@ import numba
 from numba.core import types
 from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
 
 from fieldmodels.compiled.cache import refuse_array
+from fieldmodels.compiled.settled import SettledCompiler
 
 
 class _NoEngine:
@@ -43,7 +43,7 @@ class _PartLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-class _PartCompiler(Compiler):
+class _PartCompiler(SettledCompiler):
     def __init__(self, typing: Any, target: Any, _: Any, *others: Any):
         super().__init__(typing, target, _PartLibrary(target.codegen(), "part"), *others)
 

@@ -28,13 +28,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from functools import lru_cache
+from threading import get_ident
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free, allocation_free_inlined, compiled, inlined
 from fieldmodels.model import ModelError
 from fieldmodels.threads import run_rows
 
@@ -131,7 +133,61 @@ WIDTH = 16
 _ROUNDING = 1e-12
 
 
-@inlined
+class Room(NamedTuple):
+    """Arrays in which an estimate is worked out: kernels that create none compile faster.
+
+    Flat ones are views of those above them.
+
+    Attributes:
+        second: Shape (unknowns + 1, unknowns + 1), as the next two.
+        measured: Half of [A | F]' W [A | F], then all of it.
+        free: The same without the noise's moments.
+        score: Shape (unknowns, unknowns), as the next two.
+        information: Of the estimate.
+        root: Of a triangular matrix' inverse.
+        right: Shape (unknowns, unknowns + 1).
+        weights: Of a mode's equations, shape (rows, rows), as the next two.
+        factor: Their Cholesky factor.
+        row_root: Its inverse.
+    """
+
+    second: FloatArray
+    measured: FloatArray
+    free: FloatArray
+    flat_second: FloatArray
+    flat_measured: FloatArray
+    flat_free: FloatArray
+    score: FloatArray
+    information: FloatArray
+    root: FloatArray
+    right: FloatArray
+    weights: FloatArray
+    flat_weights: FloatArray
+    factor: FloatArray
+    row_root: FloatArray
+
+
+def room_for(unknowns: int, rows: int) -> Room:
+    """Room for an estimate of so many unknowns from so many equations a mode."""
+    n = unknowns + 1
+    second, measured, free = np.empty((3, n, n))
+    score, information, root = np.empty((3, unknowns, unknowns))
+    weights, factor, row_root = np.empty((3, rows, rows))
+    return Room(
+        second, measured, free, second.reshape(-1), measured.reshape(-1), free.reshape(-1),
+        score, information, root, np.empty((unknowns, n)), weights, weights.reshape(-1), factor, row_root,
+    )  # fmt: skip
+
+
+@allocation_free_inlined
+def clear(matrix: FloatArray) -> None:
+    """Set a matrix to zero."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            matrix[i, j] = 0.0
+
+
+@allocation_free_inlined
 def copy_to(out: FloatArray, values: FloatArray) -> None:
     """Write a matrix, or its first columns; assigned to a slice, it takes seconds to compile."""
     for i in range(out.shape[0]):
@@ -139,7 +195,7 @@ def copy_to(out: FloatArray, values: FloatArray) -> None:
             out[i, j] = values[i, j]
 
 
-@inlined
+@allocation_free_inlined
 def all_finite(values: FloatArray) -> bool:
     """Whether a matrix holds no other than finite numbers."""
     odd = 0
@@ -190,7 +246,7 @@ def accumulate(y: FloatArray, average: int, moments: FloatArray) -> None:
             moments[k, m] = sums[k, m]
 
 
-@inlined
+@allocation_free_inlined
 def accumulate_noise(noise: FloatArray, average: int, total: FloatArray) -> None:
     """Add the noise of a chunk, summed over its samples, as it is after averaging; upper triangles."""
     share = 1.0 / (average * average)
@@ -199,7 +255,7 @@ def accumulate_noise(noise: FloatArray, average: int, total: FloatArray) -> None
             total[k, m] += noise[k, m] * share
 
 
-@compiled
+@allocation_free
 def estimate(
     pairs: Pairs,
     moments: FloatArray,
@@ -212,12 +268,13 @@ def estimate(
     passes: int,
     mean: FloatArray,
     covariance: FloatArray,
+    room: Room,
 ) -> None:
     """Estimate the unknowns from the statistic, in place of the last estimate.
 
     Args:
         pairs: Of the terms of every mode.
-        moments: Sum of y y' of each mode, shape (modes, K, K), upper triangles.
+        moments: Sum of y y' of each mode, shape (modes, K * K), upper triangles.
         noise: Sum of V of each mode, of that shape.
         samples: Number of samples (after averaging) in both sums, positive.
         active: Which equations of each mode are used, shape (modes, rows).
@@ -227,24 +284,21 @@ def estimate(
         passes: How often weights and estimate are found from each other.
         mean: The last estimate, or the prior's; becomes the new one; shape (unknowns,).
         covariance: The same, shape (unknowns, unknowns).
+        room: Overwritten.
     """
     n = len(prior_mean)
-    rows = active.shape[1]
-    second = np.empty((n + 1, n + 1))
-    weights = np.empty((rows, rows))
-    measured = np.empty((n + 1, n + 1))
-    free = np.empty((n + 1, n + 1))
-    score = np.empty((n, n))
-    right = np.empty((n, n + 1))
-    information = np.empty((n, n))
+    second, measured, free, right = room.second, room.measured, room.free, room.right
+    score, information = room.score, room.information
     for _ in range(passes if compensated else 1):
         _second_moment(mean, covariance, compensated, second)
-        measured[:, :] = 0.0
-        free[:, :] = 0.0
+        clear(measured)
+        clear(free)
         for mode in range(len(moments)):
-            row_noise(pairs, second, noise[mode], 1.0 / samples, weights)
-            _invert(weights, active[mode])
-            _contract(pairs, weights, moments[mode], noise[mode], measured, free)
+            row_noise(pairs, room.flat_second, noise[mode], 1.0 / samples, room.weights, room.flat_weights)
+            _invert(room.weights, active[mode], room.factor, room.row_root)
+            _contract(
+                pairs, room.flat_weights, moments[mode], noise[mode], room.flat_measured, room.flat_free
+            )
         add_transposed(measured)
         add_transposed(free)
         if not compensated:
@@ -276,7 +330,7 @@ def estimate(
                 total = right[i, n]
             mean[i] = total
         _cholesky(information)
-        _inverse(information, score)
+        _inverse(information, score, room.root)
         for i in range(n):
             total = 0.0
             for j in range(n):
@@ -288,27 +342,29 @@ def estimate(
                 covariance[i, j] = score[i, j] * (prior_deviation[i] * prior_deviation[j])
 
 
-@compiled
-def row_noise(pairs: Pairs, second: FloatArray, noise: FloatArray, share: float, out: FloatArray) -> None:
+@allocation_free
+def row_noise(
+    pairs: Pairs, second: FloatArray, noise: FloatArray, share: float, out: FloatArray, total: FloatArray
+) -> None:
     """Covariance of the noise of the equations F - A x of one mode, in place of ``out``, (rows, rows).
 
     Args:
         pairs: Of the mode's terms.
-        second: E[z z'] of z = (x, -1), shape (unknowns + 1, unknowns + 1).
-        noise: Covariance of the features' noise, shape (K, K), upper triangle.
+        second: E[z z'] of z = (x, -1), (unknowns + 1, unknowns + 1) flattened.
+        noise: Covariance of the features' noise, (K, K) flattened, upper triangle.
         share: Factor of the noise.
         out: Overwritten.
+        total: The same flattened.
     """
-    out[:, :] = 0.0
-    of, known, total = noise.ravel(), second.ravel(), out.ravel()
+    clear(out)
     for p in range(len(pairs.rows)):
-        moment = of[pairs.features[p]]
+        moment = noise[pairs.features[p]]
         if moment != 0.0:
-            total[pairs.rows[p]] += share * pairs.coefficient[p] * known[pairs.columns[p]] * moment
+            total[pairs.rows[p]] += share * pairs.coefficient[p] * second[pairs.columns[p]] * moment
     add_transposed(out)
 
 
-@inlined
+@allocation_free_inlined
 def add_transposed(matrix: FloatArray) -> None:
     """Make a square matrix the sum of itself and its transpose, in place."""
     for i in range(len(matrix)):
@@ -316,11 +372,11 @@ def add_transposed(matrix: FloatArray) -> None:
             matrix[i, j] = matrix[j, i] = matrix[i, j] + matrix[j, i]
 
 
-@inlined
+@allocation_free_inlined
 def _second_moment(mean: FloatArray, covariance: FloatArray, uncertain: bool, out: FloatArray) -> None:
     """E[z z'] of z = (x, -1), widened; for the naive filter that of (0, -1), the noise of F alone."""
     n = len(mean)
-    out[:, :] = 0.0
+    clear(out)
     if uncertain:
         for i in range(n):
             for j in range(n):
@@ -330,29 +386,27 @@ def _second_moment(mean: FloatArray, covariance: FloatArray, uncertain: bool, ou
     out[n, n] = 1.0
 
 
-@compiled
+@allocation_free
 def _contract(
     pairs: Pairs,
     weights: FloatArray,
-    moments: FloatArray,
-    noise: FloatArray,
-    measured: FloatArray,
-    free: FloatArray,
+    seen: FloatArray,
+    erring: FloatArray,
+    total: FloatArray,
+    rest: FloatArray,
 ) -> None:
     """Add half of [A | F]' W [A | F] of one mode, as measured and freed of the noise's moments.
 
-    The other half is its transpose.
+    The other half is its transpose. All matrices are flattened.
     """
-    of, seen, erring = weights.ravel(), moments.ravel(), noise.ravel()
-    total, rest = measured.ravel(), free.ravel()
     for p in range(len(pairs.rows)):
-        weight, i, k = of[pairs.rows[p]] * pairs.coefficient[p], pairs.columns[p], pairs.features[p]
+        weight, i, k = weights[pairs.rows[p]] * pairs.coefficient[p], pairs.columns[p], pairs.features[p]
         total[i] += weight * seen[k]
         rest[i] += weight * (seen[k] - erring[k])
 
 
-@compiled
-def _invert(matrix: FloatArray, active: NDArray[np.bool_]) -> None:
+@allocation_free
+def _invert(matrix: FloatArray, active: NDArray[np.bool_], factor: FloatArray, root: FloatArray) -> None:
     """Turn the covariance of equations into their weights, in place; equations left out weigh nothing."""
     size = len(matrix)
     trace = 0.0
@@ -363,18 +417,18 @@ def _invert(matrix: FloatArray, active: NDArray[np.bool_]) -> None:
     floor = 1e-12 * trace + 1e-18
     for i in range(size):
         if not active[i]:
-            matrix[i, :] = 0.0
-            matrix[:, i] = 0.0
+            for k in range(size):
+                matrix[i, k] = matrix[k, i] = 0.0
         matrix[i, i] += floor
-    factor = matrix.copy()
+    copy_to(factor, matrix)
     _cholesky(factor)
-    _inverse(factor, matrix)
+    _inverse(factor, matrix, root)
     for i in range(size):
         if not active[i]:
             matrix[i, i] = 0.0
 
 
-@compiled
+@allocation_free
 def _cholesky(matrix: FloatArray) -> None:
     """Lower Cholesky factor in place; the upper triangle is left as it was."""
     size = len(matrix)
@@ -391,7 +445,7 @@ def _cholesky(matrix: FloatArray) -> None:
             matrix[i, j] = total / root
 
 
-@compiled
+@allocation_free
 def _forward(factor: FloatArray, right: FloatArray) -> None:
     """Solve L z = right in place, for each column of ``right``."""
     columns = right.shape[1]
@@ -406,11 +460,11 @@ def _forward(factor: FloatArray, right: FloatArray) -> None:
             right[i, c] *= value
 
 
-@compiled
+@allocation_free
 def _gram(z: FloatArray, out: FloatArray) -> None:
     """Z'Z of the leading square of ``z``, in place of ``out``."""
     n = len(z)
-    out[:, :] = 0.0
+    clear(out)
     for k in range(n):
         for i in range(n):
             value = z[k, i]
@@ -419,15 +473,15 @@ def _gram(z: FloatArray, out: FloatArray) -> None:
                     out[i, j] += value * z[k, j]
 
 
-@compiled
-def _inverse(factor: FloatArray, out: FloatArray) -> None:
-    """(L L')^-1 in place of ``out``, exactly symmetric."""
+@allocation_free
+def _inverse(factor: FloatArray, out: FloatArray, root: FloatArray) -> None:
+    """(L L')^-1 in place of ``out``, exactly symmetric; L^-1 in place of ``root``."""
     size = len(factor)
-    root = np.zeros((size, size))
+    clear(root)
     for i in range(size):
         root[i, i] = 1.0
     _forward(factor, root)
-    out[:, :] = 0.0
+    clear(out)
     for k in range(size):
         for i in range(k + 1):
             value = root[k, i]
@@ -452,8 +506,9 @@ def _accumulate_all(
                 finite[b] = False
 
 
-@compiled
+@allocation_free
 def _estimate_all(
+    room: Room,
     pairs: Pairs,
     moments: FloatArray,
     noise: FloatArray,
@@ -480,7 +535,22 @@ def _estimate_all(
                 passes,
                 mean[b],
                 covariance[b],
+                room,
             )
+
+
+@lru_cache(maxsize=64)
+def _own_room(unknowns: int, rows: int, _thread: int) -> Room:
+    """A thread's room, made once."""
+    return room_for(unknowns, rows)
+
+
+def _estimated(pairs: Pairs, moments: FloatArray, noise: FloatArray, *others: Any) -> None:
+    """``_estimate_all`` of a share of the filters, in its thread's room."""
+    flat = (*moments.shape[:2], moments.shape[2] * moments.shape[3])
+    mean, active = others[-2], others[1]
+    room = _own_room(mean.shape[1], active.shape[1], get_ident())
+    _estimate_all(room, pairs, moments.reshape(flat), noise.reshape(flat), *others)
 
 
 class ParameterFilters:
@@ -616,7 +686,7 @@ class ParameterFilters:
             run_rows(
                 self.threads,
                 batch,
-                _estimate_all,
+                _estimated,
                 self._pairs,
                 self._moments[method.average],
                 self._noise[method.average],

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free, compiled, inlined
 from fieldmodels.drivers.stepped import Signals, give
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
 from fieldmodels.machines.excitation.lanes import advance_modes
@@ -170,9 +170,13 @@ def sense(
     signals: FloatArray,
     features: FloatArray,
     noise: FloatArray,
+    measured: FloatArray,
+    variance: FloatArray,
 ) -> None:
-    """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features."""
-    measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
+    """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features.
+
+    The last two are overwritten: signals of a sample and their noise's variances, shape (24,).
+    """
     for mode in range(MODES):
         for i in range(FEATURES):
             for k in range(FEATURES):
@@ -238,7 +242,7 @@ def show(e: Experiments, gravity: float, around: Around | None, signals: FloatAr
                 compensate(gravity, signals[b, mode])
 
 
-@compiled
+@allocation_free
 def measure(
     e: Experiments,
     rules: NDArray[Any],
@@ -246,10 +250,11 @@ def measure(
     signals: FloatArray,
     features: FloatArray,
     noise: FloatArray,
+    room: FloatArray,
 ) -> None:
-    """Sense what the sensors show, and count the samples."""
+    """Sense what the sensors show, and count the samples; ``room``, (2, 24), is overwritten."""
     for b in range(len(signals)):
-        sense(e, b, rules[b], gravity, signals[b], features[b], noise[b])
+        sense(e, b, rules[b], gravity, signals[b], features[b], noise[b], room[0], room[1])
         e.counts[b] += SAMPLES
 
 
@@ -287,4 +292,4 @@ def shake(
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]
     if e.sensing.any() or (around is not None and around.senses):
         show(e, arm[GRAVITY], around, signals)
-    measure(e, rules, arm[GRAVITY], signals, features, noise)
+    measure(e, rules, arm[GRAVITY], signals, features, noise, np.empty((2, SIGNALS)))

@@ -20,11 +20,13 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.estimation.parameter_filter import (
     METHODS,
     Pairs,
+    Room,
     Terms,
     accumulate,
     accumulate_noise,
     estimate,
     pairs_of,
+    room_for,
 )
 from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE
@@ -308,6 +310,7 @@ def _predict(
     situation: Known,
     vehicles: NDArray[Any],
     wanted: FloatArray,
+    room: Room,
     covariances: FloatArray,
     grams: FloatArray,
 ) -> None:
@@ -326,6 +329,7 @@ def _predict(
         np.empty((MODES, SIGNALS)),
         np.empty(3),
     )
+    flat_moments, flat_noise = sums.moments.reshape((MODES, -1)), sums.noise.reshape((MODES, -1))
     shaken, after, believed = np.empty((MODES, STATE)), np.empty(3), np.empty(UNKNOWNS)
     for b in range(len(situation.mean)):
         fill_past(situation.command[b], situation.phase[b], buffers.motion)
@@ -345,8 +349,8 @@ def _predict(
             believed[:] = situation.mean[b]
             covariances[b, c] = situation.covariance[b]
             estimate(
-                setup.pairs, sums.moments, sums.noise, samples, setup.active, situation.mean[b],
-                setup.deviation, setup.compensated, 1, believed, covariances[b, c],
+                setup.pairs, flat_moments, flat_noise, samples, setup.active, situation.mean[b],
+                setup.deviation, setup.compensated, 1, believed, covariances[b, c], room,
             )  # fmt: skip
 
 
@@ -421,5 +425,6 @@ class Predictor:
         result = Outlook(np.empty(shape), np.empty(shape))
         known = Known(**{name: getattr(situation, name) for name in Known._fields})
         shaken = as_vehicles(make_physical(situation.mean if vehicles is None else vehicles))
-        _predict(self._setup, known, shaken, wanted, result.covariance, result.gram)
+        room = room_for(UNKNOWNS, EQUATIONS)
+        _predict(self._setup, known, shaken, wanted, room, result.covariance, result.gram)
         return result

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free, compiled, inlined
 from fieldmodels.declared import any_on, as_rows
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
@@ -101,15 +101,23 @@ def error_percents(mean: FloatArray, truth: FloatArray, counted: NDArray[np.bool
     return percents
 
 
-@compiled
-def information_of(covariance: FloatArray, estimated: NDArray[np.bool_], rules: NDArray[Any]) -> FloatArray:
+@allocation_free
+def fill_information(
+    covariance: FloatArray, estimated: NDArray[np.bool_], rules: NDArray[Any], information: FloatArray
+) -> None:
     """Information about each parameter [bits], shape (batch, 22); 0 where it is not estimated."""
-    information = np.zeros(covariance.shape[:2])
     for i in range(len(covariance)):
         for k in range(len(estimated)):
+            information[i, k] = 0.0
             if estimated[k]:
                 deviation = math.sqrt(covariance[i, k, k])
                 information[i, k] = fast_bits(deviation, UPPER[k] - LOWER[k], rules[i].bits)
+
+
+def information_of(covariance: FloatArray, estimated: NDArray[np.bool_], rules: NDArray[Any]) -> FloatArray:
+    """``fill_information`` in an array of its own."""
+    information = np.empty(covariance.shape[:2])
+    fill_information(covariance, estimated, rules, information)
     return information
 
 
