@@ -147,7 +147,7 @@ class Spy(Constant):
 
 @every_task
 def test_an_agent_is_handed_the_entries_of_its_right_and_no_others(task):
-    read = {"observation": set(), "model": set(), "privileged": set()}
+    read = {"observation": set(), "diagnosis": set(), "model": set(), "privileged": set()}
     for settings in ({}, *FURTHER.get(task, ())):
         space = gymnasium.make(fieldgym.TASKS[task].env_id, settings=settings).action_space
         for sees, found in read.items():
@@ -155,6 +155,7 @@ def test_an_agent_is_handed_the_entries_of_its_right_and_no_others(task):
             run_episodes(spy, task, EnvironmentConfig(settings=settings), TEST_SEEDS[:2])
             found |= spy.read
     assert read["observation"] == set()
+    assert read["diagnosis"] == {fieldgym.TASKS[task].turned_by} - {""}
     assert read["model"] == set(fieldgym.TASKS[task].model_reads)  # none of them is misspelt
     assert "privileged" in read["privileged"]
     assert read["model"] < read["privileged"]
