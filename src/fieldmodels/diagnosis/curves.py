@@ -45,6 +45,7 @@ from fieldmodels.diagnosis.selection import (
     block_p_value,
     dispersed_p_value,
     dispersion,
+    far_beyond,
     largest_share,
 )
 from fieldmodels.diagnosis.shapes import (
@@ -317,6 +318,8 @@ class Curves:
         blocks, fitted = self.problem.blocks, scored.candidate.fit
         if self.problem.model.random_force:
             needed *= OF_CHANCE
+        elif far_beyond(scored.gain, scored.total, needed, blocks):
+            return True
         if scored.p_value >= RARE_P or scored.total - largest_share(scored.gain, blocks) <= needed:
             return False
         step, _ = _solved(fitted)
@@ -380,13 +383,16 @@ class Curves:
 
     def as_known(self, candidate: Candidate, found: Iterable[Scored]) -> list[Scored]:
         """Known functions of the variables of some tables, the most probable first."""
-        known = [
+        return self.judge(candidate, self.functions(scored.curve for scored in found))
+
+    def functions(self, found: Iterable[Curve]) -> list[Curve]:
+        """Known functions of the variables of some tables."""
+        return [
             self._perhaps_share(one)
-            for scored in found
-            if scored.curve.over in self.signals
-            for one in known_functions(scored.curve, self.signals[scored.curve.over][1])
+            for curve in found
+            if curve.over in self.signals
+            for one in known_functions(curve, self.signals[curve.over][1])
         ]
-        return self.judge(candidate, known)
 
     def repeats(self, curve: Curve, chosen: Candidate) -> bool:
         """Whether a part of what a curve adds is what a set's effects do, the base's parameters aside."""

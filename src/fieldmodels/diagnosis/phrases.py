@@ -19,8 +19,11 @@ FORMULAS = {
     "sign and constant": "by its sign, and a constant",
     "size": "by its size",
     "square": "by its square",
+    "root with sign": "by its root, with its sign",
+    "power 1.5 with sign": "by its power 1.5, with its sign",
     "square with sign": "by its square, with its sign",
     "cube": "by its cube",
+    "fifth power": "by its fifth power",
 }
 """How a formula reads where its name alone says too little."""
 UNCOUNTED = frozenset({

@@ -22,6 +22,9 @@ Progress = Callable[[str, float], None]
 
 RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
 STRONG_P = 1e-6  # of its likelihood-ratio test; noise that is not white reached 6e-6 where nothing was hidden
+UNEVEN = (
+    3.0  # times what it must bring, in a part of the data alone; 2.5 were reached where nothing was hidden
+)
 AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = 2.0  # nats that count as none
 PARENTS = 3  # best sets of each size that are extended
@@ -84,9 +87,25 @@ def accepted(
         or child.fit.cost >= parent.fit.cost
     ):
         return False
-    if block_p_value(gain, blocks) < options.level:
+    if block_p_value(gain, blocks) < options.level or far_beyond(gain, total, options.least_gain, blocks):
         return True
     return in_few_blocks(parent, child, blocks, options) < STRONG_P
+
+
+def far_beyond(gain: FloatArray, total: float, needed: float, blocks: IntArray) -> bool:
+    """Whether something brings so much that it may be in some blocks, and be wrong in others.
+
+    What begins at some time is fitted to all of it: it brings much in one part and costs something in the
+    other, and a t-test over blocks sees their differences.
+
+    Args:
+        gain: Of every window [nats].
+        total: All of it, after its price.
+        needed: What it must bring.
+        blocks: Of every window.
+    """
+    most = total - largest_share(gain, blocks)
+    return bool(total > UNEVEN * needed and most > needed and block_p_value(gain, blocks) < RARE_P)
 
 
 def in_few_blocks(

@@ -30,8 +30,9 @@ def _step(x: FloatArray) -> FloatArray:
     return np.asarray(np.tanh(x / 0.02))
 
 
-def _bend(x: FloatArray) -> FloatArray:
-    return np.asarray(x * np.abs(x))
+def _power(exponent: float) -> Callable[[FloatArray], FloatArray]:
+    """A power of the size, with the sign."""
+    return lambda x: np.asarray(np.sign(x) * np.abs(x) ** exponent)
 
 
 FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
@@ -43,8 +44,11 @@ FUNCTIONS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {
     "on the positive side": (lambda x: np.maximum(x, 0.0),),
     "on the negative side": (lambda x: np.minimum(x, 0.0),),
     "square": (np.square,),
-    "square with sign": (_bend,),
-    "cube": (lambda x: np.asarray(x**3),),
+    "root with sign": (_power(0.5),),
+    "power 1.5 with sign": (_power(1.5),),
+    "square with sign": (_power(2.0),),
+    "cube": (_power(3.0),),
+    "fifth power": (_power(5.0),),
 }
 """Functions that are common in machines, of a variable over its largest size."""
 OF_ANGLES: Mapping[str, tuple[Callable[[FloatArray], FloatArray], ...]] = {"once a turn": (np.sin, np.cos)}

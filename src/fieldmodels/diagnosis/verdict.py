@@ -15,6 +15,7 @@ from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.chance import varying_by_chance
 from fieldmodels.diagnosis.curves import NEAR_BEST, Curves, Scored
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
+from fieldmodels.diagnosis.misshapen import misshapen
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.phrases import CURVE
 from fieldmodels.diagnosis.problem import IntArray, Problem
@@ -101,6 +102,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         beaten,
         {
             **as_good,
+            **{name: _words(one) for name, one in misshapen(beside, kept).items()},
             **_in_one_sensor(problem, kept, left),
             **varying_by_chance(problem, kept),
             **_varying(beside, kept),

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
-from fieldmodels.exam.plants import axis_listed, axis_unlisted
+from fieldmodels.exam.plants import axis_listed, axis_unlisted, lookalikes
 from fieldmodels.exam.plants.axis import Axis, Control, Joint, simulate
 from fieldmodels.exam.plants.axis_unlisted import Scale
 from fieldmodels.exam.plants.commands import COMMANDS, POOR, path
@@ -41,7 +41,9 @@ class AxisBench(Bench):
         dimensions: Of a base parameter in powers of inertia, length and time.
     """
 
-    unlisted = MappingProxyType({"develop": axis_unlisted.DEVELOP, "report": axis_unlisted.REPORT})
+    unlisted = MappingProxyType(
+        {"develop": {**axis_unlisted.DEVELOP, **lookalikes.AXIS}, "report": axis_unlisted.REPORT}
+    )
     needs_base = frozenset({"payload", "actuator_gain"})
     steady = (
         "coulomb_friction",

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log, noisy
-from fieldmodels.exam.plants import drive_faults
+from fieldmodels.exam.plants import drive_faults, lookalikes
 from fieldmodels.exam.plants.commands import held, path
 from fieldmodels.exam.plants.drive import Control, Drive, Pose, simulate
 from fieldmodels.exam.plants.drive_faults import Scale
@@ -59,7 +59,9 @@ class DriveBench(Bench):
     steady = ("yaw_slip", "sideways_slip", "actuator_dead_zone", "actuator_lag", "unequal_wheels")
     usual_length = 4.0
     typical = TYPICAL
-    unlisted = MappingProxyType({"develop": drive_faults.DEVELOP, "report": drive_faults.REPORT})
+    unlisted = MappingProxyType(
+        {"develop": {**drive_faults.DEVELOP, **lookalikes.DRIVE}, "report": drive_faults.REPORT}
+    )
     by_wheels: ClassVar[bool] = False
 
     def base(self, seed: int) -> dict[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
-from fieldmodels.exam.plants import flight
+from fieldmodels.exam.plants import flight, lookalikes
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
 from fieldmodels.recording import Recording
@@ -56,7 +56,7 @@ class UavRoute(Bench):
         )
     )
     typical = TYPICAL
-    unlisted = MappingProxyType({"develop": flight.DEVELOP, "report": flight.REPORT})
+    unlisted = MappingProxyType({"develop": {**flight.DEVELOP, **lookalikes.FLIGHT}, "report": flight.REPORT})
     usual_length = 150.0
 
     def base(self, seed: int) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
-from fieldmodels.exam.plants import leg
+from fieldmodels.exam.plants import leg, lookalikes
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
@@ -55,7 +55,7 @@ class HeelStrike(Bench):
     effects = tuple(leg.LISTED)
     steady = ("viscous_friction", "constant_force", "gyro_gain", "gyro_bias")
     typical = TYPICAL
-    unlisted = MappingProxyType({"develop": leg.DEVELOP, "report": leg.REPORT})
+    unlisted = MappingProxyType({"develop": {**leg.DEVELOP, **lookalikes.LEG}, "report": leg.REPORT})
     usual_length = 1.5
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
-from fieldmodels.exam.plants import walk
+from fieldmodels.exam.plants import lookalikes, walk
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.exam.plants.ruler import Ruler, Windows
 from fieldmodels.exam.plants.walk import EXCITATION, NOISE, Walker
@@ -48,7 +48,7 @@ class LineFollowing(Bench):
     steady = ("turn_gain", "steering_bias", "sensor_gain", "camera_yaw")
     usual_length = 15.0
     typical = TYPICAL
-    unlisted = MappingProxyType({"develop": walk.DEVELOP, "report": walk.REPORT})
+    unlisted = MappingProxyType({"develop": {**walk.DEVELOP, **lookalikes.WALK}, "report": walk.REPORT})
 
     def base(self, seed: int) -> dict[str, float]:
         """See ``Bench.base``: both are known to the diagnosis, as nominal."""
