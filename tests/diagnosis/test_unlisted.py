@@ -360,3 +360,23 @@ def test_thresholds_are_arguments():
     strict = DiagnosisOptions(level=1e-9, curve_level=1e-9, least_share=10.0, least_gain=1e6, above=1e9)
     logs = [rig(seed, **HIDDEN[kind][0]) for seed in (3, 503)]
     assert diagnose(get_model("rig"), logs[:1], logs[1:], options=strict).verdict == "consistent"
+
+
+@pytest.mark.parametrize("seed", [3, 6], ids=["steps", "waves"])
+@pytest.mark.parametrize(("power", "size"), [(1.5, 0.8), (2.0, 2.0), (3.0, 4.0)])
+def test_drag_by_another_power_of_the_speed_is_not_called_quadratic(power: float, size: float, seed: int):
+    """Where it is the square, the name stands alone."""
+    fault = {"push": lambda t, x, v, u: -size * math.copysign(abs(v) ** power, v)}
+    result = diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
+    [drag] = result.causes
+    assert drag.effect == "quadratic_drag"
+    assert any("velocity" in other for other in drag.alternatives) == (power != 2.0)
+
+
+@pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
+def test_commands_that_come_late_from_some_time_on_are_not_overlooked(seed: int):
+    """By a sample, in the last two fifths: a delay of all of it helps there as much as it harms before."""
+    fault = {"late": lambda _rng: (np.arange(SAMPLES) > 0.6 * SAMPLES).astype(np.int64)}
+    result = diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
+    assert result.verdict == "unknown", result.summary()
+    assert result.curves[0].over == "change of force times time"

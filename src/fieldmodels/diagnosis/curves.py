@@ -400,10 +400,10 @@ class Curves:
         known = fitted.jacobian[:, :, fitted.active]
         base = fitted.free[fitted.active] < len(self.problem.model.parameters)
         own = stacked(self.response(curve))
-        own = _beyond_span(own / (np.sqrt(np.sum(own**2, axis=0)) + 1e-300), stacked(known[:, :, base]))
+        own = beyond_span(own / (np.sqrt(np.sum(own**2, axis=0)) + 1e-300), stacked(known[:, :, base]))
         left, size, _ = np.linalg.svd(own, full_matrices=False)
         left = left[:, size > LEAST_SINE]
-        rest = np.linalg.svd(_beyond_span(left, stacked(known)), compute_uv=False)
+        rest = np.linalg.svd(beyond_span(left, stacked(known)), compute_uv=False)
         return bool((rest < SAME_SINE).any())
 
     def response(self, curve: Curve) -> FloatArray:
@@ -519,7 +519,8 @@ class Curves:
                     yield self._perhaps_share(replace(curve, target=SHARE + push.name, unit=share))
         for curve in products({n: s for n, s in plain.items() if model.pushes[0].may_depend_on(n)}):
             yield replace(curve, target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
-        for name in (s.name for s in model.inputs if s.name in plain):
+        told = (name for s in model.inputs for name in (s.name, f"{CHANGE}{s.name}") if name in plain)
+        for name in told:  # of a change: a delay that grows
             yield replace(fading(name, plain), target=model.pushes[0].name, unit=model.pushes[0].unit or "1")
         for name in events:
             for curve in (*tabled(lasting), *products(lasting)):
@@ -769,7 +770,7 @@ def _identifiable(
     ]
 
 
-def _beyond_span(columns: FloatArray, others: FloatArray) -> FloatArray:
+def beyond_span(columns: FloatArray, others: FloatArray) -> FloatArray:
     """What of some columns is not in the span of others."""
     if not others.shape[1]:
         return columns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.curves import SAME_SINE, Curves, Scored
+from fieldmodels.diagnosis.curves import SAME_SINE, Curves, Scored, beyond_span
 from fieldmodels.diagnosis.held_out import held_out_loss
-from fieldmodels.diagnosis.linearisation import stacked
+from fieldmodels.diagnosis.linearisation import projected, stacked
 from fieldmodels.diagnosis.phrases import CONSTANT
 from fieldmodels.diagnosis.selection import indistinguishable
 from fieldmodels.diagnosis.shapes import Curve
@@ -24,10 +24,10 @@ NEAR = 0.5
 def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Scored]:
     """Named effects for which another known function of their variable does as well.
 
-    A table pays for eight values where a name pays for one, so that a name may stand for a shape that is near
-    its own. Here each name gives way to its own function, and that is compared with the others, all of them to
-    first order and beside what else is named. It is passed over where it has several parameters, is no known
-    function of a variable, or is a constant.
+    A table pays for eight values where a name pays for one, so that a name can stand for a shape near its
+    own. Here each name gives way to its own function, and that is compared with the others, to first order
+    and beside what else is named. Effects of several parameters, those that are no known function of a
+    variable, and constants are passed over.
 
     Args:
         beside: The curves beside the names.
@@ -36,43 +36,47 @@ def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Scored]:
     Returns:
         Of each such name the best function that is not its own.
     """
-    result, blocks = {}, beside.problem.blocks
+    result = {}
     for name in kept.effects:
-        for curve, own in _shapes(beside, kept, name):
-            rest = _without(beside, kept, name)
-            judged = beside.judge(rest, beside.functions([curve]))
-            mine = next((s for s in judged if s.curve.formula == own.formula), None)
-            others = (s for s in judged if s is not mine and s.curve.shapes.shape[1] == 1)
-            best = next(others, None)
-            if mine and best and indistinguishable(mine.candidate, best.candidate, blocks, beside.options):
-                result[name] = best
+        found = _variable(beside, kept, name)
+        if found is None:
+            continue
+        table, formula = found
+        rest = _without(beside, kept, name)
+        functions = [f for f in beside.functions([table]) if f.shapes.shape[1] == 1]
+        judged = beside.judge(rest, functions)
+        mine = next((one for one in judged if one.curve.formula == formula), None)
+        best = next((one for one in judged if one is not mine), None)
+        if mine is None or best is None:
+            continue
+        own, other = (_with_own_weights(beside, rest, one) for one in (mine, best))
+        if indistinguishable(own, other, beside.problem.blocks, beside.options):
+            result[name] = best
     return result
 
 
-def _shapes(beside: Curves, kept: Candidate, name: str) -> Iterator[tuple[Curve, Curve]]:
-    """A table over a name's variable with the known function that a name is; none if it is none."""
+def _variable(beside: Curves, kept: Candidate, name: str) -> tuple[Curve, str] | None:
+    """A table over the variable of a name, and which known function of it the name is; None if it is none."""
     own = _own(beside, kept, name)
     if own.sum() != 1:
-        return
+        return None
     moved = stacked(kept.fit.jacobian[:, :, own])
-    best: tuple[float, Curve, Curve] | None = None
+    nearest, best = SAME_SINE, None
     for table in beside.all:
-        if table.place not in ("force", "sensor") or table.formula or not _near(beside, table, moved):
+        if table.place not in ("force", "sensor") or table.formula:
+            continue
+        if _sine(moved, stacked(beside.response(table))) > NEAR:
             continue
         for function in beside.functions([table]):
             if function.shapes.shape[1] == 1 and function.formula != CONSTANT:
                 sine = _sine(moved, stacked(beside.response(function)))
-                if sine < min(SAME_SINE, best[0] if best else 1.0):
-                    best = sine, table, function
-    if best:
-        yield best[1:]
-
-
-def _near(beside: Curves, table: Curve, moved: FloatArray) -> bool:
-    return _sine(moved, stacked(beside.response(table))) < NEAR
+                if sine < nearest:
+                    nearest, best = sine, (table, function.formula)
+    return best
 
 
 def _own(beside: Curves, kept: Candidate, name: str) -> NDArray[np.bool_]:
+    """Which free parameters are a name's, none of them at a bound."""
     place = beside.problem.model.slice_of(name)
     return np.asarray((kept.fit.free >= place.start) & (kept.fit.free < place.stop) & kept.fit.active)
 
@@ -80,22 +84,33 @@ def _own(beside: Curves, kept: Candidate, name: str) -> NDArray[np.bool_]:
 def _without(beside: Curves, kept: Candidate, name: str) -> Candidate:
     """The names but one, to first order: its part of what is simulated is an error again."""
     fitted, problem, own = kept.fit, beside.problem, _own(beside, kept, name)
-    slope = problem.coordinates(fitted.free).slope(fitted.parameters[fitted.free])[own]
-    neutral = np.array([p.nominal for p in problem.model.all_parameters])[fitted.free[own]]
-    change = (fitted.parameters[fitted.free[own]] - neutral) / slope
-    rest = replace(
-        fitted,
-        residual=fitted.residual + fitted.jacobian[:, :, own] @ change,
-        active=fitted.active & ~own,
+    free, values = fitted.free, fitted.parameters
+    neutral = np.array([p.nominal for p in problem.model.all_parameters])
+    change = (values - neutral)[free[own]] / problem.coordinates(free).slope(values[free])[own]
+    rest = projected(
+        problem,
+        values,
+        free[~own],
+        fitted.whitener,
+        fitted.states,
+        fitted.raw + fitted.by_free[:, :, own] @ change,
+        fitted.by_states,
+        fitted.by_free[:, :, ~own],
     )
     left = tuple(one for one in kept.effects if one != name)
     loss = held_out_loss(rest, problem.folds)
     return replace(kept, effects=left, fit=rest, loss=loss, size=kept.size - 1)
 
 
+def _with_own_weights(beside: Curves, rest: Candidate, scored: Scored) -> Candidate:
+    """A function beside the rest, compared by the weights of the errors that it leaves itself.
+
+    Those that a name leaves favour it, since what it lacks counts as noise.
+    """
+    own = beside.with_own_weights(rest, scored)
+    return scored.candidate if own is None else replace(scored.candidate, loss=rest.loss - own[2].gain)
+
+
 def _sine(column: FloatArray, others: FloatArray) -> float:
     """Of the angle between a column and a span."""
-    left, size, _ = np.linalg.svd(others, full_matrices=False)
-    left = left[:, size > 1e-6 * size[0]]
-    along = float(np.sum((left.T @ column) ** 2)) / max(float(np.sum(column**2)), 1e-300)
-    return float(np.sqrt(max(1.0 - along, 0.0)))
+    return float(np.linalg.norm(beyond_span(column, others)) / max(np.linalg.norm(column), 1e-300))
