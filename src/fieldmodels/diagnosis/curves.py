@@ -120,7 +120,8 @@ class Scored:
     def free(self) -> FreeCurve:
         """The curve for a fit with the whole simulation."""
         curve = self.curve
-        return FreeCurve(curve.place, curve.target, curve.over, curve.knots, self.basis)
+        sizes = np.maximum(np.abs(self.coefficients), 1.0)
+        return FreeCurve(curve.place, curve.target, curve.over, curve.knots, self.basis, tuple(sizes))
 
     def shown(self, certain: bool = True) -> MissingCurve:
         """As a result."""
@@ -782,7 +783,10 @@ def _solved(wide: Fit) -> tuple[FloatArray, FloatArray]:
     """Gauss-Newton step of all active columns, zero for the others, and its covariance."""
     active = wide.active
     flat = stacked(wide.jacobian[:, :, active])
-    inverse = pseudo_inverse(flat.T @ flat, 1e-8)
+    # A parameter of the machine may be known a hundred thousand times better than a curve.
+    size = np.sqrt(np.sum(flat**2, axis=0))
+    size = np.where(size > 0.0, size, 1.0)
+    inverse = pseudo_inverse((flat / size).T @ (flat / size), 1e-8) / np.outer(size, size)
     step, covariance = np.zeros(len(active)), np.zeros((len(active), len(active)))
     step[active] = inverse @ (flat.T @ wide.residual.reshape(-1))
     covariance[np.ix_(active, active)] = inverse

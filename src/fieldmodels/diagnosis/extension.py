@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.curves import Scored
+from fieldmodels.diagnosis.curves import Curves, Scored
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.linearisation import Fit
@@ -16,6 +17,8 @@ from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.drivers.curved import Curved
 
 STEPS = 20
+OTHERS = 3
+"""Curves at other places that are tried with the whole simulation, if to first order they explain as much."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,50 @@ def extend(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Exten
     if not fitted.cost < kept.fit.cost:
         return None
     return Extension(model, fitted, _final(curves, fitted, count))
+
+
+def told_apart(
+    problem: Problem, kept: Candidate, found: Sequence[Scored], tried: Curves
+) -> tuple[Scored, ...]:
+    """Curves, the first of which may give way to one that explains as much to first order.
+
+    A heater that fades and a thermometer that does are the same to first order; the whole simulation tells
+    them apart.
+
+    Args:
+        problem: Training windows.
+        kept: The named effects.
+        found: Curves beside them, the most important first.
+        tried: All that were tried beside them.
+    """
+    if not found:
+        return ()
+    first, options = found[0], tried.options
+    near = first.candidate.total + options.undecided
+    others = (s for s in tried.judge(kept) if s.candidate.total < near and _acts(s) != _acts(first))
+    choices = [first, *(tried.as_formula(kept, s) for s in itertools.islice(others, OTHERS))]
+    if len(choices) == 1:
+        return tuple(found)
+    best, cost = first, _cost(problem, kept, first) - options.undecided
+    for one in choices[1:]:
+        own = _cost(problem, kept, one)
+        if own < cost:
+            best, cost = one, own
+    if best is first:
+        return tuple(found)
+    return best, *tried.rivals(best.candidate, options.most_curves - 1)
+
+
+def _acts(scored: Scored) -> tuple[str, str]:
+    """Where a curve acts."""
+    return scored.curve.place, scored.curve.target
+
+
+def _cost(problem: Problem, kept: Candidate, scored: Scored) -> float:
+    """Of the simulation with a curve and its price [nats]."""
+    extension = extend(problem, kept, [scored])
+    cost = kept.fit.cost if extension is None else extension.fit.cost
+    return cost + kept.price * len(scored.coefficients)
 
 
 def improving(

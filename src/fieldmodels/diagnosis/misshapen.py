@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,23 @@ NEAR = 0.5
 """Sine between what a name and a table change, below which the table's variable may be the name's."""
 
 
-def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Scored]:
-    """Named effects for which another known function of their variable does as well.
+@dataclass(frozen=True)
+class Shape:
+    """Another known function of a name's variable, which does as well.
+
+    Attributes:
+        scored: The function, beside what else is named.
+        own: What the name's own function leaves.
+        other: What this one leaves, both by weights of their own.
+    """
+
+    scored: Scored
+    own: Candidate
+    other: Candidate
+
+
+def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Shape]:
+    """Named effects for which another known function of their variable does as well, or better.
 
     A table pays for eight values where a name pays for one, so that a name can stand for a shape near its
     own. Here each name gives way to its own function, and that is compared with the others, to first order
@@ -51,7 +66,7 @@ def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Scored]:
             continue
         own, other = (_with_own_weights(beside, rest, one) for one in (mine, best))
         if indistinguishable(own, other, beside.problem.blocks, beside.options):
-            result[name] = best
+            result[name] = Shape(best, own, other)
     return result
 
 
@@ -113,4 +128,5 @@ def _with_own_weights(beside: Curves, rest: Candidate, scored: Scored) -> Candid
 
 def _sine(column: FloatArray, others: FloatArray) -> float:
     """Of the angle between a column and a span."""
-    return float(np.linalg.norm(beyond_span(column, others)) / max(np.linalg.norm(column), 1e-300))
+    beyond, whole = np.linalg.norm(beyond_span(column, others)), np.linalg.norm(column)
+    return float(beyond / whole) if whole else 1.0

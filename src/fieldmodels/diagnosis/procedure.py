@@ -34,7 +34,7 @@ from fieldmodels.diagnosis.cutting import (
 )
 from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
-from fieldmodels.diagnosis.extension import improving
+from fieldmodels.diagnosis.extension import improving, told_apart
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.informative import evenly, informative
 from fieldmodels.diagnosis.inputs import decided
@@ -305,6 +305,7 @@ def _found(
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False
     if mistaken or unrelated or exact:
         scored = ()
+    scored = told_apart(candidates.problem, judged.kept, scored, judged.tried)
     if not (mistaken or unrelated) and (causes or not scored):
         causes = (*causes, *quantisation_found(train, testing, after))
     if not (causes or scored or mistaken or unrelated):

@@ -15,7 +15,7 @@ from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.chance import varying_by_chance
 from fieldmodels.diagnosis.curves import NEAR_BEST, Curves, Scored
 from fieldmodels.diagnosis.gain import Prediction, noise_floor
-from fieldmodels.diagnosis.misshapen import misshapen
+from fieldmodels.diagnosis.misshapen import Shape, misshapen
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.phrases import CURVE
 from fieldmodels.diagnosis.problem import IntArray, Problem
@@ -90,6 +90,14 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     if beaten:
         beside = Curves(problem, kept.fit, options)
         left = beside.rivals(kept)
+    shapes = misshapen(beside, kept)
+    for name, shape in shapes.items():
+        rest = candidates.without(kept, name) if len(kept.effects) > 1 else base
+        instead = _instead(candidates, rest, shape)
+        if instead and _beats(shape.other, shape.own, 0.0, problem.blocks, options):
+            kept, (beside, left), beaten = rest, instead, (*beaten, name)
+            shapes = misshapen(beside, kept)
+            break
     if left and not beside.called_for(kept, left[0]):
         left = []
     twin = next((r for r in (*rivals, *known) if _as_good(r, chosen, burden, problem.blocks, options)), None)
@@ -102,7 +110,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         beaten,
         {
             **as_good,
-            **{name: _words(one) for name, one in misshapen(beside, kept).items()},
+            **{name: _words(shape.scored) for name, shape in shapes.items()},
             **_in_one_sensor(problem, kept, left),
             **varying_by_chance(problem, kept),
             **_varying(beside, kept),
@@ -123,6 +131,16 @@ def _known(curves: Curves, beside: Curves, base: Candidate, chosen: Candidate) -
     """
     best = curves.judge(base)[:NEAR_BEST]
     return [one for one in curves.as_known(base, best) if not beside.repeats(one.curve, chosen)]
+
+
+def _instead(candidates: Candidates, rest: Candidate, shape: Shape) -> tuple[Curves, list[Scored]] | None:
+    """A known function in the place of a name, and what is missing beside it; None if it is not seen."""
+    beside, curve = Curves(candidates.problem, rest.fit, candidates.options), shape.scored.curve
+    tables = [t for t in beside.all if t.direction == curve.direction and not t.formula]
+    judged = beside.judge(rest, [f for f in beside.functions(tables) if f.formula == curve.formula])
+    if not judged:
+        return None
+    return beside, [judged[0], *beside.rivals(judged[0].candidate, candidates.options.most_curves - 1)]
 
 
 def _words(scored: Scored) -> str:

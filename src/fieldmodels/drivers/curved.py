@@ -1,7 +1,8 @@
 """A simulation with unlisted curves, for any model: it is run again with what the curves add on its way.
 
-The variables of the curves are read from the run before, so two repetitions suffice over a diagnosis's short
-windows; a machine that is run for long has the curves in its own equations (``effects.curve``).
+The variables of the curves are read from the run before. Over a diagnosis's short windows that settles in two
+or three repetitions, or a few more where a curve changes the motion much; a machine that is run for long has
+the curves in its own equations (``effects.curve``).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from fieldmodels.drivers.variables import SHARE, direction_of, rows_of, variable
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Wrapper
 from fieldmodels.recording import Windows
 
-REPETITIONS, SETTLED = 2, 1e-12
+REPETITIONS, SETTLED = 8, 1e-9
 FAR = 1e9  # coefficients are of the order of one standard error: no bound
 
 
@@ -31,6 +32,7 @@ class FreeCurve:
         over: The variable.
         knots: Values of the variable, shape (points,).
         basis: What each coefficient adds there, shape (points, coefficients).
+        sizes: Of the coefficients, by which a fit's steps go; by default one.
     """
 
     place: str
@@ -38,6 +40,7 @@ class FreeCurve:
     over: str
     knots: FloatArray
     basis: FloatArray
+    sizes: tuple[float, ...] = ()
 
     def at(self, variable: FloatArray, coefficients: FloatArray) -> FloatArray:
         """The curve's values at those of its variable; constant beyond the knots."""
@@ -82,8 +85,8 @@ class Curved(Wrapper):
             f"A curve of {direction_of(curve.place, curve.target, curve.over)}.",
             "force",
             tuple(
-                Parameter(f"coefficient_{i + 1}", "1", 0.0, -FAR, FAR, 1.0)
-                for i in range(curve.basis.shape[1])
+                Parameter(f"coefficient_{i + 1}", "1", 0.0, -FAR, FAR, size)
+                for i, size in enumerate(curve.sizes or (1.0,) * curve.basis.shape[1])
             ),
         )
 

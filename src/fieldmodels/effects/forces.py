@@ -391,6 +391,8 @@ def force(
     return choose(LIBRARY, "force", velocity, only, without, prefix)
 
 
-def friction(velocity: str, prefix: str = "") -> tuple[Stock, ...]:
-    """The kinds of friction and drag on a velocity, and a constant force; see ``force``."""
-    return force(velocity, (*FRICTION, "constant_force"), prefix=prefix)
+def friction(
+    velocity: str, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
+) -> tuple[Stock, ...]:
+    """The kinds of friction and drag on a velocity, and a constant force, or some of them; see ``force``."""
+    return force(velocity, only or (*FRICTION, "constant_force"), without, prefix)

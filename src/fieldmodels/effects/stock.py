@@ -156,6 +156,7 @@ def choose(
     Raises:
         ModelError: For a kind that the library does not have.
     """
+    only, without = ((one,) if isinstance(one, str) else tuple(one) for one in (only, without))
     for kind in (*only, *without):
         if kind not in library:
             raise ModelError(f"no stock effect {kind!r} for a {place}{did_you_mean(kind, library)}")
