@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import Prediction, predict
-from fieldmodels.diagnosis.linearisation import Fit
+from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.drivers.curved import Curved
 
-STEPS = 20
-OTHERS = 3
-"""Curves at other places that are tried with the whole simulation, if to first order they explain as much."""
+STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -40,13 +38,16 @@ class Extension:
         return predict(replace(testing, model=self.model), self.fit.parameters)
 
 
-def extend(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Extension | None:
+def extend(
+    problem: Problem, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None = None
+) -> Extension | None:
     """Fit the named effects and the curves together.
 
     Args:
         problem: Training windows.
         kept: The named effects, as fitted without the curves.
         curves: The curves.
+        whitener: Weights of the errors, by default those of the named effects.
 
     Returns:
         None if there are no curves, or the simulation with them fits no better.
@@ -54,57 +55,16 @@ def extend(problem: Problem, kept: Candidate, curves: Sequence[Scored]) -> Exten
     if not curves:
         return None
     model = Curved(problem.model, [scored.free for scored in curves])
-    count = len(kept.fit.parameters)
-    start = np.concatenate([kept.fit.parameters, *(np.zeros(len(c.coefficients)) for c in curves)])
-    free = np.concatenate([kept.fit.free, np.arange(count, len(start))])
-    fitted = fit(replace(problem, model=model), start, free, kept.fit.whitener, kept.fit.states, STEPS)
-    if not fitted.cost < kept.fit.cost:
-        return None
-    return Extension(model, fitted, _final(curves, fitted, count))
-
-
-def told_apart(
-    problem: Problem, kept: Candidate, found: Sequence[Scored], tried: Curves
-) -> tuple[Scored, ...]:
-    """Curves, the first of which may give way to one that explains as much to first order.
-
-    A heater that fades and a thermometer that does are the same to first order; the whole simulation tells
-    them apart.
-
-    Args:
-        problem: Training windows.
-        kept: The named effects.
-        found: Curves beside them, the most important first.
-        tried: All that were tried beside them.
-    """
-    if not found:
-        return ()
-    first, options = found[0], tried.options
-    near = first.candidate.total + options.undecided
-    others = (s for s in tried.judge(kept) if s.candidate.total < near and _acts(s) != _acts(first))
-    choices = [first, *(tried.as_formula(kept, s) for s in itertools.islice(others, OTHERS))]
-    if len(choices) == 1:
-        return tuple(found)
-    best, cost = first, _cost(problem, kept, first) - options.undecided
-    for one in choices[1:]:
-        own = _cost(problem, kept, one)
-        if own < cost:
-            best, cost = one, own
-    if best is first:
-        return tuple(found)
-    return best, *tried.rivals(best.candidate, options.most_curves - 1)
-
-
-def _acts(scored: Scored) -> tuple[str, str]:
-    """Where a curve acts."""
-    return scored.curve.place, scored.curve.target
-
-
-def _cost(problem: Problem, kept: Candidate, scored: Scored) -> float:
-    """Of the simulation with a curve and its price [nats]."""
-    extension = extend(problem, kept, [scored])
-    cost = kept.fit.cost if extension is None else extension.fit.cost
-    return cost + kept.price * len(scored.coefficients)
+    count, first = len(kept.fit.parameters), np.concatenate([c.coefficients for c in curves])
+    free = np.concatenate([kept.fit.free, np.arange(count, count + len(first))])
+    extended = replace(problem, model=model)
+    before = kept.fit if whitener is None else reweighed(problem, kept.fit, whitener)
+    for coefficients in (first, np.zeros_like(first)):
+        start = np.concatenate([kept.fit.parameters, coefficients])
+        fitted = fit(extended, start, free, before.whitener, kept.fit.states, STEPS)
+        if fitted.cost < before.cost:
+            return Extension(model, fitted, _final(curves, fitted, count))
+    return None
 
 
 def improving(

@@ -34,7 +34,7 @@ from fieldmodels.diagnosis.cutting import (
 )
 from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
-from fieldmodels.diagnosis.extension import improving, told_apart
+from fieldmodels.diagnosis.extension import improving
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.informative import evenly, informative
 from fieldmodels.diagnosis.inputs import decided
@@ -54,6 +54,7 @@ from fieldmodels.diagnosis.result import (
 from fieldmodels.diagnosis.runnable import runnable
 from fieldmodels.diagnosis.selection import Selection, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
+from fieldmodels.diagnosis.simulated import told_apart, without_the_spare
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.diagnosis.statements import (
     above_noise,
@@ -283,7 +284,7 @@ def _found(
     path = path_to(candidates, base, chosen)
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)
-    judged = judge(candidates, selection.base, chosen)
+    judged = without_the_spare(candidates, base, judge(candidates, base, chosen))
     path = path_to(candidates, selection.base, judged.kept)
     causes = with_alternatives(causes_of(candidates, path, testing, rng), selection, judged)
     causes = beside_the_others(causes, candidates, path, testing, rng.spawn(1)[0])
@@ -296,6 +297,9 @@ def _found(
         testing, steady, bool(causes), options.above
     )
     if causes and beyond_noise and not mostly_explained(testing, before, after):
+        extension = improving(candidates.problem, judged.kept, judged.curves, testing, after)
+        beyond_noise = extension is None or not mostly_explained(testing, before, extension.predict(testing))
+    if causes and beyond_noise and not mostly_explained(testing, before, after):
         # What is missing is larger than what was found: a part of it may be imitated.
         possible, causes, after = (*possible, *causes), (), before
         judged = judge(candidates, selection.base, selection.base)
@@ -305,7 +309,7 @@ def _found(
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False
     if mistaken or unrelated or exact:
         scored = ()
-    scored = told_apart(candidates.problem, judged.kept, scored, judged.tried)
+    scored = told_apart(candidates, judged, scored)
     if not (mistaken or unrelated) and (causes or not scored):
         causes = (*causes, *quantisation_found(train, testing, after))
     if not (causes or scored or mistaken or unrelated):

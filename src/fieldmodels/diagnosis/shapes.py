@@ -101,7 +101,10 @@ def tables(signals: Signals) -> Iterator[Curve]:
         if len(knots) >= 4:
             yield Curve("force", "", name, unit, "", _hats(values, knots), knots, np.eye(len(knots)))
             ends = np.quantile(values, ENDS)
-            yield Curve("force", "", name, unit, "", _beyond(values, ends), ends, _beyond(ends, ends), "ends")
+            knots = np.unique(ends)  # a command is at its largest for long
+            yield Curve(
+                "force", "", name, unit, "", _beyond(values, ends), knots, _beyond(knots, ends), "ends"
+            )
 
 
 def products(signals: Signals) -> Iterator[Curve]:

@@ -205,17 +205,24 @@ class Curved(Wrapper):
     def _changed(
         self, own: FloatArray, curve: FreeCurve, a: FloatArray, windows: Windows, out: FloatArray
     ) -> FloatArray:
-        """Change of the outputs by a parameter that is another one in each window, to first order."""
+        """Change of the outputs by a parameter that differs between windows: a parabola of three runs."""
         i = self.inner.index(curve.target)
         values = curve.at(self.of_window(curve.over, windows, out), a)
-        size = float(np.abs(values).max())
-        if size == 0.0:
-            return np.zeros_like(out)
         p = self.inner.all_parameters[i]
-        moved = own.copy()
-        moved[i] = np.clip(own[i] + size, p.lower, p.upper)
-        here, there = self.inner.simulate_all(np.stack([own, moved]), windows)
-        return np.asarray((there - here) * (values / (moved[i] - own[i]))[:, None, None])
+        values = np.clip(own[i] + values, p.lower, p.upper) - own[i]
+        low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
+        if low == high:
+            return np.zeros_like(out)
+        nodes = np.array([0.0, low or 0.5 * high, high or 0.5 * low])
+        moved = np.tile(own, (3, 1))
+        moved[:, i] += nodes
+        runs = self.inner.simulate_all(moved, windows)
+        weights = [
+            np.prod([(values - nodes[n]) / (nodes[m] - nodes[n]) for n in range(3) if n != m], axis=0)
+            for m in (1, 2)
+        ]
+        changes = runs[1:] - runs[0]
+        return np.asarray(np.einsum("mw,mwso->wso", np.stack(weights), changes))
 
     def of_window(self, over: str, windows: Windows, out: FloatArray) -> FloatArray:
         """A variable's mean over each window, or its root mean square ("size of"), shape (windows,)."""
