@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,7 @@ class Candidates:
         pushes: The same of ``_pushed``, by fit.
         pushing: Held while one of these is made, by fit.
         bases: The same of ``base``, by number of steps.
+        extensions: The same of ``extension.extend``, by candidate, curves and weights.
     """
 
     problem: Problem
@@ -112,6 +113,7 @@ class Candidates:
     )
     pushing: dict[int, Lock] = field(default_factory=dict, init=False)
     bases: dict[int, Candidate] = field(default_factory=dict, init=False)  # of this problem alone
+    extensions: dict[tuple[int, ...], Any] = field(default_factory=dict, init=False)
 
     def of(self, problem: Problem) -> Candidates:
         """The same for another problem, with nothing fitted yet."""

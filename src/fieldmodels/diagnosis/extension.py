@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.candidates import Candidate
+from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import Prediction, predict
@@ -16,7 +16,7 @@ from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.drivers.curved import Curved
 
-STEPS = 60
+STEPS = 30
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class Extension:
 
 
 def extend(
-    problem: Problem, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None = None
+    candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None = None
 ) -> Extension | None:
     """Fit the named effects and the curves together.
 
     Args:
-        problem: Training windows.
+        candidates: Training windows, and what was made of them.
         kept: The named effects, as fitted without the curves.
         curves: The curves.
         whitener: Weights of the errors, by default those of the named effects.
@@ -54,6 +54,19 @@ def extend(
     """
     if not curves:
         return None
+    whitener = None if whitener is kept.fit.whitener else whitener
+    key = id(kept), id(whitener), *map(id, curves)
+    if key not in candidates.extensions:
+        # All are kept with their ids, so that these cannot be used again.
+        made = _extended(candidates.problem, kept, curves, whitener)
+        candidates.extensions[key] = kept, tuple(curves), whitener, made
+    extension: Extension | None = candidates.extensions[key][-1]
+    return extension
+
+
+def _extended(
+    problem: Problem, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None
+) -> Extension | None:
     model = Curved(problem.model, [scored.free for scored in curves])
     count, first = len(kept.fit.parameters), np.concatenate([c.coefficients for c in curves])
     free = np.concatenate([kept.fit.free, np.arange(count, count + len(first))])
@@ -68,21 +81,21 @@ def extend(
 
 
 def improving(
-    problem: Problem, kept: Candidate, curves: Sequence[Scored], testing: Problem, after: Prediction
+    candidates: Candidates, kept: Candidate, curves: Sequence[Scored], testing: Problem, after: Prediction
 ) -> Extension | None:
     """The extension with as many of the curves, the first ones, as predict test windows better.
 
     Better are errors whose logarithms have a lower mean over the outputs.
 
     Args:
-        problem: As of ``extend``.
+        candidates: As of ``extend``.
         kept: As of ``extend``.
         curves: As of ``extend``.
         testing: Test windows.
         after: Their prediction by the named effects alone.
     """
     for count in range(len(curves), 0, -1):
-        extension = extend(problem, kept, curves[:count])
+        extension = extend(candidates, kept, curves[:count])
         if extension is None:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):  # outputs that are exact, or not measured

@@ -297,7 +297,7 @@ def _found(
         testing, steady, bool(causes), options.above
     )
     if causes and beyond_noise and not mostly_explained(testing, before, after):
-        extension = improving(candidates.problem, judged.kept, judged.curves, testing, after)
+        extension = improving(candidates, judged.kept, judged.curves, testing, after)
         beyond_noise = extension is None or not mostly_explained(testing, before, extension.predict(testing))
     if causes and beyond_noise and not mostly_explained(testing, before, after):
         # What is missing is larger than what was found: a part of it may be imitated.
@@ -327,7 +327,7 @@ def _stated(
     """The result in words and numbers, with the extended simulation."""
     training, kept, selection = candidates.problem, found.judged.kept, found.selection
     model = training.model
-    extension = improving(training, kept, found.curves, testing, found.after)
+    extension = improving(candidates, kept, found.curves, testing, found.after)
     added = extension.curves if extension else ()
     curves = tuple(s.shown(found.certain) for s in (*added, *found.curves[len(added) :]))
     whole = extension.predict(testing) if extension else found.after

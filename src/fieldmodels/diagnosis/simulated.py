@@ -86,7 +86,7 @@ def _cost(
     candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None = None
 ) -> float:
     """Of the simulation with curves, and their price [nats]."""
-    extension = extend(candidates.problem, kept, curves, whitener)
+    extension = extend(candidates, kept, curves, whitener)
     count = kept.size + sum(len(one.coefficients) for one in curves)
     cost = kept.fit.cost if extension is None else extension.fit.cost
     return cost + candidates.options.price * count

@@ -289,7 +289,7 @@ def _cogging(n: Names, s: Sizes) -> Effect:
         "B_s sin(2 pi x/p) + B_c cos(2 pi x/p)",
         signed("sine", n.force_unit, 0.1 * s.force),
         signed("cosine", n.force_unit, 0.1 * s.force),
-        span("period", n.position_unit, 4.0 * s.position, *(1.0 / np.arange(1.0, 15.1, 0.5)), sizes=s,
+        span("period", n.position_unit, 4.0 * s.position, *(1.0 / np.arange(1.0, 100.1, 0.5)), sizes=s,
              twins=("", "constant_force")),
     )  # fmt: skip
 
