@@ -19,7 +19,7 @@ QUANTILES = tuple(np.linspace(0.01, 0.99, 8))  # of the variable, where a curve'
 ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the variable is extreme
 OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
 FINE = 129  # points of a known function
-BEYOND = 1.5  # times the largest value that was seen, up to which what is proportional goes on
+BEYOND = 1.5  # times the largest value, or the range, that was seen, up to which known functions go on
 MULTIPLIED = 7  # signals whose products are tried
 LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
 NO_FACTORS = ("time", CHANGE, "rate of ")
@@ -157,8 +157,8 @@ def known_functions(curve: Curve, values: FloatArray) -> Iterator[Curve]:
     """
     if curve.shapes.shape[1] == 1 or curve.place == "parameter" or curve.over == "time" or curve.formula:
         return
-    knots = np.linspace(values.min(), values.max(), FINE)
-    size = float(np.abs(knots).max())
+    size, wider = float(np.abs(values).max()), 0.5 * (BEYOND - 1.0) * float(np.ptp(values))
+    knots = np.linspace(values.min() - wider, values.max() + wider, FINE)
     scaled = {name: (size, terms) for name, terms in FUNCTIONS.items()}
     if curve.over_unit == "rad":
         scaled |= {name: (1.0, terms) for name, terms in OF_ANGLES.items()}
