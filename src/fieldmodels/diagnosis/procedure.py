@@ -54,7 +54,7 @@ from fieldmodels.diagnosis.result import (
 from fieldmodels.diagnosis.runnable import runnable
 from fieldmodels.diagnosis.selection import Selection, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
-from fieldmodels.diagnosis.simulated import told_apart, without_the_spare
+from fieldmodels.diagnosis.simulated import that_keep_their_promise
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.diagnosis.statements import (
     above_noise,
@@ -284,7 +284,7 @@ def _found(
     path = path_to(candidates, base, chosen)
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)
-    judged = without_the_spare(candidates, base, judge(candidates, base, chosen))
+    judged = judge(candidates, selection.base, chosen)
     path = path_to(candidates, selection.base, judged.kept)
     causes = with_alternatives(causes_of(candidates, path, testing, rng), selection, judged)
     causes = beside_the_others(causes, candidates, path, testing, rng.spawn(1)[0])
@@ -309,7 +309,7 @@ def _found(
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False
     if mistaken or unrelated or exact:
         scored = ()
-    scored = told_apart(candidates, judged, scored)
+    scored = that_keep_their_promise(candidates, judged, scored)
     if not (mistaken or unrelated) and (causes or not scored):
         causes = (*causes, *quantisation_found(train, testing, after))
     if not (causes or scored or mistaken or unrelated):

@@ -87,7 +87,10 @@ def accepted(
         or child.fit.cost >= parent.fit.cost
     ):
         return False
-    if block_p_value(gain, blocks) < options.level or far_beyond(gain, total, options.least_gain, blocks):
+    if block_p_value(gain, blocks) < options.level:
+        return True
+    single = len(child.effects) == len(parent.effects) + 1
+    if single and far_beyond(gain, total, options.least_gain, blocks):
         return True
     return in_few_blocks(parent, child, blocks, options) < STRONG_P
 
@@ -104,8 +107,8 @@ def far_beyond(gain: FloatArray, total: float, needed: float, blocks: IntArray) 
         needed: What it must bring.
         blocks: Of every window.
     """
-    most = total - largest_share(gain, blocks)
-    return bool(total > UNEVEN * needed and most > needed and block_p_value(gain, blocks) < RARE_P)
+    without_the_best = total - largest_share(gain, blocks)
+    return without_the_best > UNEVEN * needed and block_p_value(gain, blocks) < RARE_P
 
 
 def in_few_blocks(

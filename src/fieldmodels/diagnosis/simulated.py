@@ -6,14 +6,16 @@ be what explains them.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
+
+import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.extension import extend
 from fieldmodels.diagnosis.verdict import Judgement
+from fieldmodels.diagnosis.whitening import covariance_whitener
 
 KEPT = 0.75
 """Share of what a curve promises to first order, of which it must keep as much for no other to be tried."""
@@ -21,72 +23,46 @@ OTHERS = 3
 """Other curves that are tried."""
 
 
-def told_apart(candidates: Candidates, judged: Judgement, found: Sequence[Scored]) -> tuple[Scored, ...]:
+def that_keep_their_promise(
+    candidates: Candidates, judged: Judgement, found: Sequence[Scored]
+) -> tuple[Scored, ...]:
     """Curves, the first of which gives way to one that explains more in the whole simulation.
 
-    Others are tried where they explain as much to first order at another place (a heater that fades and a
-    thermometer that does), or the first does not keep what it promises (a motor's torque as a function of the
-    acceleration that it causes).
+    Others are tried where the first does not keep what it promises to first order (a motor's torque as a
+    function of the acceleration that it causes).
 
     Args:
         candidates: What fits the sets.
         judged: What stands, and what was tried beside it.
         found: The curves beside it, the most important first.
     """
-    if not found:
-        return ()
-    kept, tried, first, options = judged.kept, judged.tried, found[0], candidates.options
-    least = _cost(candidates, kept, [first])
-    broken = kept.fit.cost - least < KEPT * first.total
-    near = first.candidate.total + options.undecided
-    others = [
-        s for s in tried.judge(kept) if broken or (_acts(s) != _acts(first) and s.candidate.total < near)
-    ]
-    best, least = first, least - options.undecided
-    for one in others[:OTHERS]:
-        # A function of a variable may be another one than it seems to first order, too.
-        other = one if broken else tried.as_formula(kept, one)
-        cost = _cost(candidates, kept, [other])
-        if cost < least:
-            best, least = other, cost
-    if best is first:
+    kept, tried = judged.kept, judged.tried
+    if not found or _keeps(candidates, kept, found[:1]):
         return tuple(found)
-    return best, *tried.rivals(best.candidate, options.most_curves - 1)
+    whitener = _of_what_is_left(candidates, kept, found[:1])
+    # A function of a variable may be another one than it seems to first order, too: tables are tried.
+    choices = [found[0], *tried.judge(kept)[:OTHERS]]
+    best = min(choices, key=lambda one: _cost(candidates, kept, [one], whitener))
+    if best is found[0]:
+        return tuple(found)
+    return best, *tried.rivals(best.candidate, candidates.options.most_curves - 1)
 
 
-def without_the_spare(candidates: Candidates, base: Candidate, judged: Judgement) -> Judgement:
-    """What stands, without names that a single curve makes spare in the whole simulation.
-
-    To first order a name may explain most of what it imitates, and a curve beside it the rest.
-
-    Args:
-        candidates: What fits the sets.
-        base: The base alone.
-        judged: What stands to first order.
-    """
-    kept, tried = judged.kept, judged.beside_base
-    if not kept.effects or not judged.curves:
-        return judged
-    whitener = kept.fit.whitener
-    most = _cost(candidates, kept, judged.curves, whitener) + candidates.options.least_gain
-    for one in itertools.islice(tried.judge(base), OTHERS):
-        other = tried.as_formula(base, one)
-        if _cost(candidates, base, [other], whitener) < most:
-            return Judgement(base, tried, tried, (other,), beaten=(*judged.beaten, *kept.effects))
-    return judged
+def _keeps(candidates: Candidates, kept: Candidate, curves: Sequence[Scored]) -> bool:
+    """Whether curves bring in the whole simulation what they promise."""
+    extension = extend(candidates, kept, curves)
+    promised = sum(one.total for one in curves)
+    return extension is not None and kept.fit.cost - extension.fit.cost > KEPT * promised
 
 
-def _acts(scored: Scored) -> tuple[str, str, str]:
-    """Where a curve acts, and over what."""
-    curve = scored.curve
-    return curve.place, curve.target, curve.over
+def _of_what_is_left(candidates: Candidates, kept: Candidate, curves: Sequence[Scored]) -> FloatArray:
+    """Weights of the errors that the simulation with curves leaves: those before it make all curves alike."""
+    extension = extend(candidates, kept, curves)
+    return covariance_whitener(candidates.problem, kept.fit if extension is None else extension.fit)
 
 
-def _cost(
-    candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None = None
-) -> float:
+def _cost(candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray) -> float:
     """Of the simulation with curves, and their price [nats]."""
     extension = extend(candidates, kept, curves, whitener)
     count = kept.size + sum(len(one.coefficients) for one in curves)
-    cost = kept.fit.cost if extension is None else extension.fit.cost
-    return cost + candidates.options.price * count
+    return candidates.options.price * count + (np.inf if extension is None else extension.fit.cost)

@@ -18,7 +18,7 @@ from fieldmodels.drivers.variables import SHARE, direction_of, rows_of, variable
 from fieldmodels.model import Effect, Model, ModelError, Parameter, Wrapper
 from fieldmodels.recording import Windows
 
-REPETITIONS, SETTLED, SLOWER = 8, 1e-9, 0.5
+REPETITIONS, SETTLED = 8, 1e-9
 FAR = 1e9  # coefficients are of the order of one standard error: no bound
 
 
@@ -118,16 +118,13 @@ class Curved(Wrapper):
         shown = [
             (c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place in ("sensor", "odds")
         ]
-        out, before, share = plain, np.inf, 1.0
+        out = plain
         for _ in range(self.repetitions if forces or changes else 0):
             pushed = self._pushed(windows, out, forces)
             again = self.inner.simulate_all(own[None], pushed)[0]
             for curve, a in changes:
                 again = again + self._changed(own, curve, a, pushed, out)
-            moved = float(np.nanmax(np.abs(again - out), initial=0.0))
-            # What swings about where it settles takes half of each step.
-            share = 0.5 if moved > SLOWER * before else share
-            before, out = moved, out + share * (again - out)
+            moved, out = float(np.nanmax(np.abs(again - out), initial=0.0)), again
             if moved <= SETTLED * float(np.nanmax(np.abs(out), initial=0.0)):
                 break
         else:

@@ -1,0 +1,76 @@
+"""Faults that are seen by far, where what explains most to first order need not be what explains them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.effects import actuator, friction, sensor
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import ModelError, Signal
+from fieldmodels.recording import Recording
+
+STEP, SAMPLES, NOISE = 2.0, 3000, 0.05
+
+
+class Bath(Machine):
+    """A bath that a heater warms."""
+
+    inputs = (Signal("power", "W"),)
+    states = outputs = (Signal("temperature", "K", noise=NOISE),)
+    capacity = number("J/K", 4000.0, 100.0, 1e6)
+    loss = number("W/K", 5.0, 0.1, 100.0)
+    effects = actuator("power") + friction("temperature", ("constant_force",)) + sensor("temperature")
+
+    def derivative(self, state, input, p):
+        return (input.power - p.loss * state.temperature) / p.capacity
+
+
+def bath(seed: int, heater: float = 0.0, thermometer: float = 0.0, radiation: float = 0.0) -> Recording:
+    """A log of the bath, each power held for one to three minutes, by the exact solution of short steps.
+
+    Args:
+        seed: Of powers and noise.
+        heater: Share of its power that it loses in a second.
+        thermometer: Share that it shows too little after a second.
+        radiation: Loss that grows with the square [W/K2].
+    """
+    rng = np.random.default_rng(seed)
+    power = np.repeat(rng.choice([0.0, 100.0, 200.0, 300.0, 400.0, 500.0], 100), rng.integers(20, 90, 100))
+    time, true, now = np.arange(SAMPLES) * STEP, np.empty(SAMPLES), 20.0
+    for i in range(SAMPLES):
+        true[i] = now
+        for part in range(4):
+            given = power[i] * (1.0 - heater * (time[i] + part * STEP / 4.0))
+            loss = 5.5 + radiation * now
+            now = given / loss + (now - given / loss) * math.exp(-loss / 4300.0 * STEP / 4.0)
+    shown = true * (1.0 - thermometer * time) + NOISE * rng.standard_normal(SAMPLES)
+    signals = {"power": power[:SAMPLES], "temperature": shown}
+    return Recording(time=time, signals=signals, source=f"bath {seed}")
+
+
+@pytest.mark.parametrize("fault", [{"heater": 2e-5}, {"thermometer": 2e-5}], ids=["heater", "thermometer"])
+def test_what_fades_by_an_eighth_is_regained(fault: dict[str, float]):
+    """Which of the two fades cannot be told: a bath follows its heater slowly."""
+    result = diagnose(Bath(), [bath(1, **fault)], [bath(2, **fault)])
+    [curve] = result.curves
+    assert curve.over in ("power times time", "temperature times time")
+    assert result.gain["temperature"].rmse_before > 3.0 * NOISE
+    assert result.gain["temperature"].rmse_with_curves < 1.05 * NOISE
+
+
+def test_radiation_is_a_square():
+    result = diagnose(Bath(), [bath(1, radiation=0.01)], [bath(2, radiation=0.01)])
+    assert not result.causes
+    assert [(c.over, c.formula) for c in result.curves] == [("temperature", "square")]
+
+
+def test_kinds_of_friction_are_chosen_like_those_of_other_effects():
+    assert [e.kind for e in friction("speed", ("constant_force",))] == ["constant_force"]
+    assert [e.kind for e in friction("speed", "constant_force")] == ["constant_force"]
+    assert "constant_force" not in [e.kind for e in friction("speed", without=("constant_force",))]
+    with pytest.raises(ModelError, match="no stock effect 'constant'"):
+        friction("speed", ("constant",))
