@@ -19,6 +19,8 @@ from fieldmodels.diagnosis.shapes import Curve
 
 NEAR = 0.5
 """Sine between what a name and a table change, below which the table's variable may be the name's."""
+TOLD = 2.0
+"""Times the sine between a name and its own function, by which another function must differ from it."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +58,15 @@ def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Shape]:
         found = _variable(beside, kept, name)
         if found is None:
             continue
-        table, formula = found
+        formula, functions = found
         rest = _without(beside, kept, name)
-        functions = [f for f in beside.functions([table]) if f.shapes.shape[1] == 1]
         judged = beside.judge(rest, functions)
         mine = next((one for one in judged if one.curve.formula == formula), None)
         best = next((one for one in judged if one is not mine), None)
         if mine is None or best is None:
+            continue
+        sought = best.candidate.search - kept.search  # as one of all curves, which it is not
+        if best.candidate.total - sought > kept.total + beside.options.same_gain:
             continue
         own, other = (_with_own_weights(beside, rest, one) for one in (mine, best))
         if indistinguishable(own, other, beside.problem.blocks, beside.options):
@@ -70,8 +74,8 @@ def misshapen(beside: Curves, kept: Candidate) -> Mapping[str, Shape]:
     return result
 
 
-def _variable(beside: Curves, kept: Candidate, name: str) -> tuple[Curve, str] | None:
-    """A table over the variable of a name, and which known function of it the name is; None if it is none."""
+def _variable(beside: Curves, kept: Candidate, name: str) -> tuple[str, list[Curve]] | None:
+    """Which known function of a variable a name is, and that with the others; None if it is none."""
     own = _own(beside, kept, name)
     if own.sum() != 1:
         return None
@@ -82,12 +86,14 @@ def _variable(beside: Curves, kept: Candidate, name: str) -> tuple[Curve, str] |
             continue
         if _sine(moved, stacked(beside.response(table))) > NEAR:
             continue
-        for function in beside.functions([table]):
-            if function.shapes.shape[1] == 1 and function.formula != CONSTANT:
-                sine = _sine(moved, stacked(beside.response(function)))
-                if sine < nearest:
-                    nearest, best = sine, (table, function.formula)
-    return best
+        functions = [f for f in beside.functions([table]) if f.shapes.shape[1] == 1]
+        sines = [_sine(moved, stacked(beside.response(f))) for f in functions]
+        if sines and min(sines) < nearest:
+            nearest = min(sines)
+            mine = functions[sines.index(nearest)].formula
+            told = [f for f, s in zip(functions, sines, strict=True) if s == nearest or s > TOLD * nearest]
+            best = mine, told
+    return None if best is None or best[0] == CONSTANT else best
 
 
 def _own(beside: Curves, kept: Candidate, name: str) -> NDArray[np.bool_]:

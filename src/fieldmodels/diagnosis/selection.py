@@ -89,10 +89,13 @@ def accepted(
         return False
     if block_p_value(gain, blocks) < options.level:
         return True
-    single = len(child.effects) == len(parent.effects) + 1
-    if single and far_beyond(gain, total, options.least_gain, blocks):
+    if _one_more(parent, child) and far_beyond(gain, total, options.least_gain, blocks):
         return True
     return in_few_blocks(parent, child, blocks, options) < STRONG_P
+
+
+def _one_more(parent: Candidate, child: Candidate) -> bool:
+    return len(child.effects) == len(parent.effects) + 1
 
 
 def far_beyond(gain: FloatArray, total: float, needed: float, blocks: IntArray) -> bool:
@@ -121,8 +124,7 @@ def in_few_blocks(
     """
     gain = parent.loss - child.loss
     total = parent.total - child.total
-    single = len(child.effects) == len(parent.effects) + 1
-    if not single or total - largest_share(gain, blocks) <= options.least_gain:
+    if not _one_more(parent, child) or total - largest_share(gain, blocks) <= options.least_gain:
         return 1.0
     return likelihood_p_value(parent, child, blocks) if block_p_value(gain, blocks) < RARE_P else 1.0
 

@@ -94,7 +94,11 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     for name, shape in shapes.items():
         rest = candidates.without(kept, name) if len(kept.effects) > 1 else base
         instead = _instead(candidates, rest, shape)
-        if instead and _beats(shape.other, shape.own, 0.0, problem.blocks, options):
+        better = all(
+            _beats(one, than, 0.0, problem.blocks, options)
+            for one, than in ((shape.other, shape.own), (shape.scored.candidate, kept))
+        )
+        if instead and better:
             kept, (beside, left), beaten = rest, instead, (*beaten, name)
             shapes = misshapen(beside, kept)
             break

@@ -241,7 +241,7 @@ def _air_drag(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
 
 
 def _spring_in_the_hip(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
-    leg.forces.append(lambda _t, x, _v: -0.5 * k * x * abs(x))
+    leg.forces.append(lambda _t, x, _v: -0.2 * k * x * abs(x))
 
 
 def _one_way_friction(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
