@@ -19,6 +19,7 @@ from fieldmodels.diagnosis.selection import (
     accepted,
     block_p_value,
     dispersion,
+    far_beyond,
     indistinguishable,
     likelihood_p_value,
 )
@@ -89,6 +90,21 @@ def rare(largest, other, effects):
     p = stats.ttest_1samp(np.bincount(BLOCKS, gain), 0.0, alternative="greater").pvalue
     assert 0.01 < p < 0.1
     return accepted(parent, child, BLOCKS)
+
+
+@pytest.mark.parametrize(("size", "yes"), [(10.0, True), (5.0, False)])
+def test_what_helps_in_a_part_of_the_data_and_harms_in_another_must_bring_three_times_as_much(size, yes):
+    """32 or 16 nats, of three of sixteen blocks; the others cost a little."""
+    gain = np.full(64, -0.05)
+    for block in (9, 12, 13, 15):
+        gain[block == BLOCKS] = size / 4
+    parent = stands(100.0, cost=50.0, spread=0.0)
+    child = Candidate(("a",), SimpleNamespace(cost=0.0, observations=None), 0.0, parent.loss - gain, 0)
+    p = stats.ttest_1samp(np.bincount(BLOCKS, gain), 0.0, alternative="greater").pvalue
+    assert 0.01 < p < 0.1
+    assert far_beyond(gain, gain.sum(), 8.0, BLOCKS) == yes
+    if yes:
+        assert accepted(parent, child, BLOCKS)
 
 
 def test_two_causes_at_once_have_no_second_chance(monkeypatch):

@@ -9,7 +9,7 @@ from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.jumps import strongest_jump
 from fieldmodels.diagnosis.response import averaged, segments
 from fieldmodels.diagnosis.result import JUMP
-from fieldmodels.diagnosis.shapes import Curve
+from fieldmodels.diagnosis.shapes import Curve, tables
 from fieldmodels.diagnosis.waves import strongest
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
@@ -96,3 +96,12 @@ def test_waves_over_a_command_of_few_levels_have_four_levels_in_a_cycle():
     asked = []
     strongest(place, lambda _, counts: asked.append(counts) or np.zeros(len(counts)))
     assert asked[0][-1] == pytest.approx(10.0, abs=0.5)
+
+
+def test_a_table_of_the_ends_rises_where_a_command_is_at_its_largest_for_long():
+    """Extended simulations take only curves whose places rise."""
+    rng = np.random.default_rng(1)
+    command = np.minimum(rng.uniform(-1.0, 1.0, (40, 8)), 0.5)
+    [ends] = [c for c in tables({"command": ("V", command)}) if c.formula == "ends"]
+    assert (np.diff(ends.knots) > 0.0).all()
+    assert ends.shapes.shape == (len(ends.knots), ends.values.shape[-1])

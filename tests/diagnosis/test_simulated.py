@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis import diagnose, simulated
+from fieldmodels.diagnosis.simulated import that_keep_their_promise
 from fieldmodels.effects import actuator, friction, sensor
 from fieldmodels.machine import Machine, number
 from fieldmodels.model import ModelError, Signal
@@ -66,6 +68,29 @@ def test_radiation_is_a_square():
     result = diagnose(Bath(), [bath(1, radiation=0.01)], [bath(2, radiation=0.01)])
     assert not result.causes
     assert [(c.over, c.formula) for c in result.curves] == [("temperature", "square")]
+
+
+@pytest.mark.parametrize(("gain", "first"), [(80.0, "seems best"), (20.0, "is best")])
+def test_a_curve_that_does_not_keep_its_promise_gives_way(monkeypatch, gain: float, first: str):
+    """Of a promise of 100 nats three quarters must be kept for no other curve to be tried."""
+
+    def curve(name: str, total: float) -> SimpleNamespace:
+        return SimpleNamespace(name=name, total=total, coefficients=np.zeros(1), candidate=None)
+
+    found, others = curve("seems best", 100.0), [curve("is best", 90.0), curve("is worse", 80.0)]
+    cost = {"seems best": 150.0 - gain, "is best": 60.0, "is worse": 140.0}
+    monkeypatch.setattr(
+        simulated,
+        "extend",
+        lambda _c, _k, curves, *_: SimpleNamespace(fit=SimpleNamespace(cost=cost[curves[0].name])),
+    )
+    monkeypatch.setattr(simulated, "covariance_whitener", lambda *_: None)
+    options = SimpleNamespace(price=1.0, most_curves=2)
+    kept = SimpleNamespace(fit=SimpleNamespace(cost=150.0), size=0)
+    tried = SimpleNamespace(judge=lambda _kept: others, rivals=lambda *_: [])
+    candidates = SimpleNamespace(problem=None, options=options)
+    judged = SimpleNamespace(kept=kept, tried=tried)
+    assert [one.name for one in that_keep_their_promise(candidates, judged, (found,))] == [first]
 
 
 def test_kinds_of_friction_are_chosen_like_those_of_other_effects():

@@ -357,6 +357,7 @@ def test_a_drag_of_another_power_than_the_listed_ones_is_not_named(
     if power in (0.0, 2.0):
         assert [(c.effect, c.alternatives) for c in result.causes] == [(formula, ())]
     elif result.causes:
+        assert power < 3.0
         assert [c.alternatives for c in result.causes] == [("curve of velocity",)]
     else:
         assert [(c.over, c.formula) for c in result.curves[:1]] == [("velocity", formula)]
@@ -403,3 +404,27 @@ def test_faults_a_hundred_times_their_error_are_regained_to_the_noise(
     gain = result.gain["position"]
     assert gain.rmse_before > 10.0 * NOISE["position"]
     assert gain.rmse_with_curves < 1.05 * NOISE["position"]
+
+
+def test_cogging_repeats_many_times_along_the_way():
+    """Teeth of 6 mm, thirty to fifty on a way of a few decimetres."""
+    teeth = {"push": lambda t, x, v, u: 0.4 * math.sin(2.0 * math.pi * x / 0.006)}
+    [cogging] = diagnose(get_model("rig"), [rig(4, **teeth)], [rig(504, **teeth)]).causes
+    assert cogging.effect == "cogging"
+    assert cogging.parameters["period"].value == pytest.approx(0.006, rel=2e-3)
+
+
+@pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
+def test_friction_that_depends_on_the_place_is_friction_or_a_curve_of_it(seed: int):
+    """That of an average place explains less than what remains; with how it varies it explains most."""
+
+    def grip(_t: float, x: float, v: float, _u: float) -> float:
+        return -0.3 * (1.0 + math.sin(x / 0.02)) * math.tanh(v / 0.003)
+
+    result = diagnose(get_model("rig"), [rig(seed, push=grip)], [rig(seed + 500, push=grip)])
+    assert [(c.effect, c.alternatives) for c in result.causes] == [
+        ("coulomb_friction", ("curve of position, in coulomb friction.force",))
+    ]
+    assert [c.direction for c in result.curves] == ["position, in coulomb friction.force"]
+    position = result.gain["position"]
+    assert position.rmse_with_curves < 0.8 * position.rmse_after

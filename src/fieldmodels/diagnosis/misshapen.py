@@ -79,20 +79,25 @@ def _variable(beside: Curves, kept: Candidate, name: str) -> tuple[str, list[Cur
     own = _own(beside, kept, name)
     if own.sum() != 1:
         return None
-    moved = stacked(kept.fit.jacobian[:, :, own])
+    # A gain on one side alone is an asymmetry, where a mass or a gain is fitted, too.
+    rest = stacked(kept.fit.jacobian[:, :, kept.fit.active & ~own])
+    moved = beyond_span(stacked(kept.fit.jacobian[:, :, own]), rest)
+
+    def off(curve: Curve) -> float:
+        return _sine(moved, beyond_span(stacked(beside.response(curve)), rest))
+
     nearest, best = SAME_SINE, None
     for table in beside.all:
         if table.place not in ("force", "sensor") or table.formula:
             continue
-        if _sine(moved, stacked(beside.response(table))) > NEAR:
+        if off(table) > NEAR:
             continue
         functions = [f for f in beside.functions([table]) if f.shapes.shape[1] == 1]
-        sines = [_sine(moved, stacked(beside.response(f))) for f in functions]
+        sines = [off(f) for f in functions]
         if sines and min(sines) < nearest:
-            nearest = min(sines)
-            mine = functions[sines.index(nearest)].formula
-            told = [f for f, s in zip(functions, sines, strict=True) if s == nearest or s > TOLD * nearest]
-            best = mine, told
+            nearest, mine = min(sines), functions[sines.index(min(sines))]
+            others = [f for f, sine in zip(functions, sines, strict=True) if sine > TOLD * nearest]
+            best = mine.formula, [mine, *others]
     return None if best is None or best[0] == CONSTANT else best
 
 

@@ -22,9 +22,7 @@ Progress = Callable[[str, float], None]
 
 RARE_P = 0.1  # of the test over blocks for a cause that acts in few of them only
 STRONG_P = 1e-6  # of its likelihood-ratio test; noise that is not white reached 6e-6 where nothing was hidden
-UNEVEN = (
-    3.0  # times what it must bring, in a part of the data alone; 2.5 were reached where nothing was hidden
-)
+UNEVEN = 3.0  # times what it must bring, without its best block; 1.7 where nothing was hidden
 AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = 2.0  # nats that count as none
 PARENTS = 3  # best sets of each size that are extended
