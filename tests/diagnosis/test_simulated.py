@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import diagnose, simulated
+from fieldmodels.diagnosis.curves import _solved
 from fieldmodels.diagnosis.simulated import that_keep_their_promise
 from fieldmodels.effects import actuator, friction, sensor
 from fieldmodels.machine import Machine, number
@@ -68,6 +69,14 @@ def test_radiation_is_a_square():
     result = diagnose(Bath(), [bath(1, radiation=0.01)], [bath(2, radiation=0.01)])
     assert not result.causes
     assert [(c.over, c.formula) for c in result.curves] == [("temperature", "square")]
+
+
+def test_a_curve_is_solved_for_beside_a_mass_that_is_known_a_million_times_better():
+    rng = np.random.default_rng(1)
+    columns = rng.normal(size=(40, 10, 2)) * [1e6, 1.0]
+    residual = columns @ [2e-6, 3.0]
+    step, _ = _solved(SimpleNamespace(active=np.ones(2, dtype=bool), jacobian=columns, residual=residual))
+    assert step == pytest.approx([2e-6, 3.0], rel=1e-6)
 
 
 @pytest.mark.parametrize(("gain", "first"), [(80.0, "seems best"), (20.0, "is best")])

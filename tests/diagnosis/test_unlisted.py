@@ -392,26 +392,25 @@ def test_commands_that_come_late_from_some_time_on_are_not_overlooked(seed: int)
     [
         ({"damping": lambda t: DAMPING * (1.0 + 0.07 * t)}, "time, in damping"),
         ({"push": lambda t, x, v, u: -0.02 * t * u}, "force times time"),
+        ({"push": lambda t, x, v, u: -15.0 * v**3}, "velocity"),
     ],
-    ids=["damping", "actuator"],
+    ids=["damping", "actuator", "drag"],
 )
-def test_faults_a_hundred_times_their_error_are_regained_to_the_noise(
-    fault: dict[str, Any], over: str, seed: int
-):
-    """Damping that grows to three times its size, an actuator that loses three fifths."""
+def test_faults_far_above_the_noise_are_regained_to_it(fault: dict[str, Any], over: str, seed: int):
+    """Damping that grows to three times its size, an actuator that loses three fifths, drag by the cube."""
     result = diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
     assert [c.direction for c in result.curves] == [over]
     gain = result.gain["position"]
-    assert gain.rmse_before > 10.0 * NOISE["position"]
+    assert gain.rmse_before > 5.0 * NOISE["position"]
     assert gain.rmse_with_curves < 1.05 * NOISE["position"]
 
 
 def test_cogging_repeats_many_times_along_the_way():
     """Teeth of 6 mm, thirty to fifty on a way of a few decimetres."""
     teeth = {"push": lambda t, x, v, u: 0.4 * math.sin(2.0 * math.pi * x / 0.006)}
-    [cogging] = diagnose(get_model("rig"), [rig(4, **teeth)], [rig(504, **teeth)]).causes
-    assert cogging.effect == "cogging"
-    assert cogging.parameters["period"].value == pytest.approx(0.006, rel=2e-3)
+    causes = diagnose(get_model("rig"), [rig(4, **teeth)], [rig(504, **teeth)]).causes
+    assert [c.effect for c in causes] == ["cogging"]
+    assert causes[0].parameters["period"].value == pytest.approx(0.006, rel=2e-3)
 
 
 @pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
