@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fieldmodels.estimation.filterpy_reference import FilterpyFilter
-from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms, kalman_run
+from fieldmodels.estimation.parameter_filter import METHODS, ParameterFilters, Terms
 from fieldmodels.information import binned, closed, fast
 from fieldmodels.machines.excitation.dynamics import SUBSTEPS, simulate
 from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
@@ -83,11 +83,6 @@ def main() -> None:
             reference.update(a[k], f[k])
         return reference.mean, reference.covariance
 
-    def by_compiled() -> tuple[np.ndarray, np.ndarray]:
-        mean, covariance = PRIOR_MEAN.copy(), np.diag(PRIOR_VARIANCE)
-        kalman_run(mean, covariance, a, f, r)
-        return mean, covariance
-
     y = np.empty((MODES, len(f), FEATURES))
     noise = np.zeros((MODES, FEATURES, FEATURES))
     for mode in range(MODES):
@@ -117,7 +112,6 @@ def main() -> None:
     rows = [
         ("filterpy", best(by_filterpy, samples), exact),
         ("NumPy", best(lambda: numpy_run(a, f, np.diag(r)), samples), numpy_run(a, f, np.diag(r))),
-        ("compiled, sample by sample", best(by_compiled, samples), by_compiled()),
     ]
     rows += [(f"sums of a chunk, {m}", best(chunked(m), samples * BATCH), chunked(m)()) for m in METHODS]
     print(f"{'update of one sample (18 x 22)':32}{'us':>9}{'faster':>9}{'mean off':>12}{'sigma off':>12}")
