@@ -69,6 +69,7 @@ def test_radiation_is_a_square():
     result = diagnose(Bath(), [bath(1, radiation=0.01)], [bath(2, radiation=0.01)])
     assert not result.causes
     assert [(c.over, c.formula) for c in result.curves] == [("temperature", "square")]
+    assert not result.above_noise  # with the curve, which extended.yaml has
 
 
 def test_a_curve_is_solved_for_beside_a_mass_that_is_known_a_million_times_better():

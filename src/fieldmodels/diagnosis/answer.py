@@ -147,7 +147,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
         )
     if diagnosis.not_runnable:
         steps.append(text(f"Not in extended.yaml: {'; '.join(diagnosis.not_runnable)}."))
-    if diagnosis.verdict == "unknown":
+    explained = bool(diagnosis.curve_effects) and not diagnosis.above_noise
+    if diagnosis.verdict == "unknown" and not explained:
         steps.append(
             "Look at the shape of the remaining error in the report: it shows where in the machine to look."
         )

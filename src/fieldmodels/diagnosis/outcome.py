@@ -77,7 +77,8 @@ class Diagnosis:
         wandering: Sensors whose zeros certainly wander, and the standard deviation of that over a record.
         simulations: How much was simulated, in plain simulations of all the windows that were fitted.
         stopped: What was left out for a budget of time; empty if nothing was.
-        above_noise: Ratio of a signal's error to its sensor's noise, where it is well above 1.
+        above_noise: Ratio of a signal's error, names and curves included, to its sensor's noise, where it is
+            well above 1.
     """
 
     model: str

@@ -371,7 +371,7 @@ def _stated(
         wandering={}
         if found.mistaken or found.unrelated
         else wandering_zeros(training, beside.fit, candidates.options.price),
-        above_noise=above_noise(testing, found.after),
+        above_noise=above_noise(testing, whole),
         vector=final.parameters[: len(model.names)],
         not_testable=not_testable(selection),
         trained_on=(),
