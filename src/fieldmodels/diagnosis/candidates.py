@@ -37,6 +37,9 @@ MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took f
 ROUGH = 0.1  # nats; an extension whose step gains less is told from others, and fitted again if it is near
 HELD = 2  # better points in a row at which a bound holds a fit that then counts as the simpler effect there
 LINES = 4  # spectral lines that are followed
+SLOW = (
+    29  # periods along the way, from the whole of it to a fifteenth, that are worth their simulation anyhow
+)
 BATCH = 100  # parameter vectors a call, which bounds memory
 SCANNED = 50_000  # samples; with more a frequency is sought only where the model expects it
 FREQUENCIES = 0.1, 5.0  # sought, in cycles of the main horizon, which follows the machine's pace
@@ -316,7 +319,7 @@ class Candidates:
             way = [j for j in _shown(self.problem) if self.problem.model.outputs[j].unit == parameter.unit]
             if parameter.name == "period" and len(way) == 1:
                 passed = mean_outputs(self.problem, parent.fit, way[0])
-                found = self.lines(parent, passed, np.sort(1.0 / np.array(choices[k])))
+                found = self.lines(parent, passed, np.sort(1.0 / np.array(choices[k])), SLOW)
                 choices[k] = tuple((1.0 / found).tolist())
         values = np.array(list(itertools.product(*choices)))
         place = self.problem.model.slice_of(effect.name)
@@ -328,13 +331,17 @@ class Candidates:
                     result[:, g, place.start + other] = effect.parameters[other].nominal
         return result
 
-    def lines(self, parent: Candidate, over: FloatArray, grid: FloatArray) -> FloatArray:
+    def lines(
+        self, parent: Candidate, over: FloatArray, grid: FloatArray, slow: int | None = None
+    ) -> FloatArray:
         """Frequencies of a periodic force that explain most of a parent's residual, by its force response.
 
         Args:
             parent: What the force is added to.
             over: What it repeats over, on the segments of every window, shape (windows, segments).
             grid: Frequencies that are tried, rising.
+            slow: How many, the first, are worth their simulation anyhow, by default all: short waves take
+                short steps, and must promise what an effect must bring.
         """
         answers, others, left = self._pushed(parent.fit)
         over = answers.spread(over)
@@ -350,7 +357,12 @@ class Candidates:
             # A force without any response beside the parameters' brings nothing, at no frequency.
             told = np.minimum(a, b) > SEEN * np.trace(whole, axis1=1, axis2=2)
             gain[some] = np.divide(power, determinant, out=np.zeros_like(power), where=told)
-        peaks = [i for i in np.argsort(-gain) if gain[i] >= gain[max(i - 1, 0) : i + 2].max()]
+        peaks = [
+            i
+            for i in np.argsort(-gain)
+            if gain[i] >= gain[max(i - 1, 0) : i + 2].max()
+            and (slow is None or i < slow or 0.5 * gain[i] > self.options.least_gain)
+        ]
         return np.asarray(grid[peaks[:LINES]])
 
     def _pushed(self, fitted: Fit) -> Pushed:
