@@ -9,7 +9,7 @@ from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.jumps import strongest_jump
 from fieldmodels.diagnosis.response import averaged, segments
 from fieldmodels.diagnosis.result import JUMP
-from fieldmodels.diagnosis.shapes import Curve, tables
+from fieldmodels.diagnosis.shapes import Curve, known_functions, tables
 from fieldmodels.diagnosis.waves import strongest
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
@@ -105,3 +105,13 @@ def test_a_table_of_the_ends_rises_where_a_command_is_at_its_largest_for_long():
     [ends] = [c for c in tables({"command": ("V", command)}) if c.formula == "ends"]
     assert (np.diff(ends.knots) > 0.0).all()
     assert ends.shapes.shape == (len(ends.knots), ends.values.shape[-1])
+
+
+def test_known_functions_go_on_beyond_what_was_seen():
+    speed = np.random.default_rng(1).uniform(-1.0, 2.0, (40, 8))
+    [table, _ends] = tables({"speed": ("m/s", speed)})
+    [cube] = [c for c in known_functions(table, speed) if c.formula == "cube"]
+    size = np.abs(speed).max()
+    assert cube.knots[0] < speed.min() - 0.5
+    assert cube.knots[-1] > speed.max() + 0.5
+    assert cube.shapes[-1, 0] == pytest.approx((cube.knots[-1] / size) ** 3)

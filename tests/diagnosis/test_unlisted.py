@@ -400,6 +400,8 @@ def test_faults_far_above_the_noise_are_regained_to_it(fault: dict[str, Any], ov
     """Damping that grows to three times its size, an actuator that loses three fifths, drag by the cube."""
     result = diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
     assert [c.direction for c in result.curves] == [over]
+    values = result.curves[0].curve[:, 1]
+    assert (values[-1] > values[0]) == (over == "time, in damping")  # it grows; the others take away
     gain = result.gain["position"]
     assert gain.rmse_before > 5.0 * NOISE["position"]
     assert gain.rmse_with_curves < 1.05 * NOISE["position"]
