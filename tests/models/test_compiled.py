@@ -19,10 +19,21 @@ import numpy as np
 import pytest
 from numba.core import config, event
 from numba.core.compiler import Flags
+from numba.core.typing.context import Context
+from numba.extending import overload
 
 import fieldagents
 import fieldmodels
-from fieldmodels.compiled import allocation_free, cache, cache_folder, compiled, fingerprint, folder, inlined
+from fieldmodels.compiled import (
+    allocation_free,
+    allocation_free_inlined,
+    cache,
+    cache_folder,
+    compiled,
+    fingerprint,
+    folder,
+    inlined,
+)
 from fieldmodels.compiled.fingerprint import _globals_read
 from fieldmodels.compiled.settled import _Settled
 
@@ -396,6 +407,40 @@ def test_what_counts_no_references_may_hand_out_no_array():
         same(np.array([3.0]))
 
 
+def test_a_part_of_what_counts_no_references_may_hand_out_no_array_either():
+    """Else a kernel that counts, and calls the same part later, would use memory that is already freed."""
+
+    @inlined
+    def same(x):
+        return x
+
+    @inlined
+    def double(x):
+        return 2.0 * x[0]
+
+    @allocation_free_inlined
+    def itself(x):
+        return x
+
+    @allocation_free
+    def first(x):
+        return same(x)[0]
+
+    @allocation_free
+    def doubled(x):
+        return double(x)
+
+    @compiled
+    def created():
+        return itself(np.ones(3))
+
+    for kernel, arguments in ((first, [np.ones(3)]), (created, [])):
+        kernel._cache.disable()
+        with pytest.raises(TypeError, match="returns an array"):
+            kernel(*arguments)
+    assert doubled(np.ones(3)) == 2.0
+
+
 @inlined
 def third(values, place):
     if place > 2:
@@ -449,6 +494,88 @@ def test_settings_are_read_a_few_times_a_kernel(monkeypatch):
     assert _Settled(flags) == flags
     assert hash(_Settled(flags)) == hash(flags)
     assert _Settled(flags) != _Settled(other)
+
+
+def test_what_an_operator_makes_of_numbers_is_found_out_once(monkeypatch):
+    """Once a kind of numbers, not once a place; and what is declared later counts."""
+    tried = []
+    resolve = Context.resolve_function_type
+
+    def counted(self, func, args, kws):
+        tried.append((func, args))
+        return resolve(self, func, args, kws)
+
+    monkeypatch.setattr(Context, "resolve_function_type", counted)
+
+    @compiled
+    def product(x, y, n):
+        return x * y * x * y, n * n * n
+
+    product._cache.disable()
+    reals, integers = product(1.5, 2.0, 3)
+    assert (reals, integers) == (9.0, 27)
+    assert isinstance(integers, int)
+    assert len(tried) == len(set(tried))
+
+    def named(x):
+        raise NotImplementedError
+
+    @compiled
+    def of_a_number(x):
+        return named(x)
+
+    @compiled
+    def of_an_array(x):
+        return named(x)
+
+    @overload(named)
+    def _named(x):
+        return (lambda x: 2.0 * x) if isinstance(x, numba.types.Float) else None
+
+    assert of_a_number(1.5) == 3.0
+    with pytest.raises(numba.TypingError):
+        of_a_number(np.ones(2))
+
+    @overload(named)
+    def _named_array(x):
+        return (lambda x: x[0]) if isinstance(x, numba.types.Array) else None
+
+    assert of_an_array(np.ones(2)) == 1.0
+
+
+def test_a_compilation_starts_no_collection_of_garbage():
+    """What it made waits for a full collection; what a program has frozen stays frozen."""
+    collected = []
+
+    def count(phase, info):
+        if phase == "stop":
+            collected.append(info["collected"])
+
+    @compiled
+    def sine(x):
+        return np.sin(x) + 1.0
+
+    @compiled
+    def cosine(x):
+        return np.cos(x) + 1.0
+
+    sine._cache.disable()
+    cosine._cache.disable()
+    gc.collect()
+    gc.callbacks.append(count)
+    try:
+        assert sine(0.0) == 1.0
+    finally:
+        gc.callbacks.remove(count)
+    assert sum(collected) < 100
+    assert gc.collect() > 1000
+    gc.freeze()
+    try:
+        frozen = gc.get_freeze_count()
+        assert cosine(0.0) == 2.0
+        assert gc.get_freeze_count() >= 0.99 * frozen
+    finally:
+        gc.unfreeze()
 
 
 def test_garbage_is_collected_again_after_a_failure():
