@@ -38,8 +38,8 @@ class _Settled(Flags):
 class _Typing(Context):
     """Numba's types, where what a function makes of numbers and arrays is found out once.
 
-    Numba tries the definitions of an operator in turn at each place where it stands, in a loop more than once.
-    Tried once for each kind of arguments, a first step on a new machine takes a fifteenth less.
+    Numba tries the definitions of an operator in turn wherever it stands, in a loop more than once. Where
+    each kind of arguments is tried once, a first step on a new machine takes a fifteenth less.
     """
 
     found: ClassVar[dict[Any, Any]] = {}
