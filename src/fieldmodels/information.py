@@ -118,10 +118,10 @@ def fast_bits(sigma: float, width: float, bits: int) -> float:
     R^4 / 809 sigma^4 here), so that it never turns negative and its slope never vanishes. Strictly
     decreasing in sigma; the mean has no part in it.
     """
-    bin_width = width / 2.0**bits
+    bin_width = math.ldexp(width, -bits)
     ratio = width * width / (bin_width * bin_width + _TWO_PI_E * sigma * sigma)
     # The last factor, 1 but for 16^-n, makes certainty n bits exactly.
-    return 0.25 * math.log1p(ratio * ratio * (1.0 - 2.0 ** (-4 * bits))) / math.log(2.0)
+    return 0.25 * math.log1p(ratio * ratio * (1.0 - math.ldexp(1.0, -4 * bits))) / math.log(2.0)
 
 
 @inlined

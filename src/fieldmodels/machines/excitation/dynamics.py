@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free_inlined, compiled, inlined
 from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.parameters import MODES
 from fieldmodels.machines.excitation.regression import (
@@ -295,7 +295,7 @@ def moved_by(base: Place, a: Vector, b: Vector, c1: float, c2: float) -> Place:
     return Place(plus(base.r, c2, a), plus(base.v, c1, a), plus(base.o, c2, b), plus(base.w, c1, b))
 
 
-@inlined
+@allocation_free_inlined
 def write_motion(place: Place, a: Vector, b: Vector, out: FloatArray) -> None:
     """The first 18 signals."""
     for i in range(3):
@@ -303,7 +303,7 @@ def write_motion(place: Place, a: Vector, b: Vector, out: FloatArray) -> None:
         out[ANGLE + i], out[RATE + i], out[TURNING + i] = place.o[i], place.w[i], b[i]
 
 
-@inlined
+@allocation_free_inlined
 def write_force(system: System, swing: Swing, response: Response, out: FloatArray) -> None:
     """Eq (1): force and moment of the base on the arm, less those at rest."""
     a, b, h, n, g = response.a, response.b, response.arm, response.spin, response.gravity

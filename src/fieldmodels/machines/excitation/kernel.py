@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import allocation_free, compiled, inlined
+from fieldmodels.compiled import allocation_free, allocation_free_inlined, compiled, inlined
 from fieldmodels.drivers.stepped import Signals, give
+from fieldmodels.machines.excitation import lanes
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
 from fieldmodels.machines.excitation.lanes import advance_modes
 from fieldmodels.machines.excitation.motion import (
@@ -37,6 +38,13 @@ from fieldmodels.machines.excitation.vectors import copy_to
 
 BASE = 12
 """Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
+ROOM = np.dtype([
+    ("path", np.float64, (SAMPLES * SUBSTEPS + 1, 3)),
+    ("late", np.float64, (SAMPLES * SUBSTEPS + 1, 3)),
+    ("following", np.float64, (3,)),
+    ("lanes", lanes.ROOM),
+])  # fmt: skip
+"""Room for one decision: the arm's motion as commanded and as it lags, the command that it follows."""
 
 
 class Experiments(NamedTuple):
@@ -108,23 +116,17 @@ def give_path(around: Around, b: int, time: float, path: FloatArray) -> None:
     copy_to(around.given[b], path[last])
 
 
-@inlined
+@allocation_free_inlined
 def move_arm(
     e: Experiments,
     b: int,
     around: Around | None,
-    odd: bool | None,
     wanted: FloatArray,
     acceleration: float,
     path: FloatArray,
-    late: FloatArray,
-) -> bool:
-    """Move experiment ``b``'s arm towards a command: commanded along ``path``, lagging along ``late``.
-
-    Returns:
-        Whether it lags; ``late`` is only filled then.
-    """
-    following = np.empty(3)
+    following: FloatArray,
+) -> None:
+    """Move experiment ``b``'s arm towards a command, along ``path``; ``following`` is the one it follows."""
     attainable(e.command[b], e.phase[b], wanted, acceleration, following)
     fill_motion(e.command[b], e.phase[b], following, path)
     e.phase[b] = phase_after(e.phase[b], e.command[b], following)
@@ -132,14 +134,14 @@ def move_arm(
     if around is not None:  # noqa: SIM102 - compiled: without any, the rest is left out
         if around.arm.on[b, 0]:
             give_path(around, b, e.counts[b] * SAMPLE, path)
-    if odd is not None:
-        lag = e.vehicles[b].actuator_lag.time_constant
-        if lag > 0.0:
-            copy_to(late[0], e.arm_motion[b])
-            lag_motion(path, SAMPLE / SUBSTEPS, lag, late)
-            copy_to(e.arm_motion[b], late[-1])
-            return True
-    return False
+
+
+@allocation_free_inlined
+def keep_motion(path: FloatArray, b: int, motion: FloatArray) -> None:
+    """The arm's motion at the samples of a decision, where it is asked for."""
+    if len(motion) > 0:
+        for k in range(SAMPLES + 1):
+            copy_to(motion[b, k], path[k * SUBSTEPS])
 
 
 @inlined
@@ -197,34 +199,57 @@ def sense(
                 keep_base(measured, e.base[b, mode])
 
 
-@compiled
+@allocation_free
 def advance(
     e: Experiments,
     rules: NDArray[Any],
     arm: FloatArray,
     around: Around | None,
-    odd: bool | None,
     wanted: FloatArray,
     signals: FloatArray,
     motion: FloatArray,
+    room: NDArray[Any],
 ) -> None:
-    """Move the arms and the vehicles under them: their true signals, shape (batch, 3, 80, 24)."""
-    path, late = np.empty((SAMPLES * SUBSTEPS + 1, 3)), np.empty((SAMPLES * SUBSTEPS + 1, 3))
+    """Move the arms and the vehicles under them, none of which has an effect: their modes go side by side.
+
+    Fills the true signals, shape (batch, 3, 80, 24); ``room``, of dtype ``ROOM``, is overwritten.
+    """
+    path, following, beside = room[0].path, room[0].following, room[0].lanes
     for b in range(len(wanted)):
-        moved = late if move_arm(e, b, around, odd, wanted[b], rules[b].acceleration, path, late) else path
-        q, state = e.vehicles[b], e.states[b]
-        if odd is None:  # compiled: only what there is
-            advance_modes(q, arm, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, state, signals[b])
-        else:
-            time = e.counts[b] * SAMPLE
-            for mode in range(MODES):
-                advance_mode(
-                    q, arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time, state[mode],
-                    signals[b, mode],
-                )  # fmt: skip
-        if len(motion) > 0:
-            for k in range(SAMPLES + 1):
-                copy_to(motion[b, k], moved[k * SUBSTEPS])
+        move_arm(e, b, around, wanted[b], rules[b].acceleration, path, following)
+        advance_modes(
+            e.vehicles[b], arm, path, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, e.states[b], signals[b], beside
+        )
+        keep_motion(path, b, motion)
+
+
+@compiled
+def advance_odd(
+    e: Experiments,
+    rules: NDArray[Any],
+    arm: FloatArray,
+    around: Around | None,
+    wanted: FloatArray,
+    signals: FloatArray,
+    motion: FloatArray,
+    room: NDArray[Any],
+) -> None:
+    """``advance`` where a vehicle has an effect: each mode by itself, and an arm may lag."""
+    path, following, late = room[0].path, room[0].following, room[0].late
+    for b in range(len(wanted)):
+        q, time, moved = e.vehicles[b], e.counts[b] * SAMPLE, path
+        move_arm(e, b, around, wanted[b], rules[b].acceleration, path, following)
+        if q.actuator_lag.time_constant > 0.0:
+            copy_to(late[0], e.arm_motion[b])
+            lag_motion(path, SAMPLE / SUBSTEPS, q.actuator_lag.time_constant, late)
+            copy_to(e.arm_motion[b], late[-1])
+            moved = late
+        for mode in range(MODES):
+            advance_mode(
+                q, arm, mode, moved, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, time, e.states[b, mode],
+                signals[b, mode],
+            )  # fmt: skip
+        keep_motion(moved, b, motion)
 
 
 @compiled
@@ -263,7 +288,7 @@ def shake(
     rules: NDArray[Any],
     arm: FloatArray,
     around: Around | None,
-    odd: bool | None,
+    odd: bool,
     wanted: FloatArray,
     signals: FloatArray,
     features: FloatArray,
@@ -278,7 +303,7 @@ def shake(
         rules: What is shaken and sensed in each, see ``shaker.kernel_rules``, shape (batch,).
         arm: ``Arm.row()``, shape (5,).
         around: Stock effects around them, or None.
-        odd: None where no vehicle has an effect: then the modes go side by side.
+        odd: Whether a vehicle has an effect; where none has, the modes go side by side.
         wanted: Commands that the agents want, shape (batch, 3).
         signals: Receives what is sensed without noise, shape (batch, 3, 80, 24).
         features: Receives the features, shape (batch, 3, 80, 30).
@@ -286,7 +311,8 @@ def shake(
         motion: Receives f, f', f'' of the arm, shape (batch, 81, 3), or (0, 81, 3).
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
-    advance(e, rules, arm, around, odd, wanted, signals, motion)
+    move = advance_odd if odd else advance
+    move(e, rules, arm, around, wanted, signals, motion, np.empty(1, ROOM))
     if len(bodies) > 0:
         bodies[..., 0:3] = signals[..., POSITION : POSITION + 3]
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free, allocation_free_inlined, inlined
+from fieldmodels.estimation.parameter_filter import clear
 from fieldmodels.machines.excitation.dynamics import (
     ACROSS,
     ARM_MASS,
@@ -55,27 +56,29 @@ A, B, H, N, G = 48, 51, 54, 57, 60
 AXIS, ALONG, REST, CENTRE, SPEED, MOVED = 63, 66, 69, 72, 75, 78
 TURNED, SINE, COSINE, ROWS = 81, 82, 83, 84
 """Rows: places, accelerations and what is known of them, the arm, shares of series."""
+ROOM = np.dtype([("rows", np.float64, (ROWS, LANES))])
+"""Room for them. Of an array in a record the compiler knows the shape, which the loops over columns need."""
 
 
-@inlined
+@allocation_free_inlined
 def read(s: FloatArray, row: int, lane: int) -> Vector:
     """Three rows of a lane."""
     return s[row, lane], s[row + 1, lane], s[row + 2, lane]
 
 
-@inlined
+@allocation_free_inlined
 def write(s: FloatArray, row: int, lane: int, v: Vector) -> None:
     """Set three rows of a lane."""
     s[row, lane], s[row + 1, lane], s[row + 2, lane] = v
 
 
-@inlined
+@allocation_free_inlined
 def read_place(s: FloatArray, row: int, lane: int) -> Place:
     """A place in twelve rows."""
     return Place(read(s, row, lane), read(s, row + 3, lane), read(s, row + 6, lane), read(s, row + 9, lane))
 
 
-@inlined
+@allocation_free_inlined
 def write_place(s: FloatArray, row: int, lane: int, place: Place) -> None:
     """Set twelve rows of a lane."""
     write(s, row, lane, place.r)
@@ -84,7 +87,7 @@ def write_place(s: FloatArray, row: int, lane: int, place: Place) -> None:
     write(s, row + 9, lane, place.w)
 
 
-@inlined
+@allocation_free_inlined
 def read_swing(s: FloatArray, lane: int, rate: float, turning: float) -> Swing:
     """The arm of a lane."""
     return Swing(
@@ -93,13 +96,13 @@ def read_swing(s: FloatArray, lane: int, rate: float, turning: float) -> Swing:
     )  # fmt: skip
 
 
-@inlined
+@allocation_free_inlined
 def read_response(s: FloatArray, lane: int) -> Response:
     """Accelerations of a lane, and what they share with the arm's force and moment."""
     return Response(read(s, A, lane), read(s, B, lane), read(s, H, lane), read(s, N, lane), read(s, G, lane))
 
 
-@inlined
+@allocation_free_inlined
 def system_in(s: FloatArray, own: System, lane: int) -> System:
     """Vehicle and arm of a lane."""
     return System(
@@ -127,14 +130,14 @@ def plain_suspension(
     )
 
 
-@inlined
+@allocation_free_inlined
 def square_of(s: FloatArray, row: int, lane: int) -> float:
     """Square of a vector in three rows."""
     x, y, z = read(s, row, lane)
     return x * x + y * y + z * z
 
 
-@inlined
+@allocation_free_inlined
 def swing_arm(s: FloatArray, system: System, angle: float, rate: float, turning: float) -> None:
     """Put the arms of all modes to an angle; see ``dynamics.pose``."""
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -148,7 +151,7 @@ def swing_arm(s: FloatArray, system: System, angle: float, rate: float, turning:
         write(s, MOVED, m, swing.acceleration)
 
 
-@compiled
+@allocation_free
 def advance_modes(
     q: Any,
     arm: FloatArray,
@@ -158,14 +161,16 @@ def advance_modes(
     substeps: int,
     state: FloatArray,
     signals: FloatArray,
+    room: Any,
 ) -> None:
     """``dynamics.advance_mode`` of all modes of a vehicle without effects.
 
-    State and signals have shapes (3, 24) and (3, samples, 24).
+    State and signals have shapes (3, 24) and (3, samples, 24); ``room``, of dtype ``ROOM``, is overwritten.
     """
     h = step / substeps
     half, full = 0.5 * h, 0.5 * h * (0.5 * h)
-    s = np.zeros((ROWS, LANES))
+    s = room.rows
+    clear(s)
     mass, reach, across = arm[ARM_MASS], arm[REACH], arm[ACROSS]
     inertia, joint = vector_at(q.inertia, 0) + vector_at(q.inertia, 3), vector_at(q.cg, 0)
     own = System(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import compiled, inlined
+from fieldmodels.compiled import allocation_free_inlined, compiled, inlined
 from fieldmodels.machines.excitation.vectors import copy_to
 from fieldmodels.model import ModelError
 
@@ -54,14 +54,14 @@ def motion_at(
     return f, f1, f2
 
 
-@inlined
+@allocation_free_inlined
 def phase_after(phase: float, previous: FloatArray, following: FloatArray) -> float:
     """Phase at the end of a decision [rad], in [0, 2 pi)."""
     turn: float = DECISION * 0.5 * (previous[FREQUENCY] + following[FREQUENCY])
     return (phase + turn) % (2.0 * math.pi)
 
 
-@inlined
+@allocation_free_inlined
 def keeps_within(previous: FloatArray, phase: float, following: FloatArray, acceleration: float) -> bool:
     """Whether |f''| is within an acceleration [rad/s2] at each sample of a decision."""
     da = following[AMPLITUDE] - previous[AMPLITUDE]
@@ -77,7 +77,7 @@ def keeps_within(previous: FloatArray, phase: float, following: FloatArray, acce
     return True
 
 
-@inlined
+@allocation_free_inlined
 def towards(
     previous: FloatArray, wanted: FloatArray, share: float, acceleration: float, out: FloatArray
 ) -> None:
@@ -89,7 +89,7 @@ def towards(
         out[AMPLITUDE] = STEADY_SHARE * acceleration / square
 
 
-@inlined
+@allocation_free_inlined
 def attainable(
     previous: FloatArray, phase: float, wanted: FloatArray, acceleration: float, out: FloatArray
 ) -> None:
@@ -119,7 +119,7 @@ def attainable(
         copy_to(out, previous)
 
 
-@inlined
+@allocation_free_inlined
 def fill_motion(previous: FloatArray, phase: float, following: FloatArray, out: FloatArray) -> None:
     """Angle, speed and acceleration over a decision.
 
@@ -141,7 +141,7 @@ def fill_motion(previous: FloatArray, phase: float, following: FloatArray, out: 
         )  # fmt: skip
 
 
-@inlined
+@allocation_free_inlined
 def lag_motion(commanded: FloatArray, step: float, time_constant: float, lagged: FloatArray) -> None:
     """First-order lag of f, f' and f'' alike, exact for commands that are linear over a step.
 

@@ -28,6 +28,7 @@ from fieldmodels.estimation.parameter_filter import (
     pairs_of,
     room_for,
 )
+from fieldmodels.machines.excitation import lanes
 from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.dynamics import GRAVITY, STATE
 from fieldmodels.machines.excitation.lanes import advance_modes
@@ -238,6 +239,7 @@ class Buffers(NamedTuple):
         features: Of one mode, shape (80, 30).
         spread: Sum of their noise's covariances, shape (30, 30).
         exact: Variances of signals without noise, shape (24,): zeros.
+        lanes: Of the modes side by side, dtype ``lanes.ROOM``, shape (1,).
     """
 
     motion: FloatArray
@@ -245,14 +247,16 @@ class Buffers(NamedTuple):
     features: FloatArray
     spread: FloatArray
     exact: FloatArray
+    lanes: NDArray[Any]
 
 
 @inlined
 def _shake(q: Any, setup: Setup, state: FloatArray, buffers: Buffers) -> None:
     """Advance all modes, state of shape (3, 24), by the decision whose motion is in the buffers."""
     advance_modes(
-        q, setup.arm, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, state, buffers.signals
-    )
+        q, setup.arm, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, state, buffers.signals,
+        buffers.lanes[0],
+    )  # fmt: skip
 
 
 @inlined
@@ -311,6 +315,7 @@ def _predict(
     vehicles: NDArray[Any],
     wanted: FloatArray,
     room: Room,
+    lane_room: NDArray[Any],
     covariances: FloatArray,
     grams: FloatArray,
 ) -> None:
@@ -321,6 +326,7 @@ def _predict(
         np.empty((SAMPLES, FEATURES)),
         np.empty((FEATURES, FEATURES)),
         np.zeros(SIGNALS),
+        lane_room,
     )
     sums = Sums(
         np.empty((MODES, STATE)),
@@ -426,5 +432,7 @@ class Predictor:
         known = Known(**{name: getattr(situation, name) for name in Known._fields})
         shaken = as_vehicles(make_physical(situation.mean if vehicles is None else vehicles))
         room = room_for(UNKNOWNS, EQUATIONS)
-        _predict(self._setup, known, shaken, wanted, room, result.covariance, result.gram)
+        _predict(
+            self._setup, known, shaken, wanted, room, np.empty(1, lanes.ROOM), result.covariance, result.gram
+        )
         return result

@@ -21,7 +21,7 @@ from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.information import fast_bits
 from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
 from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS
-from fieldmodels.machines.excitation.kernel import BASE, Around, Experiments, advance, shake
+from fieldmodels.machines.excitation.kernel import BASE, ROOM, Around, Experiments, advance, shake
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, DECISION, FREQUENCY, OFFSET
 from fieldmodels.machines.excitation.parameters import (
@@ -210,9 +210,9 @@ def _full_scale(vehicle: tuple[float, ...], arm: Arm, rules: np.dtype[Any]) -> F
         history=np.zeros((1, MODES, 0, TURNS)),
     )
     signals, motion = np.empty((1, MODES, SAMPLES, SIGNALS)), np.empty((0, SAMPLES + 1, 3))
-    maxima = np.zeros(SIGNALS)
+    maxima, room = np.zeros(SIGNALS), np.empty(1, ROOM)
     for _ in range(round(DURATION / DECISION)):
-        advance(experiment, own, arm.row(), None, None, CONSTANT[None].copy(), signals, motion)
+        advance(experiment, own, arm.row(), None, CONSTANT[None].copy(), signals, motion, room)
         np.maximum(maxima, np.abs(signals[0]).max(axis=(0, 1)), out=maxima)
     return np.tile(maxima, (MODES, 1))
 
@@ -302,7 +302,7 @@ class Shakers:
         center = _checked(PRESETS[self.rules.preset] if vehicle is None else vehicle)
         self._centers = np.tile(center, (batch, 1))
         self._sensing = any_on(self._centers, VEHICLE, EFFECTS, "sensor")
-        self._odd = any_on(self._centers, VEHICLE, EFFECTS).any().item() or None
+        self._odd = any_on(self._centers, VEHICLE, EFFECTS).any().item()
         self.stock = stock
         remembering = bool(self._sensing.any()) or (stock is not None and stock.senses)
         if possible is not None:
@@ -384,7 +384,7 @@ class Shakers:
         """Give some vehicles, before their next experiment, other parameters; shape (len(rows), n)."""
         self._centers[rows] = vectors
         self._sensing[rows] = any_on(vectors, VEHICLE, EFFECTS, "sensor")
-        self._odd = any_on(self._centers, VEHICLE, EFFECTS).any().item() or None
+        self._odd = any_on(self._centers, VEHICLE, EFFECTS).any().item()
 
     def set_rules(self, i: int, rules: Rules) -> None:
         """Give an experiment, before it begins again, other rules; estimator and variant stay."""

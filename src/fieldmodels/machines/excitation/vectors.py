@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import inlined
+from fieldmodels.compiled import allocation_free_inlined, inlined
 
 Vector = tuple[float, float, float]
 """Components x, y, z."""
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
-@inlined
+@allocation_free_inlined
 def vector_at(values: FloatArray, first: int) -> Vector:
     """Three numbers of an array."""
     return values[first], values[first + 1], values[first + 2]
 
 
-@inlined
+@allocation_free_inlined
 def copy_to(out: FloatArray, values: FloatArray) -> None:
     """Write values into an array as long; an assignment to a slice takes seconds to compile."""
     for i in range(len(out)):
