@@ -110,6 +110,16 @@ def _value_of_number(x: Any) -> Any:
     return (lambda x: x) if isinstance(x, types.Number) else None
 
 
+def only(x: Any) -> Any:
+    """A number itself; of a tuple that holds one, that one."""
+    return x[0] if isinstance(x, tuple) else x
+
+
+@overload(only, strict=False)
+def _only(x: Any) -> Any:
+    return (lambda x: x[0]) if isinstance(x, types.BaseTuple) else (lambda x: x)
+
+
 @inlined
 def one_by_parity(whole: float) -> float:
     """1 for an even integer below 2^51, -1 for an odd one, by its last bit."""

@@ -49,8 +49,9 @@ class Machine(Declaration):
     - ``observe(self, state, p)``: the true outputs, in their order; by default the states of the same names;
     - ``pace(self, p)``: the fastest mode [rad/s], by which steps are chosen; by default from the derivative.
 
-    They are compiled by Numba, and are handed named tuples; ``self`` is None in them. What Numba cannot
-    compile is run as it is, with a warning, about a thousand times slower.
+    They are compiled by Numba, with functions beside the class that they call, and are handed named tuples;
+    ``self`` is None in them. A mistake in one is a ModelError before anything runs. What Numba cannot compile
+    is run as it is, with a warning, about a thousand times slower.
 
     Attributes:
         by_differences: Parameters that act outside the methods below and stock effects (on a recording before
@@ -77,7 +78,8 @@ class Machine(Declaration):
         They are those of the integration as it is done, through friction that stops and turns, and of the
         branch that is taken: of an effect that is neutral, towards the side on which it is on. Differences
         take their place where a sensor is quantised (its steps have no slope), for ``by_differences``, and
-        for a machine whose equations Numba cannot compile for dual numbers: arithmetic and ``math`` it can.
+        for a machine whose equations Numba cannot compile for dual numbers: arithmetic, ``math`` and NumPy's
+        functions of a number it can.
         """
         free = np.asarray(free, dtype=np.int64)
         near = self._beside_neutral(parameters, free)

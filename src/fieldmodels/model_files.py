@@ -65,10 +65,15 @@ def load_model_file(name: str, call_limit: float | None = None) -> Model:
     if missing:
         line = inspect.getsourcelines(kind)[1]
         raise ModelError(f"{path}:{line}: {kind.__name__} does not implement {' and '.join(missing)}")
+    from fieldmodels.drivers.declaration import Declaration  # Numba takes half a second to be imported
+    from fieldmodels.drivers.methods import check_methods
+
     guard_model(kind, path, call_limit)
     with located(path, f"{kind.__name__}()"):
         model = kind()
-    check_declarations(model, str(path))
+        check_declarations(model, str(path))
+        if isinstance(model, Declaration):
+            check_methods(model)
     return model
 
 

@@ -134,7 +134,9 @@ def test_what_numba_cannot_compile_gives_the_same_numbers_with_a_warning(tmp_pat
     }
     for values in ({}, effects):
         vector = plain.vector({}, values)
-        with pytest.warns(ModelWarning, match=r"Numba cannot compile it.*derivative \(line 13\)"):
+        with pytest.warns(
+            ModelWarning, match=r"Numba cannot compile it.*Motor\.derivative, line 14: it holds a generator"
+        ):
             got = load_model_file(slow).simulate(vector, windows)
         np.testing.assert_allclose(got, plain.simulate(vector, windows), rtol=1e-12)
 

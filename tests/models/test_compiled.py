@@ -34,7 +34,7 @@ from fieldmodels.compiled import (
     folder,
     inlined,
 )
-from fieldmodels.compiled.fingerprint import _globals_read
+from fieldmodels.compiled.fingerprint import globals_read
 from fieldmodels.compiled.settled import _Settled
 
 LAB = {
@@ -307,7 +307,7 @@ def test_the_globals_that_a_kernel_reads_are_those_of_the_disassembler():
     codes = [kernel.py_func.__code__ for _, kernel in kernels_of(fieldmodels)]
     codes += [fieldmodels.compiled.fingerprint.__code__, told.__code__, Lab.finish.__code__]
     for code in codes:
-        assert _globals_read(code) == frozenset(told(code))
+        assert globals_read(code) == frozenset(told(code))
 
 
 def test_closures_defaults_options_and_libraries_are_told_apart():

@@ -17,6 +17,8 @@ from numba.core.dispatcher import Dispatcher
 
 # Their functions are identified by name: Numba brings its own implementation of each.
 LIBRARIES = frozenset({"numba", "numpy", "scipy", *sys.stdlib_module_names})
+ADDED: dict[str, str] = {}
+"""Editions of what this project has added to functions of libraries, by their names."""
 
 Intrinsic: Any = vars(extending)["_Intrinsic"]
 _LOAD_GLOBAL, _EXTENDED_ARG = dis.opmap["LOAD_GLOBAL"], dis.opmap["EXTENDED_ARG"]
@@ -44,7 +46,7 @@ class _Part:
         for name, cell in zip(plain.__code__.co_freevars, plain.__closure__ or (), strict=True):
             described.append(f"{name}={self._value(cell.cell_contents)}")
         # An attribute may have the name of a global that the function does not read.
-        for name in sorted(_globals_read(plain.__code__) & plain.__globals__.keys()):
+        for name in sorted(globals_read(plain.__code__) & plain.__globals__.keys()):
             try:
                 described.append(f"{name}={self._value(plain.__globals__[name], names)}")
             except UnknownConstantError as error:
@@ -99,7 +101,8 @@ class _Part:
         if isinstance(value, type):
             return self._type(value)
         if _library(value):
-            return f"library {getattr(value, '__module__', '')}.{value.__name__}"
+            added = ADDED.get(value.__name__, "")
+            return f"library {getattr(value, '__module__', '')}.{value.__name__}{added}"
         raise UnknownConstantError(f"of {type(value)}: it has no fingerprint")
 
     def _function(self, function: Any) -> str:
@@ -111,7 +114,8 @@ class _Part:
     def _module(self, module: types.ModuleType, names: frozenset[str], seen: tuple[Any, ...]) -> str:
         """The name of a library; of any other module what the function may read of it."""
         if module in seen or module.__name__.partition(".")[0] in LIBRARIES:
-            return f"module {module.__name__}"
+            added = [f"{name} {ADDED[name]}" for name in sorted(names & ADDED.keys())]
+            return f"module {module.__name__} {added}" if added else f"module {module.__name__}"
         read = sorted(names & vars(module).keys())
         inside = [f"{name}={self._value(vars(module)[name], names, (*seen, module))}" for name in read]
         return f"module {module.__name__} {inside}"
@@ -204,8 +208,8 @@ def _instructions(code: types.CodeType) -> Iterator[tuple[int, int]]:
 
 
 @functools.cache
-def _globals_read(code: types.CodeType) -> frozenset[str]:
+def globals_read(code: types.CodeType) -> frozenset[str]:
     """Names of the globals that a code loads."""
     read = {code.co_names[at >> 1] for operation, at in _instructions(code) if operation == _LOAD_GLOBAL}
-    inner = (_globals_read(c) for c in code.co_consts if isinstance(c, types.CodeType))
+    inner = (globals_read(c) for c in code.co_consts if isinstance(c, types.CodeType))
     return frozenset(read).union(*inner)

@@ -215,6 +215,14 @@ class Declaration(Model):
             for name in (f.velocity, *([f.position] if f.position else [])):
                 if name not in states:
                     raise ModelError(f"{self.name}: no state {name!r}{did_you_mean(name, states)}")
+            given = [s.name for s in type(self).inputs]  # an instance may read them from other columns
+            if f.input and f.input not in given:
+                raise ModelError(f"{self.name}: no input {f.input!r}{did_you_mean(f.input, given)}")
+            if f.inertia not in ("", *known["change"]) and not callable(getattr(self, f.inertia, None)):
+                raise ModelError(
+                    f"{self.name}: no number or method {f.inertia!r} for an inertia"
+                    f"{did_you_mean(f.inertia, known['change'])}"
+                )
         names = [e.name for e in self.own_effects]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:

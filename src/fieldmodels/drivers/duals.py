@@ -165,14 +165,20 @@ def _comparison(function: Any, symbol: str) -> None:
     _register(function, [signature(types.boolean, *pair) for pair in PAIRS], lower)
 
 
-def _of_value(function: Any, result: Any) -> None:
-    """A function of the value alone."""
+def _of_value(function: Any, result: Any, by: Any = None) -> None:
+    """A function of the value alone; ``by`` another one, where Numba writes it otherwise."""
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         w = _Writer(context, builder)
-        return w.call(function, w.read(sig.args[0], args[0])[0], result=result)
+        return w.call(by or function, w.read(sig.args[0], args[0])[0], result=result)
 
     _register(function, [signature(result, DUAL)], lower)
+
+
+def _floor_divided(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    w = _Writer(context, builder)
+    numbers = [w.read(kind, argument)[0] for kind, argument in zip(sig.args, args, strict=True)]
+    return w.call(operator.floordiv, *numbers)
 
 
 def _add(w: _Writer, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
@@ -203,6 +209,12 @@ def _power(w: _Writer, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
     if db is not None:
         slope = w.added(slope, w.scaled(db, w.builder.fmul(value, w.call(math.log, a))))
     return value, slope
+
+
+def _remainder(w: _Writer, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
+    left = w.call(operator.mod, a, b)
+    whole = w.builder.fdiv(w.builder.fsub(a, left), b)
+    return left, w.added(da, w.negated(w.scaled(db, whole)))
 
 
 def _copysign(w: _Writer, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
@@ -251,6 +263,20 @@ def _absolute(w: _Writer, a: Any, da: Any) -> tuple[Any, Any]:
     return w.call(abs, a), w.scaled(da, w.call(math.copysign, one, a))
 
 
+def _inverse(w: _Writer, number: Any) -> Any:
+    return w.builder.fdiv(w.number(1.0), number)
+
+
+def _inverse_root(w: _Writer, square: Any) -> Any:
+    return _inverse(w, w.call(math.sqrt, square))
+
+
+def _bell(w: _Writer, a: Any, sign: float) -> Any:
+    """Slope of the error function, or of one less it: 2/sqrt(pi) exp(-a^2)."""
+    height = w.number(sign * 2.0 / math.sqrt(math.pi))
+    return w.builder.fmul(height, w.call(math.exp, w.builder.fneg(w.builder.fmul(a, a))))
+
+
 def _one_less_square(w: _Writer, number: Any, sign: float) -> Any:
     """1 + sign number^2."""
     square = w.builder.fmul(number, number)
@@ -263,7 +289,11 @@ for _function, _rule in (
     (operator.itruediv, _divide),
 ):  # fmt: skip
     _binary(_function, _rule)
-_binary(operator.pow, _power)
+for _function, _rule in (
+    (operator.pow, _power), (operator.ipow, _power), (math.pow, _power), (operator.mod, _remainder),
+    (operator.imod, _remainder),
+):  # fmt: skip
+    _binary(_function, _rule)
 _binary(math.copysign, _copysign)
 _binary(math.atan2, _arctangent_of_two)
 _binary(math.hypot, _hypotenuse)
@@ -277,21 +307,38 @@ _unary(math.fabs, _absolute)
 _smooth(math.sqrt, lambda w, _, value: w.builder.fdiv(w.number(0.5), value))
 _smooth(math.exp, lambda _, __, value: value)
 _smooth(math.expm1, lambda w, _, value: w.builder.fadd(value, w.number(1.0)))
-_smooth(math.log, lambda w, a, _: w.builder.fdiv(w.number(1.0), a))
+_smooth(math.log, lambda w, a, _: _inverse(w, a))
+_smooth(math.log2, lambda w, a, _: _inverse(w, w.builder.fmul(w.number(math.log(2.0)), a)))
+_smooth(math.log10, lambda w, a, _: _inverse(w, w.builder.fmul(w.number(math.log(10.0)), a)))
+_smooth(math.log1p, lambda w, a, _: _inverse(w, w.builder.fadd(w.number(1.0), a)))
 _smooth(math.sin, lambda w, a, _: w.call(math.cos, a))
 _smooth(math.cos, lambda w, a, _: w.builder.fneg(w.call(math.sin, a)))
 _smooth(math.tan, lambda w, _, value: _one_less_square(w, value, 1.0))
 _smooth(math.tanh, lambda w, _, value: _one_less_square(w, value, -1.0))
 _smooth(math.sinh, lambda w, a, _: w.call(math.cosh, a))
 _smooth(math.cosh, lambda w, a, _: w.call(math.sinh, a))
-_smooth(math.atan, lambda w, a, _: w.builder.fdiv(w.number(1.0), _one_less_square(w, a, 1.0)))
+_smooth(math.atan, lambda w, a, _: _inverse(w, _one_less_square(w, a, 1.0)))
+_smooth(math.asin, lambda w, a, _: _inverse_root(w, _one_less_square(w, a, -1.0)))
+_smooth(math.acos, lambda w, a, _: w.builder.fneg(_inverse_root(w, _one_less_square(w, a, -1.0))))
+_smooth(math.asinh, lambda w, a, _: _inverse_root(w, _one_less_square(w, a, 1.0)))
+_smooth(math.acosh, lambda w, a, _: _inverse_root(w, w.builder.fneg(_one_less_square(w, a, -1.0))))
+_smooth(math.atanh, lambda w, a, _: _inverse(w, _one_less_square(w, a, -1.0)))
+_smooth(math.erf, lambda w, a, _: _bell(w, a, 1.0))
+_smooth(math.erfc, lambda w, a, _: _bell(w, a, -1.0))
+_smooth(math.radians, lambda w, _, __: w.number(math.pi / 180.0))
+_smooth(math.degrees, lambda w, _, __: w.number(180.0 / math.pi))
 for _compare, _symbol in (
     (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "=="),
     (operator.ne, "!="),
 ):  # fmt: skip
     _comparison(_compare, _symbol)
+_register(operator.floordiv, [signature(types.float64, *pair) for pair in PAIRS], _floor_divided)
+_of_value(int, types.int64, math.trunc)
+_of_value(round, types.int64)
 _of_value(math.floor, types.int64)
 _of_value(math.ceil, types.int64)
+_of_value(math.trunc, types.int64)
+_of_value(bool, types.boolean)
 _of_value(math.isfinite, types.boolean)
 _of_value(math.isnan, types.boolean)
 _of_value(math.isinf, types.boolean)

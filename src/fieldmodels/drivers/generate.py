@@ -7,27 +7,20 @@ two machines of one name in one process do not meet; its kernels are kept on dis
 from __future__ import annotations
 
 import hashlib
-import inspect
 import re
 import sys
-import warnings
-from collections import namedtuple
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import jinja2
-import numba
-import numpy as np
-from numba.core import types
 
 from fieldmodels.compiled import fingerprint, inlined
 from fieldmodels.compiled.text import run_text
-from fieldmodels.contract import ModelWarning
-from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
-from fieldmodels.drivers.duals import DUAL
+from fieldmodels.drivers.compilable import compilable, with_helpers
+from fieldmodels.drivers.declaration import Declaration, param_names
+from fieldmodels.drivers.methods import check_methods, methods_of
 from fieldmodels.effects import sensors
 from fieldmodels.effects.curves import SIZE, Curve
 
@@ -36,8 +29,6 @@ LANES = 16
 """Windows that go side by side: a few vectors of the processor, whose arithmetic overlaps."""
 EQUATIONS = "equations.py.j2"
 """What every driver begins with: the machine's equations with the stock effects, and single steps."""
-METHODS = {"derivative": "derivative", "step": "advance", "observe": "observe", "pace": "fastest"}
-"""A machine's methods, and what drivers call them."""
 JIT = (
     "from fieldmodels.compiled import allocation_free, compiled\n"
     "from fieldmodels.compiled import allocation_free_inlined as inlined\n"
@@ -54,34 +45,22 @@ AS_IT_IS = (
 def driver_module(machine: Declaration, template: str, lanes: int = LANES) -> ModuleType:
     """The module of a driver, to be compiled when it is first called.
 
+    What Numba cannot compile runs as it is, with a warning.
+
     Args:
         machine: The machine.
         template: File name of the driver's template.
         lanes: How many windows go side by side.
+
+    Raises:
+        ModelError: For a mistake in one of the machine's own methods.
     """
-    functions = {own: inlined(function) for own, function in _functions(machine).items()}
-    return _module(driver_text(machine, template, lanes), machine.name, functions)
-
-
-def plain_module(machine: Declaration, template: str) -> ModuleType | None:
-    """The same, run as it is, with a warning, if Numba cannot compile the machine; None if it can."""
-    functions = _functions(machine)
-    trouble = _uncompilable(machine, functions)
-    if not trouble:
-        return None
-    warnings.warn(
-        f"model {machine.name!r}: Numba cannot compile it, so it runs about a thousand times slower; "
-        f"use plain arithmetic and math in it: {trouble}",
-        ModelWarning,
-        stacklevel=2,
-    )
-    return _module(driver_text(machine, template).replace(JIT, AS_IT_IS), machine.name, functions)
-
-
-def _functions(machine: Declaration) -> dict[str, Any]:
-    """A machine's own functions by the names under which drivers call them."""
-    functions = {own: getattr(type(machine), name) for name, own in METHODS.items() if _has(machine, name)}
-    return functions | {f"inertia_{f.inertia}": getattr(type(machine), f.inertia) for f in _methods(machine)}
+    check_methods(machine)
+    methods, text = methods_of(machine), driver_text(machine, template, lanes)
+    if compilable(machine):
+        return _module(text, machine.name, {m.own: inlined(with_helpers(m.function)) for m in methods})
+    plain = ModuleType(f"fieldgym_driver_{machine.name}")
+    return _run(plain, text.replace(JIT, AS_IT_IS), {m.own: m.function for m in methods})
 
 
 def driver_text(machine: Declaration, template: str, lanes: int = LANES) -> str:
@@ -108,69 +87,14 @@ def _module(text: str, name: str, functions: dict[str, Any]) -> ModuleType:
     if title in sys.modules:
         return sys.modules[title]
     module = ModuleType(title)
-    vars(module).update(functions)
     sys.modules[title] = module  # kernels that are loaded from the disk look it up
-    run_text(text, f"<driver of {name}, {digest}>", vars(module))
+    return _run(module, text, functions)
+
+
+def _run(module: ModuleType, text: str, functions: dict[str, Any]) -> ModuleType:
+    vars(module).update(functions)
+    run_text(text, f"<{module.__name__}>", vars(module))
     return module
-
-
-def _has(machine: Declaration, name: str) -> bool:
-    return getattr(type(machine), name, None) is not None
-
-
-def _methods(machine: Declaration) -> Iterator[Any]:
-    """Forces whose inertia is a method of the machine."""
-    names = {p.name for p in machine.parameters}
-    return (f for f in machine.forces if f.inertia and f.inertia not in names)
-
-
-def _uncompilable(machine: Declaration, functions: dict[str, Any]) -> str:
-    """Why Numba cannot compile a machine's functions; empty if it can."""
-    state = named("State", [x.name for x in machine.states], [0.0] * len(machine.states))
-    given = named("Input", [x.name for x in type(machine).inputs], [0.0] * len(machine.inputs))
-    p = named("Params", param_names(machine), params_of(machine, machine.nominal))
-    arguments = {
-        "derivative": (None, state, given, p),
-        "advance": (None, state, given, p, 0.01),
-        "observe": (None, state, p),
-    }
-    for own, function in functions.items():
-        with np.errstate(all="ignore"):
-            try:
-                numba.njit(function)(*arguments.get(own, (None, p)))
-            except ZeroDivisionError:
-                continue
-            except Exception as error:  # Numba raises many kinds, and some are no NumbaError
-                line = inspect.getsourcelines(function)[1] if hasattr(function, "__code__") else 0
-                first = str(error).strip().splitlines()
-                return f"{function.__name__} (line {line}): {first[-1] if first else type(error).__name__}"
-    return ""
-
-
-def carries_derivatives(machine: Declaration) -> bool:
-    """Whether Numba can compile a machine's own functions for dual numbers."""
-    p = _duals("Params", param_names(machine))
-    state = _duals("State", [x.name for x in machine.states])
-    given = _duals("Input", [x.name for x in type(machine).inputs]) if machine.inputs else types.none
-    arguments = {
-        "derivative": (types.none, state, given, p),
-        "advance": (types.none, state, given, p, DUAL),
-        "observe": (types.none, state, p),
-    }
-    for own, function in _functions(machine).items():
-        try:
-            kernel: Any = inlined(function)
-            kernel.compile(arguments.get(own, (types.none, p)))
-        except Exception:  # Numba raises many kinds, and some are no NumbaError
-            return False
-    return True
-
-
-def _duals(title: str, names: list[str]) -> Any:
-    """The type of a named tuple of dual numbers."""
-    make: Any = namedtuple
-    tuples: Any = types.NamedUniTuple
-    return tuples(DUAL, len(names), make(title, names))
 
 
 def curve_places(machine: Declaration) -> list[tuple[Curve, int, int]]:
@@ -211,14 +135,14 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
         "actuator_curves": [(own[0]["start"], own[0]["stop"]) if own else (0, 0) for own in spans],
         "curves_of_parameters": any(c["place"] == "parameter" for c in curves),
         "start_states": [_start(machine, i) for i in range(len(states))],
-        "stepped": _has(machine, "step"),
-        "own_pace": _has(machine, "pace"),
-        "own_observe": _has(machine, "observe"),
+        "stepped": type(machine).step is not None,
+        "own_pace": type(machine).pace is not None,
+        "own_observe": type(machine).observe is not None,
         "clipping": sensors.ROW.column("clipping_limit"),
         "quantisation": sensors.ROW.column("quantisation_step"),
         "sensor_numbers": len(sensors.ROW),
         "observed_states": [states.index(o) if o in states else -1 for o in outputs],
-        "inertia_methods": sorted({f.inertia for f in _methods(machine)}),
+        "inertia_methods": [m.name for m in methods_of(machine) if m.own == f"inertia_{m.name}"],
     }
 
 

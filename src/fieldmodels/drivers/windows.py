@@ -11,9 +11,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from fieldmodels.arrays import BoolArray, FloatArray, IntArray
+from fieldmodels.drivers.compilable import carries_derivatives
 from fieldmodels.drivers.declaration import Declaration, param_indices
 from fieldmodels.drivers.duals import DIRECTIONS, WIDTH
-from fieldmodels.drivers.generate import carries_derivatives, curve_places, driver_module, plain_module
+from fieldmodels.drivers.generate import curve_places, driver_module
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
 from fieldmodels.recording import Recording, Windows
@@ -86,14 +87,7 @@ class WindowDriver:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
         states = np.ascontiguousarray(windows.states, dtype=np.float64)
         parameters = np.ascontiguousarray(parameters, dtype=np.float64)
-        try:
-            return self._run(self.module, parameters, states, windows)
-        except Exception:
-            plain = plain_module(self.machine, TEMPLATE)
-            if plain is None:
-                raise
-            self.module = plain
-            return self._run(plain, parameters, states, windows)
+        return self._run(self.module, parameters, states, windows)
 
     @cached_property
     def carrying(self) -> Any:
