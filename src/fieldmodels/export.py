@@ -13,7 +13,7 @@ import math
 import pprint
 import textwrap
 import types
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -58,9 +58,6 @@ def write_model(model: Model, vector: FloatArray, path: Path) -> None:
 def source_of_model(machine: Declaration, vector: FloatArray) -> str:
     """The text of the file that ``write_model`` writes."""
     module = driver_module(machine, TEMPLATE, 1)
-    gathered = _Gathered()
-    gathered.add("simulate_windows", module.simulate)
-    gathered.add("room", module.room)
     rows = Rows(machine)
     facts = {
         "NAME": machine.name,
@@ -77,6 +74,9 @@ def source_of_model(machine: Declaration, vector: FloatArray) -> str:
         "NEUTRAL": rows.neutral.tolist(),
         "SOURCES": {place: (own.shape, own.ravel().tolist()) for place, own in rows.sources.items()},
     }
+    gathered = _Gathered(facts)
+    gathered.add("simulate_windows", module.simulate)
+    gathered.add("room", module.room)
     numbers = "\n".join(
         f"{name} = {pprint.pformat(v, width=100, sort_dicts=False)}" for name, v in facts.items()
     )
@@ -101,10 +101,19 @@ def _acts(machine: Declaration, effect: str, vector: FloatArray) -> bool:
 class _Gathered:
     """Functions with all that they reach, each under a name of its own."""
 
-    def __init__(self) -> None:
-        """Begin."""
+    def __init__(self, taken: Iterable[str]) -> None:
+        """Begin, with names that are taken."""
         self.names: dict[int, str] = {}
-        self.taken: set[str] = set(dir(builtins)) | set(LIBRARIES) | {"namedtuple", "simulate", "main", "sys"}
+        self.taken: set[str] = {
+            *taken,
+            *dir(builtins),
+            *LIBRARIES,
+            "namedtuple",
+            "simulate",
+            "main",
+            "sys",
+            "_rows",
+        }
         self.constants: list[str] = []
         self.functions: list[str] = []
         self.kept: list[Any] = []  # so that no identity is used twice
@@ -163,7 +172,9 @@ class _Gathered:
         for part in ast.walk(node):
             if isinstance(part, ast.arg):
                 part.annotation = None
-        return ast.unparse(_Renamed(self, scope, inside).visit(node))
+        read = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} - inside
+        taken = {self.add(name, scope[name]) for name in read & scope.keys()}
+        return ast.unparse(_Renamed(self, scope, inside, inside & taken).visit(node))
 
 
 @cache
@@ -177,13 +188,23 @@ def _source(function: types.FunctionType) -> str:
 class _Renamed(ast.NodeTransformer):
     """Puts a file's names in the place of those that a function reads."""
 
-    def __init__(self, gathered: _Gathered, scope: Mapping[str, Any], inside: set[str]) -> None:
-        self.gathered, self.scope, self.inside = gathered, scope, inside
+    def __init__(
+        self, gathered: _Gathered, scope: Mapping[str, Any], inside: set[str], taken: set[str]
+    ) -> None:
+        self.gathered, self.scope, self.inside, self.taken = gathered, scope, inside, taken
 
     def visit_Name(self, node: ast.Name) -> ast.Name:
-        """A global by its name in the file."""
-        if node.id not in self.inside and node.id in self.scope:
+        """A global by its name in the file; a local one that would hide it, by another."""
+        if node.id in self.taken:
+            node.id += "_"
+        elif node.id not in self.inside and node.id in self.scope:
             node.id = self.gathered.add(node.id, self.scope[node.id])
+        return node
+
+    def visit_arg(self, node: ast.arg) -> ast.arg:
+        """An argument that would hide a global, by another name."""
+        if node.arg in self.taken:
+            node.arg += "_"
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:

@@ -144,6 +144,62 @@ def test_a_machine_of_ones_own_with_its_helpers(tmp_path: Path):
         assert told.stderr.startswith(f"other.csv: {said}")
 
 
+AXIS = """
+import numpy as np
+
+from fieldmodels.effects import actuator, force, sensor
+from fieldmodels.machine import Force, Machine, number
+from fieldmodels.model import Signal
+
+SPEEDS, FORCES = np.array([-1.0, 0.0, 2.0]), (-3.0, 0.0, 4.0)
+
+
+def drag(slope):
+    return np.interp(slope, SPEEDS, FORCES)
+
+
+class Axis(Machine):
+    inputs = (Signal("force", "N"),)
+    states = (Signal("position", "m"), Signal("speed", "m/s"))
+    outputs = (Signal("position", "m", noise=1e-4),)
+    mass = number("kg", 2.0, 0.1, 100.0)
+    forces = (Force("speed", "position", unit="N", inertia="mass"),)
+    effects = actuator("force") + force("speed", ("coulomb_friction",)) + sensor("position", ("bias",))
+
+    def derivative(self, state, input, p):
+        slope = state.speed
+        return state.speed, (np.clip(input.force, -5, 5) - drag(slope)) / p.mass
+"""
+
+
+def test_an_axis_whose_position_alone_is_measured(tmp_path: Path):
+    """Its speed comes from a slope, by a function whose name is that of a variable beside it."""
+    (tmp_path / "axis.py").write_text(AXIS)
+    model = load_model_file(str(tmp_path / "axis.py"))
+    vector = model.vector({}, {"coulomb_friction": {"rate": 0.5}})
+    write_model(model, vector, tmp_path / "model.py")
+    log = _log(model)
+    given = {
+        "step": log.step,
+        "inputs": {"force": log["force"].tolist()},
+        "start": {"position": 0.0, "speed": 0.0},
+    }
+    run = subprocess.run(
+        [sys.executable, "-c", ALONE], input=json.dumps(given), cwd=tmp_path, env={"PYTHONPATH": ""},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    position, speed, expected = 0.0, 0.0, []  # an outsider: Euler's method at a hundredth of the step
+    for push in log["force"]:
+        expected.append(position)
+        for _ in range(100):
+            pull = min(max(push, -5.0), 5.0) - (3.0 * speed if speed < 0.0 else min(2.0 * speed, 4.0))
+            free = speed + 0.01 * log.step * pull / 2.0
+            speed = np.sign(free) * max(abs(free) - 0.01 * log.step * 0.5 / 2.0, 0.0)
+            position += 0.01 * log.step * speed
+    assert np.ptp(expected) > 0.01
+    np.testing.assert_allclose(json.loads(run.stdout)["position"], expected, atol=2e-3 * np.ptp(expected))
+
+
 def test_what_cannot_be_exported_says_why(tmp_path: Path):
     model = get_model("heel_strike")
     with pytest.raises(ModelError, match="kernels of its own"):
