@@ -105,6 +105,57 @@ def test_a_speed_that_its_sensor_cannot_show_is_warned_of():
     assert "'speed' stays at its extreme values for up to 2" in one  # from 1.46 s on
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-2])
+@pytest.mark.parametrize("resolution", [0.0, 1e-2])
+def test_a_sensor_that_saturates_from_the_first_row_on_is_warned_of(noise, resolution):
+    """A wheel that slows down from 10 rad/s, of which its tachometer shows up to 6; it is there but once."""
+    pulled = 10.0 * np.exp(-TIME / 5.0) + np.sin(3 * TIME)
+    shown = pulled + noise * np.random.default_rng(2).normal(size=len(TIME))
+    shown = np.minimum(np.round(shown / resolution) * resolution if resolution else shown, 6.0)
+    (one,) = said(Wheel(), voltage=pulled, speed=shown)
+    assert "'speed' stays at its extreme values for up to 29" in one  # till 2.98 s
+    woken = np.where(TIME < 3.0, 0.0, 2.0 + np.sin(TIME))
+    assert said(force=pulled, position=woken) == []
+
+
+@pytest.mark.parametrize("height", [-4.5, -3.0, 2.0])
+@pytest.mark.parametrize("resolution", [1e-3, 1e-2, 2e-2])
+def test_a_coarse_sensor_that_saturates_most_of_the_time_is_warned_of(height, resolution):
+    speed = np.round(5.0 * np.sin(2 * TIME) / resolution) * resolution
+    limit = np.round(height / resolution) * resolution
+    (one,) = said(Wheel(), voltage=np.sin(2 * TIME), speed=np.minimum(speed, limit))
+    assert "'speed'" in one
+    assert said(Wheel(), voltage=np.sin(2 * TIME), speed=speed) == []
+
+
+def test_a_wheel_that_also_turned_evenly_is_warned_of():
+    """It came slowly to the speed that it held for ten seconds, and fast to the one that its sensor holds."""
+    ramp = 0.5 - 0.5 * np.cos(0.5 * np.pi * np.minimum(TIME, 2.0))
+    speed = ramp + 5.0 * np.sin(2 * np.maximum(TIME - 12.0, 0.0))
+    (one,) = said(Wheel(), voltage=speed, speed=np.minimum(speed, 4.0))
+    assert "for up to 93 rows" in one
+
+
+def test_a_sensor_whose_frames_are_lost_is_not_saturated():
+    """Each value is shown until the next one arrives, after 1 to 30 rows, the largest one, too."""
+    rng = np.random.default_rng(4)
+    shown = np.cumsum(rng.integers(1, 31, 300))
+    rows = np.searchsorted(shown, np.arange(len(TIME)), side="right")
+    held = np.concatenate([[0], shown])[rows]
+    speed = 5.0 * np.sin(1.3 * TIME) + 2.0 * np.sin(3.1 * TIME)
+    assert said(Wheel(), voltage=speed, speed=speed[np.minimum(held, len(TIME) - 1)]) == []
+
+
+def test_what_sticks_before_it_moves_is_not_saturated():
+    """Held at 0.3 m while the force changes, till it breaks away."""
+    since = np.clip(TIME - 1.0, 0.0, None)
+    place = 0.3 + 0.2 * (since - 0.1 * (1.0 - np.exp(-since / 0.1)))
+    assert said(force=np.sin(2 * TIME), position=place) == []
+    pushed = np.clip(TIME - 1.0, 0.0, None)
+    away = 0.3 + 0.2 * pushed + 0.05 * np.sin(3 * pushed)  # fast at once, but nothing has moved before
+    assert said(force=1.0 * (TIME > 1.0), position=away) == []
+
+
 def wrapping(model=RIG, name="position", **signals) -> list[str]:
     units = {s.name: s.unit for s in model.signals}
     found = suspicions(Recording(TIME, signals, units), model)

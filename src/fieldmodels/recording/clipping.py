@@ -13,6 +13,8 @@ MOVING = 0.3
 """Of the usual change from row to row, at which a signal arrives where it saturates: what comes to rest slows
 down. A sine that is cut at 0.97 of its height arrives at a third of its usual change."""
 ARRIVAL = 3  # changes before it stays, whose mean is how fast it arrives
+LONGER = 3
+"""Times the longest stay at a value between, if it arrived as fast, that it stays where it saturates."""
 COUNTED = 0.1
 """Share of the changes that are the smallest one, from which that is an encoder's count."""
 STILL = 0.1
@@ -31,9 +33,10 @@ _BLOCK = 1_000_000  # rows examined together
 def saturated_rows(recording: Recording, signal: Signal, model: Model) -> int:
     """Longest run of rows at which a sensor seems to saturate; 0 for none.
 
-    It stays at its largest or smallest value, and arrives there as fast as it moves otherwise. What comes to
-    rest slows down first, an encoder to single counts; a rate rests at zero, whichever way it comes there. A
-    coarse sensor repeats its values anyhow.
+    It stays at its largest or smallest value, and arrives there as fast as it moves otherwise; where a record
+    begins with it, it leaves it so. What comes to rest slows down first, an encoder to single counts; a rate
+    rests at zero, whichever way it comes there, and a counter begins there. A coarse sensor repeats its
+    values anyhow, as does one whose frames are lost: either stays much longer where it saturates.
 
     Args:
         recording: With the signal, in SI units.
@@ -41,25 +44,34 @@ def saturated_rows(recording: Recording, signal: Signal, model: Model) -> int:
         model: Whose other signals tell whether the machine moves meanwhile.
     """
     values = recording[signal.name]
-    between = values[(values > values.min()) & (values < values.max())][:_BLOCK]
     changes = np.abs(np.diff(values))
     moving = changes[changes > 0.0]
-    if len(np.unique(between)) < 0.25 * len(between) or not len(between):
+    extreme = (values == values.max()) | (values == values.min())
+    if extreme.all():
         return 0
     usual, finest = float(np.median(moving)), float(moving.min())
     count = finest if np.mean(moving < 1.01 * finest) > COUNTED else 0.0
-    begins = set(recording.bounds[:, 0].tolist())
+    starts = recording.bounds[:, 0]
+    begins = np.union1d(np.flatnonzero(changes) + 1, starts)
+    ends = np.append(begins[1:], len(values))
+    first = np.isin(begins, starts)
+    # The changes by which it leaves, or arrives.
+    passed = np.where(first, ends - 1, np.maximum(begins - ARRIVAL, 0))
+    until = np.where(first, np.minimum(ends - 1 + ARRIVAL, len(changes)), begins)
+    travelled = np.concatenate([[0.0], np.cumsum(changes)])
+    fast = travelled[until] - travelled[passed] > MOVING * usual * np.maximum(until - passed, 1)
+    held = (ends - begins)[fast & ~first & ~extreme[begins]]
+    least = max(STUCK, LONGER * int(held.max(initial=0)))
     longest = 0
-    for extreme in (values.max(), values.min()):
-        at = np.concatenate([[False], values == extreme, [False]])
-        edges = np.flatnonzero(np.diff(at.astype(np.int8)))
-        for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            if end - begin < max(STUCK, longest + 1) or begin in begins:
-                continue
-            arriving = changes[max(begin - ARRIVAL, 0) : begin]
-            fast = float(arriving.mean()) > MOVING * usual and float(arriving.max()) > 1.5 * count
-            if fast and not (extreme == 0.0 and _rests(recording, signal, model, slice(begin, end))):
-                longest = int(end - begin)
+    for k in np.flatnonzero(fast & extreme[begins] & (ends - begins >= least)):
+        begin, end = int(begins[k]), int(ends[k])
+        zero, of_rate = values[begin] == 0.0, signal.unit.endswith("/s")
+        if first[k] and (zero or end in recording.bounds[:, 1]):
+            continue
+        counted = changes[passed[k] : until[k]].max() <= 1.5 * count
+        may_rest = zero or (first[k] and not of_rate)
+        if not counted and not (may_rest and _rests(recording, signal, model, slice(begin, end))):
+            longest = max(longest, end - begin)
     return longest
 
 
