@@ -4,7 +4,7 @@ from math import pi
 
 import pytest
 
-from fieldmodels.recording.units import UnitError, canonical, factor, known_units, si_unit
+from fieldmodels.recording.units import UnitError, canonical, factor, known_units, si_unit, simplified
 
 
 @pytest.mark.parametrize(
@@ -54,3 +54,16 @@ def test_every_unit_leads_to_one_of_factor_one():
             assert factor(si, si) == 1.0
             assert scale > 0
             assert canonical(unit) == unit
+
+
+@pytest.mark.parametrize(
+    ("written", "simple"),
+    [
+        ("rad/s^2 / (rad/s)", "1/s"), ("1/s^2 s", "1/s"), ("rad/s rad/s", "rad^2/s^2"), ("V V", "V^2"),
+        ("N m / (rad/s)", "N m s/rad"), ("N m", "N m"), ("1 s", "s"), ("1 1", "1"), ("N / (m)", "N/m"),
+        ("rad/s/V", "rad/s/V"), ("°C s", "°C s"), ("furlongs s", "furlongs s"),
+        ("counts / (s)", "counts / (s)"),
+    ],
+)  # fmt: skip
+def test_products_and_quotients_have_each_unit_once(written, simple):
+    assert simplified(written) == simple

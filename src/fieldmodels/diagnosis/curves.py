@@ -71,6 +71,7 @@ from fieldmodels.drivers.variables import (
     variable,
 )
 from fieldmodels.model import Combination, Signal
+from fieldmodels.recording.units import simplified
 
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
 HIDDEN = 2.0  # times as much a curve brings with weights of its own, if the others hid it
@@ -132,8 +133,8 @@ class Scored:
             curve.place,
             curve.target,
             curve.over,
-            curve.over_unit,
-            curve.unit,
+            simplified(curve.over_unit),
+            simplified(curve.unit),
             np.column_stack([curve.knots, self.basis @ self.coefficients, errors]),
             self.p_value,
             float(np.clip(100 * self.total / before, 0, 100)),

@@ -24,6 +24,7 @@ from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Visible
 from fieldmodels.diagnosis.shapes import Curve
 from fieldmodels.diagnosis.whitening import covariance_whitener
+from fieldmodels.recording.units import simplified
 
 SMALLEST = 1e-9
 """Of the largest information: below it a shape is absorbed by the free parameters."""
@@ -63,7 +64,7 @@ def visible(candidate: Candidate, curves: Curves) -> tuple[Visible, ...]:
         hardest = max(shapes, key=lambda s: s.least)
         size = _smallest(hardest, candidate, curves)
         errors = _errors(curves.problem, size * hardest.added) if np.isfinite(size) else {}
-        found.append(Visible(place, target, hardest.curve.over, size, hardest.curve.unit, errors))
+        found.append(Visible(place, target, hardest.curve.over, size, simplified(hardest.curve.unit), errors))
     return tuple(found)
 
 

@@ -126,6 +126,32 @@ def si_unit(unit: str) -> tuple[str, float]:
 
 
 @cache
+def simplified(unit: str) -> str:
+    """A product or quotient of units with each of them once; one that pint does not know stays as it is.
+
+    "rad/s^2 / (rad/s)" is "1/s", and "rad/s rad/s" is "rad^2/s^2".
+    """
+    if " " not in unit:  # one without a product, for which pint need not be imported
+        return unit
+    product = re.sub(r"(?<=[^\s/*]) (?=[^\s/*])", "*", unit).replace("^", "**")
+    try:
+        parsed = (1.0 * _registry().parse_units(product)).unit_items()
+        powers = {f"{_registry().Unit(name):~C}": power for name, power in parsed}
+    except Exception:  # pint's own, and those of Python's tokenizer
+        return unit
+    words = re.split(r"[ /*^()]+", unit)
+    if not all(name in words for name in powers):  # pint spells it otherwise
+        return unit
+    names = sorted(powers, key=words.index)
+    above = " ".join(_powered(name, powers[name]) for name in names if powers[name] > 0)
+    return (above or "1") + "".join(f"/{_powered(n, -powers[n])}" for n in names if powers[n] < 0)
+
+
+def _powered(name: str, power: float) -> str:
+    return name if power == 1 else f"{name}^{power:g}"
+
+
+@cache
 def _registry() -> UnitRegistry[Any]:
     from pint import UnitRegistry  # a third of a second, which most logs do not need
 
