@@ -11,6 +11,7 @@ from collections.abc import Callable
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+from steppers import scalar
 
 import fieldgym  # noqa: F401 - registers the environments
 from fieldmodels.machines.line_following.body import Body
@@ -44,15 +45,15 @@ def show(title: str, rates: dict[str, float]) -> None:
 
 def strides() -> None:
     """Strides a second with geometry, images, rigid bodies."""
-    forever = {"strides": 100_000, "lost_offset": 1e9, "lost_strides": 10**9}
+    forever = {"strides": 100_000, "lost_offset": 1e9, "lost_strides": 100_000}
     walks = Walks(BATCH, Scene(oval()))
     walks.restart(range(BATCH), [np.random.default_rng(i) for i in range(BATCH)])
     commands, actions = np.zeros(BATCH), np.zeros((BATCH, 1), np.float32)
     native = gym.make_vec("fieldgym/LineFollowing-v1", num_envs=BATCH, settings=forever)
     pixels = gym.make_vec("fieldgym/LineFollowingPixels-v1", num_envs=16, settings=forever)
-    single = gym.make("fieldgym/LineFollowing-v1", settings=forever)
+    single = scalar("fieldgym/LineFollowing-v1", settings=forever)
     body = Body()
-    for env in (native, pixels, single):
+    for env in (native, pixels):
         env.reset(seed=0)
     show(
         "strides",
@@ -60,7 +61,7 @@ def strides() -> None:
             f"kinematic walk with its sensor, {BATCH} walks": rate(lambda: walks.advance(commands), BATCH),
             f"native vector environment, {BATCH} copies": rate(lambda: native.step(actions), BATCH),
             "native vector environment on images, 16 copies": rate(lambda: pixels.step(actions[:16]), 16),
-            "single environment": rate(lambda: single.step(actions[0]), 1),
+            "single environment": rate(lambda: single(0), 1),
             "rigid bodies (pymunk) alone": rate(lambda: body.stride(0.0), 1),
         },
     )
