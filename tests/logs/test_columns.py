@@ -10,6 +10,8 @@ from fieldmodels.machine import Machine, number
 from fieldmodels.model import Signal
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.bench import Bench, Channel
+from fieldmodels.recording.dialect import unit_of
+from fieldmodels.recording.evidence import counts
 from fieldmodels.recording.files import load_recording
 from fieldmodels.recording.proposals import propose
 from fieldmodels.recording.reading import read_table
@@ -157,3 +159,113 @@ def test_leaving_the_rows_out_is_a_remedy(tmp_path, run):
     assert len(read.bounds) == 2
     at = np.argmin(np.abs(read.time - run["t"][302]))
     assert read["angle"][at] == pytest.approx(run["y"][302], abs=0.02)
+
+
+# What a logger writes of machines that are no motor
+
+
+class Chamber(Machine):
+    inputs = (Signal("heat", "W"), Signal("ambient", "°C"))
+    states = outputs = (Signal("temperature", "°C", noise=0.05),)
+    capacity = number("J/K", 9e3, 1e3, 1e6)
+    loss = number("W/K", 10.0, 0.1, 1e3)
+
+    def derivative(self, state, input, p):
+        return (input.heat - p.loss * (state.temperature - input.ambient)) / p.capacity
+
+
+class Altitude(Machine):
+    inputs = (Signal("throttle", "1"),)
+    states = (Signal("height", "m"), Signal("climb", "m/s"))
+    outputs = (Signal("height", "m"), Signal("climb", "m/s"))
+    thrust = number("m/s^2", 20.0, 5.0, 100.0)
+
+    def derivative(self, state, input, p):
+        return state.climb, p.thrust * input.throttle - 9.81
+
+
+def test_a_quantity_is_known_by_its_unit_and_its_own_word(tmp_path):
+    """Two temperatures are told by the word that one shares with the model, a power by its watts."""
+    heat = np.repeat([0.0, 400.0, 100.0, 800.0, 0.0, 600.0], 100)
+    chamber = [21.0]
+    for power in heat[:-1]:
+        chamber.append(chamber[-1] + 5.0 / 9e3 * (power - 10.0 * (chamber[-1] - 21.0)))
+    rows = [
+        f"{9 + k // 720:02d}:{k // 12 % 60:02d}:{k % 12 * 5:02d}\t{k + 1}\t{power:.0f}\t{t:.2f}\t"
+        f"{21 + k % 7 / 50:.2f}"
+        for k, (power, t) in enumerate(zip(heat, chamber, strict=True))
+    ]
+    header = "Time\tCount\tStage Power/W\tChamber T/°C\tAmbient T/°C"
+    (tmp_path / "log.txt").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    proposal = propose(read_table(tmp_path / "log.txt"), Chamber())
+    assert {c.role: c.column for c in proposal.columns} == {
+        "t": "Time", "heat": "Stage Power/W", "ambient": "Ambient T/°C", "temperature": "Chamber T/°C",
+    }  # fmt: skip
+    assert proposal.sure
+
+
+def test_a_height_is_one_by_its_name(tmp_path):
+    t = 0.02 * np.arange(500)
+    height = 1.0 + 0.3 * np.sin(t)
+    columns = {
+        "stamp_ms": 1e3 * t,
+        "throttle_pct": 49.0 - 1.5 * np.sin(t),
+        "range_alt_m": height,
+        "climb_rate": 0.3 * np.cos(t),
+        "vbat": 12.0 - 0.03 * t - 0.1 * np.sin(t),
+    }
+    found = {
+        c.role: c for c in propose(read_table(written(tmp_path / "log.csv", **columns)), Altitude()).columns
+    }
+    assert found["height"].column == "range_alt_m"
+    assert found["height"].evidence[0] == "its name"
+    assert found["climb"].column == "climb_rate"
+
+
+def test_what_is_in_another_unit_is_no_signal_however_well_it_goes(tmp_path, run):
+    """No name tells, and a bearing warms as the axis turns: what is in degrees Celsius is no angle."""
+    noise = np.random.default_rng(1).normal(0.0, 0.3, 1500)
+    columns = {"time": run["t"], "a [°C]": 30.0 + run["y"], "b": run["u"], "c": run["y"] + noise}
+    found = propose(read_table(written(tmp_path / "log.csv", **columns)), PENDULUM).bench().columns
+    assert (found["torque"].column, found["angle"].column) == ("b", "c")
+
+
+def test_what_numbers_the_rows_is_no_signal(tmp_path, run):
+    assert counts(np.arange(1500.0) % 256)
+    assert not counts(run["y"])
+    assert not counts(np.round(run["y"], 1))
+    columns = {"time": run["t"], "nr": np.arange(1500.0) % 256, "winkel": run["y"]}
+    proposal = propose(read_table(written(tmp_path / "log.csv", **columns)), PENDULUM)
+    assert proposal.missing == ("torque",)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("power/W", "W"), ("omega/rad/s", "rad/s"), ("T / °C", "°C"), ("U/V", "V"),
+        ("/robot/s", ""), ("left/right", ""), ("pos_deg", "deg"), ("F_N", "N"),
+    ],
+)  # fmt: skip
+def test_a_quantity_is_divided_by_its_unit(name, unit):
+    assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("texts", "seconds"),
+    [
+        (("23:59:59", "0:00:04"), 5.0),
+        (("2026-05-03 14:59:40", "2026-05-03 14:59:45"), 5.0),
+        (("3.5.2026 9:05:01", "3.5.2026 9:05:06"), 5.0),
+        (("9:00:00:120", "9:00:00:220"), 0.1),
+        (("2:59:58 PM", "3:00:03 PM"), 5.0),
+        (("11:59:58 am", "12:00:03 pm"), 5.0),
+        (("12:59:58 AM", "1:00:03 AM"), 5.0),
+        (("5/3/2026 2:59:40.5 PM", "5/3/2026 2:59:45.5 PM"), 5.0),
+        (("03-May-2026 14:59:40", "03-May-2026 14:59:45"), 5.0),
+        (("31 Dec 2026 23:59:58", "1 Jan 2027 00:00:03"), 5.0),
+    ],
+)
+def test_times_as_loggers_write_them(tmp_path, texts, seconds):
+    rows = "".join(f"{text},{k}.5\n" for k, text in enumerate(texts))
+    (tmp_path / "log.csv").write_text(f"time,x\n{rows}")
+    assert np.diff(read_table(tmp_path / "log.csv")["time"])[0] == pytest.approx(seconds, abs=1e-6)

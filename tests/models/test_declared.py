@@ -5,7 +5,8 @@ import pytest
 
 from fieldmodels.compiled import compiled
 from fieldmodels.declared import any_on, as_rows, neutral, row_type
-from fieldmodels.model import Effect, ModelError, Parameter
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Effect, ModelError, Parameter, Signal
 
 BASE = (Parameter("mass", "kg", 2.0, 0.1, 10.0, 0.1),)
 EFFECTS = (
@@ -54,3 +55,21 @@ def test_an_effect_is_on_if_one_of_its_numbers_is_not_neutral():
     vectors[4, 4] = 0.9
     np.testing.assert_array_equal(any_on(vectors, BASE, EFFECTS), [False, False, True, True, True])
     np.testing.assert_array_equal(any_on(vectors, BASE, EFFECTS, "force"), [False, False, True, False, False])
+
+
+def test_a_known_number_needs_no_limits_and_a_refitted_one_says_that_it_does():
+    class Known(Machine):
+        inputs = (Signal("force", "N"),)
+        states = outputs = (Signal("speed", "m/s"),)
+        mass = number("kg", 2.0, refitted=False)
+        drag = number("N s/m", 1.0, 0.0, 10.0)
+
+        def derivative(self, state, input, p):
+            return (input.force - p.drag * state.speed) / p.mass
+
+    mass = next(p for p in Known().parameters if p.name == "mass")
+    assert not mass.refitted
+    assert mass.lower == -np.inf
+    assert mass.upper == np.inf
+    with pytest.raises(ModelError, match=r"needs its lowest and highest value: number\('kg', 2, lowest"):
+        number("kg", 2.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import namedtuple
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -39,8 +40,8 @@ class Number:
 def number(
     unit: str,
     nominal: float,
-    lower: float,
-    upper: float,
+    lower: float | None = None,
+    upper: float | None = None,
     *,
     scale: float = 0.0,
     source: str = "assumed",
@@ -57,8 +58,18 @@ def number(
         scale: A change that matters; by default a tenth of the nominal value, or of the range.
         source: Where the value comes from.
         starts: Values from which a fit tries to start.
-        refitted: False for a number that is known: a diagnosis keeps it.
+        refitted: False for a number that is known: a diagnosis keeps it, and it needs no limits.
+
+    Raises:
+        ModelError: If a number that is refitted has no limits.
     """
+    if not refitted:
+        lower, upper = (-math.inf if lower is None else lower), (math.inf if upper is None else upper)
+    if lower is None or upper is None:
+        raise ModelError(
+            f"number({unit!r}, {nominal:g}) is refitted by a diagnosis and needs its lowest and highest "
+            f"value: number({unit!r}, {nominal:g}, lowest, highest); or say refitted=False"
+        )
     change = scale or 0.1 * abs(nominal) or 0.1 * min(upper - lower, 1.0)
     return Number(
         unit=unit, nominal=nominal, lower=lower, upper=upper, scale=change, source=source, starts=starts,

@@ -20,8 +20,9 @@ MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
 """Cells that say that there is no value."""
 
 _TIME = re.compile(
-    r"(\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d{1,2}/\d{1,2})([T ]+\d{1,2}:\d{2}.*)?"
-    r"|\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?"
+    r"(\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d{1,2}/\d{1,2}"
+    r"|\d{1,2}[- ][A-Za-z]{3,9}[- ]\d{4})([T ]+\d{1,2}:\d{2}.*)?"
+    r"|\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
 )
 _SIGN = r"[-+\u2212]?"
 _EXPONENT = r"(?:[eE][-+]?\d+)?"
@@ -156,11 +157,16 @@ def header_cells(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def unit_of(name: str) -> str:
-    """The unit that a column's name states, empty for none: ``angle [deg]``, ``speed (rpm)``, ``pos_deg``."""
+    """The unit that a column's name states, empty for none: ``angle [deg]``, ``power/W``, ``pos_deg``."""
     bracketed = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
     if bracketed:
         return bracketed[1].strip() if "[" in bracketed[0] or is_unit(bracketed[1]) else ""
-    for separator in (" in ", " / ", "/", "_", " "):
+    parts = [] if name.startswith("/") else name.split("/")  # a topic has a path
+    for i in range(1, len(parts)):  # the whole of rad/s before its s
+        last = "/".join(parts[i:]).strip()
+        if parts[0].strip() and is_unit(last) and not last.isdigit():
+            return last
+    for separator in (" in ", "/", "_", " "):
         bare, found, last = name.rpartition(separator)
         short = len(last) > 1 or (separator == "_" and last in LETTERS)
         if found and bare and short and is_unit(last) and not last.isdigit():

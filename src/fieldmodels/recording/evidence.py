@@ -54,6 +54,12 @@ def is_clock(values: FloatArray) -> bool:
     )
 
 
+def counts(values: FloatArray) -> bool:
+    """Whether a column only numbers the rows: it advances by one step, though it may begin anew at times."""
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(len(steps) > 2 and np.median(steps) != 0 and np.mean(steps == np.median(steps)) > 0.9)
+
+
 def clock_unit(values: FloatArray, horizon: float) -> tuple[str, str]:
     """The unit of a clock, and why.
 

@@ -15,11 +15,20 @@ from fieldmodels.model import Model, Signal
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel, unwrapped
 from fieldmodels.recording.data import Recording, RecordingError
-from fieldmodels.recording.evidence import angle_unit, clock_unit, is_clock, rate_of, response, slope, turns
+from fieldmodels.recording.evidence import (
+    angle_unit,
+    clock_unit,
+    counts,
+    is_clock,
+    rate_of,
+    response,
+    slope,
+    turns,
+)
 from fieldmodels.recording.merging import held_or_between
 from fieldmodels.recording.tables import Table
 from fieldmodels.recording.units import UnitError, factor, is_unit, zero_of
-from fieldmodels.recording.words import is_time, meanings, suits
+from fieldmodels.recording.words import is_time, meanings, other_quantity, suits
 
 DECLARED = "as declared"
 SURE = 0.9
@@ -298,12 +307,16 @@ def _by_data(
     free = [
         n
         for n in rest
-        if n not in {c.column for c in found.values()} and np.ptp(rest[n][np.isfinite(rest[n])]) > 0
+        if n not in {c.column for c in found.values()}
+        and np.ptp(rest[n][np.isfinite(rest[n])]) > 0
+        and not counts(rest[n])
     ]
     if not lacking or len(lacking) > len(free) or (view.clock is None and not view.rate):
         return found
     best, chosen = 0.0, dict(found)
     for places in itertools.permutations(free[:_MOST_TRIED], len(lacking)):
+        if any(other_quantity(s, view.table.units.get(n, "")) for s, n in zip(lacking, places, strict=True)):
+            continue
         tried = dict(found)
         for signal, name in zip(lacking, places, strict=True):
             why = "no name tells; the model's response goes best with the measured one so"

@@ -30,6 +30,7 @@ EMPTY = "the cell is empty or NaN"
 REMEDY = (
     "leave such rows out (gaps of up to four are then filled, longer ones begin a new episode), or fill them"
 )
+MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 LARGEST = 4 << 30
 """Most bytes that the columns of one log may take in memory."""
 
@@ -224,7 +225,14 @@ def seconds(texts: pa.Array) -> FloatArray:
         ArrowException: If a text is no time.
     """
     text = pc.utf8_trim_whitespace(texts)
+    half_day = _half_day(text)
+    if pc.any(pc.match_substring_regex(text, "[A-Za-z]{3}")).as_py():
+        for number, month in enumerate(MONTHS, 1):
+            text = pc.replace_substring_regex(
+                text, rf"(?i)^(\d{{1,2}})[- ]{month}[a-z]*[- ](\d{{4}})", rf"\2-{number:02d}-\1"
+            )
     for pattern, replacement in (
+        (r"(?i) ?[ap]m$", ""),
         ("T", " "),
         (",", "."),
         (r"(Z|[+-]\d\d:?\d\d)$", ""),
@@ -234,7 +242,7 @@ def seconds(texts: pa.Array) -> FloatArray:
         (r"-(\d)( |$)", r"-0\1\2"),
         (r"(^| )(\d):", r"\g<1>0\2:".replace(r"\g<1>", r"\1")),
         (r"^(\d\d:)", r"1970-01-01 \1"),
-        (r"(:\d\d):(\d{1,6})$", r"\1.\2"),
+        (r"(:\d\d:\d\d):(\d{1,6})$", r"\1.\2"),
     ):
         text = pc.replace_substring_regex(text, pattern, replacement)
     if pc.any(pc.match_substring_regex(text, r" \d\d:\d\d:\d\d\.\d+$")).as_py() is False:
@@ -246,10 +254,21 @@ def seconds(texts: pa.Array) -> FloatArray:
             pc.replace_substring_regex(text, r"^(\d{4})-(\d\d)-(\d\d)", r"\1-\3-\2"), pa.timestamp("ns")
         )
     numbers = stamps.cast(pa.int64()).to_numpy(zero_copy_only=False)
-    result = np.where(np.asarray(stamps.is_null()), np.nan, numbers * 1e-9)
+    result = np.where(np.asarray(stamps.is_null()), np.nan, numbers * 1e-9) + half_day
     if len(result) and np.nanmax(result, initial=0.0) < 86400.0:
         result += 86400.0 * np.cumsum(np.concatenate([[False], np.diff(result) < -43200.0]))
     return np.asarray(result)
+
+
+def _half_day(text: pa.Array) -> FloatArray:
+    """Seconds that am and pm add to what a clock of twelve hours shows; 12 am is midnight."""
+    after_noon = pc.fill_null(pc.match_substring_regex(text, r"(?i)\d ?pm$"), fill_value=False)
+    said = pc.fill_null(pc.match_substring_regex(text, r"(?i)\d ?[ap]m$"), fill_value=False)
+    twelve = pc.fill_null(pc.match_substring_regex(text, r"(^|[T ])12:[^ ]+ ?[A-Za-z]*$"), fill_value=False)
+    after_noon, said, twelve = (
+        flags.to_numpy(zero_copy_only=False).astype(bool) for flags in (after_noon, said, twelve)
+    )
+    return np.asarray(43200.0 * after_noon - 43200.0 * (said & twelve))
 
 
 def collect(

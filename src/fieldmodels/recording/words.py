@@ -8,17 +8,19 @@ from functools import cache
 from pathlib import Path
 
 from fieldmodels.model import Model, Signal
-from fieldmodels.recording.dialect import LETTERS
-from fieldmodels.recording.units import UnitError, canonical, factor, is_unit, si_unit
+from fieldmodels.recording.dialect import LETTERS, unit_of
+from fieldmodels.recording.units import UnitError, canonical, factor, is_unit, si_unit, zero_of
 from fieldmodels.yaml import load_yaml
 
 _SHORT = 4  # letters from which a word counts within a longer one (Sollmoment)
 _QUANTITIES = (
-    "acceleration", "velocity", "heading", "torque", "force", "current", "voltage", "angle", "position",
+    "acceleration", "velocity", "heading", "torque", "force", "current", "voltage", "temperature", "power",
+    "pressure", "angle", "position",
 )  # fmt: skip
-_BY_UNIT = {
+_BY_UNIT = {  # of any other unit its dimension is the quantity
     "s": "time", "rad": "angle", "m": "position", "rad/s": "velocity", "m/s": "velocity", "N": "force",
     "N m": "torque", "A": "current", "V": "voltage", "rad/s^2": "acceleration", "m/s^2": "acceleration",
+    "K": "temperature", "°C": "temperature", "W": "power", "Pa": "pressure",
 }  # fmt: skip
 _NEAR = {
     frozenset(("angle", "position")): 0.85, frozenset(("angle", "heading")): 0.9,
@@ -40,12 +42,14 @@ def _words() -> dict[str, frozenset[str]]:
 
 
 def meanings(name: str) -> frozenset[str]:
-    """What the words of a name mean; its unit is left aside."""
+    """What the words of a name mean, and longer ones that no list contains; its unit is left aside."""
+    stated = unit_of(name)
+    name = name[: -len(stated)] if stated and name.endswith(stated) else name
     bare = re.sub(r"[\[(][^\])]*[\])]", " ", name)
     plain = unicodedata.normalize("NFKD", bare.replace("ß", "ss"))
     plain = "".join(c for c in plain if not unicodedata.combining(c))
     parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", plain)
-    if len(parts) > 1 and (parts[-1] in LETTERS or (is_unit(parts[-1]) and len(parts[-1]) > 1)):
+    if len(parts) > 1 and (parts[-1] in (*LETTERS, "m") or (is_unit(parts[-1]) and len(parts[-1]) > 1)):
         parts = parts[:-1]
     found: set[str] = set()
     for part in (p.lower() for p in parts):
@@ -60,17 +64,20 @@ def meanings(name: str) -> frozenset[str]:
                 part = part.replace(word, " ")
         if part.startswith("ist"):
             found.add("measured")
+        elif not inside and len(part) >= _SHORT:
+            found.add(f"'{part}'")
     return frozenset(found)
 
 
 def quantity(found: frozenset[str], unit: str) -> str:
     """The quantity of a column by its words, else by its unit; empty if neither tells."""
     try:
-        by_unit = _BY_UNIT.get(si_unit(unit)[0], "") if unit else ""
+        plain = si_unit(unit)[0] if unit else ""
+        by_unit = _BY_UNIT.get(plain, "" if plain == "1" else plain)
     except UnitError:
         by_unit = ""
     by_word = next((q for q in _QUANTITIES if q in found), "")
-    return by_unit or by_word or ("position" if {"x", "y"} & found else "")
+    return by_unit or by_word or ("position" if {"x", "y"} & found else canonical(unit) if unit else "")
 
 
 def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
@@ -87,7 +94,7 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
         try:
             factor(unit, signal.unit)
         except UnitError:
-            convertible = False
+            convertible = zero_of(unit, signal.unit) is not None
     if re.split(r"[\[(]", name)[0].strip().lower() == signal.name and convertible:
         return 1.0
     found, wanted = meanings(name), meanings(signal.name)
@@ -115,6 +122,18 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
     return min(0.95, 0.9 * score + 0.05 * bool(found & wanted)) if score > 0 else 0.0
 
 
+def other_quantity(signal: Signal, unit: str) -> bool:
+    """Whether a stated unit rules a signal out: of another quantity, which cannot stand for it."""
+    if not is_unit(unit) or canonical(unit) == canonical(signal.unit):
+        return False
+    theirs, ours = quantity(frozenset(), unit), quantity(frozenset(), signal.unit)
+    return (
+        theirs != ours
+        and frozenset((theirs, ours)) not in _NEAR
+        and "1" not in (signal.unit, canonical(unit))
+    )
+
+
 def _turning(unit: str) -> bool:
     try:
         return bool(unit) and si_unit(unit)[0] == "rad/s"
@@ -123,11 +142,10 @@ def _turning(unit: str) -> bool:
 
 
 def is_time(name: str, unit: str) -> bool:
-    """Whether a column's name or unit says that it holds times."""
+    """Whether a column's unit says that it holds times, or its name where no known unit is stated."""
     if unit:
         try:
-            if si_unit(unit)[0] == "s":
-                return True
+            return si_unit(unit)[0] == "s"
         except UnitError:
             pass
     return "time" in meanings(name)
