@@ -197,20 +197,21 @@ def test_dispersion_is_judged_beside_the_other_parameters():
 
 
 @pytest.mark.parametrize(
-    ("worse", "spread", "size", "alike"),
+    ("worse", "spread", "size", "cost", "alike"),
     [
-        (2.5, 0.0, 1, True),  # so little decides nothing, however steady
-        (4.0, 0.0, 1, False),  # steady: certain
-        (4.0, 2.0, 1, True),  # scattered over the windows: not certain
-        (7.0, 5.0, 1, False),  # six nats always do
-        (1.5, 0.0, 2, False),  # worse with more parameters: the better one in disguise
-        (-1.5, 0.0, 2, True),
-        (-7.0, 0.0, 1, True),
+        (2.5, 0.0, 1, 0.0, True),  # so little decides nothing, however steady
+        (4.0, 0.0, 1, 0.0, False),  # steady: certain
+        (4.0, 2.0, 1, 0.0, True),  # scattered over the windows: not certain
+        (7.0, 5.0, 1, 0.0, False),  # six nats always do
+        (1.5, 0.0, 2, 0.05, False),  # worse with more parameters: the better one in disguise
+        (1.5, 0.0, 2, 0.2, True),  # it does not fit as well, so it is another one
+        (-1.5, 0.0, 2, 0.0, True),
+        (-7.0, 0.0, 1, 0.0, True),
     ],
 )
-def test_which_sets_the_data_cannot_tell_apart(worse, spread, size, alike):
+def test_which_sets_the_data_cannot_tell_apart(worse, spread, size, cost, alike):
     first = stands(100.0, size=1, effects=("a",), spread=0.0)
-    second = stands(100.0 - 1.0 * (size - 1) + worse, size=size, effects=("b",), spread=spread)
+    second = stands(100.0 - 1.0 * (size - 1) + worse, size=size, effects=("b",), cost=cost, spread=spread)
     assert second.total - first.total == pytest.approx(worse)
     assert indistinguishable(first, second, BLOCKS) == alike
 
@@ -247,6 +248,7 @@ def test_of_sets_alike_the_one_with_fewest_parameters_is_chosen():
 def test_a_name_must_explain_as_much_as_noise_that_wanders(monkeypatch, gain, left, yes):
     monkeypatch.setattr(selection, "beside", lambda *_: (gain + 1.0, left))  # its parameter costs a nat
     monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=np.inf))
+    monkeypatch.setattr(selection, "is_steady", lambda *_: False)
     candidates = SimpleNamespace(problem=SimpleNamespace(observations=None), options=selection.DEFAULT)
     parent, child = stands(100.0), stands(50.0, effects=("a",), size=1)
     monkeypatch.setattr(selection, "follows_slowly", lambda *_: False)
@@ -263,6 +265,22 @@ def test_a_name_stands_where_walks_beside_it_bring_nothing_by_walking(monkeypatc
     """They may bring much by smaller errors along their offsets."""
     monkeypatch.setattr(selection, "beside", lambda *_: (-3.0, 40.0))
     monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=walked))
+    monkeypatch.setattr(selection, "is_steady", lambda *_: False)
+    candidates = SimpleNamespace(problem=None, options=selection.DEFAULT)
+    assert selection._stands(candidates, stands(100.0), stands(50.0, effects=("a",), size=1)) == yes
+
+
+@pytest.mark.parametrize(
+    ("gain", "steady", "yes"), [(17.5, True, True), (16.5, True, False), (60.0, False, False)]
+)
+def test_what_is_the_same_all_the_time_stands_beside_zeros_that_return(monkeypatch, gain, steady, yes):
+    """It must bring 16 nats; a drift may bring more where zeros walk."""
+    monkeypatch.setattr(selection, "beside", lambda *_: (30.0, 40.0))
+    monkeypatch.setattr(selection, "wander", lambda *_: SimpleNamespace(walked=50.0))
+    for slow in ("follows_slowly", "wanders_more"):
+        monkeypatch.setattr(selection, slow, lambda *_: True)
+    monkeypatch.setattr(selection, "is_steady", lambda *_: steady)
+    monkeypatch.setattr(selection, "beside_returning", lambda *_: gain)
     candidates = SimpleNamespace(problem=None, options=selection.DEFAULT)
     assert selection._stands(candidates, stands(100.0), stands(50.0, effects=("a",), size=1)) == yes
 
@@ -303,9 +321,6 @@ class Search:
 
     def promised(self, parent, name):
         return parent.fit.cost - self.score_test(parent, name)
-
-    def twins(self, name):
-        return set()
 
     def again(self, candidate):
         self.fitted_again.append(set(candidate.effects))
@@ -544,3 +559,93 @@ def test_where_no_larger_set_is_better_none_is_fitted_again(monkeypatch):
     search = searching(monkeypatch, {"a": 100.0, "ab": 101.0, "ac": 102.0, "b": 300.0, "c": 300.0})
     assert [set(one.effects) for one in selection._grown(search, [search.stuck("a")])] == [{"a", "b"}]
     assert search.fitted_again == []
+
+
+LOOKED = {"a": 60.0, "b": 99.0, "y": 99.0, "z": 99.5, "ay": 59.5, "az": 59.0, "ayz": 30.0, "yz": 95.0}
+"""An effect that is found at once, and two that bring nothing one by one, neither alone nor beside it."""
+
+
+@pytest.mark.parametrize(
+    ("left", "totals", "chosen"),
+    [
+        (True, LOOKED, "ayz"),
+        (False, LOOKED, "a"),  # no error remains
+        (True, {**LOOKED, "ay": 53.0, "ayz": 45.0}, "a"),  # z brings too little beside the other two
+        (True, {**LOOKED, "ayz": 52.0}, "a"),  # both bring too little
+    ],
+)
+def test_two_effects_that_bring_nothing_alone_are_found_where_an_error_remains(
+    monkeypatch, left, totals, chosen
+):
+    monkeypatch.setattr(selection, "_stands", lambda *_: True)
+    monkeypatch.setattr(selection, "unexplained", lambda *_: left)
+    search = searching(monkeypatch, totals)
+    search.base = lambda: search.made("", {frozenset(): 100.0})
+    search.identifiable, search.unidentifiable = lambda *_: True, set()
+    promises = {((), "a"): 40.0, (("a", "y"), "z"): 20.0}  # beside the first effect nothing promises anything
+    search.score_test = lambda parent, name: promises.get((parent.effects, name), 0.0)
+    search.promised = lambda *_: -np.inf
+    monkeypatch.setattr(selection, "TRIED_AT_LEAST", 1)
+    monkeypatch.setattr(selection, "accepted", lambda parent, child, *_: child.total < parent.total - 8.0)
+    assert "".join(sorted(selection.select(search, lambda *_: None).chosen.effects)) == chosen
+
+
+@pytest.mark.parametrize(("rmse", "yes"), [(1.4, False), (1.6, True)])
+def test_an_error_remains_from_one_and_a_half_times_the_noise(monkeypatch, rmse, yes):
+    monkeypatch.setattr(selection, "predict", lambda *_: SimpleNamespace(rmse=lambda: np.array([rmse, 1.0])))
+    monkeypatch.setattr(selection, "noise_floor", lambda *_: 1.0)
+    problem = SimpleNamespace(
+        model=SimpleNamespace(random_force=False), outputs=np.array([0, 1]), events=np.zeros(2, bool)
+    )
+    assert selection.unexplained(problem, SimpleNamespace(parameters=None)) == yes
+    problem.model.random_force = True  # what it does not explain is chance
+    assert not selection.unexplained(problem, SimpleNamespace(parameters=None))
+
+
+@pytest.mark.parametrize(
+    ("once", "often", "where", "found"),
+    [
+        (25.0, 0.0, "sensor", True),
+        (23.0, 0.0, "force", False),
+        (25.0, 7.0, "sensor", True),
+        (25.0, 9.0, "sensor", False),  # eight nats without its best part, and it may be a zero that wanders
+        (25.0, 9.0, "force", True),
+    ],
+)
+def test_what_brings_much_in_few_parts_of_the_data_is_left_to_other_data(
+    monkeypatch, once, often, where, found
+):
+    monkeypatch.setattr(selection, "_stands", lambda *_: True)
+    base = stands(400.0, cost=100.0)
+    gain = np.where(BLOCKS == 3, once / 4, often / 60)
+    rare = replace(stands(0.0, effects=("rare",), cost=50.0), loss=base.loss - gain)
+    model = SimpleNamespace(effect=lambda _name: SimpleNamespace(where=where))
+    problem = SimpleNamespace(blocks=BLOCKS, model=model)
+    candidates = SimpleNamespace(problem=problem, options=DEFAULT, again=lambda c: c)
+    assert selection._seldom(candidates, base, [rare]) == ((rare,) if found else ())
+    monkeypatch.setattr(selection, "_stands", lambda *_: False)  # noise that wanders
+    assert selection._seldom(candidates, base, [rare]) == ()
+
+
+@pytest.mark.parametrize(
+    ("gains", "kept"), [([9.0, 7.0], "a"), ([7.0, 6.0], ""), ([9.0, 12.0], "b"), ([], "")]
+)
+def test_what_other_data_call_for_as_well_is_added(monkeypatch, gains, kept):
+    losses = {"": 50.0, **{name: 50.0 - gain for name, gain in zip("ab", gains, strict=False)}}
+    monkeypatch.setattr(causes, "_test_loss", lambda _problem, _whitener, one: losses["".join(one.effects)])
+    chosen, *seldom = (stands(100.0, effects=tuple(name)) for name in ("", "a", "b")[: len(gains) + 1])
+    for one in (chosen, *seldom):
+        one.fit.whitener = None
+    found = causes.confirmed_elsewhere(SimpleNamespace(options=DEFAULT), chosen, seldom, None)
+    assert "".join(found.effects) == kept
+
+
+@pytest.mark.parametrize(("on_path", "beside", "harms"), [(-5, -5, True), (-5, 5, False), (5, -5, False)])
+def test_a_cause_is_doubtful_if_it_harms_predictions_beside_all_others_too(
+    monkeypatch, on_path, beside, harms
+):
+    def cause(percent):
+        return SimpleNamespace(gain=SimpleNamespace(ci95=(percent - 1.0, percent + 1.0)))
+
+    monkeypatch.setattr(causes, "beside_the_others", lambda *_: (cause(beside),))
+    assert causes._harms(cause(on_path), None, None, None, None) == harms

@@ -4,11 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.answer import headline, what_to_do
-from fieldmodels.diagnosis.wander import _Walks, wander, wandering_zeros
+from fieldmodels.diagnosis.wander import _Walks, beside_returning, is_steady, wander, wandering_zeros
 from fieldmodels.exam.benches import Conditions, Hidden, get_bench
 from fieldmodels.exam.cases import cases_of
 from fieldmodels.exam.sizes import recordings, records
@@ -73,8 +74,9 @@ def walked(windows, pace, rng):
     return np.cumsum(steps)
 
 
+@pytest.mark.parametrize("returns", [0.0, 5.0])
 @pytest.mark.parametrize(("paces", "share"), [({0: 3.0}, 1.0), ({0: 3.0, 1: 0.2}, 0.3)])
-def test_the_likelihood_is_that_of_a_gaussian_with_walks(paces, share):
+def test_the_likelihood_is_that_of_a_gaussian_with_walks(paces, share, returns):
     rng = np.random.default_rng(1)
     windows = 12
     residual = rng.normal(size=(windows, 2 * FEATURES))
@@ -82,6 +84,8 @@ def test_the_likelihood_is_that_of_a_gaussian_with_walks(paces, share):
     covariance = np.zeros((windows, 2 * FEATURES, windows, 2 * FEATURES))
     times = 1.0 + np.arange(windows) / windows  # in durations: it began one before
     walk = np.minimum(times[:, None], times[None])
+    if returns:
+        walk = np.exp(-returns * np.abs(times[:, None] - times)) / (2.0 * returns)
     for w in range(windows):
         block = np.eye(2 * FEATURES)
         for j in paces:
@@ -93,8 +97,56 @@ def test_the_likelihood_is_that_of_a_gaussian_with_walks(paces, share):
         covariance += pace * walk[:, None, :, None] * own[None, :, None, None] * own
     size = residual.size
     exact = -multivariate_normal(np.zeros(size), covariance.reshape(size, size)).logpdf(residual.ravel())
-    (cost,) = _Walks(problem, fit).costs([*paces], np.array([[*paces.values()]]), np.array([share]))
+    (cost,) = _Walks(problem, fit, returns).costs([*paces], np.array([[*paces.values()]]), np.array([share]))
     assert cost + 0.5 * size * np.log(2 * np.pi) == pytest.approx(exact)
+
+
+def returning(windows, decay, rng):
+    """Offsets of variance one that return to zero."""
+    steps = rng.normal(size=windows) * np.sqrt(1.0 - decay**2)
+    steps[0] = rng.normal()
+    return lfilter([1.0], [1.0, -decay], steps)
+
+
+def gain_of_an_offset(residual):
+    """Of a constant offset of the second sensor beside zeros that return, and whether it is steady."""
+    problem, parent = fitted(residual)
+    column = np.repeat((OUTPUTS == 1)[None, :, None] * 1.0, len(residual), axis=0)
+    problem, child = fitted(residual, column)
+    return beside_returning(problem, parent, child), is_steady(parent, child)
+
+
+def test_an_offset_is_told_from_zeros_that_return():
+    """By no more than generalised least squares with the true covariance, which nobody knows, says."""
+    rng, windows, decay = np.random.default_rng(11), 200, 0.5
+    own = np.tile(OUTPUTS == 1, windows)
+    times = np.arange(windows)
+    zero = decay ** np.abs(times[:, None] - times)
+    covariance = np.kron(zero, np.outer(OUTPUTS == 1, OUTPUTS == 1)) + np.eye(own.size)
+    weighed = np.linalg.solve(covariance, own * 1.0)
+    for offset in (0.0, 2.0):
+        noise = returning(windows, decay, rng)[:, None] * (OUTPUTS == 1)
+        residual = rng.normal(size=(windows, 2 * FEATURES)) + noise + offset * (OUTPUTS == 1)
+        exact = 0.5 * (weighed @ residual.ravel()) ** 2 / (weighed @ own)
+        gain, steady = gain_of_an_offset(residual)
+        assert gain < exact + 1.0
+        assert (gain > 16.0) == bool(offset)
+        assert steady
+
+
+def test_walks_hold_no_offset():
+    rng = np.random.default_rng(13)
+    for _ in range(20):
+        walk = walked(200, 30.0, rng)[:, None] * (OUTPUTS == 1)
+        assert gain_of_an_offset(rng.normal(size=(200, 2 * FEATURES)) + walk)[0] < 5.0
+
+
+def test_a_ramp_is_not_steady():
+    rng, time = np.random.default_rng(12), np.linspace(0.0, 1.0, 50)
+    ramp = (time[:, None] * (OUTPUTS == 1))[:, :, None]
+    _, parent = fitted(rng.normal(size=(50, 2 * FEATURES)) + 9.0 * ramp[:, :, 0])
+    _, child = fitted(parent.residual, ramp)
+    assert not is_steady(parent, child)
 
 
 def test_columns_that_say_the_same_twice_count_once():

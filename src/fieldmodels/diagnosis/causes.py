@@ -6,9 +6,11 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates, is_quantisation
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import NONE, Prediction, noise_floor, predict, share
@@ -50,11 +52,7 @@ def confirmed(candidates: Candidates, base: Candidate, chosen: Candidate, testin
     Each is judged beside all others, since one may explain nothing before another one is there. A cause that
     does not act during the test data is not rejected by them.
     """
-    whitener = chosen.fit.whitener
-
-    def loss(candidate: Candidate) -> float:
-        return float(window_loss(fit(testing, candidate.fit.parameters, NONE, whitener, iterations=6)).sum())
-
+    loss = partial(_test_loss, testing, chosen.fit.whitener)
     least = loss(chosen)
     while chosen.effects:
         several = len(chosen.effects) > 1
@@ -66,6 +64,27 @@ def confirmed(candidates: Candidates, base: Candidate, chosen: Candidate, testin
     return chosen
 
 
+def confirmed_elsewhere(
+    candidates: Candidates, chosen: Candidate, seldom: Sequence[Candidate], testing: Problem
+) -> Candidate:
+    """The set with what a single part of the training data calls for, if the test data do so, too.
+
+    A limit may be reached once in a record. That something else happened then is no explanation of a second
+    time in another record, whose prediction gains from the same value.
+    """
+    loss = partial(_test_loss, testing, chosen.fit.whitener)
+    least = loss(chosen) if seldom else 0.0
+    gains = [(least - loss(larger), larger) for larger in seldom]
+    gain, larger = max(gains, key=lambda pair: pair[0], default=(0.0, chosen))
+    return larger if gain > candidates.options.least_gain else chosen
+
+
+def _test_loss(testing: Problem, whitener: FloatArray, candidate: Candidate) -> float:
+    """Negative log-likelihood [nats] of test windows, whose initial states alone are fitted."""
+    fitted = fit(testing, candidate.fit.parameters, NONE, whitener, iterations=6)
+    return float(window_loss(fitted).sum())
+
+
 def told_from_neutral(
     candidates: Candidates, path: Sequence[Candidate], testing: Problem, rng: np.random.Generator
 ) -> tuple[Candidate, tuple[Cause, ...]]:
@@ -75,7 +94,8 @@ def told_from_neutral(
         doubtful = [
             cause
             for cause in causes_of(candidates, path, testing, rng)
-            if cause.gain.ci95[1] < 0.0 or not differs_from_neutral(candidates.problem, chosen.fit, cause)
+            if _harms(cause, candidates, path, testing, rng)
+            or not differs_from_neutral(candidates.problem, chosen.fit, cause)
         ]
         if not doubtful:
             break
@@ -84,6 +104,20 @@ def told_from_neutral(
         chosen = candidates.without(chosen, weakest.effect)
         path = path_to(candidates, path[0], chosen)
     return chosen, tuple(possible)
+
+
+def _harms(
+    cause: Cause,
+    candidates: Candidates,
+    path: Sequence[Candidate],
+    testing: Problem,
+    rng: np.random.Generator,
+) -> bool:
+    """Whether a cause makes predictions worse, both over those before it and over all the others."""
+    if cause.gain.ci95[1] >= 0.0:
+        return False
+    [beside] = beside_the_others([cause], candidates, path, testing, rng)
+    return beside.gain.ci95[1] < 0.0
 
 
 def causes_of(
@@ -142,7 +176,7 @@ def beside_the_others(
     later one.
 
     Args:
-        causes: Of the path's end, in its order.
+        causes: Of the path's end.
         candidates: What fits the sets without one.
         path: Fits from the base to the set of all causes.
         testing: Windows to measure gains on.
@@ -150,7 +184,7 @@ def beside_the_others(
     """
     chosen, result = path[-1], []
     for cause in causes:
-        rest = candidates.without(chosen, cause.effect) if len(causes) > 1 else path[0]
+        rest = candidates.without(chosen, cause.effect) if len(chosen.effects) > 1 else path[0]
         pair = [rest, chosen]
         [output] = _most_improved_outputs(candidates.problem, pair)
         without, beside = (predict(testing, one.fit.parameters) for one in pair)

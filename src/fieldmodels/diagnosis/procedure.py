@@ -16,6 +16,7 @@ from fieldmodels.diagnosis.causes import (
     beside_the_others,
     causes_of,
     confirmed,
+    confirmed_elsewhere,
     path_to,
     quantisation_found,
     refitted,
@@ -279,6 +280,8 @@ def _found(
     unrelated = not mistaken and is_unrelated(candidates.problem, testing, fits, candidates.options.level)
     exact = candidates.problem.is_exact(base.fit.raw)
     chosen = base if mistaken or unrelated or exact else confirmed(candidates, base, found, testing)
+    if chosen is found and not (mistaken or unrelated or exact):
+        chosen = confirmed_elsewhere(candidates, found, selection.seldom, testing)
     if chosen is not found:
         selection = replace(selection, chosen=chosen, alternatives=())
     path = path_to(candidates, base, chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,9 +12,18 @@ from scipy import special
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.gain import noise_floor, predict
 from fieldmodels.diagnosis.linearisation import Fit, project, pseudo_inverse, stacked
 from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
-from fieldmodels.diagnosis.wander import beside, follows_slowly, wander, wanders_more
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.wander import (
+    beside,
+    beside_returning,
+    follows_slowly,
+    is_steady,
+    wander,
+    wanders_more,
+)
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
 IntArray = NDArray[np.int64]
@@ -25,9 +34,14 @@ STRONG_P = 1e-6  # of its likelihood-ratio test; noise that is not white reached
 UNEVEN = 3.0  # times what it must bring, without its best block; 1.7 where nothing was hidden
 AFFECTED = 0.01  # of the largest change by a cause in any block
 SAME_ANYHOW = 2.0  # nats that count as none
+CONTAINS = (
+    0.1  # nats by which a set that contains another one may fit worse: fits end that near their optimum
+)
 PARENTS = 3  # best sets of each size that are extended
 TRIED_AT_LEAST = 4  # extensions fitted, and all that promise half of what they must bring
 OF_THE_WAY = 0.25  # to the best set's cost, which the first-order gain of another must promise
+CERTAINLY_STEADY = 2.0  # times what it must bring, beside zeros that return; 1.2 where nothing was hidden
+UNEXPLAINED = 1.5  # times its white noise that an error must be for what promises nothing to be tried
 REFITTED_WITHIN = 60.0  # nats from the best; sets further off stay out of the comparison
 
 
@@ -42,6 +56,7 @@ class Selection:
         before: The base as fitted with the whitening of the ranking.
         ranking: All fits of the first round (single effects), best first.
         unidentifiable: Effects that the free parameters absorb.
+        seldom: The chosen set with one effect more, which brings much, but in too few parts of the data.
     """
 
     base: Candidate
@@ -50,6 +65,7 @@ class Selection:
     before: Candidate
     ranking: tuple[Candidate, ...]
     unidentifiable: tuple[str, ...]
+    seldom: tuple[Candidate, ...] = ()
 
 
 def block_p_value(gain: FloatArray, blocks: IntArray) -> float:
@@ -216,21 +232,31 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     level = _grown(candidates, [base])
     base = candidates.again(base)
     ranking, before, chosen, levels = tuple(level), base, base, {1: level}
-    for size in range(1, candidates.options.most_causes + 1):
+    size, most = 1, candidates.options.most_causes
+    while size <= most:
+        whitener = candidates.whitener
         if size > 1:
             progress(f"trying sets of {size}", 0.2 + 0.1 * size)
-            whitener, parents = candidates.whitener, [c for c in level if c is not chosen][:PARENTS]
+            parents = [c for c in level if c is not chosen][:PARENTS]
             children = _grown(candidates, [chosen, *parents] if chosen.effects else parents)
             larger = _called_for(candidates, candidates.again(chosen), parents, children)
-            if larger is None:
-                candidates.whitener = whitener
-                break
-            chosen, level, levels[size] = larger, children, children
+            levels[size] = children
         else:
-            chosen = _called_for(candidates, base, [], level) or base
-        # If no single effect is accepted a pair may be, but no larger set.
-        if size >= 2 and not chosen.effects:
+            children, larger = level, _called_for(candidates, base, [], level)
+        if larger is None and (chosen.effects or size == 1) and unexplained(candidates.problem, chosen.fit):
+            weights = candidates.whitener
+            larger = _looked_again(candidates, chosen, most, levels)
+            if larger is None:
+                candidates.whitener = weights
+            else:
+                children = levels[len(larger.effects)]
+        if larger is None and size > 1:  # if no single effect is accepted a pair may be, but no larger set
+            candidates.whitener = whitener
             break
+        if larger is not None:
+            chosen, level, size = larger, children, len(larger.effects)
+            levels[size] = children
+        size += 1
     progress("comparing indistinguishable sets", 0.65)
     base = candidates.again(base)
     needed, level = _settled(candidates, chosen, levels)
@@ -246,7 +272,27 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
         before=before,
         ranking=ranking,
         unidentifiable=tuple(sorted(candidates.unidentifiable)),
+        seldom=_seldom(candidates, chosen, levels.get(len(chosen.effects) + 1, ())),
     )
+
+
+def _seldom(candidates: Candidates, chosen: Candidate, larger: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Of sets with one effect more, those that bring much, but not in enough parts of the data.
+
+    What is a sensor's must bring it in a single part: its zero may wander alike in all records.
+    """
+    problem, least = candidates.problem, candidates.options.least_gain
+    beside = candidates.again(chosen)
+    found = []
+    for one in map(candidates.again, (c for c in larger if set(chosen.effects) < set(c.effects))):
+        gain = beside.total - one.total
+        if gain <= UNEVEN * least:
+            continue
+        [more] = set(one.effects) - set(chosen.effects)
+        once = gain - largest_share(beside.loss - one.loss, problem.blocks) <= least
+        if (once or problem.model.effect(more).where != "sensor") and _stands(candidates, beside, one):
+            found.append(one)
+    return tuple(found)
 
 
 def _settled(
@@ -314,10 +360,15 @@ def _stands(candidates: Candidates, parent: Candidate, child: Candidate) -> bool
     gain -= options.price * (child.size - parent.size)
     if left < SAME_ANYHOW or wander(candidates.problem, child.fit, options.price).walked < SAME_ANYHOW:
         return True
-    if gain <= min(options.least_gain, left):
-        return False
     fits = candidates.problem, parent.fit, child.fit
-    return not (follows_slowly(*fits) and wanders_more(*fits, options.price))
+    if gain > min(options.least_gain, left) and not (
+        follows_slowly(*fits) and wanders_more(*fits, options.price)
+    ):
+        return True
+    if not is_steady(parent.fit, child.fit):
+        return False
+    gain = beside_returning(*fits) - options.price * (child.size - parent.size)
+    return gain > CERTAINLY_STEADY * options.least_gain
 
 
 def _simplest(
@@ -379,11 +430,11 @@ def indistinguishable(
 ) -> bool:
     """Whether the data cannot distinguish a better set from a worse one.
 
-    A worse set with more parameters is no alternative: it may contain the better one (a step at the very
-    start of the record is a constant).
+    A worse set with more parameters that fits as well is no alternative: it may contain the better one (a
+    step at the very start of the record is a constant).
     """
     worse = second.total - first.total
-    if worse > 0 and second.size > first.size:
+    if worse > 0 and second.size > first.size and second.fit.cost < first.fit.cost + CONTAINS:
         return False
     if worse < options.undecided:
         return True
@@ -392,8 +443,52 @@ def indistinguishable(
     )
 
 
-def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
-    """Parents with one effect more, best first, all whitened by the best one's residual covariance."""
+def unexplained(problem: Problem, fitted: Fit) -> bool:
+    """Whether the error of any sensor is clearly larger than its white noise."""
+    if problem.model.random_force:
+        return False
+    prediction = predict(problem, fitted.parameters)
+    sensors = np.unique(problem.outputs[~problem.events])
+    return any(
+        bool(prediction.rmse()[j] > UNEXPLAINED * noise_floor(problem, prediction, int(j))) for j in sensors
+    )
+
+
+def _looked_again(
+    candidates: Candidates, chosen: Candidate, most: int, levels: dict[int, list[Candidate]]
+) -> Candidate | None:
+    """A larger set that is called for where an error remains that nothing promises to explain; None if none.
+
+    Beside a large fault first-order promises mislead, so every effect is fitted; and of two faults neither
+    may bring anything without the other.
+
+    Args:
+        candidates: What fits the sets.
+        chosen: The set so far.
+        most: Effects that a set may have.
+        levels: Sets by number of effects, into which those are put that are fitted.
+    """
+    parents, everything = [chosen], True
+    for size in range(len(chosen.effects) + 1, min(len(chosen.effects) + 2, most) + 1):
+        if not (larger := _grown(candidates, parents, everything)):
+            break
+        levels[size] = larger
+        if accepted(candidates.again(chosen), larger[0], candidates.problem.blocks, candidates.options):
+            return larger[0]
+        parents, everything = larger[: PARENTS + 1], False
+        if not chosen.effects:  # pairs follow anyhow
+            break
+    return None
+
+
+def _grown(candidates: Candidates, parents: list[Candidate], everything: bool = False) -> list[Candidate]:
+    """Parents with one effect more, best first, all whitened by the best one's residual covariance.
+
+    Args:
+        candidates: What fits the sets.
+        parents: The best sets so far, the best first.
+        everything: Whether effects are fitted, too, that promise too little to first order.
+    """
     names = candidates.names()
     pairs = [(parent, name) for parent in parents for name in names if name not in parent.effects]
     scores = candidates.each(lambda pair: candidates.score_test(*pair), pairs)
@@ -412,7 +507,7 @@ def _grown(candidates: Candidates, parents: list[Candidate]) -> list[Candidate]:
             needed = -0.5 * lack - 2 * candidates.options.same_gain
         # The heavy-tailed loss grows slowly: by it alone sets that are far off seem near.
         far = OF_THE_WAY * (parent.fit.cost - parents[0].fit.cost)
-        if i < TRIED_AT_LEAST or (predicted >= needed and predicted + lack >= far):
+        if i < TRIED_AT_LEAST or everything or (predicted >= needed and predicted + lack >= far):
             tried.append((parent, name))
     # A set is told in the order of the best parent, unless another one's led to a better optimum: that is
     # sought where the first way did not bring what the other one promises.
@@ -452,8 +547,7 @@ def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
     for gone in chosen.effects:
         rest = candidates.without(chosen, gone)
         needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
-        others = (name for name in candidates.names() if name not in chosen.effects)
-        names = [name for name in others if gone not in candidates.twins(name)]
+        names = [name for name in candidates.names() if name not in chosen.effects]
         scores = candidates.each(partial(candidates.score_test, rest), names)
         near = [name for name, score in zip(names, scores, strict=True) if score > needed]
         result += candidates.each(partial(candidates.extend, rest), near)

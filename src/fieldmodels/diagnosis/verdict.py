@@ -79,14 +79,20 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     beside = Curves(problem, chosen.fit, options)
     left = beside.rivals(chosen)
     known = _known(curves, beside, base, chosen)
-    for rival in (*(rivals[:count] for count in range(len(rivals), 0, -1)), *([one] for one in known)):
-        last = rival[-1].candidate
-        if _beats(last, chosen, burden, problem.blocks, options) and not _mostly(
-            candidates, base, chosen, left, rival, burden
-        ):
-            found = _with_formulas(curves, base, rival)
-            return Judgement(base, curves, curves, found, beaten=chosen.effects)
-    kept, beaten, as_good = _without_the_beaten(candidates, chosen, left)
+    ahead = [
+        rival
+        for rival in (*(rivals[:count] for count in range(len(rivals), 0, -1)), *([one] for one in known))
+        if _beats(rival[-1].candidate, chosen, burden, problem.blocks, options)
+        and not _mostly(candidates, base, chosen, left, rival, burden)
+    ]
+    anyhow = [rival for rival in ahead if rival[-1].candidate.total < chosen.total]
+    kept, beaten, as_good = (
+        (chosen, chosen.effects, {}) if anyhow else _without_the_beaten(candidates, chosen, left)
+    )
+    # What is ahead of several names by their burden alone may be what they are, while each of them stands.
+    if ahead and beaten:
+        found = _with_formulas(curves, base, (anyhow or ahead)[0])
+        return Judgement(base, curves, curves, found, beaten=chosen.effects)
     if beaten:
         beside = Curves(problem, kept.fit, options)
         left = beside.rivals(kept)

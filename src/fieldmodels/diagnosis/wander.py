@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
+from scipy.linalg import cholesky_banded, solveh_banded
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
@@ -21,6 +21,8 @@ from fieldmodels.diagnosis.problem import Problem
 
 PACES = np.logspace(-2, 6, 9)
 """Variances of a walk over the whole record that are tried, over that of one window's offset."""
+RETURNS = 0.0, 3.0, 10.0, 30.0, 100.0
+"""How often in a record a zero returns, that are tried."""
 SHARES = 1.0, 0.3, 0.1, 0.03
 """Of the errors' variance along the offsets that is left beside a walk: weights were found without one."""
 
@@ -32,6 +34,8 @@ MORE = 6.0
 """Nats that walks bring where sensors wander."""
 CERTAIN = 10.0
 """Nats that are lost if a zero hardly walks, from which on it is said: with noise that is not slow, 1.7."""
+STEADY = 0.9
+"""Of what is the same in all windows: the share of its squares that the mean makes up; of a ramp 0.75."""
 SLOW = 0.8
 """How alike neighbouring windows are of what follows slowly; of commands that change they are 0.2 at most."""
 WALKING = 0.5
@@ -116,7 +120,7 @@ def beside(
 class _Walks:
     """Likelihood of a fit's residual beside walks of some outputs' zeros."""
 
-    def __init__(self, problem: Problem, fitted: Fit) -> None:
+    def __init__(self, problem: Problem, fitted: Fit, returns: float = 0.0) -> None:
         self.shown, model = {}, problem.model
         sources = [model.measured_states.get(s.name, s.name) for s in model.states]
         for j in np.unique(problem.outputs[~problem.events]):
@@ -130,9 +134,9 @@ class _Walks:
         if problem.model.noisy_inputs:  # a random force is another one each moment: a steady one is a fault
             self.shown[FORCE] = _pushed(problem, fitted)
         self._columns = _columns(fitted)
-        self._products, self._precision = _products(self._columns), _precision(problem)
-        above = self._precision[1]
-        self._logs = float(np.sum(np.log(-above[above < 0.0])))
+        self._products, self._precision = _products(self._columns), _precision(problem, returns)
+        banded = np.stack([np.append(0.0, self._precision[1, :-1]), self._precision[0]])
+        self._logs = 2.0 * float(np.sum(np.log(cholesky_banded(banded)[1])))
         # Squares of what a window answers to an offset.
         squares = {j: float(np.mean(np.sum(one**2, axis=1))) for j, one in self.shown.items()}
         self._typical = {j: max(square, 1e-300) for j, square in squares.items()}
@@ -300,17 +304,29 @@ def _pushed(problem: Problem, fitted: Fit) -> FloatArray:
     return project(fitted, (change / size)[:, :, None])[:, :, 0]
 
 
-def _precision(problem: Problem) -> FloatArray:
-    """Of a walk with variance one over each record: its diagonal and the one above, shape (2, windows)."""
+def _precision(problem: Problem, returns: float = 0.0) -> FloatArray:
+    """Of a walk with variance one over each record: its diagonal and the one above, shape (2, windows).
+
+    Args:
+        problem: The windows.
+        returns: How often in a record it returns to zero: that long after the record over its time constant
+            (Uhlenbeck and Ornstein 1930); 0 for a walk that does not, and had walked as long before.
+    """
     result, first = np.zeros((2, len(problem))), 0
     for part in problem.parts:
         recording, starts = part.windows.recording, part.windows.starts
         time, run = recording.time[starts], recording.episode[starts]
         duration = float(np.ptp(time)) + problem.horizon
         same = run[1:] == run[:-1]
-        inverse = same * duration / np.maximum(np.diff(time), 1e-3 * problem.horizon)
+        apart = np.maximum(np.diff(time), 1e-3 * problem.horizon) / duration
         own = slice(first, first + len(time))
-        result[0, own] = np.append(True, ~same) + np.append(inverse, 0.0) + np.append(0.0, inverse)
+        if returns:
+            like = same * np.exp(-returns * apart)
+            inverse, both = 2 * returns * like / (1 - like**2), 2 * returns * like**2 / (1 - like**2)
+            result[0, own] = 2 * returns + np.append(both, 0.0) + np.append(0.0, both)
+        else:
+            inverse = same / apart
+            result[0, own] = np.append(True, ~same) + np.append(inverse, 0.0) + np.append(0.0, inverse)
         result[1, first : own.stop - 1] = -inverse
         first = own.stop
     return result
@@ -325,6 +341,25 @@ def wanders_more(problem: Problem, parent: Fit, child: Fit, price: float) -> boo
     """Whether walks bring more beside a child than its further columns do beside them; see ``beside``."""
     gain, _ = beside(problem, parent, child, price)
     return wander(problem, child, price).walked > max(gain, MORE)
+
+
+def beside_returning(problem: Problem, parent: Fit, child: Fit) -> float:
+    """Gain [nats] of a child's further columns beside zeros that wander, and return to their mean.
+
+    A walk may have been anywhere before the record. A nat a column is taken off, as in ``beside``.
+    """
+    before, after = (
+        min(_Walks(problem, fitted, returns).search(1.0)[0] for returns in RETURNS)
+        for fitted in (parent, child)
+    )
+    return before - after - float(child.active.sum() - parent.active.sum())
+
+
+def is_steady(parent: Fit, child: Fit) -> bool:
+    """Whether what a child's further columns change is the same in all windows; see ``follows_slowly``."""
+    change = (parent.residual - _stepped(_columns(child))).reshape(len(parent.residual), -1)
+    same = len(change) * float(np.sum(change.mean(axis=0) ** 2))
+    return same > STEADY * float(np.sum(change**2))
 
 
 def follows_slowly(problem: Problem, parent: Fit, child: Fit) -> bool:

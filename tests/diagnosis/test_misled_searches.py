@@ -1,0 +1,54 @@
+"""Cases in which a search was led astray, hidden by the exam's simulators, which share no code with it."""
+
+import pytest
+
+from fieldmodels.diagnosis import Diagnosis, diagnose
+from fieldmodels.exam.benches import Hidden, get_bench
+from fieldmodels.exam.cases import cases_of
+from fieldmodels.exam.sizes import recordings
+
+
+def found(machine: str, kind: str, seed: int, sizes: list[float]) -> tuple[set[str], Diagnosis]:
+    """What is hidden in a case of the development set, and its diagnosis."""
+    [case] = [c for c in cases_of("develop", [machine], [kind]) if c.seed == seed]
+    bench = get_bench(machine)
+    hidden = [Hidden(name, size, sign) for (name, _, sign), size in zip(case.drawn(), sizes, strict=True)]
+    train, test = recordings(bench, hidden, case.conditions, seed)
+    return set(case.hidden), diagnose(bench.model, [train], [test])
+
+
+@pytest.mark.parametrize(
+    ("machine", "kind", "seed", "sizes"),
+    [
+        # A gain that brings nothing before the saturation beside it is there.
+        ("line_following", "triple", 4009, [2.542631719430261, 3.249009585424942, 1.3843808184371336]),
+        # A stiffness three times larger than first-order theory holds promises nothing.
+        ("propeller_arm", "single", 2005, [0.2730436866938296]),
+        # A thrust curve and a step: neither brings anything without the other.
+        ("propeller_arm", "triple", 4011, [0.3626425276759863, 0.3622229967412152, 0.3680668293603484]),
+        # Beside hysteresis and a dead band Coulomb friction had taken Stribeck friction's place.
+        ("servo", "triple", 4014, [0.040426605600000665, 0.07131710609996374, 0.16670077107853615]),
+        # A saturation that is reached once in each record, of a servo whose sensors wander.
+        ("servo", "single", 2013, [0.18787391307196655]),
+        # A camera that is turned, whose line wanders and returns.
+        ("line_following", "single", 2014, [3.156651144326945]),
+    ],
+)
+def test_what_is_hidden_is_named_and_nothing_else(machine: str, kind: str, seed: int, sizes: list[float]):
+    hidden, diagnosis = found(machine, kind, seed, sizes)
+    assert {cause.effect for cause in diagnosis.causes} == hidden
+
+
+def test_names_that_explain_more_than_a_curve_does_stay_beside_it():
+    """Two names against one curve bear a burden; the curve that wins by that alone is an alternative."""
+    sizes = [24.95787499708249, 16.0, 2.7104674813098115]
+    hidden, diagnosis = found("line_following", "triple", 4015, sizes)
+    assert {cause.effect for cause in diagnosis.causes} == hidden
+    assert diagnosis.verdict == "ambiguous"
+
+
+def test_what_fits_as_well_with_more_parameters_and_does_not_hold_the_better_one_is_an_alternative():
+    """A displaced radar looks like one with another range."""
+    _, diagnosis = found("uav_route", "single", 2011, [6.136005587993321])
+    [cause] = diagnosis.causes
+    assert "radar_position" in (cause.effect, *cause.alternatives)
