@@ -640,6 +640,14 @@ def test_what_other_data_call_for_as_well_is_added(monkeypatch, gains, kept):
     assert "".join(found.effects) == kept
 
 
+def test_what_does_as_well_in_few_parts_of_the_data_is_an_alternative():
+    first, near, far = (
+        stands(total, effects=(name,), spread=0.0) for name, total in (("a", 50.0), ("b", 51.0), ("c", 60.0))
+    )
+    assert selection.rivals_of(first, [far, first, near], BLOCKS) == (near,)
+    assert selection.rivals_of(stands(50.0), [first, near], BLOCKS) == ()  # what was there before
+
+
 @pytest.mark.parametrize(("on_path", "beside", "harms"), [(-5, -5, True), (-5, 5, False), (5, -5, False)])
 def test_a_cause_is_doubtful_if_it_harms_predictions_beside_all_others_too(
     monkeypatch, on_path, beside, harms

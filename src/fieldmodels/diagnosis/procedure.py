@@ -53,7 +53,7 @@ from fieldmodels.diagnosis.result import (
     Verdict,
 )
 from fieldmodels.diagnosis.runnable import runnable
-from fieldmodels.diagnosis.selection import Selection, select
+from fieldmodels.diagnosis.selection import Selection, rivals_of, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
 from fieldmodels.diagnosis.simulated import that_keep_their_promise
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
@@ -283,7 +283,8 @@ def _found(
     if chosen is found and not (mistaken or unrelated or exact):
         chosen = confirmed_elsewhere(candidates, found, selection.seldom, testing)
     if chosen is not found:
-        selection = replace(selection, chosen=chosen, alternatives=())
+        same = rivals_of(chosen, selection.seldom, candidates.problem.blocks, candidates.options)
+        selection = replace(selection, chosen=chosen, alternatives=same)
     path = path_to(candidates, base, chosen)
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)

@@ -481,6 +481,18 @@ def _looked_again(
     return None
 
 
+def rivals_of(
+    chosen: Candidate,
+    others: Sequence[Candidate],
+    blocks: IntArray,
+    options: DiagnosisOptions = DEFAULT,
+) -> tuple[Candidate, ...]:
+    """Of sets of a size, those that the data cannot distinguish from one of them; none if it is not there."""
+    if not any(one is chosen for one in others):
+        return ()
+    return tuple(c for c in others if c is not chosen and indistinguishable(chosen, c, blocks, options))
+
+
 def _grown(candidates: Candidates, parents: list[Candidate], everything: bool = False) -> list[Candidate]:
     """Parents with one effect more, best first, all whitened by the best one's residual covariance.
 
