@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import namedtuple
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -89,6 +89,8 @@ class Force:
             one.
         name: Name of the force in effects.
         input: Name of the input that loads the friction, if there is one; by default the first.
+        also: Other velocities that it accelerates, where masses are coupled (a trolley and what hangs from
+            it): each with the name of a number or of a method ``(self, p)``, its rate by a unit of force.
     """
 
     velocity: str
@@ -97,6 +99,7 @@ class Force:
     inertia: str = ""
     name: str = "rate"
     input: str = ""
+    also: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 class Declaration(Model):
@@ -229,11 +232,19 @@ class Declaration(Model):
             given = [s.name for s in type(self).inputs]  # an instance may read them from other columns
             if f.input and f.input not in given:
                 raise ModelError(f"{self.name}: no input {f.input!r}{did_you_mean(f.input, given)}")
-            if f.inertia not in ("", *known["change"]) and not callable(getattr(self, f.inertia, None)):
-                raise ModelError(
-                    f"{self.name}: no number or method {f.inertia!r} for an inertia"
-                    f"{did_you_mean(f.inertia, known['change'])}"
-                )
+            for name in f.also:
+                if name not in states or name == f.velocity:
+                    others = [s for s in states if s != f.velocity]
+                    raise ModelError(f"{self.name}: no other state {name!r}{did_you_mean(name, others)}")
+            for name, what in (
+                (f.inertia, "inertia"),
+                *((share, "effect of a force") for share in f.also.values()),
+            ):
+                if name not in ("", *known["change"]) and not callable(getattr(self, name, None)):
+                    raise ModelError(
+                        f"{self.name}: no number or method {name!r} for an {what}"
+                        f"{did_you_mean(name, known['change'])}"
+                    )
         names = [e.name for e in self.own_effects]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:

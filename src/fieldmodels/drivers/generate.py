@@ -119,6 +119,10 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
             "position": states.index(f.position) if f.position else -1,
             "input": inputs.index(f.input) if f.input else (0 if inputs else -1),
             "inertia": _inertia(f.inertia, params),
+            "also": [
+                {"velocity": states.index(name), "share": _inertia(share, params)}
+                for name, share in f.also.items()
+            ],
         }
         for f in machine.forces
     ]
@@ -131,6 +135,7 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
         "outputs": outputs,
         "params": params,
         "forces": forces,
+        "coupled": len(forces) > 1 and any(f["also"] for f in forces),  # none moves what another holds
         "curves": [c for c in curves if c["place"] != "actuator"],
         "actuator_curves": [(own[0]["start"], own[0]["stop"]) if own else (0, 0) for own in spans],
         "curves_of_parameters": any(c["place"] == "parameter" for c in curves),

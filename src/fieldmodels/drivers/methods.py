@@ -109,7 +109,7 @@ class Method:
             "step": f"return the states a time dt later: return {', '.join(names)}",
             "observe": f"return the outputs: return {', '.join(names)}",
             "pace": "return the fastest mode [rad/s], one number",
-        }.get(self.name, "return the inertia, one number")
+        }.get(self.name, "return one number: the inertia, or a rate by a unit of force")
 
 
 def methods_of(machine: Declaration) -> list[Method]:
@@ -121,7 +121,8 @@ def methods_of(machine: Declaration) -> list[Method]:
     known = (("state", states), ("input", inputs), ("p", params))
     returns = {"derivative": states, "step": states, "observe": tuple(s.name for s in machine.outputs)}
     names = {name: own for name, own in CALLED.items() if getattr(kind, name, None) is not None}
-    inertias = {f.inertia for f in machine.forces} - {"", *(p.name for p in machine.parameters)}
+    inertias = {name for f in machine.forces for name in (f.inertia, *f.also.values())}
+    inertias -= {"", *(p.name for p in machine.parameters)}
     names |= {name: f"inertia_{name}" for name in sorted(inertias)}
     return [
         Method(name, own, kind, _plain(getattr(kind, name)), known, returns.get(name, (name,)))
