@@ -314,6 +314,16 @@ def test_an_answer_that_gets_worse_with_more_data_is_counted():
     assert (goal["count"], goal["cases"]) == (2, 4)
 
 
+def test_a_curve_is_no_worse_than_a_near_name_that_may_be_a_curve():
+    ran = rows("growing", near_name=1, curve=1)
+    for row, cut in zip(ran, (10.0, 20.0), strict=True):
+        row |= {"seed": 1, "conditions": {"cut": cut}}
+    for named, worse in (([["actuator_lag", "a curve"]], 0), ([["actuator_lag"]], 1)):
+        ran[0]["named"] = named
+        goal = next(goal for goal in table.goals(ran) if "worse" in goal["name"])
+        assert (goal["count"], goal["cases"]) == (worse, 1)
+
+
 def test_what_is_regained_is_a_median():
     ran = rows("unlisted", abstained=3)
     for row, share in zip(ran, (0.0, 0.9, 0.95), strict=True):

@@ -161,7 +161,7 @@ def _worse(rows: Iterable[Row]) -> tuple[int, int] | None:
     for row in rows:
         if row["kind"] == "growing":
             of = groups.setdefault((row["machine"], row["seed"]), [])
-            of.append((row["conditions"]["cut"], RANKS[row["outcome"]]))
+            of.append((row["conditions"]["cut"], _rank(row)))
     count = cases = 0
     for found in groups.values():
         best = -1
@@ -170,6 +170,12 @@ def _worse(rows: Iterable[Row]) -> tuple[int, int] | None:
             cases += best >= 0
             best = max(best, rank)
     return (count, cases) if cases else None
+
+
+def _rank(row: Row) -> int:
+    """How good an answer is; a near name in a set says as much as any other one in a set."""
+    in_a_set = row["outcome"] == "near name" and any(len(cause) > 1 for cause in row["named"])
+    return RANKS["in a set" if in_a_set else row["outcome"]]
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
