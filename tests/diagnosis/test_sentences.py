@@ -17,6 +17,7 @@ from verdicts import SHAPES, cause, gain, verdict
 from fieldagents import findings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.answer import how_sure, in_words
+from fieldmodels.diagnosis.outcome import TOO_FEW
 from fieldmodels.diagnosis.phrases import a, the
 from fieldmodels.diagnosis.report import report_section
 from fieldmodels.diagnosis.result import Share
@@ -75,8 +76,8 @@ CERTAINTIES = {
         "These data cannot tell the alternatives apart."
     ),
     "nothing": (
-        "Anything larger than these would have been seen: a missing force of 0.031 N, an error of 0.0002 m "
-        "in the position sensor and a change of 0.2 N s/m in the damping."
+        "What depends on something measured would have shown from these sizes on: a missing force of "
+        "0.031 N, an error of 0.0002 m in the position sensor and a change of 0.2 N s/m in the damping."
     ),
     "doubted": (
         "It is practically certain that the simulation lacks an actuator delay. Caution: these data hardly "
@@ -95,6 +96,15 @@ def test_the_answer_begins_with_what_is_wrong(shape):
 @pytest.mark.parametrize("shape", CERTAINTIES)
 def test_it_says_how_sure_that_is(shape):
     assert how_sure(SHAPES[shape]) == CERTAINTIES[shape]
+
+
+def test_data_that_show_nothing_of_any_size_are_said_to():
+    """Curves were tried, and none would have been found however large."""
+    quiet = SHAPES["nothing"]
+    blind = replace(quiet, seen=tuple(replace(one, errors={}) for one in quiet.seen))
+    assert TOO_FEW in how_sure(blind)
+    assert TOO_FEW in blind.summary()
+    assert TOO_FEW not in how_sure(quiet) + quiet.summary() + how_sure(replace(quiet, seen=()))
 
 
 COUNTED = r"delay|gain|bias|lag|stop|force|curve|dead zone|spring|payload|slope|drift"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from fieldmodels import html
-from fieldmodels.diagnosis.outcome import EITHER, NOTHING_CERTAIN, Diagnosis
+from fieldmodels.diagnosis.outcome import EITHER, NOTHING_CERTAIN, TOO_FEW, WOULD_SHOW, Diagnosis
 from fieldmodels.diagnosis.phrases import a, lacking, the, times_the_noise
 from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import Cause, SignalGain, Visible
@@ -88,7 +88,7 @@ def how_sure(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         shown, rest = _least_visible(diagnosis)
         more = " The report lists the rest." if rest else ""
-        seen = f"Anything larger than these would have been seen: {listed(shown)}.{more}" if shown else ""
+        seen = f"{WOULD_SHOW}: {listed(shown)}.{more}" if shown else TOO_FEW if diagnosis.seen else ""
         return " ".join(filter(None, (seen, diagnosis.of_bounds)))
     said = [
         f"{word} that {'it' if k else 'the simulation'} lacks {lacking(sets)}"

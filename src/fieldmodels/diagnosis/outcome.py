@@ -39,6 +39,10 @@ if TYPE_CHECKING:
 
 EITHER = "either the noise of a sensor is coloured, or something small is missing"
 """What a remaining error above the white noise may be where nothing is named."""
+WOULD_SHOW = "What depends on something measured would have shown from these sizes on"
+TOO_FEW = (
+    "These data are too few, or too calm, to show what depends on something measured, whatever its size."
+)
 NOTHING_CERTAIN = "No listed effect and no unlisted curve certainly helps."
 """Said where nothing is named and an error above the noise remains."""
 
@@ -323,7 +327,9 @@ class Diagnosis:
                 return NOTHING_CERTAIN
             text = "Nothing significant is missing: the refitted simulation explains these data."
             if shown := [v.words for v in self.seen if v.errors]:
-                text += f" Anything larger than these would have shown (root mean square): {listed(shown)}."
+                text += f" {WOULD_SHOW} (root mean square): {listed(shown)}."
+            elif self.seen:
+                text += f" {TOO_FEW}"
             return text
         if self.mistaken:
             return f"First check the columns: {self.mistaken}. Nothing is named before that."
