@@ -18,6 +18,7 @@ from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
 from fieldmodels.drivers.named import flown, model_named_in, without_followed
 from fieldmodels.machine import Machine
+from fieldmodels.model import check_instance
 from fieldmodels.names import did_you_mean
 from fieldmodels.registry import get_model
 from fieldmodels.settings import Setting
@@ -232,8 +233,9 @@ def as_env(
 
     Raises:
         SettingsError: For settings that cannot be.
-        ModelError: For a reality that the machine does not have, or a model that is no ``Machine``.
+        ModelError: For a reality that the machine does not have, a model that is no ``Machine``, or a class.
     """
+    check_instance(machine)
     found = get_model(machine) if isinstance(machine, str) else machine
     if not isinstance(found, Machine):
         raise SettingsError(f"model {found.name!r} is no Machine; only those can be stepped one by one")

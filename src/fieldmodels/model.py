@@ -554,3 +554,13 @@ def _by_state(model: Model, parameters: FloatArray, windows: Windows, j: int) ->
         moved[:, j] += sign * width
         found.append(model.simulate(parameters[None], windows.with_states(moved))[0])
     return np.asarray((found[0] - found[1]) / (2.0 * width))
+
+
+def check_instance(model: object) -> None:
+    """See that a model is one, and not its class.
+
+    Raises:
+        ModelError: For a class.
+    """
+    if isinstance(model, type):
+        raise ModelError(f"{model.__name__} is a class; give a model of it: {model.__name__}()")

@@ -34,6 +34,11 @@ class FreeRun:
     inputs: tuple[str, ...]
     starts: Mapping[str, FloatArray | None]
 
+    def __repr__(self) -> str:
+        """How well each output is simulated, before and after, in a line."""
+        fits = (f"{o} {self.fit('before', o):.0f} → {self.fit('after', o):.0f} %" for o in self.outputs)
+        return f"<Free run of {self.measured.source}, {len(self.measured):,} rows: fit of {', '.join(fits)}>"
+
     @property
     def outputs(self) -> tuple[str, ...]:
         """Outputs that were measured."""

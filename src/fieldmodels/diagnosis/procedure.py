@@ -76,8 +76,8 @@ from fieldmodels.diagnosis.verdict import (
 )
 from fieldmodels.diagnosis.wander import wander, wandering_zeros
 from fieldmodels.diagnosis.whole import LONGER, WholeRecords
-from fieldmodels.model import Model
-from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.model import Model, check_instance
+from fieldmodels.recording import Recording, RecordingError, check_recordings
 
 
 def diagnose(
@@ -111,10 +111,13 @@ def diagnose(
         Verdict, causes with parameters and gains, unmodelled dynamics, and evidence for the report.
 
     Raises:
-        ModelError: For an unknown or impossible fixed value.
-        RecordingError: If there are too few data or none.
+        ModelError: For an unknown or impossible fixed value, or a class in place of a model.
+        RecordingError: If there are too few data or none, or what is given is no list of recordings.
         ValueError: If the budget is no positive time.
     """
+    check_instance(model)
+    check_recordings(train, "train")
+    check_recordings(test, "test")
     began = time.perf_counter()
     with metered() as meter:
         result = _diagnosed(model, train, test, fixed or {}, progress, seed, options, Budget(budget), window)

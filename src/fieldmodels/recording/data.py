@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -63,6 +64,13 @@ class Recording:
                 raise RecordingError(
                     f"{self.source}: column {name!r} has {len(values)} rows, 't' has {len(self.time)}"
                 )
+
+    def __repr__(self) -> str:
+        """Where it is from, how much it is and what it holds, in a line."""
+        episodes = len(self.bounds)
+        several = f" in {episodes} episodes" if episodes > 1 else ""
+        signals = ", ".join(f"{n} [{self.units[n]}]" if n in self.units else n for n in self.signals)
+        return f"<Recording of {self.source}: {len(self):,} rows of {self.step:.4g} s{several}; {signals}>"
 
     def __getitem__(self, name: str) -> FloatArray:
         """Values of one signal, shape (n,)."""
@@ -123,3 +131,19 @@ class Recording:
             signals={name: values[kept] for name, values in self.signals.items()},
             episode=number,
         )
+
+
+def check_recordings(given: Iterable[Any], name: str) -> None:
+    """See that an argument is a list of recordings.
+
+    Raises:
+        RecordingError: For one recording alone, or one that is not loaded.
+    """
+    if isinstance(given, Recording):
+        raise RecordingError(f"{name} is one recording; give a list of them: [recording]")
+    for one in [given] if isinstance(given, str) else given:
+        if not isinstance(one, Recording):
+            raise RecordingError(
+                f"{name} holds {one!r}, a {type(one).__name__} and no recording; load it: "
+                "fieldmodels.recording.files.load_recording(path, model)"
+            )

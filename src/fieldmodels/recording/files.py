@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.model import Model
+from fieldmodels.model import Model, check_instance
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel, unwrapped
@@ -85,6 +85,7 @@ def load_recording(
         rate: Rows a second, for a file without times.
 
     Raises:
+        ModelError: For a class in place of a model.
         RecordingError: If the file cannot be used; gives file, column and row, and what to do. Several
             problems are reported together.
 
@@ -92,6 +93,7 @@ def load_recording(
         RecordingWarning: If a column seems to be in another unit than declared; or if the rows are
             uneven, and were resampled to an even grid (see ``fieldmodels.recording.resampling``).
     """
+    check_instance(model)
     table = read_table(path)
     bench = Bench.of(columns or {}, table.header, rate)
     return recording_of(table, bench, model, horizon)
