@@ -21,7 +21,7 @@ class Trolley(Machine):
     states = (Signal("place", "m"), Signal("speed", "m/s"), Signal("angle", "rad"), Signal("rate", "rad/s"))
     outputs = (Signal("place", "m"), Signal("angle", "rad"))
     light = number("kg m^2", LIGHT, 0.1, 1.0)
-    forces = (Force("speed", "place", unit="N", inertia="lone", also={"rate": "swing"}, name="force"),)
+    forces = (Force("speed", "place", unit="N", inertia="lone", also={"rate": "swing"}),)
     effects = force("speed") + curve("force", "speed")
 
     def lone(self, p):
@@ -46,7 +46,7 @@ class Braked(Trolley):
 
     forces = (
         *Trolley.forces,
-        Force("rate", "angle", unit="N m", inertia="joint", also={"speed": "recoil"}, name="torque"),
+        Force("rate", "angle", unit="N m", inertia="joint", also={"speed": "recoil"}),
     )
     effects = force("speed", ("coulomb_friction",)) + force("rate", ("coulomb_friction",), prefix="joint_")
 

@@ -176,7 +176,7 @@ def test_an_axis_whose_position_alone_is_measured(tmp_path: Path):
     """Its speed comes from a slope, by a function whose name is that of a variable beside it."""
     (tmp_path / "axis.py").write_text(AXIS)
     model = load_model_file(str(tmp_path / "axis.py"))
-    vector = model.vector({}, {"coulomb_friction": {"rate": 0.5}})
+    vector = model.vector({}, {"coulomb_friction": {"force": 0.5}})
     write_model(model, vector, tmp_path / "model.py")
     log = _log(model)
     given = {

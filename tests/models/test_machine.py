@@ -55,6 +55,18 @@ def test_names_units_and_bounds_are_those_that_were_declared():
     assert machine.disturbance_unit == "rad/s^2"
 
 
+@pytest.mark.parametrize(
+    ("unit", "name"), [("N", "force"), ("N m", "torque"), ("Nm", "torque"), ("W", "rate"), ("", "rate")]
+)
+def test_a_force_is_named_by_its_unit(unit, name):
+    class Pushed(Motor):
+        forces = (Force("speed", unit=unit),)
+
+    friction = next(e for e in Pushed().effects if e.name == "coulomb_friction")
+    assert [p.name for p in friction.parameters] == [name]
+    assert f"a {name} of constant size" in friction.cause
+
+
 def test_held_and_interpolated_inputs_are_those_of_closed_forms():
     voltage = np.random.default_rng(1).uniform(-3, 3, 40)
     held, interpolated = np.zeros(40), np.zeros(40)

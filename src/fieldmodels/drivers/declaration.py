@@ -18,6 +18,7 @@ from fieldmodels.effects.stock import Names, Sizes, Stock
 from fieldmodels.model import Combination, Effect, Model, ModelError, Parameter
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording
+from fieldmodels.recording.units import canonical
 
 Hold = Literal["held", "interpolated"]
 """What an input does between samples."""
@@ -87,7 +88,7 @@ class Force:
         unit: Unit of the force; by default that of the velocity's rate.
         inertia: Name of the base parameter that it is divided by, or of a method ``(self, p)``; empty for
             one.
-        name: Name of the force in effects.
+        name: Name of the force in effects; by default "force" in N, "torque" in N m, else "rate".
         input: Name of the input that loads the friction, if there is one; by default the first.
         also: Other velocities that it accelerates, where masses are coupled (a trolley and what hangs from
             it): each with the name of a number or of a method ``(self, p)``, its rate by a unit of force.
@@ -97,9 +98,14 @@ class Force:
     position: str = ""
     unit: str = ""
     inertia: str = ""
-    name: str = "rate"
+    name: str = ""
     input: str = ""
     also: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        """Name the force by its unit."""
+        known = {"N": "force", "N m": "torque"}
+        object.__setattr__(self, "name", self.name or known.get(canonical(self.unit), "rate"))
 
 
 class Declaration(Model):
