@@ -177,6 +177,7 @@ UNKNOWN = answer(verdict="unknown")
         (("a",), answer(("b", "a")), "in a set"),
         (("a",), answer(("a", CURVE)), "in a set"),
         (("a",), answer(("a", "b", "c", "d")), "in a large set"),
+        (("a",), answer(("a", "b", "c", CURVE)), "in a set"),
         (("a",), answer(("b",)), "wrong"),
         (("a",), answer(("a",), ("b",)), "with a false one"),
         (("a",), UNKNOWN, "abstained"),

@@ -19,7 +19,7 @@ RIGHT: tuple[Outcome, ...] = ("right alone", "in a set")
 WRONG: tuple[Outcome, ...] = ("wrong", "with a false one")
 """Outcomes in which something is named that is not there."""
 SMALL = 3
-"""Names in a set that still says something."""
+"""Names in a set that still says something; a curve is none."""
 RANKS: Mapping[str, int] = {
     "right alone": 5, "near name": 5, "curve": 4, "in a set": 4, "in a large set": 3, "in part": 3,
     "abstained": 2, "silent": 1, "with a false one": 0, "wrong": 0, "misnamed": 0, "failed": 0,
@@ -57,8 +57,9 @@ def of_listed(answer: Answer, hidden: Sequence[str]) -> Outcome:
         return "with a false one" if hits == len(hidden) else "wrong"
     if hits < len(hidden):
         return "in part"
-    largest = max(len(one) for one in sets)
-    return "right alone" if largest == 1 else "in a set" if largest <= SMALL else "in a large set"
+    if all(len(one) == 1 for one in sets):
+        return "right alone"
+    return "in a set" if max(len(one - {CURVE}) for one in sets) <= SMALL else "in a large set"
 
 
 def of_unlisted(answer: Answer, near: Sequence[str]) -> Outcome:
