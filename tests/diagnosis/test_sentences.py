@@ -53,6 +53,10 @@ HEADLINES = {
         "The simulation lacks something that no listed effect explains: it depends on the velocity and acts "
         "on the damping."
     ),
+    "two curves": (
+        "The simulation lacks 2 things that no listed effect explains: one depends on the velocity (by its "
+        "sign alone), one on the position (only near the ends of its range)."
+    ),
     "a sensor's curve": (
         "The simulation lacks something that no listed effect explains: it depends on the position (repeats "
         "every 0.1 m) and acts on the position sensor."
@@ -91,6 +95,18 @@ CERTAINTIES = {
 @pytest.mark.parametrize("shape", HEADLINES)
 def test_the_answer_begins_with_what_is_wrong(shape):
     assert in_words(SHAPES[shape])[0].startswith(HEADLINES[shape])
+
+
+@pytest.mark.parametrize(
+    ("shape", "added"),
+    [
+        ("a curve", "With that curve, the error"),
+        ("two curves", "With these curves, the error"),
+        ("an uncertain curve", "With the curve that helps most, the error"),
+    ],
+)
+def test_it_says_with_how_many_curves_the_error_falls(shape, added):
+    assert added in " ".join(in_words(replace(SHAPES[shape], curve_effects={"x": {}})))
 
 
 @pytest.mark.parametrize("shape", CERTAINTIES)

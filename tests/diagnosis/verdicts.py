@@ -74,6 +74,11 @@ SHAPES = {
     "a tie and a curve": verdict([cause("coulomb_friction", "stribeck_friction")], [VELOCITY]),
     "a name and an uncertain curve": verdict([cause("gyro_bias")], [replace(VELOCITY, certain=False)]),
     "a curve": verdict([], [VELOCITY], curve_effects={"x": {}}),
+    "two curves": verdict(
+        [],
+        [curve("force", "", "velocity", "sign"), curve("force", "", "position", "ends")],
+        curve_effects={"x": {}},
+    ),
     "a force's curve": verdict([], [curve("force", "", "velocity", "sign")]),
     "a sensor's curve": verdict([], [curve("sensor", "position", "position", "repeats every 0.1 m")]),
     "a wheel's curve": verdict([], [curve("force", "share of left_wheel", "way of left_wheel", "square")]),

@@ -33,8 +33,11 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unrelated":
         return "There is no relation between command and response."
     if diagnosis.verdict == "unknown":
-        curve = diagnosis.unknown
-        where = f": it depends on {curve.words}" if curve and curve.certain else ""
+        curves = [curve.words for curve in diagnosis.curves if curve.certain]
+        if len(curves) > 1:
+            each = ", ".join(f"one {'' if k else 'depends '}on {words}" for k, words in enumerate(curves))
+            return f"The simulation lacks {len(curves)} things that no listed effect explains: {each}."
+        where = f": it depends on {curves[0]}" if curves else ""
         return f"The simulation lacks something that no listed effect explains{where}."
     more = ", and something else" if diagnosis.curves else ""
     return f"The simulation lacks {diagnosis.names}{more}."
@@ -50,13 +53,17 @@ def by_how_much(diagnosis: Diagnosis) -> str:
     after = gain.rmse_with_curves if curved else gain.rmse_after
     if not share.percent > 0:
         return ""
-    added = "the curve that helps most" if not diagnosis.causes else _it(diagnosis)
+    added = _it(diagnosis)
     fell = f"{with_error(gain.rmse_before)} to {with_error(after, unit=gain.unit)}"
     lower = percent(share.percent)
     return f"With {added}, the error of the predicted {words(found)} falls from {fell}: {lower} less."
 
 
 def _it(diagnosis: Diagnosis) -> str:
+    if not diagnosis.causes:
+        if not any(curve.certain for curve in diagnosis.curves):
+            return "the curve that helps most"
+        return "that curve" if len(diagnosis.curves) == 1 else "these curves"
     if len(diagnosis.causes) == 1:
         return "the first of these" if diagnosis.verdict == "ambiguous" else "it"
     return "them"
@@ -140,9 +147,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
     if diagnosis.next_measurement:
         steps.append(text(diagnosis.next_measurement.why))
     if len(diagnosis.runs) > 1:
-        what = _it(diagnosis) if diagnosis.causes else "that curve"
         steps.append(
-            f"Simulate with {what}: <code>extended.yaml</code> holds the extended simulation, for "
+            f"Simulate with {_it(diagnosis)}: <code>extended.yaml</code> holds the extended simulation, for "
             '<code>gym.make(..., reality="extended.yaml")</code> and <code>fieldgym export</code>.'
         )
     if diagnosis.not_runnable:
