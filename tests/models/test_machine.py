@@ -55,6 +55,20 @@ def test_names_units_and_bounds_are_those_that_were_declared():
     assert machine.disturbance_unit == "rad/s^2"
 
 
+def test_a_curve_runs_from_one_value_of_its_variable_to_another_in_its_unit():
+    class Curved(Motor):
+        effects = (
+            curve("force", "speed")
+            + curve("force", "speed", over=("time", "speed*size_of_voltage"), name="table")
+            + curve("parameter", "gain", over="voltage")
+        )
+
+    units = {f"{e.name}.{p.name}": p.unit for e in Curved().effects for p in e.parameters}
+    assert (units["speed_curve.low"], units["speed_curve.high"]) == ("rad/s", "rad/s")
+    assert (units["table.low_1"], units["table.high_2"]) == ("s", "rad V/s")
+    assert units["gain_over_voltage.low"] == "V"
+
+
 @pytest.mark.parametrize(
     ("unit", "name"), [("N", "force"), ("N m", "torque"), ("Nm", "torque"), ("W", "rate"), ("", "rate")]
 )

@@ -6,19 +6,19 @@ import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.effects.curves import Curve
+from fieldmodels.effects.curves import SIZE, Curve
 from fieldmodels.effects.forces import PLACED
 from fieldmodels.effects.stock import Names, Sizes, Stock
 from fieldmodels.model import Combination, Effect, Model, ModelError, Parameter
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording
-from fieldmodels.recording.units import canonical
+from fieldmodels.recording.units import canonical, simplified
 
 Hold = Literal["held", "interpolated"]
 """What an input does between samples."""
@@ -266,7 +266,17 @@ class Declaration(Model):
         return f.unit or (f"{unit}^2" if unit.endswith("/s") else f"{unit}/s")
 
     def names_of(self, e: Stock) -> Names:
-        """Names and units of what a stock effect acts on."""
+        """Names and units of what a stock effect acts on, and of a curve's variables."""
+        names = self._acted_on(e)
+        if not isinstance(e, Curve):
+            return names
+        units = {s.name: s.unit for s in (*self.inputs, *self.states, *self.outputs)} | {"time": "s"}
+        factors = [[f.strip().removeprefix(SIZE) for f in over.split("*")] for over in e.over]
+        return replace(
+            names, over_units=tuple(simplified(" ".join(units.get(f, f) for f in found)) for found in factors)
+        )
+
+    def _acted_on(self, e: Stock) -> Names:
         units = {s.name: s.unit for s in (*self.inputs, *self.states, *self.outputs)}
         if e.place == "actuator" or (isinstance(e, Curve) and e.signal in {s.name for s in self.inputs}):
             return Names(force=e.signal, force_unit=units[e.signal])

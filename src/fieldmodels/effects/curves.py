@@ -103,9 +103,10 @@ def _declare(place: str, signal: str, over: tuple[str, ...], knots: int) -> Decl
             tag = "" if len(over) == 1 else f"_{k + 1}"
             low, high = s.ranges[k] if s.ranges else (-1.0, 1.0)
             share = 0.1 * (high - low)
+            unit = names.over_units[k] if names.over_units else variable
             ranges += [
-                Parameter(f"low{tag}", variable, low, -LARGE, LARGE, share, refitted=False),
-                Parameter(f"high{tag}", variable, high, -LARGE, LARGE, share, refitted=False),
+                Parameter(f"low{tag}", unit, low, -LARGE, LARGE, share, refitted=False),
+                Parameter(f"high{tag}", unit, high, -LARGE, LARGE, share, refitted=False),
             ]
         size = 0.1 * s.force
         values = [

@@ -38,6 +38,7 @@ class Names:
         position: Name of the generalised position or of the output; empty if the machine has none.
         position_unit: Its unit.
         velocity_unit: Unit of the position's rate.
+        over_units: Units of a curve's variables; empty for other effects.
     """
 
     force: str = "force"
@@ -45,6 +46,7 @@ class Names:
     position: str = "position"
     position_unit: str = "m"
     velocity_unit: str = "m/s"
+    over_units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
