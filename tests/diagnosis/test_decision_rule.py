@@ -322,6 +322,9 @@ class Search:
     def promised(self, parent, name):
         return parent.fit.cost - self.score_test(parent, name)
 
+    def twins(self, name):
+        return {"b"} if name == "h" else set()
+
     def again(self, candidate):
         self.fitted_again.append(set(candidate.effects))
         return candidate
@@ -638,6 +641,20 @@ def test_what_other_data_call_for_as_well_is_added(monkeypatch, gains, kept):
         one.fit.whitener = None
     found = causes.confirmed_elsewhere(SimpleNamespace(options=DEFAULT), chosen, seldom, None)
     assert "".join(found.effects) == kept
+
+
+@pytest.mark.parametrize(("better", "alternatives"), [(-1.0, {"c", "h"}), (1.0, {"c"})])
+def test_what_contains_the_better_effect_is_no_alternative_to_it(monkeypatch, better, alternatives):
+    """Hysteresis that fits less well than the friction that it contains was fitted less well."""
+    monkeypatch.setattr(selection, "_stands", lambda *_: True)
+    monkeypatch.setattr(selection, "unexplained", lambda *_: False)
+    monkeypatch.setattr(selection, "accepted", lambda parent, child, *_: child.total < parent.total - 8.0)
+    search = searching(monkeypatch, {"b": 60.0, "h": 60.0 + better, "c": 61.0})
+    search.base = lambda: search.made("", {frozenset(): 100.0})
+    search.identifiable, search.unidentifiable = lambda *_: True, set()
+    found = selection.select(search, lambda *_: None)
+    named = {*found.chosen.effects, *(name for one in found.alternatives for name in one.effects)}
+    assert named == {"b", *alternatives}
 
 
 def test_what_does_as_well_in_few_parts_of_the_data_is_an_alternative():

@@ -266,6 +266,10 @@ class Candidates:
         """Improvement [nats] by an effect from its best start, predicted to first order (a score test)."""
         return self.screened(parent, self.problem.model.effect(name))[0]
 
+    def twins(self, name: str) -> set[str]:
+        """Simpler effects that an effect equals at bounds of its parameters."""
+        return {twin for p in self.problem.model.effect(name).parameters for twin in p.twins if twin}
+
     def promised(self, parent: Candidate, name: str) -> float:
         """Cost [nats] at which a fit of an effect beside a parent needs no other start; -inf if none does."""
         if self.problem.observations is not None or parent.fit.whitener is not self.whitener:

@@ -261,7 +261,8 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     base = candidates.again(base)
     needed, level = _settled(candidates, chosen, levels)
     if needed.effects:
-        same = tuple(c for c in level if indistinguishable(needed, c, blocks, candidates.options))
+        near = (c for c in level if indistinguishable(needed, c, blocks, candidates.options))
+        same = tuple(c for c in near if c.total < needed.total or not _contains(candidates, c, needed))
         chosen, alternatives = _simplest(needed, same, blocks, candidates.options)
     else:
         chosen, alternatives = base, ()
@@ -284,9 +285,11 @@ def _seldom(candidates: Candidates, chosen: Candidate, larger: Sequence[Candidat
     problem, least = candidates.problem, candidates.options.least_gain
     beside = candidates.again(chosen)
     found = []
-    for one in map(candidates.again, (c for c in larger if set(chosen.effects) < set(c.effects))):
+    enough = UNEVEN * least
+    near = (c for c in larger if c.fit.cost < chosen.fit.cost - 0.5 * enough)  # with nearly the same weights
+    for one in map(candidates.again, (c for c in near if set(chosen.effects) < set(c.effects))):
         gain = beside.total - one.total
-        if gain <= UNEVEN * least:
+        if gain <= enough:
             continue
         [more] = set(one.effects) - set(chosen.effects)
         once = gain - largest_share(beside.loss - one.loss, problem.blocks) <= least
@@ -479,6 +482,12 @@ def _looked_again(
         if not chosen.effects:  # pairs follow anyhow
             break
     return None
+
+
+def _contains(candidates: Candidates, larger: Candidate, smaller: Candidate) -> bool:
+    """Whether a set differs from another one by an effect that contains one of that: hysteresis, friction."""
+    own, gone = set(larger.effects) - set(smaller.effects), set(smaller.effects) - set(larger.effects)
+    return any(candidates.twins(name) & gone for name in own)
 
 
 def rivals_of(
