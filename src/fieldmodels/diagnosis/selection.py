@@ -233,6 +233,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
     base = candidates.again(base)
     ranking, before, chosen, levels = tuple(level), base, base, {1: level}
     size, most = 1, candidates.options.most_causes
+    looks = most  # so that no set leads to another one and back
     while size <= most:
         whitener = candidates.whitener
         if size > 1:
@@ -243,8 +244,9 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             levels[size] = children
         else:
             children, larger = level, _called_for(candidates, base, [], level)
-        if larger is None and (chosen.effects or size == 1) and unexplained(candidates.problem, chosen.fit):
-            weights = candidates.whitener
+        again = larger is None and looks > 0 and (chosen.effects or size == 2)
+        if again and unexplained(candidates.problem, chosen.fit):
+            weights, looks = candidates.whitener, looks - 1
             larger = _looked_again(candidates, chosen, most, levels)
             if larger is None:
                 candidates.whitener = weights
@@ -460,7 +462,7 @@ def unexplained(problem: Problem, fitted: Fit) -> bool:
 def _looked_again(
     candidates: Candidates, chosen: Candidate, most: int, levels: dict[int, list[Candidate]]
 ) -> Candidate | None:
-    """A larger set that is called for where an error remains that nothing promises to explain; None if none.
+    """A set that is called for where an error remains that nothing promises to explain; None if none is.
 
     Beside a large fault first-order promises mislead, so every effect is fitted; and of two faults neither
     may bring anything without the other.
@@ -476,11 +478,16 @@ def _looked_again(
         if not (larger := _grown(candidates, parents, everything)):
             break
         levels[size] = larger
-        if accepted(candidates.again(chosen), larger[0], candidates.problem.blocks, candidates.options):
-            return larger[0]
+        before = candidates.again(chosen)
+        if accepted(before, larger[0], candidates.problem.blocks, candidates.options):
+            needed = _needed(candidates, larger[0])
+            if needed.total > before.total - SAME_ANYHOW or set(needed.effects) == set(chosen.effects):
+                return None
+            others = [c for c in levels.get(len(needed.effects), ()) if set(c.effects) != set(needed.effects)]
+            rivals = sorted(candidates.each(candidates.again, others), key=lambda c: c.total)
+            levels[len(needed.effects)] = [needed, *rivals]
+            return needed
         parents, everything = larger[: PARENTS + 1], False
-        if not chosen.effects:  # pairs follow anyhow
-            break
     return None
 
 
