@@ -244,7 +244,7 @@ def select(candidates: Candidates, progress: Progress) -> Selection:
             levels[size] = children
         else:
             children, larger = level, _called_for(candidates, base, [], level)
-        again = larger is None and looks > 0 and (chosen.effects or size == 2)
+        again = larger is None and looks > 0 and chosen.effects
         if again and unexplained(candidates.problem, chosen.fit):
             weights, looks = candidates.whitener, looks - 1
             larger = _looked_again(candidates, chosen, most, levels)
@@ -471,18 +471,19 @@ def _looked_again(
         candidates: What fits the sets.
         chosen: The set so far.
         most: Effects that a set may have.
-        levels: Sets by number of effects, into which those are put that are fitted.
+        levels: Sets by number of effects, into which those are put that are fitted if one is called for.
     """
-    parents, everything = [chosen], True
+    parents, everything, fitted = [chosen], True, dict[int, list[Candidate]]()
     for size in range(len(chosen.effects) + 1, min(len(chosen.effects) + 2, most) + 1):
         if not (larger := _grown(candidates, parents, everything)):
             break
-        levels[size] = larger
+        fitted[size] = larger
         before = candidates.again(chosen)
         if accepted(before, larger[0], candidates.problem.blocks, candidates.options):
             needed = _needed(candidates, larger[0])
             if needed.total > before.total - SAME_ANYHOW or set(needed.effects) == set(chosen.effects):
                 return None
+            levels.update(fitted)
             others = [c for c in levels.get(len(needed.effects), ()) if set(c.effects) != set(needed.effects)]
             rivals = sorted(candidates.each(candidates.again, others), key=lambda c: c.total)
             levels[len(needed.effects)] = [needed, *rivals]
