@@ -674,3 +674,27 @@ def test_a_cause_is_doubtful_if_it_harms_predictions_beside_all_others_too(
 
     monkeypatch.setattr(causes, "beside_the_others", lambda *_: (cause(beside),))
     assert causes._harms(cause(on_path), None, None, None, None) == harms
+
+
+def test_nothing_is_looked_for_again_beside_nothing(monkeypatch):
+    """Where nothing is named, errors above the noise are mostly the noise's own."""
+    looked = []
+    monkeypatch.setattr(selection, "unexplained", lambda *_: True)
+    monkeypatch.setattr(selection, "_looked_again", lambda _, chosen, *__: looked.append(chosen.effects))
+    monkeypatch.setattr(selection, "accepted", lambda *_: False)
+    search = searching(monkeypatch, {"b": 99.0, "c": 99.5, "bc": 99.0})
+    search.base = lambda: search.made("", {frozenset(): 100.0})
+    search.identifiable, search.unidentifiable = lambda *_: True, set()
+    assert selection.select(search, lambda *_: None).chosen.effects == ()
+    assert looked == []
+
+
+@pytest.mark.parametrize(("total", "found"), [(50.0, True), (60.0, False)])
+def test_what_is_left_of_a_second_look_must_beat_what_was_there(monkeypatch, total, found):
+    search = searching(monkeypatch, {"a": 60.0, "z": total, "az": 40.0})
+    monkeypatch.setattr(selection, "accepted", lambda *_: True)
+    monkeypatch.setattr(selection, "_needed", lambda *_: search.stuck("z"))
+    levels = {1: [search.stuck("a")]}
+    again = selection._looked_again(search, search.stuck("a"), 4, levels)
+    assert (again is not None) == found
+    assert (levels[1][0].effects == ("z",)) == found
