@@ -75,11 +75,13 @@ def check_simulation(model: Model, recording: Recording, place: str = "") -> Non
         RecordingError: If the recording is too short for the model.
 
     Warns:
-        ModelWarning: If an effect does not act on these data, or the simulation is slow.
+        ModelWarning: If an effect does not act on these data, no sensor tells where a state starts, or the
+            simulation is slow.
     """
     place = place or f"model {type(model).__name__}"
     cut = _called(model, place, "windows", lambda: model.windows(recording, min(model.horizons)))
     _called(model, place, "initial_states", lambda: checked_states(model, cut.states, recording, cut.starts))
+    _warn_of_unseen(model, place, recording)
     began = time.perf_counter()
     _outputs(model, place, model.nominal[None], cut)
     seconds = time.perf_counter() - began
@@ -96,6 +98,21 @@ def check_simulation(model: Model, recording: Recording, place: str = "") -> Non
             "thousands; vectorise simulate, or compile it with Numba",
             ModelWarning,
             stacklevel=2,
+        )
+
+
+def _warn_of_unseen(model: Model, place: str, recording: Recording) -> None:
+    names = model.unseen(recording)
+    if names:
+        several = len(names) > 1
+        warnings.warn(
+            f"{place}: no sensor tells where the state{'s' * several} {' and '.join(map(repr, names))} "
+            f"start{'s' * (not several)}: every window begins with 0 and fits the rest, which takes long and "
+            "may lead astray. Declare an output that shows "
+            f"{'them' if several else 'it'} (`observe` may compute what it shows), or give "
+            "`initial_states(self, recording, starts)`",
+            ModelWarning,
+            stacklevel=3,
         )
 
 

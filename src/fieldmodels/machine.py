@@ -24,7 +24,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration, Force, Hold, number
 from fieldmodels.drivers.sizes import measured_horizons, measured_outputs, measured_sizes, measured_states
-from fieldmodels.drivers.starts import parabolas
+from fieldmodels.drivers.starts import started
 from fieldmodels.drivers.windows import WindowDriver
 from fieldmodels.effects import sensors
 from fieldmodels.model import Model, ModelError
@@ -119,22 +119,32 @@ class Machine(Declaration):
         """States as the sensors measure them; see ``Model.initial_states``.
 
         A parabola through nine samples gives a state that is measured, and the rate of one that is, where the
-        state is a velocity without a sensor of its own. A state that nothing measures starts at 0; a machine
-        that knows better overrides this.
+        state is a velocity without a sensor of its own. Other states are solved for, at the nominal numbers:
+        so that ``observe`` gives what was measured, and its rate what that changes by. A state that nothing
+        tells starts at 0; a machine that knows better overrides this.
         """
-        return parabolas(self, recording, starts)
+        return started(self, recording, starts)[0]
+
+    def unseen(self, recording: Recording) -> tuple[str, ...]:
+        """States of which nothing that is measured tells where they start; see ``Model.unseen``."""
+        looked = _some(recording)
+        found = started(self, recording, looked)[1] | self.initial_states(recording, looked).any(axis=0)
+        return tuple(s.name for s, told in zip(self.states, found, strict=True) if not told)
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
         """Suit scales, starts, horizons and sensor noise to the data; see ``Model.scaled_to``."""
         result = type(self)(measured_sizes(self, recordings))
         result.outputs = measured_outputs(self, recordings)
-        looked = [
-            self.initial_states(r, np.linspace(0, len(r) - 1, LOOKED).astype(np.int64)) for r in recordings
-        ]
+        looked = [self.initial_states(r, _some(r)) for r in recordings]
         result.states = measured_states(self, recordings, np.concatenate(looked))
         result.horizons = measured_horizons(self, recordings)
         result.hold = self.hold
         return result
+
+
+def _some(recording: Recording) -> IntArray:
+    """Samples of a recording at which states are guessed."""
+    return np.linspace(0, len(recording) - 1, LOOKED).astype(np.int64)
 
 
 def held_inputs(model: Model, hold: Hold) -> Model:

@@ -284,6 +284,11 @@ class Model(ABC):
             States, shape (len(starts), len(states)).
         """
 
+    def unseen(self, recording: Recording) -> tuple[str, ...]:
+        """Names of states of which no sensor tells where a window starts; by default none."""
+        del recording
+        return ()
+
     def simulate_with_derivatives(
         self, parameters: FloatArray, windows: Windows, free: Sequence[int] | NDArray[np.int64]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:

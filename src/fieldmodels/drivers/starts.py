@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.rates import pace
+from fieldmodels.drivers.told import Measured, told
 from fieldmodels.drivers.windows import Once, episode_edges
 from fieldmodels.recording import Recording
 
@@ -16,21 +17,37 @@ _PACES: Once[dict[str, float]] = Once(lambda _: {})
 SHARE = 0.5  # of the time in which a signal changes by its size: farther it is no parabola
 
 
-def parabolas(machine: Declaration, recording: Recording, starts: IntArray) -> FloatArray:
-    """Fit a parabola to the samples around each start, shape (len(starts), states).
+def started(machine: Declaration, recording: Recording, starts: IntArray) -> tuple[FloatArray, BoolArray]:
+    """States at each start, shape (len(starts), states), and which of them the sensors tell, shape (states,).
 
-    A measured state is smoothed by it; a velocity that is not measured is the slope of its position's.
+    A parabola through the samples around it smooths a measured state; a velocity that is not measured is the
+    slope of its position's. What is not known so is ``told`` by the machine's equations, as far as they do;
+    the others are 0.
     """
     positions = {f.velocity: f.position for f in machine.forces}
     measured = {s.name for s in machine.outputs if s.name in recording}
     states = np.zeros((len(starts), len(machine.states)))
+    known = np.zeros(len(machine.states), dtype=np.bool_)
     for i, state in enumerate(machine.states):
         position = positions.get(state.name, "")
+        known[i] = state.name in measured or position in measured
         if state.name in measured:
             states[:, i] = _derivative(recording, state.name, starts, 0)
         elif position in measured:
             states[:, i] = _derivative(recording, position, starts, 1) / recording.step
-    return states
+    shown = [k for k, s in enumerate(machine.outputs) if s.name in recording and not s.event]
+    if known.all() or not shown or not len(starts):
+        return states, known
+    return told(machine, states, known, _measured(machine, shown, recording, starts), recording.step)
+
+
+def _measured(machine: Declaration, outputs: list[int], recording: Recording, starts: IntArray) -> Measured:
+    """What the sensors have measured at some samples, and how fast it changes."""
+    names = [machine.outputs[k].name for k in outputs]
+    values = [_derivative(recording, name, starts, 0) for name in names]
+    slopes = [_derivative(recording, name, starts, 1) / recording.step for name in names]
+    inputs = machine.commands(recording, episode_edges(recording)[1])[starts]
+    return Measured(outputs, np.column_stack(values), np.column_stack(slopes), inputs)
 
 
 def _derivative(recording: Recording, name: str, starts: IntArray, order: int) -> FloatArray:
