@@ -58,6 +58,7 @@ class Parameter:
         smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
         refitted: False for one that is known (a wheel's radius, a curve's range): a diagnosis keeps it.
         twins: Simpler effects that its owner equals at its lower and at its upper bound; empty for none.
+        knot: True for a value of a curve or table, which is a function already.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Parameter:
     smooth: bool = True
     refitted: bool = True
     twins: tuple[str, str] = ("", "")
+    knot: bool = False
 
     def __post_init__(self) -> None:
         """Check that the numbers make sense.

@@ -538,6 +538,8 @@ class Curves:
         of_windows = tuple(window_tables(plain))
         for i in self.fitted.free[self.fitted.free >= first]:
             p = model.all_parameters[i]
+            if p.knot:  # of a function already
+                continue
             for curve in of_windows:
                 yield replace(curve, place="parameter", target=model.names[i], unit=p.unit)
 

@@ -110,7 +110,9 @@ def _declare(place: str, signal: str, over: tuple[str, ...], knots: int) -> Decl
             ]
         size = 0.1 * s.force
         values = [
-            Parameter(f"value_{i + 1}", names.force_unit, 0.0, -LARGE, LARGE, 0.5 * size, starts=(size,))
+            Parameter(
+                f"value_{i + 1}", names.force_unit, 0.0, -LARGE, LARGE, 0.5 * size, starts=(size,), knot=True
+            )
             for i in range(knots ** len(over))
         ]
         variables = " and ".join(over)
