@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
@@ -86,12 +87,12 @@ class Force:
         velocity: Name of the state whose rate it changes.
         position: Name of the state that is its integral; empty if the machine has none.
         unit: Unit of the force; by default that of the velocity's rate.
-        inertia: Name of the base parameter that it is divided by, or of a method ``(self, p)``; empty for
-            one.
+        inertia: Name of the base parameter that it is divided by, or of a method ``(self, p)`` or ``(self,
+            state, p)``; empty for one.
         name: Name of the force in effects; by default "force" in N, "torque" in N m, else "rate".
         input: Name of the input that loads the friction, if there is one; by default the first.
         also: Other velocities that it accelerates, where masses are coupled (a trolley and what hangs from
-            it): each with the name of a number or of a method ``(self, p)``, its rate by a unit of force.
+            it): each with the name of a number or of such a method, its rate by a unit of force.
     """
 
     velocity: str
@@ -291,13 +292,17 @@ class Declaration(Model):
         unit = units[e.signal]
         return Names(force, unit, e.signal, unit, f"{unit}/s")
 
-    def inertia_of(self, f: Force) -> float:
-        """What a force is divided by, at the nominal parameters."""
+    def inertia_of(self, f: Force, state: Sequence[float] = ()) -> float:
+        """What a force is divided by, at the nominal parameters and some state, by default all zeros."""
         if not f.inertia:
             return 1.0
         p = named("Params", param_names(self), params_of(self, self.nominal))
-        found = getattr(p, f.inertia, None)
-        return float(getattr(type(self), f.inertia)(None, p) if found is None else found)
+        if hasattr(p, f.inertia):
+            return float(getattr(p, f.inertia))
+        method = getattr(type(self), f.inertia)
+        names = [s.name for s in self.states]
+        at = [named("State", names, list(state) or [0.0] * len(names))] if takes_state(method) else []
+        return float(method(None, *at, p))
 
     def speeds(self) -> list[float]:
         """A typical speed of each velocity on which forces act."""
@@ -342,6 +347,11 @@ class Declaration(Model):
         n = len(commands)
         at = np.minimum(np.arange(n * refine) / refine, n - 1)
         return np.column_stack([np.interp(at, np.arange(n), column) for column in commands.T])
+
+
+def takes_state(method: Callable[..., Any]) -> bool:
+    """Whether an inertia, or a rate by a unit of force, takes ``(self, state, p)``, not ``(self, p)``."""
+    return len(inspect.signature(method).parameters) == 3
 
 
 def named(title: str, names: list[str], values: list[float]) -> Any:

@@ -113,14 +113,16 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
     inputs = [s.name for s in type(machine).inputs]  # an instance may read them from other columns
     outputs = [s.name for s in machine.outputs]
     params = param_names(machine)
+    by_state = {m.name for m in methods_of(machine) if m.own.startswith("inertia_") and "state" in m.takes}
     forces = [
         {
             "velocity": states.index(f.velocity),
             "position": states.index(f.position) if f.position else -1,
             "input": inputs.index(f.input) if f.input else (0 if inputs else -1),
-            "inertia": _inertia(f.inertia, params),
+            "inertia": _inertia(f.inertia, params, states, by_state),
+            "by_state": bool(by_state & {f.inertia, *f.also.values()}),
             "also": [
-                {"velocity": states.index(name), "share": _inertia(share, params)}
+                {"velocity": states.index(name), "share": _inertia(share, params, states, by_state)}
                 for name, share in f.also.items()
             ],
         }
@@ -151,10 +153,14 @@ def _declaration(machine: Declaration) -> dict[str, Any]:
     }
 
 
-def _inertia(name: str, params: list[str]) -> str:
+def _inertia(name: str, params: list[str], states: list[str], by_state: set[str]) -> str:
+    """What gives an inertia, or a rate by a unit of force, in equations; ``s0`` and so on are the states."""
     if not name:
         return "1.0"
-    return f"p.{name}" if name in params else f"inertia_{name}(None, p)"
+    if name in params:
+        return f"p.{name}"
+    state = f"State({', '.join(f's{i}' for i in range(len(states)))},), " if name in by_state else ""
+    return f"inertia_{name}(None, {state}p)"
 
 
 def _start(machine: Declaration, i: int) -> dict[str, Any]:

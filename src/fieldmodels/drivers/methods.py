@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of
+from fieldmodels.drivers.declaration import Declaration, named, param_names, params_of, takes_state
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 
@@ -31,7 +31,7 @@ TAKES = {
     "observe": ("state", "p"),
     "pace": ("p",),
 }
-"""What the methods are handed behind ``self``, which is None; an inertia takes what ``pace`` takes."""
+"""What the methods are handed behind ``self``, which is None; an inertia is handed ``p``, or ``state, p``."""
 CALLED = {"derivative": "derivative", "step": "advance", "observe": "observe", "pace": "fastest"}
 """What drivers call them."""
 TITLES = {"state": "State", "input": "Input", "p": "Params"}
@@ -65,6 +65,8 @@ class Method:
     @property
     def takes(self) -> tuple[str, ...]:
         """Its arguments behind ``self``."""
+        if self.own.startswith("inertia_") and callable(self.function) and takes_state(self.function):
+            return "state", "p"
         return TAKES.get(self.name, ("p",))
 
     @property
@@ -177,6 +179,11 @@ def _listed(method: Method) -> str:
     return ", ".join(("self", *method.takes))
 
 
+def _handed(method: Method) -> str:
+    """What a method may take."""
+    return f"({_listed(method)})" + " or (self, state, p)" * method.own.startswith("inertia_")
+
+
 def _wrong_arguments(method: Method) -> Iterator[str]:
     """Arguments that are missing, too many, or in another order."""
     signature = inspect.signature(method.function)
@@ -184,7 +191,7 @@ def _wrong_arguments(method: Method) -> Iterator[str]:
     try:
         signature.bind(*[None] * (1 + len(method.takes)))
     except TypeError:
-        yield method.says(method.line, f"takes ({', '.join(names)}); it is handed ({_listed(method)})")
+        yield method.says(method.line, f"takes ({', '.join(names)}); it is handed {_handed(method)}")
         return
     if names[1:] != method.takes and sorted(names[1:]) == sorted(method.takes):
         yield method.says(method.line, f"its arguments come in the order ({_listed(method)})")

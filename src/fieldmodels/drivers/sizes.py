@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.declaration import Declaration, Force
 from fieldmodels.drivers.rates import centred, pace, rate_size, rms, white_noise
 from fieldmodels.drivers.windows import without_noise
 from fieldmodels.effects.curves import SIZE, Curve
@@ -96,12 +96,20 @@ def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> S
         f = next(f for f in machine.forces if f.velocity == e.signal)
         return replace(
             result,
-            force=machine.inertia_of(f) * _acceleration(recordings, e.signal, f.position) or 1.0,
+            force=_inertia(machine, f, recordings) * _acceleration(recordings, e.signal, f.position) or 1.0,
             velocity=_size_of(recordings, e.signal, f.position) or 1.0,
             position=rms(centred(recordings, f.position)) or 1.0,
         )
     size = rms(centred(recordings, e.signal)) or 1.0
     return replace(result, position=size, force=size, velocity=rate_size(recordings, e.signal) or 1.0)
+
+
+def _inertia(machine: Declaration, f: Force, recordings: Sequence[Recording]) -> float:
+    """What a force is divided by, in the middle of the states that are measured by name, the others at 0."""
+    if f.inertia in {"", *(p.name for p in machine.parameters)}:
+        return machine.inertia_of(f)
+    found = [[float(np.median(r[s.name])) for r in recordings if s.name in r] for s in machine.states]
+    return machine.inertia_of(f, [_median(one) for one in found])
 
 
 def _acts_on_a_force(machine: Declaration, e: Stock) -> bool:
