@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from fieldmodels.diagnosis.chance import _p_value
 
@@ -41,3 +42,15 @@ def test_errors_that_grow_within_every_window_prove_nothing():
         for _ in range(400)
     ]
     assert sum(p < 0.05 for p in found) <= 33
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_sample_that_no_window_shows_says_nothing():
+    """Where every simulation fails from some sample on, the samples before it decide."""
+    rng = np.random.default_rng(3)
+    error, change = rng.standard_normal((100, 12)), np.exp(rng.standard_normal((100, 12)))
+    cut = error.copy()
+    cut[:, 8:] = np.nan
+    assert _p_value([(cut, change)], BLOCKS) == pytest.approx(
+        _p_value([(error[:, :8], change[:, :8])], BLOCKS), rel=1e-9
+    )

@@ -1,9 +1,12 @@
 """Windows are independent given the parameters: a poor start of one keeps no other from its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.model import Model, Parameter, Signal
 from fieldmodels.recording import Recording
@@ -159,3 +162,22 @@ def test_a_window_that_diverges_returns_and_the_others_do_not_wait_for_it(growin
 
 def test_where_every_window_diverges_the_cost_says_so(growing):
     assert fitted(growing, np.full_like(growing.states, 1e50), (), 5).cost == float("inf")
+
+
+class Broken(Growth):
+    """It has no number for the first window of a recording."""
+
+    def simulate(self, parameters, windows):
+        result = super().simulate(parameters, windows)
+        result[:, windows.starts == 0] = np.nan
+        return result
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_window_without_a_prediction_is_left_out_without_a_word(growing):
+    """Also of a sensor whose zero wanders, that is free in each window."""
+    broken = replace(growing, model=Broken())
+    others = growing.select(np.arange(len(growing)) > 0)
+    for wandering in ((), (0,)):
+        found, expected = (predict(one, np.array([0.8]), wandering).rmse() for one in (broken, others))
+        assert found == pytest.approx(expected, rel=0.02)

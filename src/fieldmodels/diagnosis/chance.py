@@ -97,7 +97,8 @@ def _p_value(pairs: list[tuple[FloatArray, FloatArray]], blocks: IntArray) -> fl
             stats.rankdata(np.where(seen, values**2, np.nan), axis=0, nan_policy="omit")
             for values in (error, change)
         ]
-        centred = [r - np.nanmean(r, axis=0) if seen.any() else r for r in ranks]
+        counts = [np.maximum(np.isfinite(r).sum(axis=0), 1) for r in ranks]  # a late sample may have none
+        centred = [r - np.nansum(r, axis=0) / n for r, n in zip(ranks, counts, strict=True)]
         covariances.append(np.nansum(centred[0] * centred[1], axis=1) / max(len(error), 1) ** 2)
     number = np.unique(blocks, return_inverse=True)[1]
     sums = np.bincount(number, weights=np.concatenate(covariances))

@@ -100,7 +100,7 @@ def improving(
             continue
         with np.errstate(divide="ignore", invalid="ignore"):  # outputs that are exact, or not measured
             lower = np.log(extension.predict(testing).rmse() / after.rmse())
-        if np.nanmean(lower) < 0.0:
+        if np.nansum(lower) < 0.0:
             return extension
     return None
 

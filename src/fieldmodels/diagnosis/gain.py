@@ -81,7 +81,9 @@ def _predicted(problem: Problem, parameters: FloatArray, wandering: Sequence[int
         error = part.windows.measured(outputs) - values
         seen = np.isfinite(error) & used
         for j in wandering:
-            error[:, :, j] -= np.nanmean(error[:, :, j], axis=1, keepdims=True)
+            known = np.isfinite(error[:, :, j]).sum(axis=1, keepdims=True)  # 0 where a simulation failed
+            means = np.nansum(error[:, :, j], axis=1, keepdims=True) / np.maximum(known, 1)
+            error[:, :, j] -= means
         squares.append((np.where(seen, error, 0.0) ** 2).sum(axis=1))
         counts.append(seen.sum(axis=1))
     return Prediction(
