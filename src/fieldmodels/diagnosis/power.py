@@ -2,13 +2,16 @@
 
 A curve is added to the residuals as it would change them: what the free parameters and the initial states
 absorb of it taken out, and the errors weighed anew, since a curve that nobody sees counts as noise. Then the
-decision is made as for the data themselves. The size at which it falls is where half of all noise would show
-the curve; stated is the size that four of five would show, by the normal approximation to a likelihood
-ratio's non-central distribution (Wald 1943; Kay 1998, section 6.5).
+whole decision is made as for the data themselves, with the curve in either direction. The size at which it
+falls is where at least half of all noise would show the curve; stated is the size that nine of ten would
+show, by the normal approximation to a likelihood ratio's non-central distribution (Wald 1943; Kay 1998,
+section 6.5).
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -28,8 +31,8 @@ from fieldmodels.recording.units import simplified
 
 SMALLEST = 1e-9
 """Of the largest information: below it a shape is absorbed by the free parameters."""
-POWER_QUANTILE = 0.8416
-"""Of the normal distribution, for a curve that is found in four of five."""
+POWER_QUANTILE = 1.2816
+"""Of the normal distribution, for a curve that is found in nine of ten."""
 GROWTH, TRIES = 1.3, 16
 """Ratio of the sizes that are tried, and how many."""
 
@@ -95,14 +98,18 @@ def _median_shape(curve: Curve, curves: Curves, basis: FloatArray) -> _Shape | N
 
 
 def _smallest(shape: _Shape, candidate: Candidate, curves: Curves) -> float:
-    """The smallest size at which four of five would be found; infinite if the data show none."""
-    convinced = False
-    for size in shape.least * GROWTH ** np.arange(TRIES):
-        trial = _Trial(shape, size, candidate, curves)
-        convinced = convinced or (trial.convinces and _Trial(shape, -size, candidate, curves).convinces)
-        if convinced and trial.found:
-            return float(size * (1.0 + POWER_QUANTILE / np.sqrt(2.0 * trial.gain)))
-    return float("inf")
+    """The smallest size at which nine of ten would be found; infinite if the data show none."""
+    sizes = shape.least * GROWTH ** np.arange(TRIES)
+
+    def both(k: int, shows: Callable[[_Trial], bool]) -> bool:
+        return all(shows(_Trial(shape, sign * sizes[k], candidate, curves)) for sign in (1.0, -1.0))
+
+    # What shows, shows if it is larger. Whether it also does beside zeros that wander takes most of the time.
+    first = bisect_left(range(TRIES), True, key=lambda k: both(k, _Trial.convinces))
+    found = next((k for k in range(first, TRIES) if both(k, _Trial.is_found)), None)
+    if found is None:
+        return float("inf")
+    return float(sizes[found] * (1.0 + POWER_QUANTILE / np.sqrt(2.0 * curves.needed)))
 
 
 class _Trial:
@@ -113,28 +120,22 @@ class _Trial:
         moved = replace(candidate.fit, raw=candidate.fit.raw + size * shape.added)
         fitted = reweighed(problem, moved, covariance_whitener(problem, moved))
         self.candidate = replace(candidate, fit=fitted, loss=held_out_loss(fitted, problem.folds))
-        self.resolved = not problem.is_exact(moved.raw)
         self.curves = curves.reweighed(fitted)
-        self.scored = next(iter(self.curves.judge(self.candidate, [shape.curve])), None)
+        scored = next(iter(self.curves.judge(self.candidate, [shape.curve])), None)
+        self.scored = None if problem.is_exact(moved.raw) else scored
 
-    @property
-    def gain(self) -> float:
-        """Nats that the curve brings."""
-        return self.scored.total if self.scored else 0.0
-
-    @property
     def convinces(self) -> bool:
-        return (
-            self.resolved and self.scored is not None and self.curves.convinces(self.candidate, self.scored)
-        )
+        """Whether the curve brings enough nats, with the weights of either fit."""
+        if self.scored is None:
+            return False
+        if self.curves.convinces(self.candidate, self.scored):
+            return True
+        own = self.curves.with_own_weights(self.candidate, self.scored)
+        return own is not None and own[0].convinces(*own[1:])
 
-    @property
-    def found(self) -> bool:
-        return (
-            self.scored is not None
-            and self.convinces
-            and self.curves.outdoes_noise(self.candidate, self.scored)
-        )
+    def is_found(self) -> bool:
+        """Whether the data would call for it."""
+        return self.scored is not None and self.curves.called_for(self.candidate, self.scored)
 
 
 def _errors(problem: Problem, added: FloatArray) -> dict[str, float]:
