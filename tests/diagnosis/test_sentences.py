@@ -1,6 +1,7 @@
 """What is said of a verdict, word by word as an engineer would write it, for verdicts of every shape."""
 
 import json
+import math
 import re
 import sys
 from dataclasses import replace
@@ -12,7 +13,7 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from verdicts import SHAPES, cause, curve, gain, verdict
+from verdicts import SHAPES, cause, gain, verdict
 
 from fieldagents import findings
 from fieldmodels.diagnosis import diagnose
@@ -80,8 +81,10 @@ CERTAINTIES = {
         "These data cannot tell the alternatives apart."
     ),
     "nothing": (
-        "What depends on something measured would have shown from these sizes on: a missing force of "
-        "0.031 N, an error of 0.0002 m in the position sensor and a change of 0.2 N s/m in the damping."
+        "What depends on one measured signal would have shown from these sizes on: a missing force of "
+        "0.031 N, an error of 0.0002 m in the position sensor and a change of 0.2 N s/m in the damping. What "
+        "depends on nothing measured, on several signals at once, or acts seldom may add up to 0.0009 m to "
+        "the predicted position and 0.03 m/s to the predicted velocity, white noise aside."
     ),
     "doubted": (
         "It is practically certain that the simulation lacks an actuator delay. Caution: these data hardly "
@@ -114,19 +117,49 @@ def test_it_says_how_sure_that_is(shape):
     assert how_sure(SHAPES[shape]) == CERTAINTIES[shape]
 
 
-def test_what_depends_on_a_recent_mean_may_be_stored():
-    stored = verdict([], [curve("force", "", "memory of force over 0.5 s")])
-    assert any("may be stored" in line for line in in_words(stored))
-    assert not any("may be stored" in line for line in in_words(SHAPES["two curves"]))
-
-
 def test_data_that_show_nothing_of_any_size_are_said_to():
     """Curves were tried, and none would have been found however large."""
     quiet = SHAPES["nothing"]
-    blind = replace(quiet, seen=tuple(replace(one, errors={}) for one in quiet.seen))
+    blind = replace(quiet, seen=tuple(replace(one, size=math.inf, errors={}) for one in quiet.seen))
     assert TOO_FEW in how_sure(blind)
     assert TOO_FEW in blind.summary()
     assert TOO_FEW not in how_sure(quiet) + quiet.summary() + how_sure(replace(quiet, seen=()))
+
+
+def test_a_place_of_which_nothing_would_have_shown_is_said():
+    quiet = SHAPES["nothing"]
+    force, sensor, damping = quiet.seen
+    blind = replace(quiet, seen=(force, replace(sensor, size=math.inf, errors={}), damping))
+    said = "An error in the position sensor would not have shown, whatever its size."
+    assert said in blind.summary()
+    assert "would not have shown" not in quiet.summary()
+
+
+def test_where_two_stages_say_the_same_the_larger_size_is_said():
+    """A wheel's error is one between command and wheel in one stage, and one on the ground in another."""
+    quiet = SHAPES["nothing"]
+    force, *others = quiet.seen
+    for size in (0.4, math.inf):
+        other = replace(force, size=size, errors={"position": 1.0} if size < 1.0 else {})
+        twice = replace(quiet, seen=(force, *others, other))
+        assert "0.031 N" not in twice.summary() + how_sure(twice)
+        assert twice.to_json()["seen"][0]["size"] == 0.031
+
+
+def test_what_anything_may_add_is_said_where_nothing_is_found():
+    quiet = SHAPES["nothing"]
+    assert quiet.to_json()["unseen"] == {"position": 9e-4, "velocity": 0.03}
+    assert "may add up to 0.008 m to the predicted position" in SHAPES["nothing but noise"].summary()
+    assert "9.00 · 10⁻⁴ m" in report_section(quiet, {}, "")
+    named = replace(SHAPES["one"], gain=quiet.gain)
+    assert named.unseen == named.to_json()["unseen"] == {}
+    assert "may add" not in named.summary() + how_sure(named)
+
+
+def test_of_many_outputs_those_are_said_first_of_which_it_is_most():
+    quiet = SHAPES["nothing"]
+    assert "velocity" in quiet.of_unseen(1)
+    assert "position" not in quiet.of_unseen(1)
 
 
 COUNTED = r"delay|gain|bias|lag|stop|force|curve|dead zone|spring|payload|slope|drift"

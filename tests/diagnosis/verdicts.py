@@ -89,9 +89,12 @@ SHAPES = {
             Visible("force", "", "velocity", 0.031, "N", {"position": 1e-4}),
             Visible("sensor", "position", "position", 2e-4, "m", {"position": 2e-4}),
             Visible("parameter", "damping", "velocity", 0.2, "N s/m", {"position": 1e-4}),
-        )
+        ),
+        gain={"position": replace(gain(), unseen=9e-4), "velocity": replace(gain(), unit="m/s", unseen=0.03)},
     ),
-    "nothing but noise": verdict(above_noise={"position": 2.9, "velocity": 2.0}),
+    "nothing but noise": verdict(
+        above_noise={"position": 2.9, "velocity": 2.0}, gain={"position": replace(gain(), unseen=0.008)}
+    ),
     "a sensor that wanders": verdict(wandering={"position": 0.002}),
     "lost samples": verdict(lost=("the position sensor repeats its last value in 3 % of the samples",)),
     "doubted": verdict(

@@ -10,17 +10,12 @@ from fieldmodels.diagnosis.outcome import EITHER, NOTHING_CERTAIN, TOO_FEW, WOUL
 from fieldmodels.diagnosis.phrases import a, lacking, the, times_the_noise
 from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import Cause, SignalGain, Visible
-from fieldmodels.drivers.variables import MEMORY
 from fieldmodels.html import text
 from fieldmodels.rounding import listed, percent, with_error, words
 
 TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad", "unrelated": "bad"}
 SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
 """How the probability that chance alone makes a cause seem to be there reads, by its upper end."""
-STORES = (
-    "What depends on a recent mean may be stored where the simulation has no store (heat in a wall, air in a "
-    "hose): give a machine of your own a state for it, behind an effect that is off at 0."
-)
 SHOWN = 4
 """Of what could be missing without being seen, how much is said."""
 
@@ -101,7 +96,7 @@ def how_sure(diagnosis: Diagnosis) -> str:
         shown, rest = _least_visible(diagnosis)
         more = " The report lists the rest." if rest else ""
         seen = f"{WOULD_SHOW}: {listed(shown)}.{more}" if shown else TOO_FEW if diagnosis.seen else ""
-        return " ".join(filter(None, (seen, diagnosis.of_bounds)))
+        return " ".join(filter(None, (seen, diagnosis.of_unseen(SHOWN), diagnosis.of_bounds)))
     said = [
         f"{word} that {'it' if k else 'the simulation'} lacks {lacking(sets)}"
         for k, (word, sets) in enumerate(_by_certainty(diagnosis.causes).items())
@@ -135,7 +130,7 @@ def _least_visible(diagnosis: Diagnosis) -> tuple[list[str], bool]:
         known = {name: diagnosis.gain[name].rmse_before for name in one.errors if name in diagnosis.gain}
         return max((one.errors[name] / before for name, before in known.items() if before > 0), default=0.0)
 
-    known = [v for v in diagnosis.seen if v.errors]
+    known = [v for v in diagnosis.weakest if v.errors]
     most = sorted(known, key=added, reverse=True)[:SHOWN]
     return [v.words for v in known if v in most], len(known) > SHOWN
 
@@ -168,8 +163,6 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
             "Record the sensors with the machine at rest. If their noise is as large and as slow there, it "
             "is the remaining error; otherwise the shape of that error in the report shows where to look."
         )
-    if any(curve.over.startswith(MEMORY) for curve in diagnosis.curves):
-        steps.append(STORES)
     if diagnosis.wandering:
         steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")
     if diagnosis.lost:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -39,10 +40,9 @@ if TYPE_CHECKING:
 
 EITHER = "either the noise of a sensor is coloured, or something small is missing"
 """What a remaining error above the white noise may be where nothing is named."""
-WOULD_SHOW = "What depends on something measured would have shown from these sizes on"
-TOO_FEW = (
-    "These data are too few, or too calm, to show what depends on something measured, whatever its size."
-)
+WOULD_SHOW = "What depends on one measured signal would have shown from these sizes on"
+TOO_FEW = "These data are too few, or too calm, to show what depends on a measured signal, whatever its size."
+MAY_ADD = "What depends on nothing measured, on several signals at once, or acts seldom may add up to"
 NOTHING_CERTAIN = "No listed effect and no unlisted curve certainly helps."
 """Said where nothing is named and an error above the noise remains."""
 
@@ -219,6 +219,45 @@ class Diagnosis:
         )
 
     @property
+    def weakest(self) -> tuple[Visible, ...]:
+        """Of what would have shown one statement a place: where stages have the same, the largest size."""
+        found: dict[str, Visible] = {}
+        for one in self.seen:
+            if one.what not in found or one.size > found[one.what].size:
+                found[one.what] = one
+        return tuple(found.values())
+
+    @property
+    def unseen(self) -> Mapping[str, float]:
+        """Of data in which nothing is found, the most that anything may add to each output's error.
+
+        White noise aside, root mean square in the output's unit, as an upper limit of 95 %.
+        """
+        if self.verdict != "consistent":
+            return {}
+        return {name: g.unseen for name, g in self.gain.items() if math.isfinite(g.unseen)}
+
+    def of_unseen(self, most: int | None = None) -> str:
+        """The same in a sentence, of the outputs of which it is most; empty if there is nothing to say.
+
+        Args:
+            most: Of how many outputs; by default of all.
+        """
+
+        def share(name: str) -> float:
+            return self.unseen[name] / max(self.gain[name].rmse_before, 1e-300)
+
+        said = sorted(self.unseen, key=share, reverse=True)[:most]
+        if not said:
+            return ""
+        parts = [
+            f"{self.unseen[name]:.2g}{_unit(self.gain[name].unit)} to the predicted {words(name)}"
+            for name in self.gain
+            if name in said
+        ]
+        return f"{MAY_ADD} {listed(parts)}, white noise aside."
+
+    @property
     def of_possible(self) -> str:
         """Effects that may be there, in a sentence; empty if there are none."""
         if not self.possible:
@@ -277,6 +316,7 @@ class Diagnosis:
             "unknown": self.unknown.to_json() if self.unknown else None,
             "curves": [c.to_json() for c in self.curves],
             "seen": [v.to_json() for v in self.seen],
+            "unseen": {name: number(size) for name, size in self.unseen.items()},
             "possible": [c.to_json() for c in self.possible],
             "next_measurement": (
                 {"why": self.next_measurement.why, "input": dict(self.next_measurement.input)}
@@ -307,6 +347,8 @@ class Diagnosis:
             why = f": {EITHER}" if self.verdict == "consistent" else ""
             times = times_the_noise(self.above_noise)
             text += f" The remaining error is larger than the sensors' white noise ({times}){why}."
+        if most := self.of_unseen():
+            text += f" {most}"
         if self.undetermined and not self.mistaken and self.verdict != "unrelated":
             names = listed([the(name) for name in self.undetermined])
             text += (
@@ -326,8 +368,8 @@ class Diagnosis:
             if self.above_noise:
                 return NOTHING_CERTAIN
             text = "Nothing significant is missing: the refitted simulation explains these data."
-            if shown := [v.words for v in self.seen if v.errors]:
-                text += f" {WOULD_SHOW} (root mean square): {listed(shown)}."
+            if shown := [v.words for v in self.weakest if v.errors]:
+                text += f" {WOULD_SHOW} (root mean square): {listed(shown)}.{self._blind_to()}"
             elif self.seen:
                 text += f" {TOO_FEW}"
             return text
@@ -347,6 +389,14 @@ class Diagnosis:
         if self.verdict == "ambiguous":
             return f"Missing: {self.names}; these data cannot tell these alternatives apart.{self._more()}"
         return f"Missing: {self.names}.{self._more()}"
+
+    def _blind_to(self) -> str:
+        """Where nothing would have shown, in a sentence; empty if there is no such place."""
+        none = [v.what for v in self.weakest if not v.errors]
+        if not none:
+            return ""
+        said = listed(none, "or")
+        return f" {said[0].upper()}{said[1:]} would not have shown, whatever its size."
 
     @property
     def names(self) -> str:
@@ -377,3 +427,7 @@ class Diagnosis:
             **({"not_runnable": list(self.not_runnable)} if self.not_runnable else {}),
             "equations": {c.effect: {"words": c.cause, "symbols": c.equation} for c in self.causes},
         }
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"

@@ -239,11 +239,19 @@ def _seen(diagnosis: Diagnosis) -> str:
         (v.what, with_error(v.size, unit=v.unit) if v.errors else "nothing", v.over) for v in diagnosis.seen
     ]
     note = (
-        '<p class="soft">Root mean square, over these data, of the smallest curve of which four in five '
+        '<p class="soft">Root mean square, over these data, of the smallest curve of which nine in ten '
         "would have been found, over the variable where it is hardest to see. What is smaller may be missing "
-        "unseen, and so may what is no curve of one variable.</p>"
+        "unseen, and so may what is no curve of one variable, or acts in few parts of the data:</p>"
     )
-    return table(("what", "seen from", "over"), rows) + note
+    most = [
+        (words(name), with_error(v, unit=diagnosis.gain[name].unit)) for name, v in diagnosis.unseen.items()
+    ]
+    rest = (
+        '<p class="soft">Root mean square by which the error on the test data exceeds its white noise, as an '
+        "upper limit of 95 %. What changes at random from sample to sample counts as noise.</p>"
+    )
+    unseen = table(("error of", "anything may add"), most) + rest if most else ""
+    return table(("what", "seen from", "over"), rows) + note + unseen
 
 
 def _residual_tests(diagnosis: Diagnosis) -> str:

@@ -143,6 +143,7 @@ class SignalGain:
         rmse_with_curves: With the unlisted curves, too.
         gain_with_curves: Reduction by both, in percent.
         horizons: Gain of the causes on shorter and longer windows of the same data, shortest first.
+        unseen: The most that anything else may add to the error, white noise aside; NaN if unknown.
     """
 
     unit: str
@@ -154,6 +155,7 @@ class SignalGain:
     rmse_with_curves: float
     gain_with_curves: Share
     horizons: tuple[HorizonGain, ...] = ()
+    unseen: float = math.nan
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -166,6 +168,7 @@ class SignalGain:
             "with_curves": self.gain_with_curves.to_json(),
             "horizon_s": number(self.horizon),
             "noise_floor": number(self.noise_floor),
+            "unseen": number(self.unseen),
             "horizons": [h.to_json() for h in self.horizons],
         }
 

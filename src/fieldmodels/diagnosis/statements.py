@@ -17,6 +17,7 @@ from fieldmodels.diagnosis.result import (
 )
 from fieldmodels.diagnosis.selection import Selection, block_p_value
 from fieldmodels.diagnosis.uncertainty import standard_errors
+from fieldmodels.diagnosis.unseen import may_add
 from fieldmodels.model import Model
 from fieldmodels.rounding import with_error
 
@@ -35,6 +36,7 @@ def gains(
     """Gain of every signal, from the base to the named effects, and with the curves."""
     before, after, whole = predictions
     horizons = by_horizon(testing, fits[0].fit.parameters, fits[1].fit.parameters, rng)
+    most = may_add(testing, whole, fits[1].fit.parameters)
     result = {}
     for j in np.unique(testing.outputs):
         signal = testing.model.outputs[j]
@@ -48,6 +50,7 @@ def gains(
             rmse_with_curves=float(whole.rmse()[j]),
             gain_with_curves=share(before, whole, int(j), testing.blocks, rng),
             horizons=horizons[signal.name],
+            unseen=float(most[j]),
         )
     return result
 
