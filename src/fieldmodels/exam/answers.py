@@ -30,6 +30,8 @@ class Answer:
         curve: Whether it shows a curve for which the data certainly call.
         wandering: Sensors whose zeros wander, it says.
         seen: Of each output, the largest error that a curve may add of which it says it would just be seen.
+        unseen: Of each output, the most that anything may add to its error, it says.
+        windows: Of each output, how long the windows are on which its error is measured [s].
         seconds: Processor time of one thread.
         summary: In its own words.
     """
@@ -45,6 +47,8 @@ class Answer:
     curve: bool = False
     wandering: tuple[str, ...] = ()
     seen: Mapping[str, float] = field(default_factory=dict)
+    unseen: Mapping[str, float] = field(default_factory=dict)
+    windows: Mapping[str, float] = field(default_factory=dict)
 
 
 def ask(
@@ -84,4 +88,6 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             for output in found.gain
             if any(output in one.errors for one in found.seen)
         },
+        unseen=dict(found.unseen),
+        windows={output: gain.horizon for output, gain in found.gain.items()},
     )

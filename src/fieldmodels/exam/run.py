@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -169,14 +170,9 @@ def make(bench: Bench, case: Case) -> Row:
         "attainable": None,
     }
     if found and len(sizes) == len(found):
-        known = bool(bench.needs_base & set(case.hidden))
-        without = errors(bench, (), case.conditions, case.seed, known)
-        with_them = errors(bench, _hidden(case, sizes), case.conditions, case.seed, known)
-        if not np.isfinite(np.nanmax(with_them)):
+        row["attainable"] = _attainable(bench, case, _hidden(case, sizes))
+        if row["attainable"] is None:
             return row | {"sizes": [None] * len(sizes)}
-        output = int(np.nanargmax(with_them / without))
-        share = 1.0 - float(without[output] / with_them[output])
-        row["attainable"] = {"output": bench.model.outputs[output].name, "share": round(share, 5)}
     return row
 
 
@@ -205,6 +201,7 @@ def judged(
         outcome = scoring.of_unlisted(answer, fault.near)
         if not fault.random:
             regained = _regained(attainable, answer)
+    unseen = _on_windows(bench, case, hidden, attainable, answer) if outcome == "silent" else None
     return {
         "outcome": outcome,
         "verdict": answer.verdict,
@@ -213,10 +210,37 @@ def judged(
         "deviations": scoring.deviations(truth, answer),
         "values": truth,
         "regained": regained,
-        "silence": scoring.of_silence(answer, attainable) if outcome == "silent" else None,
+        "silence": scoring.of_silence(answer, unseen),
+        "silence_of_anything": scoring.of_silence(answer, unseen, True),
         "seconds": round(answer.seconds, 3),
         "summary": answer.summary,
     }
+
+
+def _on_windows(
+    bench: Bench, case: Case, hidden: Sequence[Hidden], attainable: Mapping[str, Any] | None, answer: Answer
+) -> Mapping[str, Any] | None:
+    """What a fault adds on windows as long as those on which the answer's errors are measured.
+
+    At another pace than the usual one those of the exam are longer or shorter by it.
+    """
+    if attainable is None or case.conditions.pace == 1.0 or not bench.horizon:
+        return attainable
+    same = copy(bench)
+    same.horizon = answer.windows[attainable["output"]] * case.conditions.pace
+    return _attainable(same, case, hidden, attainable["output"])
+
+
+def _attainable(bench: Bench, case: Case, hidden: Sequence[Hidden], name: str = "") -> dict[str, Any] | None:
+    """The output that suffers most, or a given one, and the share of its error that is what is hidden's."""
+    known = bool(bench.needs_base & set(case.hidden))
+    without = errors(bench, (), case.conditions, case.seed, known)
+    with_them = errors(bench, hidden, case.conditions, case.seed, known)
+    if not np.isfinite(np.nanmax(with_them)):
+        return None
+    names = [output.name for output in bench.model.outputs]
+    output = names.index(name) if name else int(np.nanargmax(with_them / without))
+    return {"output": names[output], "share": round(1.0 - float(without[output] / with_them[output]), 5)}
 
 
 def _regained(attainable: Mapping[str, Any] | None, answer: Answer) -> float | None:

@@ -91,21 +91,27 @@ def _matched(sets: Sequence[set[str]], hidden: Sequence[str]) -> int:
     return best
 
 
-def of_silence(answer: Answer, attainable: Mapping[str, Any] | None) -> float | None:
+def of_silence(answer: Answer, attainable: Mapping[str, Any] | None, anything: bool = False) -> float | None:
     """How large a fault that stays unseen is, in the smallest one that the answer says it would have seen.
 
     Both are what is added to the error of the output that suffers most, on windows of the refitted nominal
-    machine: by the fault, and by the smallest curve at that place where most is needed. Above one the answer
-    contradicts its own statement, wherever the fault acts.
+    machine: by the fault, and by the smallest curve at that place where most is needed. Above one the fault
+    is larger than any curve that it says it would have seen, wherever the fault acts.
 
     Args:
         answer: The answer.
         attainable: The output that suffers most, and the share of its error that is the fault's.
+        anything: Whether to compare with the most that anything may add, it says, if that is larger: a
+            fault need not be a curve.
 
     Returns:
         None if nothing is stated of that output.
     """
-    if attainable is None or not (stated := answer.seen.get(attainable["output"], 0.0)) > 0.0:
+    if attainable is None:
+        return None
+    output = attainable["output"]
+    stated = max(answer.seen.get(output, 0.0), answer.unseen.get(output, 0.0) if anything else 0.0)
+    if not stated > 0.0:
         return None
     before = answer.errors.get(attainable["output"], (math.nan, math.nan))[0]
     size = before * math.sqrt(max(1.0 - (1.0 - attainable["share"]) ** 2, 0.0)) / stated

@@ -34,7 +34,6 @@ class AxisBench(Bench):
         nominal: Base parameters about which a machine's are drawn.
         sizes: Typical sizes.
         noise: Standard deviations of the position's and the velocity's noise.
-        horizon: Length of the windows by which a fault is measured [s].
         gains: Of a controller: by position and by velocity.
         ahead: Share of the wanted position that the controller commands anyway.
         linear: Whether it moves along a line, so that it has a unit of length.
@@ -64,7 +63,7 @@ class AxisBench(Bench):
     nominal: ClassVar[Mapping[str, float]]
     sizes: ClassVar[Scale]
     noise: ClassVar[tuple[float, float]]
-    horizon: ClassVar[float]
+    horizon: float
     gains: ClassVar[tuple[float, float]]
     ahead: ClassVar[float] = 0.0
     linear: ClassVar[bool] = False

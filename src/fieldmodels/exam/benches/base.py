@@ -123,6 +123,7 @@ class Bench(ABC):
         usual_length: Times 10, 20, 40, 80 s that records of growing length are long.
         unlisted: Kinds of faults that the model does not list, of each set.
         typical: Values of every effect's parameters, of (size, sign, angle).
+        horizon: Length of the windows by which a fault is measured, at the usual pace; 0 if all have one [s].
     """
 
     name: ClassVar[str]
@@ -134,6 +135,7 @@ class Bench(ABC):
     usual_length: ClassVar[float] = 1.0
     unlisted: ClassVar[Mapping[str, Mapping[str, Fault[Any, Any]]]]
     typical: ClassVar[Mapping[str, Callable[[float, int, float], dict[str, float]]]] = {}
+    horizon: float = 0.0
 
     @cached_property
     def model(self) -> Model:

@@ -62,6 +62,7 @@ class DriveBench(Bench):
     unlisted = MappingProxyType(
         {"develop": {**drive_faults.DEVELOP, **lookalikes.DRIVE}, "report": drive_faults.REPORT}
     )
+    horizon = HORIZON
     by_wheels: ClassVar[bool] = False
 
     def base(self, seed: int) -> dict[str, float]:
@@ -124,7 +125,7 @@ class DriveBench(Bench):
             off = test.outputs[1:, 3:] - rims[:-1] / base["wheel_radius"]
             result[3:] = np.sqrt(np.mean(off**2, axis=0))
             rims = np.concatenate([test.outputs[1:, 3:] * base["wheel_radius"], rims[-1:]])
-        length = round(HORIZON / STEP)
+        length = round(self.horizon / STEP)
         count = (len(rims) - 1) // length
         rows = np.arange(count)[:, None] * length + np.arange(length + 1)
         pose = test.outputs[:, :3]
