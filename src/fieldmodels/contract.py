@@ -107,10 +107,10 @@ def _warn_of_unseen(model: Model, place: str, recording: Recording) -> None:
         several = len(names) > 1
         warnings.warn(
             f"{place}: no sensor tells where the state{'s' * several} {' and '.join(map(repr, names))} "
-            f"start{'s' * (not several)}: every window begins with 0 and fits the rest, which takes long and "
-            "may lead astray. Declare an output that shows "
-            f"{'them' if several else 'it'} (`observe` may compute what it shows), or give "
-            "`initial_states(self, recording, starts)`",
+            f"start{'s' * (not several)}: every window begins with 0 and fits the rest, which may lead "
+            "astray. Declare an output that shows "
+            f"{'them' if several else 'it'} (`observe` may compute what it shows), say by the `noise` of its "
+            "Signal how far from 0 it may start, or give `initial_states(self, recording, starts)`",
             ModelWarning,
             stacklevel=3,
         )

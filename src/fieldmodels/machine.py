@@ -126,10 +126,11 @@ class Machine(Declaration):
         return started(self, recording, starts)[0]
 
     def unseen(self, recording: Recording) -> tuple[str, ...]:
-        """States of which nothing that is measured tells where they start; see ``Model.unseen``."""
+        """States of which neither a sensor nor a declared ``noise`` says where they start."""
         looked = _some(recording)
         found = started(self, recording, looked)[1] | self.initial_states(recording, looked).any(axis=0)
-        return tuple(s.name for s, told in zip(self.states, found, strict=True) if not told)
+        declared = zip(type(self).states, found, strict=True)
+        return tuple(s.name for s, told in declared if not (told or s.noise))
 
     def scaled_to(self, recordings: Sequence[Recording]) -> Self:
         """Suit scales, starts, horizons and sensor noise to the data; see ``Model.scaled_to``."""

@@ -287,7 +287,7 @@ class Model(ABC):
         """
 
     def unseen(self, recording: Recording) -> tuple[str, ...]:
-        """Names of states of which no sensor tells where a window starts; by default none."""
+        """Names of states of which nothing says where a window starts; by default none."""
         del recording
         return ()
 

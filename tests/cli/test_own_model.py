@@ -19,7 +19,7 @@ from fieldmodels.registry import get_model, model_names
 
 PAGE = (Path(__file__).parents[2] / "docs" / "bring_your_own_bench.md").read_text()
 OWN = PAGE.split("## Your own simulator")[1]
-MOTOR, AXIS, LAG = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
+MOTOR, AXIS, CHAMBER, LAG = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
 
 
 @pytest.fixture
@@ -107,6 +107,47 @@ def test_the_page_s_machine_of_two_states_finds_the_friction_of_an_axis(tmp_path
     (value,) = found["causes"][0]["parameters"].values()
     assert (value["unit"], value["value"]) == ("N", pytest.approx(1.5, rel=0.05))
     assert found["seconds"] == 80.0  # reading the logs is in it
+
+
+def warm_chamber(seed: int) -> dict[str, np.ndarray]:
+    """Five and a half hours of a chamber whose wall stores heat, by steps of a second; 700 W are its most."""
+    rng = np.random.default_rng(seed)
+    heat = np.repeat(rng.choice([0.0, 200.0, 400.0, 600.0, 800.0, 1000.0], 66), 60)
+    air, wall, shown = 21.0, 21.0, []
+    for watts in heat:
+        shown.append(air)
+        for _ in range(5):
+            through = 14.0 * (air - wall)
+            air += (min(watts, 700.0) - 8.0 * (air - 21.0) - through) / 9e3
+            wall += through / 4e4
+    noisy = np.array(shown) + 0.05 * rng.normal(size=len(heat))
+    return {
+        "t [s]": 5.0 * np.arange(len(heat)),
+        "heat": heat,
+        "ambient": np.full(len(heat), 21.0),
+        "air": noisy,
+    }
+
+
+@pytest.mark.parametrize("window", [(), ("--window", "record")])
+@pytest.mark.filterwarnings("error::fieldmodels.contract.ModelWarning")
+def test_the_page_s_wall_is_found_with_its_size(tmp_path, monkeypatch, window):
+    monkeypatch.chdir(tmp_path)
+    Path("chamber.py").write_text(CHAMBER)
+    for seed in (1, 2):
+        columns = warm_chamber(seed)
+        rows = zip(*columns.values(), strict=True)
+        lines = [",".join(columns), *(",".join(f"{cell:.7g}" for cell in row) for row in rows)]
+        Path(f"{seed}.csv").write_text("\n".join(lines))
+    logs = ["diagnose", "1.csv", "--model", "chamber.py", "--test", "2.csv", "--out", "out"]
+    result = CliRunner().invoke(app, [*logs, "--json", *window])
+    assert result.exit_code == 0, result.output
+    found = json.loads(Path("out/diagnosis.json").read_text())
+    sizes = {cause["effect"]: cause["parameters"] for cause in found["causes"]}
+    assert sizes.keys() == {"wall", "actuator_saturation"}
+    assert sizes["actuator_saturation"]["limit"]["value"] == pytest.approx(700.0, rel=0.02)
+    assert sizes["wall"]["conductance"]["value"] == pytest.approx(14.0, rel=0.1)
+    assert sizes["wall"]["capacity"]["value"] == pytest.approx(4e4, rel=0.02 if window else 0.2)
 
 
 def test_the_page_names_every_stock_effect():

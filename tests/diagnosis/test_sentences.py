@@ -13,7 +13,7 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from verdicts import SHAPES, cause, gain, verdict
+from verdicts import SHAPES, cause, curve, gain, verdict
 
 from fieldagents import findings
 from fieldmodels.diagnosis import diagnose
@@ -115,6 +115,12 @@ def test_it_says_with_how_many_curves_the_error_falls(shape, added):
 @pytest.mark.parametrize("shape", CERTAINTIES)
 def test_it_says_how_sure_that_is(shape):
     assert how_sure(SHAPES[shape]) == CERTAINTIES[shape]
+
+
+def test_what_depends_on_a_recent_mean_may_be_stored():
+    stored = verdict([], [curve("force", "", "memory of force over 0.5 s")])
+    assert any("may be stored" in line for line in in_words(stored))
+    assert not any("may be stored" in line for line in in_words(SHAPES["two curves"]))
 
 
 def test_data_that_show_nothing_of_any_size_are_said_to():

@@ -139,6 +139,12 @@ def test_a_wall_is_told_by_how_fast_the_air_cools():
         check_simulation(oven, data)
 
 
+class Doubted(Oven):
+    """Who says how far from 0 a state may start knows that no sensor tells."""
+
+    states = (*Oven.states[:2], Signal("room", "K", noise=300.0))
+
+
 class Guessed(Oven):
     def initial_states(self, recording, starts):
         states = super().initial_states(recording, starts)
@@ -146,8 +152,9 @@ class Guessed(Oven):
         return states
 
 
-def test_a_start_of_ones_own_is_no_unseen_one():
-    assert not Guessed().unseen(recorded(heat=0.0, volts=1.0))
+@pytest.mark.parametrize("machine", [Guessed, Doubted])
+def test_a_start_of_ones_own_is_no_unseen_one(machine):
+    assert not machine().unseen(recorded(heat=0.0, volts=1.0))
 
 
 def test_what_shows_nothing_tells_nothing():

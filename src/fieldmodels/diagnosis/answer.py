@@ -10,12 +10,17 @@ from fieldmodels.diagnosis.outcome import EITHER, NOTHING_CERTAIN, TOO_FEW, WOUL
 from fieldmodels.diagnosis.phrases import a, lacking, the, times_the_noise
 from fieldmodels.diagnosis.relation import REMEDY
 from fieldmodels.diagnosis.result import Cause, SignalGain, Visible
+from fieldmodels.drivers.variables import MEMORY
 from fieldmodels.html import text
 from fieldmodels.rounding import listed, percent, with_error, words
 
 TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad", "unrelated": "bad"}
 SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
 """How the probability that chance alone makes a cause seem to be there reads, by its upper end."""
+STORES = (
+    "What depends on a recent mean may be stored where the simulation has no store (heat in a wall, air in a "
+    "hose): give a machine of your own a state for it, behind an effect that is off at 0."
+)
 SHOWN = 4
 """Of what could be missing without being seen, how much is said."""
 
@@ -163,6 +168,8 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
             "Record the sensors with the machine at rest. If their noise is as large and as slow there, it "
             "is the remaining error; otherwise the shape of that error in the report shows where to look."
         )
+    if any(curve.over.startswith(MEMORY) for curve in diagnosis.curves):
+        steps.append(STORES)
     if diagnosis.wandering:
         steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")
     if diagnosis.lost:
