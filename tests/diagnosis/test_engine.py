@@ -152,8 +152,9 @@ def test_an_error_below_the_rule_is_still_said(leaking):
     assert near.summary() == (
         "No listed effect and no unlisted curve certainly helps. The remaining error is larger than the "
         "sensors' white noise (2.9 times in the level): either the noise of a sensor is coloured, or "
-        "something small is missing."
+        f"something small is missing. {near.of_unseen()}"
     )
+    assert "to the predicted level" in near.of_unseen()
     said = " ".join(in_words(near))
     assert "the noise of a sensor is coloured" in said
     assert "Something is missing" not in said
