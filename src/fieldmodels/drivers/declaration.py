@@ -8,6 +8,7 @@ from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -356,8 +357,14 @@ def takes_state(method: Callable[..., Any]) -> bool:
 
 def named(title: str, names: list[str], values: list[float]) -> Any:
     """A named tuple; None for one without fields, which Numba does not know."""
+    return _kind(title, tuple(names))(*values) if names else None
+
+
+@cache
+def _kind(title: str, names: tuple[str, ...]) -> Any:
+    """The type of such tuples, which takes longer to make than equations to evaluate."""
     make: Any = namedtuple
-    return make(title, names)(*values) if names else None
+    return make(title, names)
 
 
 def param_names(machine: Declaration) -> list[str]:
