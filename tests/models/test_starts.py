@@ -70,6 +70,17 @@ def test_an_angle_no_load_can_hang_at_takes_the_nearest():
     assert np.isfinite(found).all()
 
 
+def test_gaps_of_a_sensor_spoil_no_other_start():
+    """Where it shows nothing its part is guessed, and elsewhere told as before."""
+    angle = 0.3 * np.cos(2.0 * TIME)
+    gaps = np.where((TIME > 3.0) & (TIME < 3.5), np.nan, angle)
+    found = Crane().initial_states(recorded(force=0.0, trolley=1.0, angle=gaps), INSIDE)
+    whole = Crane().initial_states(recorded(force=0.0, trolley=1.0, angle=angle), INSIDE)
+    good = (TIME[INSIDE] < 2.9) | (TIME[INSIDE] > 3.6)
+    np.testing.assert_allclose(found[good], whole[good], atol=1e-6)
+    assert np.isfinite(found).all()
+
+
 class Cart(Machine):
     """A robot that has mass: no sensor shows its speed, but its place changes by it along the heading."""
 

@@ -91,8 +91,16 @@ def _sizes(machine: Declaration, measured: Measured) -> FloatArray:
     sizes = np.ones(len(machine.states))
     for i, state in enumerate(machine.states):
         alike = [k for k, o in enumerate(measured.outputs) if machine.outputs[o].unit == state.unit]
-        sizes[i] = float(np.sqrt(np.mean(measured.values[:, alike] ** 2))) if alike else 1.0
-    return np.where(sizes > 0.0, sizes, 1.0)
+        sizes[i] = _rms(measured.values[:, alike].reshape(-1, 1))[0] if alike else 1.0
+    return sizes
+
+
+def _rms(columns: FloatArray) -> FloatArray:
+    """Root mean square of what is known of each column; 1 where that is nothing, or 0."""
+    known = np.isfinite(columns)
+    squares = np.where(known, columns, 0.0) ** 2
+    size = np.sqrt(squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    return np.where(size > 0.0, size, 1.0)
 
 
 def _equations(machine: Declaration, measured: Measured, step: float) -> tuple[Shown, Shown]:
@@ -142,8 +150,7 @@ def _solved(
         wanted: Shape (n, wanted).
         sizes: How large each state may be.
     """
-    scale = np.sqrt(np.mean(wanted**2, axis=0))
-    scale = np.where(scale > 0.0, scale, 1.0)
+    scale = _rms(wanted)
     best, left, seen = starts[0].copy(), np.full(len(wanted), np.inf), np.zeros(len(free), dtype=np.bool_)
     for start in starts:
         poor = np.flatnonzero(~(left < SETTLED))
@@ -160,7 +167,7 @@ def _follow(
     at, which = at.copy(), np.flatnonzero(free)
 
     def off(some: FloatArray, of: IntArray) -> FloatArray:
-        return (shown(some, of) - wanted[of]) / scale
+        return np.where(np.isfinite(wanted[of]), (shown(some, of) - wanted[of]) / scale, 0.0)
 
     error = off(at, rows)
     size = _size(error)
