@@ -70,17 +70,6 @@ def test_an_angle_no_load_can_hang_at_takes_the_nearest():
     assert np.isfinite(found).all()
 
 
-def test_gaps_of_a_sensor_spoil_no_other_start():
-    """Where it shows nothing its part is guessed, and elsewhere told as before."""
-    angle = 0.3 * np.cos(2.0 * TIME)
-    gaps = np.where((TIME > 3.0) & (TIME < 3.5), np.nan, angle)
-    found = Crane().initial_states(recorded(force=0.0, trolley=1.0, angle=gaps), INSIDE)
-    whole = Crane().initial_states(recorded(force=0.0, trolley=1.0, angle=angle), INSIDE)
-    good = (TIME[INSIDE] < 2.9) | (TIME[INSIDE] > 3.6)
-    np.testing.assert_allclose(found[good], whole[good], atol=1e-6)
-    assert np.isfinite(found).all()
-
-
 class Cart(Machine):
     """A robot that has mass: no sensor shows its speed, but its place changes by it along the heading."""
 
@@ -148,6 +137,22 @@ def test_a_wall_is_told_by_how_fast_the_air_cools():
     assert oven.unseen(data) == ("room",)
     with pytest.warns(ModelWarning, match="no sensor tells where the state 'room' starts: .*initial_states"):
         check_simulation(oven, data)
+
+
+class Twice(Oven):
+    """A second sensor of the air, which is not always there."""
+
+    outputs = (*Oven.outputs, Signal("ohms", "Ohm"))
+
+    def observe(self, state, p):
+        return 0.01 * state.air - 2.0, 100.0 + 0.4 * (state.air - 273.0)
+
+
+def test_where_one_sensor_has_a_gap_the_other_tells():
+    air = 300.0 + 5.0 * np.sin(0.5 * TIME)
+    ohms = np.where((TIME > 3.0) & (TIME < 4.0), np.nan, 100.0 + 0.4 * (air - 273.0))
+    found = Twice().initial_states(recorded(heat=200.0, volts=0.01 * air - 2.0, ohms=ohms), INSIDE)
+    np.testing.assert_allclose(found[:, 0], air[INSIDE], atol=1e-4)
 
 
 class Doubted(Oven):
