@@ -17,7 +17,15 @@ from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
 from fieldmodels.exam.cases import KINDS, SHARES, Case, cases_of, examined
 from fieldmodels.exam.logs import STATEMENTS, failures
 from fieldmodels.exam.run import judged, make, run_case, run_cases
-from fieldmodels.exam.scoring import RIGHT, deviations, of_listed, of_nothing, of_silence, of_unlisted
+from fieldmodels.exam.scoring import (
+    RIGHT,
+    deviations,
+    of_listed,
+    of_mixed,
+    of_nothing,
+    of_silence,
+    of_unlisted,
+)
 from fieldmodels.exam.sizes import added, errors, find_size
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
@@ -85,7 +93,7 @@ def test_a_sample_has_its_share_of_every_kind_and_all_machines_equally(count: in
     for kind, share in SHARES.items():
         assert sum(case.kind == kind for case in few) == pytest.approx(share * count, abs=1.01), kind
     assert sum(case.kind == "nothing" for case in few) >= count / 2
-    for kind in ("single", "unlisted", "pair", "triple"):
+    for kind in ("single", "unlisted", "pair", "triple", "mixed"):
         numbers = [sum((c.kind, c.machine) == (kind, name) for c in few) for name in bench_names()]
         assert max(numbers) - min(numbers) <= 1, kind
 
@@ -212,6 +220,29 @@ def test_outcomes_of_listed_effects(hidden: tuple[str, ...], given: Answer, expe
 )
 def test_outcomes_of_faults_that_are_not_listed(near: tuple[str, ...], given: Answer, expected: str):
     assert of_unlisted(given, near) == expected
+
+
+@pytest.mark.parametrize(
+    ("near", "given", "expected"),
+    [
+        ((), answer(("a",)), "in part"),
+        ((), replace(answer(("b", "a")), curve=True), "both"),
+        ((), answer(("a",), (CURVE,)), "both"),
+        ((), answer(("a",), ("b", CURVE)), "both"),
+        (("play",), answer(("a",), ("force_play",)), "both"),
+        ((), answer(("a",), ("b",)), "misnamed"),
+        ((), answer(("b",)), "misnamed"),
+        ((), replace(answer(("b", CURVE)), curve=True), "curve"),
+        (("play",), answer(("force_play",)), "curve"),
+        ((), replace(UNKNOWN, curve=True), "curve"),
+        ((), UNKNOWN, "abstained"),
+        ((), answer(), "silent"),
+    ],
+)
+def test_outcomes_of_an_effect_beside_a_fault_that_is_not_listed(
+    near: tuple[str, ...], given: Answer, expected: str
+):
+    assert of_mixed(given, "a", near) == expected
 
 
 @pytest.mark.parametrize(

@@ -18,16 +18,17 @@ from fieldmodels.exam.logs import STATEMENTS
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 
-Kind = Literal["nothing", "single", "pair", "triple", "unlisted", "growing", "log"]
+Kind = Literal["nothing", "single", "pair", "triple", "unlisted", "mixed", "growing", "log"]
 PERCENTS = (13.0, 36.0)
 """Between which percentages each case draws what a fault adds."""
 LENGTHS = (10.0, 20.0, 40.0, 80.0)
 """How much of a record is given, in cases of growing length [s]."""
-SEEDS, PAIRS, TRIPLES, GROWING = 2, 30, 16, 6
-"""Seeds of each null, effect and fault; pairs, triples, and growing records of each machine."""
+SEEDS, PAIRS, TRIPLES, MIXED, GROWING = 2, 30, 16, 30, 6
+"""Seeds of each null, effect and fault; pairs, triples, effects beside an unlisted fault, and growing records
+of each machine."""
 SHARES: Mapping[str, float] = MappingProxyType({
-    "nothing": 0.5, "single": 0.14, "unlisted": 0.14, "pair": 0.08, "triple": 0.06, "growing": 0.06,
-    "log": 0.02,
+    "nothing": 0.5, "single": 0.14, "unlisted": 0.14, "pair": 0.05, "triple": 0.06, "mixed": 0.04,
+    "growing": 0.05, "log": 0.02,
 })  # fmt: skip
 """Of a sample: rates of a percent need hundreds of nulls, so they are half of it."""
 
@@ -40,7 +41,7 @@ class Case:
         set: ``develop`` or ``report``.
         machine: Name of the model.
         kind: What sort of case it is.
-        hidden: Listed effects, or the fault that is not listed; the name of a real log.
+        hidden: Listed effects, or the fault that is not listed, or one of each; the name of a real log.
         seed: Of the machine, its excitation, the noise and what the case draws.
         conditions: Of the records.
     """
@@ -193,6 +194,15 @@ def _unlisted(bench: Bench, which: Set) -> Iterator[Case]:
             yield Case(which, bench.name, "unlisted", (name,), next(number), conditions)
 
 
+def _mixed(bench: Bench, which: Set) -> Iterator[Case]:
+    """A listed effect beside a fault that is not listed, as drawn."""
+    rng = _rng(bench, which, "mixed drawn")
+    effects = [name for name in bench.effects if name not in bench.needs_base]
+    unlisted = list(bench.unlisted[which])
+    sets = [(str(rng.choice(effects)), str(rng.choice(unlisted))) for _ in range(MIXED)]
+    return _sets(bench, which, "mixed", sets, 7_000)
+
+
 def _growing(bench: Bench, which: Set) -> Iterator[Case]:
     """Longer and longer beginnings of one record; half of them with a fault that is not listed."""
     rng = _rng(bench, which, "growing")
@@ -219,6 +229,7 @@ KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
     "pair": _pairs,
     "triple": _triples,
     "unlisted": _unlisted,
+    "mixed": _mixed,
     "growing": _growing,
     "log": lambda bench, which: _logs(bench.name, which),
 }

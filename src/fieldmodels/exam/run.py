@@ -181,7 +181,7 @@ def judged(
 ) -> Row:
     """All that the table needs of an answer, as plain data."""
     truth: dict[str, dict[str, float]] = {}
-    fault = bench.fault(case.hidden[0]) if case.hidden else None
+    fault = bench.fault(case.hidden[-1]) if case.hidden else None
     regained = None
     if answer.wandering and case.conditions.noise not in WANDERING:
         answer = replace(answer, missing=True)
@@ -197,6 +197,8 @@ def judged(
             for one in hidden
         }
         outcome = scoring.of_listed(answer, case.hidden)
+    elif case.kind == "mixed":
+        outcome = scoring.of_mixed(answer, case.hidden[0], fault.near)
     else:
         outcome = scoring.of_unlisted(answer, fault.near)
         if not fault.random:

@@ -11,7 +11,7 @@ from fieldmodels.exam.answers import CURVE, Answer
 
 Outcome = Literal[
     "right alone", "in a set", "in a large set", "in part", "with a false one", "wrong", "abstained",
-    "silent", "consistent", "doubted", "false name", "misnamed", "near name", "curve",
+    "silent", "consistent", "doubted", "false name", "misnamed", "near name", "curve", "both",
     "out of reach", "failed", "held", "not held", "skipped",
 ]  # fmt: skip
 RIGHT: tuple[Outcome, ...] = ("right alone", "in a set")
@@ -69,17 +69,36 @@ def of_unlisted(answer: Answer, near: Sequence[str]) -> Outcome:
     word. ``near name``: it does the latter. ``curve``: it shows a curve, alone or as what a name may be.
     ``abstained``: something is missing, it says, but not what. ``silent``: nothing is missing, it says.
     """
-
-    def says(name: str) -> bool:
-        return any(name == one or name.endswith(f"_{one}") for one in near)
-
-    if any(CURVE not in cause and not any(says(name) for name in cause) for cause in answer.named):
+    if any(CURVE not in cause and not _says(cause, near) for cause in answer.named):
         return "misnamed"
-    if any(says(name) for cause in answer.named for name in cause):
+    if any(_says(cause, near) for cause in answer.named):
         return "near name"
     if answer.named or answer.curve:
         return "curve"
     return "silent" if answer.verdict == "consistent" and not answer.missing else "abstained"
+
+
+def of_mixed(answer: Answer, effect: str, near: Sequence[str]) -> Outcome:
+    """Judge an answer where a listed effect and a fault that no model lists are hidden.
+
+    ``both``: the effect is named, alone or in a set, and beside it a curve, or the fault in a listed word.
+    ``in part``: the effect alone. ``misnamed``: a further cause has a listed name and says neither that it
+    may be a curve nor the fault in a listed word. ``curve``: the effect is not named, and something is shown
+    in its place.
+    """
+    others = [cause for cause in answer.named if effect not in cause]
+    if any(CURVE not in cause and not _says(cause, near) for cause in others):
+        return "misnamed"
+    if len(others) < len(answer.named):
+        return "both" if others or answer.curve else "in part"
+    if others or answer.curve:
+        return "curve"
+    return "silent" if answer.verdict == "consistent" and not answer.missing else "abstained"
+
+
+def _says(cause: Sequence[str], near: Sequence[str]) -> bool:
+    """Whether a cause says what a fault is in a listed word."""
+    return any(name == one or name.endswith(f"_{one}") for name in cause for one in near)
 
 
 def _matched(sets: Sequence[set[str]], hidden: Sequence[str]) -> int:

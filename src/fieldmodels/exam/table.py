@@ -31,14 +31,14 @@ class Goal:
         name: What is counted, of which cases.
         kind: Kind of the cases; empty for all.
         counts: Outcomes that are counted.
-        limit: The rate [%].
+        limit: The rate [%]; None where it is told without one.
         at_least: Whether the rate should be at least so high, or else at most.
     """
 
     name: str
     kind: str
     counts: tuple[str, ...]
-    limit: float
+    limit: float | None
     at_least: bool = False
 
 
@@ -49,6 +49,8 @@ GOALS = (
     Goal("triples right", "triple", RIGHT, 75.0, True),
     Goal("unlisted faults misnamed", "unlisted", ("misnamed",), 5.0),
     Goal("unlisted faults silent", "unlisted", ("silent",), 15.0),
+    Goal("an effect beside an unlisted fault: named, alone or in a set", "mixed", ("both", "in part"), None),
+    Goal("an effect beside an unlisted fault: something misnamed", "mixed", ("misnamed",), None),
     Goal("nothing hidden: false names", "nothing", ("false name",), 1.0),
     Goal("nothing hidden: anything said", "nothing", ("false name", "doubted"), 2.0),
     Goal("cases that ended in an error", "", ("failed",), 0.0),
@@ -97,12 +99,14 @@ def goals(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return result
 
 
-def _rate(name: str, count: int, cases: int, limit: float, at_least: bool) -> dict[str, Any]:
-    percent = 100.0 * count / cases
+def _rate(name: str, count: int, cases: int, limit: float | None, at_least: bool) -> dict[str, Any]:
+    percent, goal, met = 100.0 * count / cases, "", None
+    if limit is not None:
+        goal = f"{'>=' if at_least else '<='} {limit:g} %"
+        met = percent >= limit if at_least else percent <= limit
     return {
-        "name": name, "goal": f"{'>=' if at_least else '<='} {limit:g} %", "count": count, "cases": cases,
-        "value": f"{percent:.1f} %", "ci95": [round(v, 1) for v in wilson(count, cases)],
-        "met": percent >= limit if at_least else percent <= limit,
+        "name": name, "goal": goal, "count": count, "cases": cases,
+        "value": f"{percent:.1f} %", "ci95": [round(v, 1) for v in wilson(count, cases)], "met": met,
     }  # fmt: skip
 
 
@@ -279,7 +283,7 @@ def _goal_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[lis
     return ["what", "counted", "value", "95 % interval", "goal", ""], [
         [
             goal["name"], _counted(goal), goal["value"], f"{goal['ci95'][0]:.1f} to {goal['ci95'][1]:.1f}",
-            goal["goal"], "met" if goal["met"] else "missed",
+            goal["goal"], "" if goal["met"] is None else "met" if goal["met"] else "missed",
         ]
         for goal in found
     ]  # fmt: skip
