@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fieldmodels.diagnosis import diagnose, simulated
+from fieldmodels.diagnosis import diagnose, extension, simulated
 from fieldmodels.diagnosis.curves import _solved
 from fieldmodels.diagnosis.simulated import that_keep_their_promise
 from fieldmodels.effects import actuator, friction, sensor
@@ -89,11 +89,13 @@ def test_a_curve_that_does_not_keep_its_promise_gives_way(monkeypatch, gain: flo
 
     found, others = curve("seems best", 100.0), [curve("is best", 90.0), curve("is worse", 80.0)]
     cost = {"seems best": 150.0 - gain, "is best": 60.0, "is worse": 140.0}
-    monkeypatch.setattr(
-        simulated,
-        "extend",
-        lambda _c, _k, curves, *_: SimpleNamespace(fit=SimpleNamespace(cost=cost[curves[0].name])),
-    )
+
+    def extended(_candidates, _kept, curves, *_whitener) -> SimpleNamespace:
+        now = cost[curves[0].name]
+        return SimpleNamespace(fit=SimpleNamespace(cost=now), gain=150.0 - now)
+
+    for module in (simulated, extension):
+        monkeypatch.setattr(module, "extend", extended)
     monkeypatch.setattr(simulated, "covariance_whitener", lambda *_: None)
     options = SimpleNamespace(price=1.0, most_curves=2)
     kept = SimpleNamespace(fit=SimpleNamespace(cost=150.0), size=0)

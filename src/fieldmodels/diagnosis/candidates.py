@@ -33,6 +33,7 @@ NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
 PROMISED = 0.7  # of the gain predicted of the first start: with so much in hand no other one is followed
 LEAST = 0.5  # nats of the same
+BASE_STEPS = 30  # of a fit of the base
 MOST = 60  # steps of a fit; a load on a body whose suspension is unknown took forty
 ROUGH = 0.1  # nats; an extension whose step gains less is told from others, and fitted again if it is near
 HELD = 2  # better points in a row at which a bound holds a fit that then counts as the simpler effect there
@@ -144,12 +145,24 @@ class Candidates:
             and not is_quantisation(effect)
         ]
 
-    def base(self, iterations: int = 30) -> Candidate:
+    def base(self, iterations: int = BASE_STEPS) -> Candidate:
         """Fit the base alone, from the nominal values, the model's starts and a coarse search."""
         if iterations not in self.bases:
             self.bases[iterations] = self._fitted_base(iterations)
             self.whitener = self.bases[iterations].fit.whitener
         return self.bases[iterations]
+
+    def begin(self, base: Candidate) -> None:
+        """Take a fit of the base, and its weights, for that from which the search begins."""
+        self.bases[BASE_STEPS] = base
+        self.whitener = base.fit.whitener
+
+    def fitted(
+        self, effects: Names, start: FloatArray, states: FloatArray, whitener: FloatArray | None = None
+    ) -> Candidate:
+        """A set, fitted from given parameters and states; by default with the current weights."""
+        whitener = self.whitener if whitener is None else whitener
+        return self._judged(effects, fit(self.problem, start, self.free(effects), whitener, states), 0.0)
 
     def _fitted_base(self, iterations: int) -> Candidate:
         problem, free = self.problem, self.free(())

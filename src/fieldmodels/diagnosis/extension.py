@@ -10,10 +10,11 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.curves import Scored
-from fieldmodels.diagnosis.fit import fit
+from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.drivers.curved import Curved
 
 STEPS = 30
@@ -27,11 +28,13 @@ class Extension:
         model: The model with the curves as further effects; the model itself if there are none.
         fit: Parameters and states, fitted together.
         curves: The curves with their final coefficients.
+        gain: What the curves bring with the weights of what they were added to [nats].
     """
 
     model: Curved
     fit: Fit
     curves: tuple[Scored, ...]
+    gain: float
 
     def predict(self, testing: Problem) -> Prediction:
         """Predict windows."""
@@ -47,14 +50,14 @@ def extend(
         candidates: Training windows, and what was made of them.
         kept: The named effects, as fitted without the curves.
         curves: The curves.
-        whitener: Weights of the errors, by default those of the named effects.
+        whitener: Weights of the errors; by default those of the named effects, and then of what is left,
+            which large errors that the curves explain have made small for what they leave.
 
     Returns:
         None if there are no curves, or the simulation with them fits no better.
     """
     if not curves:
         return None
-    whitener = None if whitener is kept.fit.whitener else whitener
     key = id(kept), id(whitener), *map(id, curves)
     if key not in candidates.extensions:
         # All are kept with their ids, so that these cannot be used again.
@@ -70,14 +73,34 @@ def _extended(
     model = Curved(problem.model, [scored.free for scored in curves])
     count, first = len(kept.fit.parameters), np.concatenate([c.coefficients for c in curves])
     free = np.concatenate([kept.fit.free, np.arange(count, count + len(first))])
-    extended = replace(problem, model=model)
-    before = kept.fit if whitener is None else reweighed(problem, kept.fit, whitener)
+    extended, weights = replace(problem, model=model), kept.fit.whitener if whitener is None else whitener
     for coefficients in (first, np.zeros_like(first)):
         start = np.concatenate([kept.fit.parameters, coefficients])
-        fitted = fit(extended, start, free, before.whitener, kept.fit.states, STEPS)
-        if fitted.cost < before.cost:
-            return Extension(model, fitted, _final(curves, fitted, count))
+        fitted = fit(extended, start, free, weights, kept.fit.states, STEPS)
+        gain = reweighed(problem, kept.fit, weights).cost - fitted.cost
+        better = gain
+        if whitener is None and np.isfinite(fitted.cost):
+            # Weights of errors that the curves explain make little of them.
+            own = covariance_whitener(extended, fitted)
+            fitted = refit(extended, fitted, own, STEPS)
+            better = reweighed(problem, kept.fit, own).cost - fitted.cost
+        if better > 0.0:
+            return Extension(model, fitted, _final(curves, fitted, count), gain)
     return None
+
+
+def cost(candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray) -> float:
+    """Of the simulation with named effects and curves, and the price of their numbers [nats].
+
+    Args:
+        candidates: As of ``extend``.
+        kept: As of ``extend``.
+        curves: As of ``extend``.
+        whitener: Weights of the errors.
+    """
+    extension = extend(candidates, kept, curves, whitener)
+    count = kept.size + sum(len(one.coefficients) for one in curves)
+    return candidates.options.price * count + (np.inf if extension is None else extension.fit.cost)
 
 
 def improving(

@@ -294,7 +294,9 @@ class Problem:
         results, first = [], 0
         for part, force in zip(self.parts, forces, strict=True):
             last = first + len(part.windows)
-            windows = part.windows.with_states(states[first:last]).with_disturbance(force)
+            given = part.windows.disturbance
+            windows = part.windows.with_states(states[first:last])
+            windows = windows.with_disturbance(force if given is None else force + given)
             results.append(part.compressed(self.model.simulate(parameters[None], windows))[0])
             first = last
         return np.concatenate(results)

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from fieldmodels.diagnosis.averages import resolving
+from fieldmodels.diagnosis.beside_curves import names_beside
 from fieldmodels.diagnosis.budget import Budget
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.causes import (
@@ -53,7 +54,7 @@ from fieldmodels.diagnosis.result import (
     Verdict,
 )
 from fieldmodels.diagnosis.runnable import runnable
-from fieldmodels.diagnosis.selection import Selection, rivals_of, select
+from fieldmodels.diagnosis.selection import Selection, exchanged, rivals_of, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
 from fieldmodels.diagnosis.simulated import that_keep_their_promise
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
@@ -293,7 +294,10 @@ def _found(
     report("letting unlisted curves compete", 0.85)
     judged = judge(candidates, selection.base, chosen)
     path = path_to(candidates, selection.base, judged.kept)
-    causes = with_alternatives(causes_of(candidates, path, testing, rng), selection, judged)
+    told = selection
+    if judged.kept.effects and set(judged.kept.effects) != set(chosen.effects):
+        told = replace(selection, chosen=judged.kept, alternatives=exchanged(candidates, judged.kept))
+    causes = with_alternatives(causes_of(candidates, path, testing, rng), told, judged)
     causes = beside_the_others(causes, candidates, path, testing, rng.spawn(1)[0])
     before = predict(testing, selection.base.fit.parameters)
     after = predict(testing, judged.kept.fit.parameters) if causes else before
@@ -311,6 +315,11 @@ def _found(
         possible, causes, after = (*possible, *causes), (), before
         judged = judge(candidates, selection.base, selection.base)
     scored, certain = judged.curves, True
+    if scored and not (causes or mistaken or unrelated or exact):
+        named = names_beside(candidates, judged, testing, rng.spawn(1)[0])
+        if named is not None:
+            judged, causes, after = named.judged, named.causes, named.after
+            scored = judged.curves
     if not scored and beyond_noise:
         far = far_from_noise(testing, steady, bool(causes), options.far)
         scored, certain = most_likely(judged.tried, judged.kept, far, options), False

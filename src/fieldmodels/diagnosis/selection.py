@@ -570,6 +570,17 @@ def _set_of(way: tuple[Candidate, str]) -> frozenset[str]:
     return frozenset((*way[0].effects, way[1]))
 
 
+def exchanged(candidates: Candidates, chosen: Candidate) -> tuple[Candidate, ...]:
+    """Sets with another effect in the place of one that the data cannot tell from a set, the best first.
+
+    A set that lost members to curves was never compared with these.
+    """
+    blocks, options = candidates.problem.blocks, candidates.options
+    near = [c for c in _neighbours(candidates, chosen) if indistinguishable(chosen, c, blocks, options)]
+    same = (c for c in near if c.total < chosen.total or not _contains(candidates, c, chosen))
+    return tuple(sorted(same, key=lambda c: c.total))
+
+
 def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
     """Sets with another effect in the place of one, where it promises at least half of what that brings."""
     result: list[Candidate | None] = []

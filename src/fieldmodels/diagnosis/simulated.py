@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.curves import Scored
-from fieldmodels.diagnosis.extension import extend
+from fieldmodels.diagnosis.extension import cost, extend
 from fieldmodels.diagnosis.verdict import Judgement
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
@@ -42,7 +40,7 @@ def that_keep_their_promise(
     whitener = _of_what_is_left(candidates, kept, found[:1])
     # A function of a variable may be another one than it seems to first order, too: tables are tried.
     choices = [found[0], *tried.judge(kept)[:OTHERS]]
-    best = min(choices, key=lambda one: _cost(candidates, kept, [one], whitener))
+    best = min(choices, key=lambda one: cost(candidates, kept, [one], whitener))
     if best is found[0]:
         return tuple(found)
     return best, *tried.rivals(best.candidate, candidates.options.most_curves - 1)
@@ -52,17 +50,10 @@ def _keeps(candidates: Candidates, kept: Candidate, curves: Sequence[Scored]) ->
     """Whether curves bring in the whole simulation what they promise."""
     extension = extend(candidates, kept, curves)
     promised = sum(one.total for one in curves)
-    return extension is not None and kept.fit.cost - extension.fit.cost > KEPT * promised
+    return extension is not None and extension.gain > KEPT * promised
 
 
 def _of_what_is_left(candidates: Candidates, kept: Candidate, curves: Sequence[Scored]) -> FloatArray:
     """Weights of the errors that the simulation with curves leaves: those before it make all curves alike."""
     extension = extend(candidates, kept, curves)
     return covariance_whitener(candidates.problem, kept.fit if extension is None else extension.fit)
-
-
-def _cost(candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray) -> float:
-    """Of the simulation with curves, and their price [nats]."""
-    extension = extend(candidates, kept, curves, whitener)
-    count = kept.size + sum(len(one.coefficients) for one in curves)
-    return candidates.options.price * count + (np.inf if extension is None else extension.fit.cost)

@@ -67,7 +67,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         if not rivals:
             return Judgement(base, curves, curves)
         rivals += curves.rivals(rivals[0].candidate, options.most_curves - 1)
-        return Judgement(base, curves, curves, _with_formulas(curves, base, rivals))
+        return Judgement(base, curves, curves, with_formulas(curves, base, rivals))
     curves = Curves(problem, base.fit, options)
     several = len(chosen.effects) > 1
     rivals = curves.rivals(base, 1 if several else None)
@@ -91,7 +91,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
     )
     # What is ahead of several names by their burden alone may be what they are, while each of them stands.
     if ahead and beaten:
-        found = _with_formulas(curves, base, (anyhow or ahead)[0])
+        found = with_formulas(curves, base, (anyhow or ahead)[0])
         return Judgement(base, curves, curves, found, beaten=chosen.effects)
     if beaten:
         beside = Curves(problem, kept.fit, options)
@@ -115,7 +115,7 @@ def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgeme
         kept,
         beside,
         curves,
-        _with_formulas(beside, kept, left),
+        with_formulas(beside, kept, left),
         twin if not beaten else None,
         beaten,
         {
@@ -306,7 +306,7 @@ def _same_side(effect: Effect, scored: Scored) -> bool:
     return (effect.where == "sensor") == (scored.curve.place == "sensor")
 
 
-def _with_formulas(curves: Curves, base: Candidate, found: Sequence[Scored]) -> tuple[Scored, ...]:
+def with_formulas(curves: Curves, base: Candidate, found: Sequence[Scored]) -> tuple[Scored, ...]:
     """The curves as known functions, where these do as well."""
     result, beside = [], base
     for one in found:

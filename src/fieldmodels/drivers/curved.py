@@ -97,11 +97,7 @@ class Curved(Wrapper):
     def simulate_all(self, parameters: FloatArray, windows: Windows) -> FloatArray:
         """Simulate every window; see ``Model.simulate_all``."""
         vectors = np.atleast_2d(parameters)
-        count = len(self.inner.names)
-        own, coefficients = (
-            vectors[:, :count],
-            np.split(vectors[:, count:], np.cumsum([c.basis.shape[1] for c in self.curves])[:-1], axis=1),
-        )
+        own, coefficients = vectors[:, : len(self.inner.names)], self._split(vectors)
         out = self.inner.simulate_all(own, windows)
         for b in range(len(vectors)):
             mine = [c[b] for c in coefficients]
@@ -113,11 +109,34 @@ class Curved(Wrapper):
         self, own: FloatArray, coefficients: Sequence[FloatArray], windows: Windows, plain: FloatArray
     ) -> FloatArray:
         """Outputs of one parameter vector, shape (windows, samples, outputs)."""
-        forces = [(c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place == "force"]
-        changes = [(c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place == "parameter"]
-        shown = [
-            (c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place in ("sensor", "odds")
-        ]
+        out = self._moved(own, coefficients, windows, plain)
+        result = out.copy()
+        shown = self._at(("sensor", "odds"), coefficients)
+        for curve, a in shown:
+            j = [s.name for s in self.outputs].index(curve.target)
+            added = curve.at(variable(self.inner, windows, out, curve.over), a)
+            if curve.place == "sensor":
+                result[:, :, j] += added
+            else:
+                p = np.clip(out[:, :, j], 1e-12, 1 - 1e-12)
+                result[:, :, j] = 1 / (1 + (1 - p) / p * np.exp(-added))
+        if shown:
+            measured = slice(len(self.outputs))
+            true, erring = out[None, ..., measured], result[None, ..., measured]
+            result[..., measured] = self.inner.derived(true, erring, windows)[0]
+        return result
+
+    def _at(
+        self, places: Sequence[str], coefficients: Sequence[FloatArray]
+    ) -> list[tuple[FreeCurve, FloatArray]]:
+        """The curves at some places, with their coefficients."""
+        return [(c, a) for c, a in zip(self.curves, coefficients, strict=True) if c.place in places]
+
+    def _moved(
+        self, own: FloatArray, coefficients: Sequence[FloatArray], windows: Windows, plain: FloatArray
+    ) -> FloatArray:
+        """The same before the curves of sensors."""
+        forces, changes = (self._at((place,), coefficients) for place in ("force", "parameter"))
         out = plain
         for _ in range(self.repetitions if forces or changes else 0):
             pushed = self._pushed(windows, out, forces)
@@ -134,21 +153,30 @@ class Curved(Wrapper):
                     + ", ".join(direction_of(c.place, c.target, c.over) for c in self.curves)
                 )
         if self.corrected:
-            out = self._observed(own, windows, forces, shown, out)
-        result = out.copy()
-        for curve, a in shown:
-            j = [s.name for s in self.outputs].index(curve.target)
-            added = curve.at(variable(self.inner, windows, out, curve.over), a)
-            if curve.place == "sensor":
-                result[:, :, j] += added
-            else:
-                p = np.clip(out[:, :, j], 1e-12, 1 - 1e-12)
-                result[:, :, j] = 1 / (1 + (1 - p) / p * np.exp(-added))
-        if shown:
-            measured = slice(len(self.outputs))
-            true, erring = out[None, ..., measured], result[None, ..., measured]
-            result[..., measured] = self.inner.derived(true, erring, windows)[0]
-        return result
+            out = self._observed(own, windows, forces, self._at(("sensor", "odds"), coefficients), out)
+        return out
+
+    def as_given(self, parameters: FloatArray, windows: Windows) -> Windows:
+        """Windows in which what the curves add is known: forces act, and sensors have not shown their errors.
+
+        Args:
+            parameters: The whole vector.
+            windows: The windows, from the states that fit them.
+        """
+        own = parameters[: len(self.inner.names)]
+        coefficients = self._split(parameters)
+        out = self._moved(own, coefficients, windows, self.inner.simulate_all(own[None], windows)[0])
+        given = self._pushed(windows, out, self._at(("force",), coefficients))
+        for curve, a in self._at(("sensor",), coefficients):
+            given = given.with_errors(
+                curve.target, curve.at(variable(self.inner, windows, out, curve.over), a)
+            )
+        return given
+
+    def _split(self, vectors: FloatArray) -> list[FloatArray]:
+        """The coefficients of each curve in vectors, shape (..., parameters)."""
+        ends = np.cumsum([c.basis.shape[1] for c in self.curves])[:-1]
+        return np.split(vectors[..., len(self.inner.names) :], ends, axis=-1)
 
     def _observed(
         self,
