@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
-from fieldmodels.diagnosis.curves import Curves
+from fieldmodels.diagnosis.curves import TRIED, Curves
 from fieldmodels.diagnosis.held_out import held_out_loss
 from fieldmodels.diagnosis.linearisation import reweighed, stacked
 from fieldmodels.diagnosis.problem import Problem
@@ -120,7 +120,7 @@ class _Trial:
         moved = replace(candidate.fit, raw=candidate.fit.raw + size * shape.added)
         fitted = reweighed(problem, moved, covariance_whitener(problem, moved))
         self.candidate = replace(candidate, fit=fitted, loss=held_out_loss(fitted, problem.folds))
-        self.curves = curves.reweighed(fitted)
+        self.curves, self.curve = curves.reweighed(fitted), shape.curve
         scored = next(iter(self.curves.judge(self.candidate, [shape.curve])), None)
         self.scored = None if problem.is_exact(moved.raw) else scored
 
@@ -134,8 +134,17 @@ class _Trial:
         return own is not None and own[0].convinces(*own[1:])
 
     def is_found(self) -> bool:
-        """Whether the data would call for it."""
-        return self.scored is not None and self.curves.called_for(self.candidate, self.scored)
+        """Whether the data would call for it.
+
+        Weights of its own count only if it is asked for them, as the best are by the weights of the fit.
+        """
+        if self.scored is None:
+            return False
+        if self.curves.convinces(self.candidate, self.scored):
+            return self.curves.called_for(self.candidate, self.scored)
+        asked = self.curves.judge(self.candidate, self.curves.all)[:TRIED]
+        own = any(one.curve is self.curve for one in asked)
+        return own and self.curves.called_for(self.candidate, self.scored)
 
 
 def _errors(problem: Problem, added: FloatArray) -> dict[str, float]:
