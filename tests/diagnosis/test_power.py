@@ -151,3 +151,23 @@ def test_noise_alone_leaves_a_third_of_it_to_anything():
         answer = quiet(name, seed, Conditions())
         for output, most in answer.unseen.items():
             assert 0.0 < most < 0.4 * answer.gain[output].noise_floor
+
+
+def test_few_windows_of_many_sensors_state_only_what_is_asked_for():
+    """Of a shaken vehicle's 2600 curves the best few are judged with weights of their own."""
+    bench, conditions, seed = get_bench("excitation"), Conditions(), 2102
+    [stated] = [v for v in quiet("excitation", seed, conditions).seen if v.target == "acceleration_y"]
+    rng = np.random.default_rng(seed)
+    curve = [random_curve(np.linspace(0.0, 4.0, 400), rng) for _ in range(5)][-1]
+    column = [output.name for output in bench.model.outputs].index("acceleration_y")
+
+    def act(plant: Any) -> None:
+        def err(shown: np.ndarray, times: np.ndarray) -> np.ndarray:
+            result = shown.copy()
+            result[:, column] += stated.size * np.array([curve(t) for t in times])[:, None]
+            return result
+
+        plant.sensors.append(err)
+
+    train, test = recordings(with_fault("excitation", act), (), conditions, seed)
+    assert diagnose(bench.model, [train], [test]).verdict != "consistent"
