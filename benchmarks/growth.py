@@ -64,7 +64,7 @@ def with_radars(env_id: str) -> float:
 
 def diagnosing(*sizes: tuple[int, float]) -> Callable[[], object]:
     """A diagnosis of a rig with friction and a delay on one thread: rows and step of each recording."""
-    data = [record(COULOMB | DELAY, *size) for size in sizes]
+    data = [record(COULOMB | DELAY, *size, seed=k) for k, size in enumerate(sizes, 1)]
     return lambda: diagnose(get_model("rig"), data, options=DiagnosisOptions(threads=1))
 
 

@@ -1,15 +1,19 @@
 """Names beside an unlisted curve: a suspension, simulated here by itself, whose damper is harder one way."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import Diagnosis, diagnose
+from fieldmodels.diagnosis.problem import build
+from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.effects import actuator, force, sensor
 from fieldmodels.machine import Force, Machine, number
 from fieldmodels.model import Signal
-from fieldmodels.recording import Recording
+from fieldmodels.recording import Recording, Windows
 
 MASS, DAMPER, SPRING, NOISE = 30.0, 220.0, 9000.0, 2e-5
 STEP, COUNT, SUBSTEPS = 0.004, 5000, 8
@@ -67,6 +71,41 @@ def record(seed: int, *missing: Callable[[float, float], float]) -> Recording:
 def found(*missing: Callable[[float, float], float]) -> Diagnosis:
     """The diagnosis of two records."""
     return diagnose(Suspension(), [record(1, *missing)], [record(2, *missing)])
+
+
+def curved() -> tuple[Curved, FloatArray, Windows]:
+    """A suspension with a curve of its force and one of its sensor, values, and windows."""
+    knots = np.array([-0.3, 0.0, 0.3])
+    bend = FreeCurve("force", "", "rate of travel", knots, np.array([[1.0], [0.0], [2.0]]))
+    shown = FreeCurve("sensor", "travel", "load", 1e3 * knots, np.array([[-1.0], [0.0], [1.0]]))
+    model = Suspension()
+    inside = Curved(model, [bend, shown])
+    return inside, np.concatenate([model.nominal, [30.0, 1e-3]]), model.windows(record(3), 0.2)
+
+
+def test_what_a_curve_adds_is_given_in_a_force_and_in_a_sensor():
+    model, vector, windows = curved()
+    given = model.as_given(vector, windows)
+    whole, plain = (
+        model.simulate(vector[None], windows)[0],
+        model.inner.simulate(model.inner.nominal[None], given)[0],
+    )
+    error = windows.measured(("travel",)) - given.measured(("travel",))
+    assert np.abs(error).max() > 1e-4
+    np.testing.assert_allclose(plain + error, whole, rtol=0, atol=1e-7)
+    without = model.inner.simulate(model.inner.nominal[None], windows)[0]
+    assert np.abs(without - plain).max() > 1e-5
+
+
+def test_a_force_along_a_record_adds_to_what_is_given():
+    model, vector, windows = curved()
+    problem = build(model.inner, [windows.recording], 0.2)
+    push, states = np.full(COUNT, 5.0), problem.states
+    given = [replace(p, windows=model.as_given(vector, p.windows)) for p in problem.parts]
+    both = [replace(p, windows=p.windows.with_disturbance(p.windows.disturbance + push)) for p in given]
+    responded = replace(problem, parts=tuple(given)).response(model.inner.nominal, states, [push])
+    simulated = replace(problem, parts=tuple(both)).simulate(model.inner.nominal[None], states)[0]
+    np.testing.assert_array_equal(responded, simulated)
 
 
 def test_an_end_stop_is_named_beside_a_damper_that_nobody_has_listed():

@@ -3,7 +3,7 @@
 import pytest
 
 from fieldmodels.diagnosis import Diagnosis, diagnose
-from fieldmodels.exam.benches import Hidden, get_bench
+from fieldmodels.exam.benches import Conditions, Hidden, get_bench
 from fieldmodels.exam.cases import cases_of
 from fieldmodels.exam.sizes import recordings
 
@@ -37,6 +37,27 @@ def found(machine: str, kind: str, seed: int, sizes: list[float]) -> tuple[set[s
 def test_what_is_hidden_is_named_and_nothing_else(machine: str, kind: str, seed: int, sizes: list[float]):
     hidden, diagnosis = found(machine, kind, seed, sizes)
     assert {cause.effect for cause in diagnosis.causes} == hidden
+
+
+def beside(machine: str, seed: int, *hidden: Hidden, closed: bool = False) -> Diagnosis:
+    """A diagnosis where a listed effect and a fault that is not listed are hidden."""
+    bench = get_bench(machine)
+    train, test = recordings(bench, hidden, Conditions(closed=closed), seed)
+    return diagnose(bench.model, [train], [test])
+
+
+def test_what_stands_when_a_curve_has_taken_the_place_of_another_name_has_its_alternatives():
+    """A lag or a delay, beside a command whose square is felt."""
+    hidden = Hidden("actuator_delay", 0.7095985, -1), Hidden("command_square", 0.7346172, 1)
+    [cause] = beside("rig", 900_072, *hidden).causes
+    assert {cause.effect, *cause.alternatives} == {"actuator_lag", "actuator_delay"}
+
+
+def test_a_step_is_named_beside_a_gain_that_depends_on_the_place():
+    hidden = Hidden("parameter_step", 10.767262, 1), Hidden("place_gain", 5.48814, -1)
+    diagnosis = beside("pendulum", 900_010, *hidden, closed=True)
+    assert [cause.effect for cause in diagnosis.causes] == ["parameter_step"]
+    assert diagnosis.curves[0].over == "angle times torque"
 
 
 def test_names_that_explain_more_than_a_curve_does_stay_beside_it():

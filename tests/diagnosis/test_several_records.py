@@ -54,3 +54,15 @@ def test_the_one_that_cannot_be_used_is_named(records):
     result = CliRunner().invoke(app, asked)
     assert result.exit_code == 2
     assert "tiny.csv: column 't': the longest record lasts 0.14 s, shorter than the 0.2 s" in result.stderr
+
+
+@pytest.mark.parametrize(("train", "test"), [(("long", "again"), ()), (("long",), ("again",))])
+def test_one_that_is_given_twice_is_refused(records, train, test):
+    """Its noise would repeat, and look like something that is missing."""
+    (records / "again.csv").write_bytes((records / "long.csv").read_bytes())
+    asked = ["diagnose", *(str(records / f"{n}.csv") for n in train), "--model", "rig"]
+    result = CliRunner().invoke(app, asked + [a for n in test for a in ("--test", str(records / f"{n}.csv"))])
+    assert result.exit_code == 2
+    use = "to test" if test else "to fit"
+    words = " ".join(result.stderr.split())
+    assert f"long.csv (to fit) and {records / 'again.csv'} ({use}) hold the same signals" in words

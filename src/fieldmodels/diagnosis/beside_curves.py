@@ -22,7 +22,7 @@ from fieldmodels.diagnosis.causes import (
     with_alternatives,
 )
 from fieldmodels.diagnosis.curves import Curves, Scored
-from fieldmodels.diagnosis.extension import Extension, cost, extend
+from fieldmodels.diagnosis.extension import Extension, compared, cost, extend
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Cause
@@ -171,9 +171,6 @@ def _together(
     with_names, without = (extend(candidates, *one) for one in ((kept, curves), (alone.kept, alone.curves)))
     if with_names is None:
         return None
-    if without is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            lower = np.log(with_names.predict(testing).rmse() / without.predict(testing).rmse())
-        if np.nanmean(lower) >= 0.0:
-            return None
+    if without is not None and compared(with_names.predict(testing), without.predict(testing)) >= 0.0:
+        return None
     return kept, Curves(problem, kept.fit, options), curves

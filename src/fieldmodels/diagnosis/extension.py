@@ -50,8 +50,8 @@ def extend(
         candidates: Training windows, and what was made of them.
         kept: The named effects, as fitted without the curves.
         curves: The curves.
-        whitener: Weights of the errors; by default those of the named effects, and then of what is left,
-            which large errors that the curves explain have made small for what they leave.
+        whitener: Weights of the errors; by default those of the named effects, and where these make nothing
+            of errors that the curves explain, those of what is left.
 
     Returns:
         None if there are no curves, or the simulation with them fits no better.
@@ -79,8 +79,8 @@ def _extended(
         fitted = fit(extended, start, free, weights, kept.fit.states, STEPS)
         gain = reweighed(problem, kept.fit, weights).cost - fitted.cost
         better = gain
-        if whitener is None and np.isfinite(fitted.cost):
-            # Weights of errors that the curves explain make little of them.
+        if whitener is None and gain <= 0.0 and np.isfinite(fitted.cost):
+            # Weights of errors that the curves explain may make nothing of them.
             own = covariance_whitener(extended, fitted)
             fitted = refit(extended, fitted, own, STEPS)
             better = reweighed(problem, kept.fit, own).cost - fitted.cost
@@ -121,11 +121,17 @@ def improving(
         extension = extend(candidates, kept, curves[:count])
         if extension is None:
             continue
-        with np.errstate(divide="ignore", invalid="ignore"):  # outputs that are exact, or not measured
-            lower = np.log(extension.predict(testing).rmse() / after.rmse())
-        if np.nansum(lower) < 0.0:
+        if compared(extension.predict(testing), after) < 0.0:
             return extension
     return None
+
+
+def compared(one: Prediction, other: Prediction) -> float:
+    """Mean over the outputs of the logarithm of their errors by one prediction over those by another."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # outputs that are exact, or not measured
+        logs = np.log(one.rmse() / other.rmse())
+    told = logs[~np.isnan(logs)]
+    return float(told.mean()) if len(told) else 0.0
 
 
 def _final(curves: Sequence[Scored], fitted: Fit, first: int) -> tuple[Scored, ...]:

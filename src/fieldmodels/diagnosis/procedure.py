@@ -56,7 +56,7 @@ from fieldmodels.diagnosis.result import (
 from fieldmodels.diagnosis.runnable import runnable
 from fieldmodels.diagnosis.selection import Selection, exchanged, rivals_of, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
-from fieldmodels.diagnosis.simulated import that_keep_their_promise
+from fieldmodels.diagnosis.simulated import that_keep_their_promise, without_imitators
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.diagnosis.statements import (
     above_noise,
@@ -78,7 +78,7 @@ from fieldmodels.diagnosis.verdict import (
 from fieldmodels.diagnosis.wander import wander, wandering_zeros
 from fieldmodels.diagnosis.whole import LONGER, WholeRecords
 from fieldmodels.model import Model, check_instance
-from fieldmodels.recording import Recording, RecordingError, check_recordings
+from fieldmodels.recording import Recording, RecordingError, check_apart, check_recordings
 
 
 def diagnose(
@@ -113,12 +113,13 @@ def diagnose(
 
     Raises:
         ModelError: For an unknown or impossible fixed value, or a class in place of a model.
-        RecordingError: If there are too few data or none, or what is given is no list of recordings.
+        RecordingError: If there are too few data or none, one is given twice, or what is given is no list.
         ValueError: If the budget is no positive time.
     """
     check_instance(model)
     check_recordings(train, "train")
     check_recordings(test, "test")
+    check_apart(train, test)
     began = time.perf_counter()
     with metered() as meter:
         result = _diagnosed(model, train, test, fixed or {}, progress, seed, options, Budget(budget), window)
@@ -292,7 +293,7 @@ def _found(
     path = path_to(candidates, base, chosen)
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)
-    judged = judge(candidates, selection.base, chosen)
+    judged = without_imitators(candidates, selection.base, judge(candidates, selection.base, chosen), testing)
     path = path_to(candidates, selection.base, judged.kept)
     told = selection
     if judged.kept.effects and set(judged.kept.effects) != set(chosen.effects):

@@ -7,11 +7,16 @@ be what explains them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.curves import Scored
-from fieldmodels.diagnosis.extension import cost, extend
+from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.extension import compared, cost, extend
+from fieldmodels.diagnosis.fit import refit
+from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.selection import unexplained
 from fieldmodels.diagnosis.verdict import Judgement
 from fieldmodels.diagnosis.whitening import covariance_whitener
 
@@ -19,6 +24,8 @@ KEPT = 0.75
 """Share of what a curve promises to first order, of which it must keep as much for no other to be tried."""
 OTHERS = 3
 """Other curves that are tried."""
+AS_WELL = 0.01
+"""Mean logarithm of test errors by which what has fewer names may be worse."""
 
 
 def that_keep_their_promise(
@@ -57,3 +64,74 @@ def _of_what_is_left(candidates: Candidates, kept: Candidate, curves: Sequence[S
     """Weights of the errors that the simulation with curves leaves: those before it make all curves alike."""
     extension = extend(candidates, kept, curves)
     return covariance_whitener(candidates.problem, kept.fit if extension is None else extension.fit)
+
+
+def without_imitators(
+    candidates: Candidates, base: Candidate, judged: Judgement, testing: Problem
+) -> Judgement:
+    """What stands, without names in whose place curves do as well in the whole simulation.
+
+    Names are fitted to the whole data, curves that compete with them by one linear step; and where several
+    imitate one curve, each is covered by the others as long as it is looked for beside them. Names go if
+    fewer names and curves explain the training data as well, each number and each of them after the first at
+    its price, or as many beat them, and the test data are explained as well. Nothing is tried where the names
+    explain all.
+
+    Args:
+        candidates: What fits the sets.
+        base: The base alone.
+        judged: What stands, and the curves beside it.
+        testing: Test windows.
+    """
+    problem, kept = candidates.problem, judged.kept
+    if not kept.effects or not (judged.curves or unexplained(problem, kept.fit)):
+        return judged
+    whole = extend(candidates, kept, judged.curves)
+    weights = covariance_whitener(problem, kept.fit if whole is None else whole.fit)
+    others, now = list[tuple[float, Judgement]](), _price(candidates, judged, weights)
+    for one in _parts(candidates, base, kept):
+        beside = Curves(problem, one.fit, candidates.options)
+        curves = tuple(beside.rivals(one))
+        for count in range(1, len(curves) + 1):
+            other = replace(judged, kept=one, tried=beside, curves=curves[:count])
+            fewer = _count(other) < _count(judged)
+            allowed = candidates.options.undecided if fewer else -candidates.options.beaten_by
+            if (price := _price(candidates, other, weights)) < now + allowed:
+                others.append((price, other))
+    if not others:
+        return judged
+    _, best = min(others, key=lambda pair: pair[0])
+    instead = extend(candidates, best.kept, best.curves)
+    after = predict(testing, kept.fit.parameters) if whole is None else whole.predict(testing)
+    if instead is None or compared(instead.predict(testing), after) > AS_WELL:
+        return judged
+    gone = tuple(name for name in kept.effects if name not in best.kept.effects)
+    unsure = {name: words for name, words in judged.unsure.items() if name not in gone}
+    return replace(best, beaten=(*judged.beaten, *gone), unsure=unsure)
+
+
+def _parts(candidates: Candidates, base: Candidate, kept: Candidate) -> list[Candidate]:
+    """Nothing, each single one, and all but one of some names."""
+    result = {frozenset[str](): base}
+    less = [candidates.without(kept, name) for name in kept.effects] if len(kept.effects) > 1 else []
+    result |= {frozenset(one.effects): one for one in less}
+    for name in kept.effects if len(kept.effects) > 2 else ():
+        one = kept
+        for gone in kept.effects:
+            one = one if gone == name else candidates.without(one, gone)
+        result[frozenset(one.effects)] = one
+    return list(result.values())
+
+
+def _price(candidates: Candidates, judged: Judgement, weights: FloatArray) -> float:
+    """Cost of names and the curves beside them, with the prices of all [nats]."""
+    options, kept = candidates.options, judged.kept
+    price = options.price_of_name * (_count(judged) - 1)
+    if judged.curves:
+        return price + cost(candidates, kept, judged.curves, weights)
+    return price + refit(candidates.problem, kept.fit, weights).cost + options.price * kept.size
+
+
+def _count(judged: Judgement) -> int:
+    """Of names and curves."""
+    return len(judged.kept.effects) + len(judged.curves)

@@ -1,6 +1,12 @@
 """Measured data: recordings, and reading, checking, resampling and cutting them into windows."""
 
-from fieldmodels.recording.data import Recording, RecordingError, RecordingWarning, check_recordings
+from fieldmodels.recording.data import (
+    Recording,
+    RecordingError,
+    RecordingWarning,
+    check_apart,
+    check_recordings,
+)
 from fieldmodels.recording.windows import Windows, uniform_windows
 
 __all__ = [
@@ -8,6 +14,7 @@ __all__ = [
     "RecordingError",
     "RecordingWarning",
     "Windows",
+    "check_apart",
     "check_recordings",
     "uniform_windows",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -147,3 +148,25 @@ def check_recordings(given: Iterable[Any], name: str) -> None:
                 f"{name} holds {one!r}, a {type(one).__name__} and no recording; load it: "
                 "fieldmodels.recording.files.load_recording(path, model)"
             )
+
+
+def check_apart(train: Iterable[Recording], test: Iterable[Recording]) -> None:
+    """See that no recording is given twice: noise that repeats looks like something that is missing.
+
+    Raises:
+        RecordingError: For two that hold the same signals; it says whether one of them is to test.
+    """
+    seen: dict[str, tuple[str, str]] = {}
+    for use, given in (("to fit", train), ("to test", test)):
+        for one in given:
+            digest = hashlib.blake2b()
+            for name in sorted(one.signals):
+                digest.update(name.encode() + np.ascontiguousarray(one[name]).tobytes())
+            if digest.hexdigest() in seen:
+                source, before = seen[digest.hexdigest()]
+                raise RecordingError(
+                    f"{source} ({before}) and {one.source} ({use}) hold the same signals: noise that repeats "
+                    "looks like something that is missing, and a gain must be measured on data that were not "
+                    "fitted; give each record once (without any to test a part is held out)"
+                )
+            seen[digest.hexdigest()] = one.source, use
