@@ -49,10 +49,11 @@ def exam(page: str) -> Figure:
     rows = [row for row in rows if "%" in row[2] and "/" in row[1]][::-1]
     figure, axes = bars(len(rows), "% of cases")
     for k, (_, _, value, interval, goal, met) in enumerate(rows):
-        colour = GOOD if met == "met" else BAD
+        colour = {"met": GOOD, "missed": BAD}.get(met, "grey")  # some rates have no goal
         axes.plot(numbers(interval)[:2], [k, k], color=colour, linewidth=3, alpha=0.35)
-        axes.plot(numbers(value)[0], k, "o" if met == "met" else "D", color=colour)
-        axes.plot(numbers(goal)[0], k, "|", color="black", markersize=14)
+        axes.plot(numbers(value)[0], k, "D" if met == "missed" else "o", color=colour)
+        if goal:
+            axes.plot(numbers(goal)[0], k, "|", color="black", markersize=14)
     axes.set_yticks(range(len(rows)), [shorten(row[0], 50, placeholder=" ...") for row in rows])
     for marker, colour, label in (("o", GOOD, "goal met"), ("D", BAD, "missed"), ("|", "black", "goal")):
         axes.plot([], [], marker, color=colour, label=label)
