@@ -291,16 +291,27 @@ def _dependences(model: Model, place: str, windows: Windows) -> Iterable[str]:
             "simulate: outputs depend on the measured outputs, so it would predict what it has been told; "
             "use windows.states alone"
         )
+    idle: list[str] = []
     for signal in model.inputs:
         values = recording[signal.name]
         size = float(np.abs(values).max()) or 1.0
         moved = {signal.name: values + 0.5 * size * rng.standard_normal(len(values))}
         driven = replace(windows, recording=replace(recording, signals={**recording.signals, **moved}))
         if _same(both[:1], _outputs(model, place, vectors[:1], driven), seen):
-            yield (
-                f"simulate: input {signal.name!r} does not change any output at the nominal parameters; is "
-                "an effect's neutral value wrong (1 for a gain, a large number for a limit)?"
-            )
+            idle.append(signal.name)
+    if idle and len(idle) < len(model.inputs):
+        warnings.warn(
+            f"{place}: {' and '.join(map(repr, idle))} change{'s' * (len(idle) == 1)} no output at the "
+            "nominal parameters: what is missing may depend on it; does simulate use it, if it should?",
+            ModelWarning,
+            stacklevel=3,
+        )
+        return
+    for name in idle:
+        yield (
+            f"simulate: input {name!r} does not change any output at the nominal parameters; is "
+            "an effect's neutral value wrong (1 for a gain, a large number for a limit)?"
+        )
 
 
 def _neutral_values(model: Model, place: str, windows: Windows) -> Iterable[str]:

@@ -181,3 +181,23 @@ def test_what_shows_nothing_tells_nothing():
     data = recorded(heat=0.0, volts=1.0)
     assert not Blind().initial_states(data, AT).any()
     assert Blind().unseen(data) == ("air", "wall", "room")
+
+
+class Fan(Machine):
+    """A motor whose temperature is logged, and used by no equation."""
+
+    inputs = (Signal("current", "A"), Signal("temperature", "K"))
+    states = outputs = (Signal("speed", "rad/s", noise=0.1),)
+    drag = number("1/s", 0.4, 0.01, 10.0)
+    gain = number("rad/s/A/s", 10.0, 0.1, 100.0)
+
+    def derivative(self, state, input, p):
+        return p.gain * input.current - p.drag * state.speed
+
+
+def test_an_input_that_what_is_missing_may_depend_on_is_warned_of_and_allowed():
+    rng = np.random.default_rng(1)
+    current = np.repeat(rng.uniform(0.0, 5.0, 80), 10)
+    data = recorded(current=current, temperature=293.0 + TIME, speed=10.0 + rng.standard_normal(len(TIME)))
+    with pytest.warns(ModelWarning, match="'temperature' changes no output .* what is missing may depend on"):
+        check_simulation(Fan(), data)
