@@ -25,7 +25,9 @@ KEPT = 0.75
 OTHERS = 3
 """Other curves that are tried."""
 AS_WELL = 0.01
-"""Mean logarithm of test errors by which what has fewer names may be worse."""
+"""Mean logarithm of test errors by which what has fewer names may be worse,"""
+BETTER = 0.05
+"""and by which it must be better where only the price of names speaks for it."""
 
 
 def that_keep_their_promise(
@@ -73,9 +75,10 @@ def without_imitators(
 
     Names are fitted to the whole data, curves that compete with them by one linear step; and where several
     imitate one curve, each is covered by the others as long as it is looked for beside them. Names go if
-    fewer names and curves explain the training data as well, each number and each of them after the first at
-    its price, or as many beat them, and the test data are explained as well. Nothing is tried where the names
-    explain all.
+    fewer names and curves explain the training data as well, or as many beat them, each number at its price,
+    and the test data are explained as well; or if they do so only with the price of names, which two names
+    that imitate one curve must bring, and the test data are explained better. Nothing is tried where the
+    names explain all.
 
     Args:
         candidates: What fits the sets.
@@ -88,23 +91,25 @@ def without_imitators(
         return judged
     whole = extend(candidates, kept, judged.curves)
     weights = covariance_whitener(problem, kept.fit if whole is None else whole.fit)
+    after = predict(testing, kept.fit.parameters) if whole is None else whole.predict(testing)
     others, now = list[tuple[float, Judgement]](), _price(candidates, judged, weights)
     for one in _parts(candidates, base, kept):
         beside = Curves(problem, one.fit, candidates.options)
         curves = tuple(beside.rivals(one))
         for count in range(1, len(curves) + 1):
             other = replace(judged, kept=one, tried=beside, curves=curves[:count])
-            fewer = _count(other) < _count(judged)
-            allowed = candidates.options.undecided if fewer else -candidates.options.beaten_by
-            if (price := _price(candidates, other, weights)) < now + allowed:
-                others.append((price, other))
+            less = _count(judged) - _count(other)
+            lead = now - _price(candidates, other, weights)
+            needed = -candidates.options.undecided if less > 0 else candidates.options.beaten_by
+            priced = lead + candidates.options.price_of_name * less
+            if max(lead, priced) > needed:
+                instead = extend(candidates, one, other.curves)
+                limit = AS_WELL if lead > needed else -BETTER
+                if instead is not None and compared(instead.predict(testing), after) < limit:
+                    others.append((priced, other))
     if not others:
         return judged
-    _, best = min(others, key=lambda pair: pair[0])
-    instead = extend(candidates, best.kept, best.curves)
-    after = predict(testing, kept.fit.parameters) if whole is None else whole.predict(testing)
-    if instead is None or compared(instead.predict(testing), after) > AS_WELL:
-        return judged
+    _, best = max(others, key=lambda pair: pair[0])
     gone = tuple(name for name in kept.effects if name not in best.kept.effects)
     unsure = {name: words for name, words in judged.unsure.items() if name not in gone}
     return replace(best, beaten=(*judged.beaten, *gone), unsure=unsure)
@@ -124,12 +129,11 @@ def _parts(candidates: Candidates, base: Candidate, kept: Candidate) -> list[Can
 
 
 def _price(candidates: Candidates, judged: Judgement, weights: FloatArray) -> float:
-    """Cost of names and the curves beside them, with the prices of all [nats]."""
-    options, kept = candidates.options, judged.kept
-    price = options.price_of_name * (_count(judged) - 1)
+    """Cost of names and the curves beside them, with the price of their numbers [nats]."""
     if judged.curves:
-        return price + cost(candidates, kept, judged.curves, weights)
-    return price + refit(candidates.problem, kept.fit, weights).cost + options.price * kept.size
+        return cost(candidates, judged.kept, judged.curves, weights)
+    fitted = refit(candidates.problem, judged.kept.fit, weights)
+    return fitted.cost + candidates.options.price * judged.kept.size
 
 
 def _count(judged: Judgement) -> int:
