@@ -75,10 +75,9 @@ def without_imitators(
 
     Names are fitted to the whole data, curves that compete with them by one linear step; and where several
     imitate one curve, each is covered by the others as long as it is looked for beside them. Names go if
-    fewer names and curves explain the training data as well, or as many beat them, each number at its price,
-    and the test data are explained as well; or if they do so only with the price of names, which two names
-    that imitate one curve must bring, and the test data are explained better. Nothing is tried where the
-    names explain all.
+    fewer names and curves explain the training data as well, each number at its price, and the test data are
+    explained as well; or if they do so only with the price of names, which two names that imitate one curve
+    must bring, and the test data are explained better. Nothing is tried where the names explain all.
 
     Args:
         candidates: What fits the sets.
@@ -98,11 +97,12 @@ def without_imitators(
         curves = tuple(beside.rivals(one))
         for count in range(1, len(curves) + 1):
             other = replace(judged, kept=one, tried=beside, curves=curves[:count])
-            less = _count(judged) - _count(other)
+            if (less := _count(judged) - _count(other)) <= 0:
+                continue
             lead = now - _price(candidates, other, weights)
-            needed = -candidates.options.undecided if less > 0 else candidates.options.beaten_by
+            needed = -candidates.options.undecided
             priced = lead + candidates.options.price_of_name * less
-            if max(lead, priced) > needed:
+            if priced > needed:
                 instead = extend(candidates, one, other.curves)
                 limit = AS_WELL if lead > needed else -BETTER
                 if instead is not None and compared(instead.predict(testing), after) < limit:
