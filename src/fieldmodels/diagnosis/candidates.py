@@ -96,6 +96,7 @@ class Candidates:
         budget: How long the search may take.
         seen: Cached results of ``screened``, by parent and effect.
         made: The same of ``again`` and ``without``, by candidate, effect and whitener.
+        tried: Effects that were added to a set, with that set.
         pushes: The same of ``_pushed``, by fit.
         pushing: Held while one of these is made, by fit.
         bases: The same of ``base``, by number of steps.
@@ -112,6 +113,7 @@ class Candidates:
     unidentifiable: set[str] = field(default_factory=set)
     seen: dict[tuple[int, str], tuple[Fit, float, list[FloatArray]]] = field(default_factory=dict)
     made: dict[tuple[int, str, int], tuple[Candidate, FloatArray, Candidate]] = field(default_factory=dict)
+    tried: set[tuple[frozenset[str], str]] = field(default_factory=set, init=False)
     pushes: dict[int, tuple[Fit, tuple[Answers, FloatArray, FloatArray]]] = field(
         default_factory=dict, init=False
     )
@@ -203,6 +205,7 @@ class Candidates:
         """Add an effect to a fitted set; None if no start gives a finite cost, or the time is over."""
         if self.budget.lacks(" + ".join((*parent.effects, name)), SEARCH):
             return None
+        self.tried.add((frozenset(parent.effects), name))
         effect = self.problem.model.effect(name)
         starts, good = self.screened(parent, effect)[1], self.promised(parent, name)
         free = self.free((*parent.effects, name))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 
@@ -324,7 +324,7 @@ def _settled(
             near = [c for c in levels[size] if c.total < needed.total + REFITTED_WITHIN]
             # Smaller sets were last fitted with other weights.
             found = {frozenset(c.effects): c for c in candidates.each(candidates.again, near)}
-        for child in _neighbours(candidates, needed) if size > 1 else ():
+        for child in _neighbours(candidates, needed, set(candidates.tried)) if size > 1 else ():
             key = frozenset(child.effects)
             if key not in found or child.total < found[key].total:
                 found[key] = child
@@ -581,13 +581,22 @@ def exchanged(candidates: Candidates, chosen: Candidate) -> tuple[Candidate, ...
     return tuple(sorted(same, key=lambda c: c.total))
 
 
-def _neighbours(candidates: Candidates, chosen: Candidate) -> list[Candidate]:
-    """Sets with another effect in the place of one, where it promises at least half of what that brings."""
+def _neighbours(
+    candidates: Candidates, chosen: Candidate, tried: Set[tuple[frozenset[str], str]] = frozenset()
+) -> list[Candidate]:
+    """Sets with another effect in the place of one, where it promises at least half of what that brings.
+
+    Args:
+        candidates: What fits the sets.
+        chosen: The set.
+        tried: Effects that need not be added once more, each with the set that it was added to.
+    """
     result: list[Candidate | None] = []
     for gone in chosen.effects:
         rest = candidates.without(chosen, gone)
         needed = max(0.5 * (rest.total - chosen.total), OF_THE_WAY * (rest.fit.cost - chosen.fit.cost))
-        names = [name for name in candidates.names() if name not in chosen.effects]
+        known = {name for to, name in tried if to == frozenset(rest.effects)} | set(chosen.effects)
+        names = [name for name in candidates.names() if name not in known]
         scores = candidates.each(partial(candidates.score_test, rest), names)
         near = [name for name, score in zip(names, scores, strict=True) if score > needed]
         result += candidates.each(partial(candidates.extend, rest), near)
