@@ -11,7 +11,7 @@ from fieldmodels.machine import Force, Machine, number
 from fieldmodels.model import Signal
 from fieldmodels.recording import Recording
 
-NOISE = 0.004, 0.008
+SHOWN, NOISE = ("heading", "rate"), (0.004, 0.008)
 STEP, COUNT, SUBSTEPS, SETTLED = 0.02, 2500, 4, 200
 LIMIT, GAIN, TIME = 0.35, 1.4, 0.9
 
@@ -73,3 +73,15 @@ def test_wind_is_a_curve_and_no_set_of_springs(limited: bool, named: list[str]):
     assert [cause.effect for cause in diagnosis.causes] == named
     assert diagnosis.curves[0].over == "heading"
     assert diagnosis.curves[0].place == "force"
+
+
+def test_test_data_that_are_too_noisy_to_tell_take_no_name_away():
+    """Only the price of names speaks against the three; ten times the noise hides what the curve explains."""
+    noise, test = np.random.default_rng(1), record(23, False)
+    worse = {
+        n: test[n] + 10.0 * s * noise.standard_normal(len(test)) for n, s in zip(SHOWN, NOISE, strict=True)
+    }
+    noisy = Recording(test.time, {**test.signals, **worse})
+    diagnosis = diagnose(Ship(), [record(11, False)], [noisy])
+    assert len(diagnosis.causes) == 3
+    assert str(diagnosis).count("or an unlisted force that depends on the heading") == 3
