@@ -16,6 +16,12 @@ MOST_SAMPLES = 20
 """Over which a slope is taken, at most; and no more than a fiftieth of a recording."""
 CLEAR = 20.0
 """Times the noise's variance that a signal's change over some samples must have, to be a slope."""
+SLOPE_ERROR = 0.05
+"""Of a signal's rate, that a slope may err by noise."""
+PARABOLA = 0.5
+"""Of the time in which a signal changes by its size: farther it is no parabola."""
+MOST_AROUND = 200
+"""Samples before and after, at most, so that a million take no second."""
 
 
 def white_noise(values: FloatArray) -> float:
@@ -80,3 +86,27 @@ def _changes(recording: Recording, name: str, span: int, order: int) -> FloatArr
     for _ in range(order):
         values = values[span:] - values[:-span]
     return np.asarray(values[inside])
+
+
+def slopes(recording: Recording, name: str, order: int) -> FloatArray:
+    """Rate of a signal at each sample, or with ``order`` 2 the rate of that, shape (n,).
+
+    It is that of a parabola through as few samples around it as tell it from noise, but no farther than the
+    signal is one (Savitzky and Golay 1964).
+    """
+    from scipy.signal import savgol_filter  # half of the time that environments take to be imported
+
+    farthest = min(PARABOLA * pace([recording], name) / recording.step, MOST_AROUND)
+    widths = 2.0 * np.arange(1, max(int(farthest), 1) + 1) + 1.0
+    variances = 12.0 / (widths * (widths**2 - 1.0))  # of a slope by least squares, and of a bend
+    if order == 2:
+        variances *= 60.0 / (widths**2 - 4.0)
+    noise = white_noise(recording[name]) * np.sqrt(variances) / recording.step**order
+    allowed = SLOPE_ERROR * rate_size([recording], name, order)
+    reach = 1 + min(int(np.count_nonzero(noise > allowed)), len(widths) - 1)
+    found = np.zeros(len(recording))
+    for a, b in recording.bounds:
+        width = 2 * min(reach, (b - a - 1) // 2) + 1
+        if width >= 3:
+            found[a:b] = savgol_filter(recording[name][a:b], width, 2, order, recording.step)
+    return found

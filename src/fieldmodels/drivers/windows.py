@@ -15,10 +15,12 @@ from fieldmodels.drivers.compilable import carries_derivatives
 from fieldmodels.drivers.declaration import Declaration, param_indices
 from fieldmodels.drivers.duals import DIRECTIONS, WIDTH
 from fieldmodels.drivers.generate import curve_places, driver_module
+from fieldmodels.drivers.rates import slopes
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
 from fieldmodels.recording import Recording, Windows
 
+LAG = sensors.ROW.column("lag_time_constant")
 BRISTLE = forces.ROW.column("hysteresis_force")
 TEMPLATE = "windows.py.j2"
 LANES_WITH_DERIVATIVES = 4
@@ -79,6 +81,7 @@ class WindowDriver:
         self.rows = Rows(machine)
         self.module = driver_module(machine, TEMPLATE)
         self._driving, self._path = Once(self._prepare), Once(self._smooth)
+        self._slopes = Once(self._changing)
         self.paced = getattr(type(machine), "pace", None) is not None
         """Whether the machine says itself how fast it moves, whatever its states."""
         self.alike = np.ones(len(machine.states))
@@ -156,6 +159,7 @@ class WindowDriver:
             machine.hold == "interpolated",
             driving.play,
             driving.measured,
+            self._slopes(recording) if sen[:, :, LAG].any() else np.zeros((2, 0, len(machine.outputs))),
             windows.starts,
             windows.lengths,
             states,
@@ -181,6 +185,14 @@ class WindowDriver:
             PLAY * float(np.max(np.abs(command[:, :1]), initial=0.0)) or 1.0,
             np.array([s.name in recording for s in self.machine.outputs]),
         )
+
+    def _changing(self, recording: Recording) -> FloatArray:
+        """Rates of what sensors show, and the rates of those, shape (2, n, outputs); 0 if not measured."""
+        found = np.zeros((2, len(recording), len(self.machine.outputs)))
+        for k, output in enumerate(self.machine.outputs):
+            if output.name in recording and not output.event:
+                found[:, :, k] = slopes(recording, output.name, 1), slopes(recording, output.name, 2)
+        return found
 
     def _smooth(self, recording: Recording) -> FloatArray:
         """Measured position along each force, freed of noise, shape (forces, n)."""
