@@ -43,12 +43,15 @@ def test_a_curve_that_the_test_data_contradict_is_said_and_left_out(another_phas
     """A wave over time whose phase is another one in the test record."""
     assert another_phase.verdict == "unknown"
     assert another_phase.curves
+    assert not any(curve.confirmed for curve in another_phase.curves)
     assert another_phase.curve_effects == {}
     left = [f"{curve.direction} (it predicts the test data no better)" for curve in another_phase.curves]
     assert list(another_phase.not_runnable) == left
     said = " ".join(in_words(another_phase))
     assert f"Not in extended.yaml: {'; '.join(left)}." in said
     assert "Simulate with" not in said
+    assert said.startswith("The simulation may lack something that no listed effect explains. ")
+    assert "Possible, but not confirmed by the test data: what depends on time" in said
     gain = another_phase.gain["position"]
     assert gain.rmse_with_curves == gain.rmse_after
 

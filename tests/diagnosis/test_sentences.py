@@ -58,6 +58,12 @@ HEADLINES = {
         "The simulation lacks 2 things that no listed effect explains: one depends on the velocity (by its "
         "sign alone), one on the position (only near the ends of its range)."
     ),
+    "an unconfirmed curve": "The simulation may lack something that no listed effect explains.",
+    "a name and an unconfirmed curve": "The simulation lacks an actuator delay. ",
+    "a curve and an unconfirmed one": (
+        "The simulation lacks something that no listed effect explains: it depends on the velocity and acts "
+        "on the damping. With that curve"
+    ),
     "a sensor's curve": (
         "The simulation lacks something that no listed effect explains: it depends on the position (repeats "
         "every 0.1 m) and acts on the position sensor."
@@ -92,7 +98,48 @@ CERTAINTIES = {
         "at the largest value allowed, 2.00 kg; the verdict and the extended simulation depend on that bound"
         ". A gyro bias may be missing, too, but these data cannot tell it from nothing."
     ),
+    "an unconfirmed curve": (
+        "Possible, but not confirmed by the test data: what depends on the velocity and acts on the damping."
+    ),
+    "a name and an unconfirmed curve": (
+        "It is practically certain that the simulation lacks an actuator delay. A gyro bias may be missing, "
+        "too, but these data cannot tell it from nothing. Possible, but not confirmed by the test data: what "
+        "depends on the velocity and acts on the damping."
+    ),
+    "a curve and an unconfirmed one": (
+        "Possible, but not confirmed by the test data: what depends on the position (only near the ends of "
+        "its range)."
+    ),
 }
+SUMMARIES = {
+    "an unconfirmed curve": (
+        "Something may be missing that no listed effect explains, and what it depends on is not certain. "
+        "Nothing is named."
+    ),
+    "a name and an unconfirmed curve": "Missing: an actuator delay.",
+    "a curve and an unconfirmed one": (
+        "Something is missing that no listed effect explains: it depends on the velocity and acts on the "
+        "damping. Nothing is named."
+    ),
+}
+
+
+@pytest.mark.parametrize("shape", SUMMARIES)
+def test_a_curve_that_the_test_data_contradict_is_possible_and_no_more(shape):
+    diagnosis = SHAPES[shape]
+    assert diagnosis.summary() == f"{SUMMARIES[shape]} {diagnosis.of_possible}"
+    *_, last = diagnosis.to_json()["curves"]
+    assert last["confirmed"] is False
+    report = " ".join(plain(report_section(diagnosis, {}, "")))
+    assert "but predicts the test data no better" in report
+
+
+def test_of_several_stages_curves_the_one_that_is_found_is_stated():
+    """Whichever comes first."""
+    found = SHAPES["a curve and an unconfirmed one"]
+    turned = replace(found, curves=found.curves[::-1])
+    assert turned.unknown == found.unknown == found.curves[0]
+    assert turned.summary().startswith(SUMMARIES["a curve and an unconfirmed one"])
 
 
 @pytest.mark.parametrize("shape", HEADLINES)

@@ -84,6 +84,15 @@ SHAPES = {
     "a wheel's curve": verdict([], [curve("force", "share of left_wheel", "way of left_wheel", "square")]),
     "a constant": verdict([], [curve("sensor", "position", "time", "constant")]),
     "an uncertain curve": verdict([], [replace(VELOCITY, certain=False)]),
+    "an unconfirmed curve": verdict([], [replace(VELOCITY, confirmed=False)]),
+    "a name and an unconfirmed curve": verdict(
+        [cause("actuator_delay")], [replace(VELOCITY, confirmed=False)], possible=(cause("gyro_bias"),)
+    ),
+    "a curve and an unconfirmed one": verdict(
+        [],
+        [VELOCITY, replace(curve("force", "", "position", "ends"), confirmed=False)],
+        curve_effects={"x": {}},
+    ),
     "nothing": verdict(
         seen=(
             Visible("force", "", "velocity", 0.031, "N", {"position": 1e-4}),

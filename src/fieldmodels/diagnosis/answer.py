@@ -38,13 +38,14 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unrelated":
         return "There is no relation between command and response."
     if diagnosis.verdict == "unknown":
-        curves = [curve.words for curve in diagnosis.curves if curve.certain]
+        curves = [curve.words for curve in diagnosis.curves if curve.found]
         if len(curves) > 1:
             each = ", ".join(f"one {'' if k else 'depends '}on {words}" for k, words in enumerate(curves))
             return f"The simulation lacks {len(curves)} things that no listed effect explains: {each}."
         where = f": it depends on {curves[0]}" if curves else ""
-        return f"The simulation lacks something that no listed effect explains{where}."
-    more = ", and something else" if diagnosis.curves else ""
+        lacks = "may lack" if diagnosis.unsure else "lacks"
+        return f"The simulation {lacks} something that no listed effect explains{where}."
+    more = ", and something else" if diagnosis.curves and not diagnosis.unsure else ""
     return f"The simulation lacks {diagnosis.names}{more}."
 
 
@@ -66,9 +67,10 @@ def by_how_much(diagnosis: Diagnosis) -> str:
 
 def _it(diagnosis: Diagnosis) -> str:
     if not diagnosis.causes:
-        if not any(curve.certain for curve in diagnosis.curves):
+        found = sum(curve.found for curve in diagnosis.curves)
+        if not found:
             return "the curve that helps most"
-        return "that curve" if len(diagnosis.curves) == 1 else "these curves"
+        return "that curve" if found == 1 else "these curves"
     if len(diagnosis.causes) == 1:
         return "the first of these" if diagnosis.verdict == "ambiguous" else "it"
     return "them"
@@ -168,7 +170,7 @@ def what_to_do(diagnosis: Diagnosis) -> Sequence[str]:
             "Record the sensors with the machine at rest. If their noise is as large and as slow there, it "
             "is the remaining error; otherwise the shape of that error in the report shows where to look."
         )
-    if any(curve.over.startswith(MEMORY) for curve in diagnosis.curves):
+    if any(curve.over.startswith(MEMORY) and curve.confirmed for curve in diagnosis.curves):
         steps.append(STORES)
     if diagnosis.wandering:
         steps.append("Zero that sensor before each run, or estimate its zero as a state that wanders.")

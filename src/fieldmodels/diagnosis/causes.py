@@ -30,7 +30,7 @@ from fieldmodels.diagnosis.uncertainty import differs_from_neutral, size_by_chan
 from fieldmodels.diagnosis.verdict import (
     Judgement,
 )
-from fieldmodels.model import Effect, Model
+from fieldmodels.model import Effect, Model, Parameter
 from fieldmodels.recording import Recording
 
 NEGLIGIBLE = 0.1  # nats on the test data that do not count
@@ -141,9 +141,7 @@ def causes_of(
             std = float(errors[known[0]]) if len(known) else float("nan")
             if not p.smooth:
                 std = profiled_error(candidates, chosen, effect, i)
-            elif (
-                problem.observations is not None and len(p.starts) > 1
-            ):  # its derivative may rest on few observations
+            elif _has_few_observations(problem, p):
                 std = max(std, profiled_error(candidates, chosen, effect, i))
             values[p.name] = Estimate(float(chosen.fit.parameters[place + i]), std, p.unit)
         gain = path[k].loss - path[k + 1].loss
@@ -228,15 +226,31 @@ def with_alternatives(
     return tuple(result)
 
 
-def refitted(cause: Cause, model: Model, final: Fit) -> Cause:
-    """A cause with the values of a fit together with the curves; its standard errors are those without."""
-    names = {f"{cause.effect}.{name}": name for name in cause.parameters}
-    values = {
-        name: replace(cause.parameters[name], value=float(final.parameters[model.index(full)]))
-        for full, name in names.items()
-        if full in model.names and not is_quantisation(model.effect(cause.effect))
-    }
-    return replace(cause, parameters={**cause.parameters, **values})
+def _has_few_observations(problem: Problem, p: Parameter) -> bool:
+    """Whether a value's derivative may rest on few observations."""
+    return problem.observations is not None and len(p.starts) > 1
+
+
+def refitted(cause: Cause, problem: Problem, final: Fit) -> Cause:
+    """A cause with the values of a fit together with curves, and their standard errors.
+
+    Standard errors that are those of profiles stay as they are without the curves.
+
+    Args:
+        cause: The cause.
+        problem: The windows, with the model of the fit.
+        final: The fit.
+    """
+    effect, values = problem.model.effect(cause.effect), dict(cause.parameters)
+    if is_quantisation(effect):
+        return cause
+    errors = dict(zip(final.free.tolist(), standard_errors(problem, final).tolist(), strict=True))
+    for i, p in enumerate(effect.parameters, start=problem.model.slice_of(cause.effect).start):
+        alone = values[p.name]
+        std = errors.get(i, math.nan) if p.smooth and not _has_few_observations(problem, p) else math.nan
+        value = float(final.parameters[i])
+        values[p.name] = replace(alone, value=value, std=std if math.isfinite(std) else alone.std)
+    return replace(cause, parameters=values)
 
 
 def quantisation_found(train: Sequence[Recording], testing: Problem, after: Prediction) -> tuple[Cause, ...]:

@@ -51,6 +51,7 @@ from fieldmodels.diagnosis.selection import (
 from fieldmodels.diagnosis.shapes import (
     Curve,
     Signals,
+    along_a_line,
     fading,
     known_functions,
     products,
@@ -124,8 +125,14 @@ class Scored:
         sizes = np.maximum(np.abs(self.coefficients), 1.0)
         return FreeCurve(curve.place, curve.target, curve.over, curve.knots, self.basis, tuple(sizes))
 
-    def shown(self, certain: bool = True) -> MissingCurve:
-        """As a result."""
+    @property
+    def continued(self) -> Scored:
+        """The same curve, which goes on along a line beyond its knots."""
+        knots, basis = along_a_line(self.curve.knots, self.basis)
+        return replace(self, curve=replace(self.curve, knots=knots), basis=basis)
+
+    def shown(self, certain: bool = True, confirmed: bool = True) -> MissingCurve:
+        """As a result; arguments as of that."""
         curve, before = self.curve, float(self.candidate.loss.sum()) + self.total
         variance = np.einsum("ij,jk,ik->i", self.basis, self.covariance, self.basis)
         errors = np.sqrt(np.maximum(variance, 0.0))
@@ -140,6 +147,7 @@ class Scored:
             float(np.clip(100 * self.total / before, 0, 100)),
             curve.formula,
             certain,
+            confirmed,
         )
 
 

@@ -14,6 +14,7 @@ from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.shapes import is_table
 from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.drivers.curved import Curved
 
@@ -61,13 +62,36 @@ def extend(
     key = id(kept), id(whitener), *map(id, curves)
     if key not in candidates.extensions:
         # All are kept with their ids, so that these cannot be used again.
-        made = _extended(candidates.problem, kept, curves, whitener)
+        made = _extended(candidates, kept, curves, whitener)
         candidates.extensions[key] = kept, tuple(curves), whitener, made
     extension: Extension | None = candidates.extensions[key][-1]
     return extension
 
 
 def _extended(
+    candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None
+) -> Extension | None:
+    """See ``extend``.
+
+    A table goes on along a line beyond its knots where the training data clearly call for that, with the
+    weights of what is left: those of what the curves explain would make nothing of it.
+    """
+    problem = candidates.problem
+    made = _fitted(problem, kept, curves, whitener)
+    for k in (k for k, one in enumerate(curves) if is_table(one.curve)):
+        if made is None:
+            break
+        extended = replace(problem, model=made.model)
+        own = covariance_whitener(extended, made.fit)
+        on = [one.continued if k == j else one for j, one in enumerate(made.curves)]
+        again = _fitted(problem, kept, on, own)
+        ends = refit(extended, made.fit, own, STEPS)
+        if again is not None and again.fit.cost < ends.cost - candidates.options.undecided:
+            made = _fitted(problem, kept, on, whitener) or made
+    return made
+
+
+def _fitted(
     problem: Problem, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None
 ) -> Extension | None:
     model = Curved(problem.model, [scored.free for scored in curves])

@@ -259,7 +259,16 @@ class Diagnosis:
 
     @property
     def of_possible(self) -> str:
-        """Effects that may be there, in a sentence; empty if there are none."""
+        """Effects and curves that may be there, in a sentence each; empty if there are none."""
+        return " ".join(filter(None, (self._of_possible_effects, self._of_unconfirmed)))
+
+    @property
+    def _of_unconfirmed(self) -> str:
+        left = [f"what depends on {one.words}" for one in self.curves if one.certain and not one.confirmed]
+        return f"Possible, but not confirmed by the test data: {'; '.join(left)}." if left else ""
+
+    @property
+    def _of_possible_effects(self) -> str:
         if not self.possible:
             return ""
         names, them = (
@@ -296,8 +305,13 @@ class Diagnosis:
 
     @property
     def unknown(self) -> MissingCurve | None:
-        """The most important unlisted curve, if there is one."""
-        return self.curves[0] if self.curves else None
+        """The most important unlisted curve, of those that are found if there are any; None without one."""
+        return next((one for one in self.curves if one.found), self.curves[0] if self.curves else None)
+
+    @property
+    def unsure(self) -> bool:
+        """Whether the test data confirm none of the curves for which the training data call."""
+        return bool(self.curves) and all(one.certain and not one.confirmed for one in self.curves)
 
     def to_json(self) -> dict[str, Any]:
         """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
@@ -382,10 +396,11 @@ class Diagnosis:
             if self.unknown:
                 shape = (
                     f": it depends on {self.unknown.words}"
-                    if self.unknown.certain
+                    if self.unknown.found
                     else ", and what it depends on is not certain"
                 )
-            return f"Something is missing that no listed effect explains{shape}. Nothing is named."
+            sure = "may be" if self.unsure else "is"
+            return f"Something {sure} missing that no listed effect explains{shape}. Nothing is named."
         if self.verdict == "ambiguous":
             return f"Missing: {self.names}; these data cannot tell these alternatives apart.{self._more()}"
         return f"Missing: {self.names}.{self._more()}"
@@ -405,11 +420,11 @@ class Diagnosis:
 
     def _more(self) -> str:
         """What is missing beside the causes, in a sentence."""
-        if not self.unknown:
+        if not self.unknown or self.unsure:
             return ""
         return (
             f" More is missing: it depends on {self.unknown.words}."
-            if self.unknown.certain
+            if self.unknown.found
             else " More is missing, and what it depends on is not certain."
         )
 

@@ -67,6 +67,7 @@ from fieldmodels.diagnosis.statements import (
     poorly_known,
     ranking,
 )
+from fieldmodels.diagnosis.together import told_together
 from fieldmodels.diagnosis.verdict import (
     Judgement,
     far_from_noise,
@@ -315,7 +316,7 @@ def _found(
         # What is missing is larger than what was found: a part of it may be imitated.
         possible, causes, after = (*possible, *causes), (), before
         judged = judge(candidates, selection.base, selection.base)
-    scored, certain = judged.curves, True
+    scored, certain, named = judged.curves, True, None
     if scored and not (causes or mistaken or unrelated or exact):
         named = names_beside(candidates, judged, testing, rng.spawn(1)[0])
         if named is not None:
@@ -327,6 +328,15 @@ def _found(
     if mistaken or unrelated or exact:
         scored = ()
     scored = that_keep_their_promise(candidates, judged, scored)
+    if scored and causes and named is None:  # those beside a curve have been told in the same simulation
+        kept, causes, neutral = told_together(
+            candidates, selection.base, judged.kept, causes, scored, testing, rng.spawn(1)[0]
+        )
+        if neutral:
+            same = exchanged(candidates, kept) if causes else ()
+            selection = replace(selection, chosen=kept, alternatives=same)
+            judged, possible = replace(judged, kept=kept), (*possible, *neutral)
+            after = predict(testing, kept.fit.parameters)
     if not (mistaken or unrelated) and (causes or not scored):
         causes = (*causes, *quantisation_found(train, testing, after))
     if not (causes or scored or mistaken or unrelated):
@@ -346,29 +356,32 @@ def _stated(
     model = training.model
     extension = improving(candidates, kept, found.curves, testing, found.after)
     added = extension.curves if extension else ()
-    curves = tuple(s.shown(found.certain) for s in (*added, *found.curves[len(added) :]))
+    left = found.curves[len(added) :]
+    curves = (
+        *(s.shown(found.certain) for s in added),
+        *(s.shown(found.certain, confirmed=False) for s in left),
+    )
     whole = extension.predict(testing) if extension else found.after
     verdict: Verdict = (
         "unknown" if found.mistaken else "unrelated" if found.unrelated else verdict_of(found.causes, curves)
     )
     final = extension.fit if extension else kept.fit
     beside = found.curves[-1].candidate if found.curves else kept
-    base = base_estimates(
-        replace(training, model=extension.model) if extension else training, final, model, fixed
-    )
+    extended = replace(training, model=extension.model) if extension else training
+    base = base_estimates(extended, final, model, fixed)
     # A curve that is certain leaves no two names to tell apart.
     answered = (
         bool(found.mistaken) or found.unrelated or (verdict == "unknown" and bool(curves) and found.certain)
     )
     machine = model.inner if isinstance(model, WholeRecords) else model
     effects, not_runnable = runnable(machine, curves[: len(added)], training.horizon)
-    no_better = (f"{c.direction} (it predicts the test data no better)" for c in curves[len(added) :])
+    no_better = (f"{c.direction} (it predicts the test data no better)" for c in curves if not c.confirmed)
     lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,
         machine=machine,
         verdict=verdict,
-        causes=tuple(refitted(c, model, final) for c in found.causes),
+        causes=tuple(refitted(c, extended, final) for c in found.causes),
         mistaken=found.mistaken,
         misfit=()
         if lacks("tests of the residuals")

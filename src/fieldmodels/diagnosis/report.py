@@ -217,10 +217,16 @@ def _curve_words(curve: MissingCurve) -> str:
             "No curve is certain, but the error is far above the sensor's noise, so something is missing. "
             f"The curve that helps most depends on {html.text(curve.words)}."
         )
-    return (
-        f"A curve is missing that depends on {html.text(curve.words)}: it removes {percent(curve.percent)} "
-        f"of the remaining loss on held-out windows (p = {figures.chance(curve.p_value)})."
+    removes = (
+        f"it removes {percent(curve.percent)} of the remaining loss on held-out windows "
+        f"(p = {figures.chance(curve.p_value)})"
     )
+    if not curve.confirmed:
+        return (
+            f"A curve may be missing that depends on {html.text(curve.words)}: {removes}, "
+            "but predicts the test data no better."
+        )
+    return f"A curve is missing that depends on {html.text(curve.words)}: {removes}."
 
 
 def _compared(diagnosis: Diagnosis) -> str:

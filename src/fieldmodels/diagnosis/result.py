@@ -194,6 +194,7 @@ class MissingCurve:
         percent: Share of the loss that it removes [%].
         formula: The known function that it is, "" if it is none.
         certain: Whether the data call for it, not merely for something.
+        confirmed: Whether the test data are predicted better with it.
     """
 
     place: str
@@ -206,6 +207,12 @@ class MissingCurve:
     percent: float
     formula: str = ""
     certain: bool = True
+    confirmed: bool = True
+
+    @property
+    def found(self) -> bool:
+        """Whether it is stated as what is missing: the data call for it, and the test data confirm it."""
+        return self.certain and self.confirmed
 
     @property
     def direction(self) -> str:
@@ -230,6 +237,7 @@ class MissingCurve:
             "formula": self.formula or None,
             "p_value": number(self.p_value),
             "percent": number(self.percent),
+            "confirmed": self.confirmed,
         }
 
 

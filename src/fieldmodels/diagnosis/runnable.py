@@ -15,7 +15,7 @@ from fieldmodels.drivers.variables import CHANGE, SEGMENTS
 from fieldmodels.effects.curves import SIZE
 from fieldmodels.model import Model
 
-KNOTS = 17  # odd, so that a curve of a size has one where the sign changes
+KNOTS = 25  # odd, so that a curve of a size has one where the sign changes
 
 
 def runnable(

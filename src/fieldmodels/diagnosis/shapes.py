@@ -19,7 +19,7 @@ QUANTILES = tuple(np.linspace(0.01, 0.99, 8))  # of the variable, where a curve'
 ENDS = (0.0, 0.05, 0.95, 1.0)  # the same of a curve that only bends where the variable is extreme
 OF_PARAMETER = (0.01, 0.25, 0.5, 0.75, 0.99)  # the same for a parameter, which is one for a window
 FINE = 129  # points of a known function
-BEYOND = 1.5  # times the largest value, or the range, that was seen, up to which known functions go on
+BEYOND = 1.5  # times the largest value, or the range, that was seen, up to which curves go on
 MULTIPLIED = 7  # signals whose products are tried
 LINES = (CHANGE, MEMORY, PLAY)  # variables to which a force is proportional, if it depends on them at all
 NO_FACTORS = ("time", CHANGE, "rate of ")
@@ -101,7 +101,8 @@ def tables(signals: Signals) -> Iterator[Curve]:
         if len(knots) >= 4:
             yield Curve("force", "", name, unit, "", _hats(values, knots), knots, np.eye(len(knots)))
             ends = np.quantile(values, ENDS)
-            knots = np.unique(ends)  # a command is at its largest for long
+            low, high = (ends[0], ends[-1]) if name == "time" else _wider(values)
+            knots = np.unique([low, *ends, high])  # a command is at its largest for long
             yield Curve(
                 "force", "", name, unit, "", _beyond(values, ends), knots, _beyond(knots, ends), "ends"
             )
@@ -157,8 +158,8 @@ def known_functions(curve: Curve, values: FloatArray) -> Iterator[Curve]:
     """
     if curve.shapes.shape[1] == 1 or curve.place == "parameter" or curve.over == "time" or curve.formula:
         return
-    size, wider = float(np.abs(values).max()), 0.5 * (BEYOND - 1.0) * float(np.ptp(values))
-    knots = np.linspace(values.min() - wider, values.max() + wider, FINE)
+    size = float(np.abs(values).max())
+    knots = np.linspace(*_wider(values), FINE)
     scaled = {name: (size, terms) for name, terms in FUNCTIONS.items()}
     if curve.over_unit == "rad":
         scaled |= {name: (1.0, terms) for name, terms in OF_ANGLES.items()}
@@ -170,6 +171,34 @@ def known_functions(curve: Curve, values: FloatArray) -> Iterator[Curve]:
             shapes=np.stack([f(knots / unit) for f in terms], axis=-1),
             formula=name,
         )
+
+
+def is_table(curve: Curve) -> bool:
+    """Whether it is a table that may go on along a line beyond its knots.
+
+    One over time may not, and no parameter's: a mass must not fall below zero.
+    """
+    several = curve.shapes.shape[1] > 1 and not curve.formula
+    return several and curve.place != "parameter" and curve.over != "time"
+
+
+def along_a_line(knots: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Knots with one more at either end, and values there, which go on as between the outer two.
+
+    Args:
+        knots: The knots.
+        values: Columns at the knots, shape (points, columns).
+    """
+    low, high = _wider(knots)
+    first = (low - knots[0]) / (knots[1] - knots[0]) * (values[1] - values[0])
+    last = (high - knots[-1]) / (knots[-1] - knots[-2]) * (values[-1] - values[-2])
+    return np.array([low, *knots, high]), np.vstack([values[0] + first, values, values[-1] + last])
+
+
+def _wider(values: FloatArray) -> tuple[float, float]:
+    """From where to where curves of a variable go on, by what was seen of it."""
+    further = 0.5 * (BEYOND - 1.0) * float(np.ptp(values))
+    return float(values.min()) - further, float(values.max()) + further
 
 
 def wave(x: FloatArray, count: float) -> FloatArray:

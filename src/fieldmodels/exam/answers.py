@@ -27,7 +27,7 @@ class Answer:
         values: Fitted values and standard errors of the named effects' parameters.
         errors: Error of each output before and after, curves included, on the second record.
         by_horizon: The same on windows of several lengths [s]: length, before, after.
-        curve: Whether it shows a curve for which the data certainly call.
+        curve: Whether it shows a curve for which the data certainly call, those of the second record, too.
         wandering: Sensors whose zeros wander, it says.
         seen: Of each output, the largest error that a curve may add of which it says it would just be seen.
         unseen: Of each output, the most that anything may add to its error, it says.
@@ -81,7 +81,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
             output: tuple((row.horizon, row.rmse_before, row.rmse_after) for row in gain.horizons)
             for output, gain in found.gain.items()
         },
-        curve=found.unknown is not None and found.unknown.certain,
+        curve=found.unknown is not None and found.unknown.found,
         wandering=tuple(found.wandering),
         seen={
             output: max(one.errors[output] for one in found.seen if output in one.errors)
