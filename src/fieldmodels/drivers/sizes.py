@@ -20,6 +20,8 @@ STEPS = (8, 16, 32)
 """Samples in the shortest, the main and the longest horizon of a machine that states none, at least."""
 SHARES = (0.35, 0.7, 1.4)
 """The same as shares of the time in which the outputs change by their size."""
+WALKS_OFF = 2.5
+"""Times the pace of a velocity that its position must take to change by its size; 1 of a swing."""
 
 
 def measured_sizes(machine: Declaration, recordings: Sequence[Recording]) -> list[Sizes]:
@@ -62,12 +64,25 @@ def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> 
     if type(machine).horizons:
         return machine.horizons
     step = recordings[0].step
-    slowest = max(pace(recordings, s.name) for s in machine.outputs)
+    slowest = max(_pace(machine, recordings, s.name) for s in machine.outputs)
     longest = max(len(r) for r in recordings) * step
     found = [
         min(max(share * 2 * slowest, n * step), longest / 8) for share, n in zip(SHARES, STEPS, strict=True)
     ]
     return tuple(float(f"{h:.2g}") for h in found)
+
+
+def _pace(machine: Declaration, recordings: Sequence[Recording], name: str) -> float:
+    """Time [s] in which an output changes by its size; of a position that walks off, its velocity.
+
+    What turns freely goes far, however fast the machine answers.
+    """
+    own = pace(recordings, name)
+    for f in machine.forces:
+        if f.position == name and (rate := _acceleration(recordings, f.velocity, name)):
+            answers = _size_of(recordings, f.velocity, name) / rate
+            own = answers if own > WALKS_OFF * answers else own
+    return own
 
 
 def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> Sizes:

@@ -22,6 +22,7 @@ from fieldmodels.compiled import allocation_free
 from fieldmodels.compiled import allocation_free_inlined as inlined
 from fieldmodels.effects.stock import (
     LARGE,
+    WIDTHS,
     Declare,
     Layout,
     Names,
@@ -66,6 +67,8 @@ ROW = Layout(Row)
 unpack = ROW.unpack
 
 COULOMB = "coulomb_friction"
+TEETH = 48
+"""Most periods in a turn of a shaft from which a force along many turns is sought."""
 FRICTION_STEPS = 32
 """Integration steps within a sampling interval, at most, that dry friction and cogging ask for."""
 
@@ -289,9 +292,18 @@ def _cogging(n: Names, s: Sizes) -> Effect:
         "B_s sin(2 pi x/p) + B_c cos(2 pi x/p)",
         signed("sine", n.force_unit, 0.1 * s.force),
         signed("cosine", n.force_unit, 0.1 * s.force),
-        span("period", n.position_unit, 4.0 * s.position, *(1.0 / np.arange(1.0, 100.1, 0.5)), sizes=s,
+        span("period", n.position_unit, 4.0 * s.position, *_shares_of_the_way(n, s), sizes=s,
              twins=("", "constant_force")),
     )  # fmt: skip
+
+
+def _shares_of_the_way(n: Names, s: Sizes) -> list[float]:
+    """Periods to start from, over the way's length: shares of it, and those of a shaft that turns often."""
+    shares = 1.0 / np.arange(1.0, 100.1, 0.5)
+    if not s.measured or n.position_unit != "rad":
+        return shares.tolist()
+    turns = math.tau / np.arange(1.0, TEETH + 1.0) / (4.0 * s.position)
+    return [*shares, *turns[(turns < shares[-1]) & (turns > WIDTHS[0])]]
 
 
 def _drag(n: Names, s: Sizes) -> Effect:
@@ -343,7 +355,10 @@ def _periodic(n: Names, s: Sizes) -> Effect:
         "A_s sin(2 pi f t) + A_c cos(2 pi f t)",
         signed("sine", n.force_unit, 0.1 * s.force),
         signed("cosine", n.force_unit, 0.1 * s.force),
-        Parameter("frequency", "Hz", 1.0, 0.01, 1e3, 0.05 / s.duration, starts=s.frequencies),
+        Parameter(
+            "frequency", "Hz", 1.0, min(0.01, 0.1 / s.duration) if s.measured else 0.01, 1e3,
+            0.05 / s.duration, starts=s.frequencies,
+        ),
     )  # fmt: skip
 
 

@@ -201,6 +201,12 @@ def span(
 
 
 def late(name: str, step: float, upper: float) -> Parameter:
-    """A delay or lag [s], sought from half a sample on."""
+    """A delay or lag [s], sought from half a sample on.
+
+    Args:
+        name: Its name.
+        step: Between samples [s].
+        upper: The longest [s]; of slower samples the longest in hundredths of a sample.
+    """
     starts = tuple(step * k for k in (0.5, 3.0, 10.0))
-    return Parameter(name, "s", 0.0, 0.0, upper, step, starts=starts)
+    return Parameter(name, "s", 0.0, 0.0, upper * max(1.0, 100.0 * step), step, starts=starts)
