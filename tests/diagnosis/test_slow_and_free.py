@@ -69,7 +69,7 @@ def filled(seed: int, late: int) -> Recording:
 def turned(seed: int, teeth: int) -> Recording:
     """A motor that cogs so many times a turn; its encoder has 4096 lines."""
     rng, count, step, fine = np.random.default_rng(seed), 4000, 0.005, 20
-    current, angle, speed, h = held(rng, count, (40, 160), -1.0, 1.0), 0.0, 0.0, step / fine
+    current, angle, speed, h = held(rng, count, (40, 160), -3.0, 3.0), 0.0, 0.0, step / fine
     shown = np.empty(count)
     for i in range(count):
         shown[i] = angle
@@ -81,16 +81,15 @@ def turned(seed: int, teeth: int) -> Recording:
 
 
 def test_a_delay_of_a_slow_machine_is_told_however_long_it_is():
-    diagnosis = diagnose(Tank(), [filled(1, 14), filled(2, 14)], [filled(3, 14)])
-    [cause] = diagnosis.causes
-    assert {cause.effect, *cause.alternatives} == {"actuator_delay", "sensor_delay"}
-    assert cause.parameters["delay"].value == pytest.approx(14.0, abs=0.2)
+    causes = diagnose(Tank(), [filled(1, 14), filled(2, 14)], [filled(3, 14)]).causes
+    assert [cause.effect for cause in causes] in (["actuator_delay"], ["sensor_delay"])
+    assert causes[0].parameters["delay"].value == pytest.approx(14.0, abs=0.2)
 
 
 def test_a_motor_that_turns_often_is_told_to_cog():
     teeth = 8
-    diagnosis = diagnose(Motor(), [turned(4, teeth), turned(5, teeth)], [turned(6, teeth)])
-    cogging = next(cause for cause in diagnosis.causes if cause.effect == "cogging")
-    assert {cause.effect for cause in diagnosis.causes} <= {"cogging", "sensor_quantisation"}
+    causes = diagnose(Motor(), [turned(4, teeth), turned(5, teeth)], [turned(6, teeth)]).causes
+    assert {cause.effect for cause in causes} == {"cogging", "sensor_quantisation"}
+    [cogging] = (cause for cause in causes if cause.effect == "cogging")
     assert cogging.parameters["period"].value == pytest.approx(2 * pi / teeth, rel=1e-3)
     assert cogging.parameters["sine"].value == pytest.approx(-0.15, rel=0.02)

@@ -301,7 +301,7 @@ def _shares_of_the_way(n: Names, s: Sizes) -> list[float]:
     """Periods to start from, over the way's length: shares of it, and those of a shaft that turns often."""
     shares = 1.0 / np.arange(1.0, 100.1, 0.5)
     if not s.measured or n.position_unit != "rad":
-        return shares.tolist()
+        return list(shares)
     turns = math.tau / np.arange(1.0, TEETH + 1.0) / (4.0 * s.position)
     return [*shares, *turns[(turns < shares[-1]) & (turns > WIDTHS[0])]]
 
