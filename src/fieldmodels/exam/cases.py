@@ -27,10 +27,10 @@ SEEDS, PAIRS, TRIPLES, MIXED, GROWING = 2, 30, 16, 30, 6
 """Seeds of each null, effect and fault; pairs, triples, effects beside an unlisted fault, and growing records
 of each machine."""
 SHARES: Mapping[str, float] = MappingProxyType({
-    "nothing": 0.5, "single": 0.14, "unlisted": 0.14, "pair": 0.05, "triple": 0.06, "mixed": 0.04,
-    "growing": 0.05, "log": 0.02,
+    "nothing": 0.3, "single": 0.3, "triple": 0.15, "unlisted": 0.09, "pair": 0.05, "growing": 0.05,
+    "mixed": 0.04, "log": 0.02,
 })  # fmt: skip
-"""Of a sample: rates of a percent need hundreds of nulls, so they are half of it."""
+"""Of a sample: rates of a percent, of nulls and of wrong singles, need hundreds of cases."""
 
 
 @dataclass(frozen=True)
