@@ -580,8 +580,9 @@ def export(
 
 
 _SET = "Cases to develop a diagnosis on, or to report on; they have nothing in common."
-_KIND = """`nothing`, `single`, `pair`, `triple`, `unlisted`, `growing` or `log`; repeatable (default: all).
-Or `degenerate`: hostile and unlucky input to every command."""
+_FRESH = "Draw other cases than the published ones, which nobody has seen: any number of yours."
+_KIND = """`nothing`, `single`, `pair`, `triple`, `unlisted`, `mixed`, `growing` or `log`; repeatable
+(default: all). Or `degenerate`: hostile and unlucky input to every command."""
 
 
 @app.command()
@@ -597,6 +598,7 @@ def exam(
     cases: Annotated[
         int | None, typer.Option(help="How many at most, a sample of all (default: all).", min=1)
     ] = None,
+    fresh: Annotated[int, typer.Option(metavar="NUMBER", help=_FRESH, min=0)] = 0,
     engine: EngineName = "local",
     workers: Workers = 2,
     address: Address = "",
@@ -620,7 +622,9 @@ def exam(
 
         fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
 
-        fieldgym exam --cases 600 --publish docs/exam.md
+        fieldgym exam --cases 1000 --publish docs/exam.md
+
+        fieldgym exam --kind single --kind triple --fresh 7
 
         fieldgym exam --kind degenerate --cases 300
     """
@@ -634,8 +638,9 @@ def exam(
     from fieldmodels.exam.cases import cases_of, examined
     from fieldmodels.exam.run import run_cases
 
-    chosen = cases_of(which, machine or examined(), kind or (), cases)
-    by, out = Engine(engine, workers, address), out or Path("results") / f"exam-{which}"
+    chosen = cases_of(which, machine or examined(), kind or (), cases, fresh)
+    name = f"exam-{which}-{fresh}" if fresh else f"exam-{which}"
+    by, out = Engine(engine, workers, address), out or Path("results") / name
     folder = _begin(plan.of_exam([case.machine for case in chosen], out, by), dry_run, as_json)
     with progress() as report:
         rows = run_cases(chosen, folder, engine=by, progress=report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -95,6 +96,18 @@ def test_a_sample_has_its_share_of_every_kind_and_all_machines_equally(count: in
     for kind in ("single", "unlisted", "pair", "triple", "mixed"):
         numbers = [sum((c.kind, c.machine) == (kind, name) for c in few) for name in bench_names()]
         assert max(numbers) - min(numbers) <= 1, kind
+
+
+def test_fresh_cases_hide_the_same_in_other_data():
+    kinds = ["nothing", "single", "unlisted"]
+    known, fresh, others = (cases_of("report", bench_names(), kinds, fresh=number) for number in (0, 7, 8))
+    assert [case.hidden for case in fresh] != []
+    assert sorted(case.hidden for case in fresh) == sorted(case.hidden for case in known)
+    seeds = [
+        {case.seed for case in cases} for cases in (known, fresh, others, cases_of("develop", bench_names()))
+    ]
+    assert all(not one & other for one, other in itertools.combinations(seeds, 2))
+    assert fresh == cases_of("report", bench_names(), kinds, fresh=7)
 
 
 def test_a_sample_takes_what_there_is_where_a_kind_has_too_few_cases():

@@ -33,6 +33,23 @@ SHARES: Mapping[str, float] = MappingProxyType({
 """Of a sample: rates of a percent, of nulls and of wrong singles, need hundreds of cases."""
 
 
+APART = 1_000_000
+"""Between the first seeds of draws of a set."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Cases of a set, drawn once.
+
+    Attributes:
+        set: The set, which says what may be hidden.
+        first: The first of its seeds.
+    """
+
+    set: Set
+    first: int
+
+
 @dataclass(frozen=True)
 class Case:
     """One case of the exam.
@@ -77,7 +94,11 @@ class Case:
 
 
 def cases_of(
-    which: Set, machines: Iterable[str], kinds: Iterable[str] = (), count: int | None = None
+    which: Set,
+    machines: Iterable[str],
+    kinds: Iterable[str] = (),
+    count: int | None = None,
+    fresh: int = 0,
 ) -> list[Case]:
     """The cases of a set.
 
@@ -87,6 +108,7 @@ def cases_of(
         kinds: Which kinds; all by default.
         count: How many at most: a sample with the shares of every kind in ``SHARES``, equally of every
             machine, as far as there are any.
+        fresh: 0 for the cases whose rates are published; another number draws others that hide the same.
 
     Raises:
         ModelError: For a set or a kind that there is none of, or a machine that is not examined.
@@ -97,8 +119,9 @@ def cases_of(
     for kind in chosen:
         if kind not in KINDS:
             raise ModelError(f"no kind of cases {kind!r}{did_you_mean(kind, KINDS)}")
+    draw = Draw(which, FIRST[which] + APART * fresh)
     of_kind = {
-        kind: _in_turns([_grouped(_made(kind, name, which)) for name in dict.fromkeys(machines)])
+        kind: _in_turns([_grouped(_made(kind, name, draw)) for name in dict.fromkeys(machines)])
         for kind in chosen
     }
     numbers = {kind: len(cases) for kind, cases in of_kind.items()}
@@ -112,11 +135,11 @@ def examined() -> tuple[str, ...]:
     return tuple(dict.fromkeys([*bench_names(), *(s.machine for s in STATEMENTS.values())]))
 
 
-def _made(kind: str, machine: str, which: Set) -> Iterator[Case]:
+def _made(kind: str, machine: str, draw: Draw) -> Iterator[Case]:
     """Cases of a kind on a machine; one without a bench has real logs alone."""
     if machine in bench_names() or machine not in examined():
-        return KINDS[kind](get_bench(machine), which)
-    return _logs(machine, which) if kind == "log" else iter(())
+        return KINDS[kind](get_bench(machine), draw)
+    return _logs(machine, draw) if kind == "log" else iter(())
 
 
 def _in_turns(lists: Sequence[Sequence[list[Case]]]) -> list[Case]:
@@ -143,87 +166,87 @@ def _grouped(cases: Iterator[Case]) -> list[list[Case]]:
     return [groups[key] for key in sorted(groups, key=lambda key: crc32(key.encode()))]
 
 
-def _rng(bench: Bench, which: Set, kind: str) -> np.random.Generator:
-    return np.random.default_rng([FIRST[which], crc32(f"{bench.name}/{kind}".encode())])
+def _rng(bench: Bench, draw: Draw, kind: str) -> np.random.Generator:
+    return np.random.default_rng([draw.first, crc32(f"{bench.name}/{kind}".encode())])
 
 
-def _nothing(bench: Bench, which: Set) -> Iterator[Case]:
-    number = itertools.count(FIRST[which])
+def _nothing(bench: Bench, draw: Draw) -> Iterator[Case]:
+    number = itertools.count(draw.first)
     for _ in range(SEEDS):
         for conditions in bench.nothing():
-            yield Case(which, bench.name, "nothing", (), next(number), conditions)
+            yield Case(draw.set, bench.name, "nothing", (), next(number), conditions)
 
 
 def _sets(
-    bench: Bench, which: Set, kind: Kind, sets: Sequence[tuple[str, ...]], first: int
+    bench: Bench, draw: Draw, kind: Kind, sets: Sequence[tuple[str, ...]], first: int
 ) -> Iterator[Case]:
     """Cases that hide these effects."""
-    rng = _rng(bench, which, kind)
+    rng = _rng(bench, draw, kind)
     for number, names in enumerate(sets):
-        yield Case(which, bench.name, kind, names, FIRST[which] + first + number, bench.usual(rng, names))
+        yield Case(draw.set, bench.name, kind, names, draw.first + first + number, bench.usual(rng, names))
 
 
-def _singles(bench: Bench, which: Set) -> Iterator[Case]:
-    return _sets(bench, which, "single", [(name,) for name in bench.effects] * SEEDS, 1_000)
+def _singles(bench: Bench, draw: Draw) -> Iterator[Case]:
+    return _sets(bench, draw, "single", [(name,) for name in bench.effects] * SEEDS, 1_000)
 
 
-def _drawn(bench: Bench, which: Set, kind: Kind, size: int, count: int) -> list[tuple[str, ...]]:
+def _drawn(bench: Bench, draw: Draw, kind: Kind, size: int, count: int) -> list[tuple[str, ...]]:
     """Sets of effects that can be told apart, drawn without replacement."""
     possible = [
         names
         for names in itertools.combinations([e for e in bench.effects if e not in bench.needs_base], size)
         if not any(frozenset(pair) in bench.alike for pair in itertools.combinations(names, 2))
     ]
-    order = _rng(bench, which, f"{kind} drawn").permutation(len(possible))
+    order = _rng(bench, draw, f"{kind} drawn").permutation(len(possible))
     return [possible[i] for i in order[:count]]
 
 
-def _pairs(bench: Bench, which: Set) -> Iterator[Case]:
-    return _sets(bench, which, "pair", _drawn(bench, which, "pair", 2, PAIRS), 2_000)
+def _pairs(bench: Bench, draw: Draw) -> Iterator[Case]:
+    return _sets(bench, draw, "pair", _drawn(bench, draw, "pair", 2, PAIRS), 2_000)
 
 
-def _triples(bench: Bench, which: Set) -> Iterator[Case]:
-    return _sets(bench, which, "triple", _drawn(bench, which, "triple", 3, TRIPLES), 3_000)
+def _triples(bench: Bench, draw: Draw) -> Iterator[Case]:
+    return _sets(bench, draw, "triple", _drawn(bench, draw, "triple", 3, TRIPLES), 3_000)
 
 
-def _unlisted(bench: Bench, which: Set) -> Iterator[Case]:
-    rng, number = _rng(bench, which, "unlisted"), itertools.count(FIRST[which] + 4_000)
+def _unlisted(bench: Bench, draw: Draw) -> Iterator[Case]:
+    rng, number = _rng(bench, draw, "unlisted"), itertools.count(draw.first + 4_000)
     for _ in range(SEEDS):
-        for name in bench.unlisted[which]:
+        for name in bench.unlisted[draw.set]:
             conditions = bench.usual(rng, (name,))
-            yield Case(which, bench.name, "unlisted", (name,), next(number), conditions)
+            yield Case(draw.set, bench.name, "unlisted", (name,), next(number), conditions)
 
 
-def _mixed(bench: Bench, which: Set) -> Iterator[Case]:
+def _mixed(bench: Bench, draw: Draw) -> Iterator[Case]:
     """A listed effect beside a fault that is not listed, as drawn."""
-    rng = _rng(bench, which, "mixed drawn")
+    rng = _rng(bench, draw, "mixed drawn")
     effects = [name for name in bench.effects if name not in bench.needs_base]
-    unlisted = list(bench.unlisted[which])
+    unlisted = list(bench.unlisted[draw.set])
     sets = [(str(rng.choice(effects)), str(rng.choice(unlisted))) for _ in range(MIXED)]
-    return _sets(bench, which, "mixed", sets, 7_000)
+    return _sets(bench, draw, "mixed", sets, 7_000)
 
 
-def _growing(bench: Bench, which: Set) -> Iterator[Case]:
+def _growing(bench: Bench, draw: Draw) -> Iterator[Case]:
     """Longer and longer beginnings of one record; half of them with a fault that is not listed."""
-    rng = _rng(bench, which, "growing")
+    rng = _rng(bench, draw, "growing")
     steady = [name for name in bench.steady if name in bench.effects]
-    unlisted = [name for name, fault in bench.unlisted[which].items() if not fault.random]
+    unlisted = [name for name, fault in bench.unlisted[draw.set].items() if not fault.random]
     half = GROWING // 2
     chosen = [*rng.choice(steady, half, replace=False), *rng.choice(unlisted, half, replace=False)]
     for number, name in enumerate(chosen):
         for cut in LENGTHS:
             conditions = Conditions(duration=LENGTHS[-1] * bench.usual_length, cut=cut * bench.usual_length)
-            yield Case(which, bench.name, "growing", (str(name),), FIRST[which] + 5_000 + number, conditions)
+            yield Case(draw.set, bench.name, "growing", (str(name),), draw.first + 5_000 + number, conditions)
 
 
-def _logs(machine: str, which: Set) -> Iterator[Case]:
+def _logs(machine: str, draw: Draw) -> Iterator[Case]:
     """Statements on real logs; the same in both sets, as there is nothing to draw."""
     for number, (name, statement) in enumerate(STATEMENTS.items()):
         if statement.machine == machine:
-            yield Case(which, machine, "log", (name,), FIRST[which] + 6_000 + number, Conditions())
+            yield Case(draw.set, machine, "log", (name,), draw.first + 6_000 + number, Conditions())
 
 
-KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
+KINDS: dict[str, Callable[[Bench, Draw], Iterator[Case]]] = {
     "nothing": _nothing,
     "single": _singles,
     "pair": _pairs,
@@ -231,5 +254,5 @@ KINDS: dict[str, Callable[[Bench, Set], Iterator[Case]]] = {
     "unlisted": _unlisted,
     "mixed": _mixed,
     "growing": _growing,
-    "log": lambda bench, which: _logs(bench.name, which),
+    "log": lambda bench, draw: _logs(bench.name, draw),
 }
