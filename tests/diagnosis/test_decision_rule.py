@@ -293,7 +293,7 @@ class Search:
     def __init__(self, totals, better=None):
         self.totals = {frozenset(names): total for names, total in totals.items()}
         self.better = {frozenset(names): total for names, total in (better or {}).items()}
-        self.ways, self.fitted_again = [], []
+        self.ways, self.fitted_again, self.tried = [], [], set()
 
     def made(self, names, table):
         key = frozenset(names)
@@ -308,6 +308,7 @@ class Search:
 
     def extend(self, parent, name):
         self.ways.append(("".join(parent.effects), name))
+        self.tried.add((frozenset(parent.effects), name))
         return self.made([*parent.effects, name], self.better)
 
     def names(self):
@@ -347,6 +348,16 @@ def test_a_set_that_was_stuck_beside_fewer_effects_is_found_beside_all(monkeypat
     assert set(chosen.effects) == {"a", "c"}
     assert chosen.loss.sum() == pytest.approx(60.0)
     assert [set(one.effects) for one in rivals] == [{"a", "b"}]
+
+
+def test_what_was_added_to_the_same_rest_before_is_not_added_again(monkeypatch):
+    monkeypatch.setattr(selection, "_stands", lambda *_: True)
+    search = Search(PAIRS, {"ac": 60.0})
+    search.tried = {(frozenset("a"), "c")}
+    chosen, _ = settled(search, "ab", "ac")
+    assert set(chosen.effects) == {"a", "b"}
+    assert ("a", "c") not in search.ways
+    assert settled(Search(PAIRS, {"ac": 60.0}), "ab", "ac")[0].total == pytest.approx(60.0)
 
 
 def test_an_effect_that_an_exchange_makes_superfluous_is_dropped(monkeypatch):
