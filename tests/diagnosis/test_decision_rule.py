@@ -357,7 +357,7 @@ def test_what_was_added_to_the_same_rest_before_is_not_added_again(monkeypatch):
     chosen, _ = settled(search, "ab", "ac")
     assert set(chosen.effects) == {"a", "b"}
     assert ("a", "c") not in search.ways
-    assert settled(Search(PAIRS, {"ac": 60.0}), "ab", "ac")[0].total == pytest.approx(60.0)
+    assert set(settled(Search(PAIRS, {"ac": 60.0}), "ab", "ac")[0].effects) == {"a", "c"}
 
 
 def test_an_effect_that_an_exchange_makes_superfluous_is_dropped(monkeypatch):
