@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.engine import Done
 from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, ask, read
@@ -296,9 +297,11 @@ def test_a_result_is_read_with_its_curves_and_values():
     assert given.unseen == {"position": 0.4}
     assert given.windows == {"position": 0.5}
     assert given.wandering == ("velocity",)
-    for certain in (True, False):
-        found.unknown = SimpleNamespace(certain=certain)
-        assert read(get_model("rig"), found, 1.5).curve is certain
+    for certain, confirmed in itertools.product((True, False), repeat=2):
+        found.unknown = MissingCurve(
+            "force", "", "speed", "m/s", "N", np.zeros((0, 3)), 0.0, 10.0, "", certain, confirmed
+        )
+        assert read(get_model("rig"), found, 1.5).curve is (certain and confirmed)
     assert deviations({"coulomb_friction": {"force": 1.0}}, given) == {"coulomb_friction.force": 3.0}
 
 
