@@ -43,6 +43,14 @@ class Motor(Machine):
         return state.speed, (0.5 * input.current - p.damping * state.speed) / p.inertia
 
 
+class Bound(Motor):
+    """The same on a weak spring."""
+
+    def derivative(self, state, input, p):
+        """Newton's law."""
+        return state.speed, (0.5 * input.current - p.damping * state.speed - 1e-6 * state.angle) / p.inertia
+
+
 def held(rng: np.random.Generator, count: int, span: tuple[int, int], low: float, high: float) -> np.ndarray:
     """Random levels, each held for some samples."""
     found: list[float] = []
@@ -93,3 +101,11 @@ def test_a_motor_that_turns_often_is_told_to_cog():
     [cogging] = (cause for cause in causes if cause.effect == "cogging")
     assert cogging.parameters["period"].value == pytest.approx(2 * pi / teeth, rel=1e-3)
     assert cogging.parameters["sine"].value == pytest.approx(-0.15, rel=0.02)
+
+
+def test_windows_follow_the_speed_of_what_its_place_does_not_hold():
+    """The motor's speed settles within 0.4 s; it has gone far after several of these."""
+    record = turned(4, 0)
+    free, bound = (machine.scaled_to([record]).horizons[1] for machine in (Motor(), Bound()))
+    assert 0.2 < free < 0.8
+    assert bound > 2.0 * free

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.declaration import Declaration, Force
+from fieldmodels.drivers.declaration import Declaration, Force, named, param_names, params_of
 from fieldmodels.drivers.rates import centred, pace, rate_size, rms, white_noise
 from fieldmodels.drivers.windows import without_noise
 from fieldmodels.effects.curves import SIZE, Curve
@@ -79,10 +80,31 @@ def _pace(machine: Declaration, recordings: Sequence[Recording], name: str) -> f
     """
     own = pace(recordings, name)
     for f in machine.forces:
-        if f.position == name and (rate := _acceleration(recordings, f.velocity, name)):
+        rate = _acceleration(recordings, f.velocity, name) if f.position == name else 0.0
+        if rate and _turns_freely(machine, name):
             answers = _size_of(recordings, f.velocity, name) / rate
             own = answers if own > WALKS_OFF * answers else own
     return own
+
+
+def _turns_freely(machine: Declaration, position: str) -> bool:
+    """Whether a machine's rates are the same wherever it is."""
+    own: Any = getattr(type(machine), "derivative", None)
+    names, given = [s.name for s in machine.states], [s.name for s in type(machine).inputs]
+    if own is None or position not in names:
+        return False
+    p = named("Params", param_names(machine), params_of(machine, machine.nominal))
+    command = named("Input", given, [0.5] * len(given))
+
+    def rates(at: float) -> list[float]:
+        return list(
+            own(None, named("State", names, [at if n == position else 0.3 for n in names]), command, p)
+        )
+
+    try:
+        return bool(np.array_equal(rates(0.1), rates(1.3)))
+    except (ArithmeticError, ValueError):  # a root of less than nothing
+        return False
 
 
 def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> Sizes:
