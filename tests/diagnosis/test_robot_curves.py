@@ -249,3 +249,14 @@ def test_a_drive_that_hunts_does_so_over_time():
     assert found.unknown is not None
     assert (found.unknown.target, found.unknown.over) == ("forward speed", "time")
     assert f"repeats every {200 / 3 * train.step:.3g} s" in found.summary()
+
+
+def test_a_force_in_one_direction_is_added_to_forces_in_several():
+    """As where a walk of the turn rate is sought beside a curve of another direction that is taken for given."""
+    windows = PoseReaching().windows(drive(3), 2.0)
+    n = len(windows.recording)
+    given, turn = np.tile([0.1, 0.5, 0.2, 0.03, -0.05], (n, 1)), np.linspace(0.0, 1.0, n)
+    expected = given + np.multiply.outer(turn, [1.0, 0.0, 0.0, 0.0, 0.0])
+    for first, more in ((given, turn), (turn, given)):
+        np.testing.assert_array_equal(windows.with_disturbance(first).pushed_more(more).pushed(5), expected)
+    np.testing.assert_array_equal(windows.pushed_more(turn).pushed_more(turn).disturbance, 2.0 * turn)

@@ -294,9 +294,7 @@ class Problem:
         results, first = [], 0
         for part, force in zip(self.parts, forces, strict=True):
             last = first + len(part.windows)
-            given = part.windows.disturbance
-            windows = part.windows.with_states(states[first:last])
-            windows = windows.with_disturbance(force if given is None else force + given)
+            windows = part.windows.with_states(states[first:last]).pushed_more(force)
             results.append(part.compressed(self.model.simulate(parameters[None], windows))[0])
             first = last
         return np.concatenate(results)

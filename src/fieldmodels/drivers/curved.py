@@ -205,8 +205,6 @@ class Curved(Wrapper):
         pushes = {push.name: push for push in self.inner.pushes}
         columns = len(self.inner.pushes[0].weights)
         total = np.zeros((len(windows.recording), columns))
-        if windows.disturbance is not None:
-            total += windows.pushed(columns)
         inside = np.arange(windows.samples) < windows.lengths[:, None]
         rows = rows_of(windows)[inside]
         for curve, coefficients in forces:
@@ -218,7 +216,7 @@ class Curved(Wrapper):
             if curve.target.startswith(SHARE):
                 added = added * variable(self.inner, windows, out, push.rate)
             total[rows] += np.multiply.outer(np.where(np.isfinite(added), added, 0.0)[inside], push.weights)
-        return windows.with_disturbance(total[:, 0] if columns == 1 else total)
+        return windows.pushed_more(total[:, 0] if columns == 1 else total)
 
     def _along(self, windows: Windows, curve: FreeCurve, coefficients: FloatArray) -> FloatArray:
         """A curve of what a machine is told along whole episodes: it runs smoothly between windows, too."""

@@ -84,6 +84,15 @@ class Windows:
         """Add a generalised force along the whole recording."""
         return replace(self, disturbance=disturbance)
 
+    def pushed_more(self, force: FloatArray) -> Windows:
+        """Add a force to that which is added already; the columns that one of them lacks are zero."""
+        if self.disturbance is None:
+            return self.with_disturbance(force)
+        if force.shape == self.disturbance.shape:
+            return self.with_disturbance(self.disturbance + force)
+        columns = max(one.size for one in (force, self.disturbance)) // len(self.recording)
+        return self.with_disturbance(self.pushed(columns) + self.with_disturbance(force).pushed(columns))
+
     def pushed(self, columns: int) -> FloatArray:
         """The disturbance in every direction, shape (n, columns), or (0, columns) for none."""
         if self.disturbance is None:
