@@ -252,7 +252,7 @@ def test_a_drive_that_hunts_does_so_over_time():
 
 
 def test_a_force_in_one_direction_is_added_to_forces_in_several():
-    """As where a walk of the turn rate is sought beside a curve of another direction that is taken for given."""
+    """As where a walk of the turn rate is sought beside a given curve of another direction."""
     windows = PoseReaching().windows(drive(3), 2.0)
     n = len(windows.recording)
     given, turn = np.tile([0.1, 0.5, 0.2, 0.03, -0.05], (n, 1)), np.linspace(0.0, 1.0, n)
