@@ -109,3 +109,10 @@ def test_windows_follow_the_speed_of_what_its_place_does_not_hold():
     free, bound = (machine.scaled_to([record]).horizons[1] for machine in (Motor(), Bound()))
     assert 0.2 < free < 0.8
     assert bound > 2.0 * free
+
+
+def test_a_force_that_swings_once_in_a_slow_record_is_sought():
+    fast = turned(7, 0)
+    slow = Recording(200.0 * fast.time, fast.signals)  # 4000 s, a row a second
+    frequency = Motor().scaled_to([slow]).effect("periodic_force").parameters[-1]
+    assert frequency.lower < 1.0 / 4000.0
