@@ -496,6 +496,17 @@ def test_settings_are_read_a_few_times_a_kernel(monkeypatch):
     assert _Settled(flags) != _Settled(other)
 
 
+def test_an_expression_of_arrays_compiles_in_a_kernel_that_python_calls():
+    """Numba compiles it as a part, by settings of its own: the kernel's stay as they are."""
+
+    @compiled
+    def shifted(x):
+        return np.asarray(x[0] + 2.0 * x)
+
+    shifted._cache.disable()  # as on a new machine
+    assert shifted(np.array([1.0, 2.0])).tolist() == [3.0, 5.0]
+
+
 def test_what_an_operator_makes_of_numbers_is_found_out_once(monkeypatch):
     """Once a kind of numbers, not once a place; and what is declared later counts."""
     tried = []

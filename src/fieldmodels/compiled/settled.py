@@ -10,7 +10,7 @@ from numba.core.typing.context import Context
 
 
 class _Settled(Flags):
-    """Settings of a compilation that no longer change.
+    """Settings of a compilation, read once.
 
     Numba looks for what an operator does by them, too, and reads all of them fifty times for one place in an
     array. Read once, a first step on a new machine takes a twentieth less.
@@ -26,8 +26,8 @@ class _Settled(Flags):
         return self._values
 
     def copy(self) -> _Settled:
-        """Itself."""
-        return self
+        """Another one, which Numba changes for what it compiles within a kernel (an expression of arrays)."""
+        return _Settled(self)
 
     __eq__ = Flags.__eq__
 
