@@ -21,6 +21,7 @@ SIZES = {
         "stribeck_friction": -0.6,
         "hysteresis": 0.15,
         "cogging": 0.24,
+        "asymmetric_damping": 0.5,
         "quadratic_drag": 0.46,
         "cubic_stiffness": 0.06,
         "backlash": 0.34,

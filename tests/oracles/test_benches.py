@@ -75,7 +75,11 @@ SIZES = {
 """Command, position and velocity of each bench."""
 SERVO = {effect.name for effect in get_model("servo").effects}
 CASES = {
-    "rig": library("force", *SIZES["rig"]) | {"payload": [{"mass": m} for m in (0.0137, 0.31, 5.3)]},
+    "rig": library("force", *SIZES["rig"])
+    | {
+        "payload": [{"mass": m} for m in (0.0137, 0.31, 5.3)],
+        "asymmetric_damping": [{"coefficient": c} for c in (0.17, -0.31, 2.3, -3.7)],
+    },
     "pendulum": library("torque", *SIZES["pendulum"])
     | {
         "viscous_friction": [{"coefficient": c} for c in (0.00071, 0.0131, 0.31)],

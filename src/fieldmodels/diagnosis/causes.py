@@ -30,6 +30,7 @@ from fieldmodels.diagnosis.uncertainty import differs_from_neutral, size_by_chan
 from fieldmodels.diagnosis.verdict import (
     Judgement,
 )
+from fieldmodels.drivers.curved import Curved
 from fieldmodels.model import Effect, Model, Parameter
 from fieldmodels.recording import Recording
 
@@ -234,7 +235,8 @@ def _has_few_observations(problem: Problem, p: Parameter) -> bool:
 def refitted(cause: Cause, problem: Problem, final: Fit) -> Cause:
     """A cause with the values of a fit together with curves, and their standard errors.
 
-    Standard errors that are those of profiles stay as they are without the curves.
+    Standard errors that are those of profiles stay as they are without the curves. So does an effect in whose
+    values one of the curves acts: its value is then that where the curve is zero, which may be anywhere.
 
     Args:
         cause: The cause.
@@ -242,7 +244,9 @@ def refitted(cause: Cause, problem: Problem, final: Fit) -> Cause:
         final: The fit.
     """
     effect, values = problem.model.effect(cause.effect), dict(cause.parameters)
-    if is_quantisation(effect):
+    curves = problem.model.curves if isinstance(problem.model, Curved) else ()
+    own = any(c.place == "parameter" and c.target.split(".")[0] == effect.name for c in curves)
+    if own or is_quantisation(effect):
         return cause
     errors = dict(zip(final.free.tolist(), standard_errors(problem, final).tolist(), strict=True))
     for i, p in enumerate(effect.parameters, start=problem.model.slice_of(cause.effect).start):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -11,6 +13,7 @@ from fieldmodels.diagnosis.held_out import INSENSITIVE
 from fieldmodels.diagnosis.linearisation import Fit, pseudo_inverse
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.result import Cause
+from fieldmodels.drivers.curved import Curved
 from fieldmodels.model import Effect
 
 CHANCE = 2 * float(stats.norm.sf(2.0))
@@ -109,15 +112,17 @@ def amplitudes(problem: Problem, fitted: Fit, effect: Effect) -> list[int]:
     """Which of an effect's values switch it on: they change the simulation from neutral by themselves.
 
     The others are neutral meanwhile, or as fitted where no value does so (a stop whose place is neutral
-    beyond the travel).
+    beyond the travel). So are curves: one in a value of the effect would switch it on by itself.
     """
     place, count = problem.model.slice_of(effect.name), len(effect.parameters)
     if count == 1:
         return [0]
+    if isinstance(problem.model, Curved):
+        problem = replace(problem, model=problem.model.inner)
     nominal = np.array([p.nominal for p in effect.parameters])
     step = np.array([SMALL * (p.scale if p.nominal < p.upper else -p.scale) for p in effect.parameters])
     for others in (nominal, fitted.parameters[place]):
-        batch = np.repeat(fitted.parameters[None], 2 * count, axis=0)
+        batch = np.repeat(fitted.parameters[None, : len(problem.model.names)], 2 * count, axis=0)
         own = np.repeat(others[None], 2 * count, axis=0)
         for k in range(count):
             own[2 * k : 2 * k + 2, k] = nominal[k], nominal[k] + step[k]

@@ -1,6 +1,6 @@
 """Stock effects in an equation of motion: forces on one of a machine's velocities.
 
-    F = -c v - d v |v| - k_3 x^3 + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t)
+    F = -c v - a |v| - d v |v| - k_3 x^3 + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t)
         + B_s sin(2 pi x/p) + B_c cos(2 pi x/p) - k_e max(|x| - x_e, 0) sign(x) - k_o max(x - x_o, 0)
         - (F_c + mu |u| + F_s exp(-(v/v_s)^2)) sign(v) - F_h,          dF_h/dx = (F_m - F_h sign(v))/delta
 
@@ -51,6 +51,7 @@ class Row(NamedTuple):
     cogging_sine: float = 0.0
     cogging_cosine: float = 0.0
     cogging_period: float = 1.0
+    asymmetric_damping_coefficient: float = 0.0
     quadratic_drag_coefficient: float = 0.0
     cubic_stiffness_coefficient: float = 0.0
     elastic_stop_stiffness: float = 0.0
@@ -109,6 +110,7 @@ def has_no_smooth(r: Row) -> bool:
         r.viscous_friction_coefficient == 0.0
         and r.cogging_sine == 0.0
         and r.cogging_cosine == 0.0
+        and r.asymmetric_damping_coefficient == 0.0
         and r.quadratic_drag_coefficient == 0.0
         and r.cubic_stiffness_coefficient == 0.0
         and r.elastic_stop_stiffness == 0.0
@@ -135,7 +137,7 @@ def without_waves(x: float, v: float, r: Row) -> float:
     """The same but those that swing in time or along the way."""
     # Without a condition, so that loops over it become vector instructions: what is off is zero.
     total = r.constant_force_force - r.viscous_friction_coefficient * v
-    total -= r.quadratic_drag_coefficient * v * abs(v)
+    total -= (r.asymmetric_damping_coefficient + r.quadratic_drag_coefficient * v) * abs(v)
     total -= r.cubic_stiffness_coefficient * x * x * x
     total -= r.elastic_stop_stiffness * math.copysign(max(abs(x) - r.elastic_stop_place, 0.0), x)
     total -= r.one_sided_spring_stiffness * max(x - r.one_sided_spring_place, 0.0)
@@ -306,6 +308,15 @@ def _shares_of_the_way(n: Names, s: Sizes) -> list[float]:
     return [*shares, *turns[(turns < shares[-1]) & (turns > WIDTHS[0])]]
 
 
+def _asymmetric(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "asymmetric_damping", "force",
+        "Damping is stronger in one direction than in the other (shock absorber, ball screw, cable).",
+        "-a |v|, beside the same damping both ways",
+        signed("coefficient", _per(n.force_unit, n.velocity_unit), 0.1 * s.force / s.velocity),
+    )  # fmt: skip
+
+
 def _drag(n: Names, s: Sizes) -> Effect:
     return effect(
         "quadratic_drag", "force", "Drag grows with the square of the speed, as of air or a fluid.",
@@ -377,6 +388,7 @@ LIBRARY: dict[str, Declare] = {
     "load_friction": _load,
     "hysteresis": _hysteresis,
     "cogging": _cogging,
+    "asymmetric_damping": _asymmetric,
     "quadratic_drag": _drag,
     "cubic_stiffness": _cubic,
     "elastic_stop": _stop,
@@ -384,7 +396,14 @@ LIBRARY: dict[str, Declare] = {
     "constant_force": _constant,
     "periodic_force": _periodic,
 }
-FRICTION = ("viscous_friction", "coulomb_friction", "stribeck_friction", "load_friction", "quadratic_drag")
+FRICTION = (
+    "viscous_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "load_friction",
+    "asymmetric_damping",
+    "quadratic_drag",
+)
 PLACED = ("hysteresis", "cogging", "cubic_stiffness", "elastic_stop", "one_sided_spring")
 """Kinds that need to know where the axis is."""
 

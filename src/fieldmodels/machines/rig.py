@@ -39,7 +39,7 @@ class Rig(OneAxis):
     forces = (Force("velocity", "position", "N", "inertia", name="force"),)
     effects = (
         *force("velocity", ("coulomb_friction", "stribeck_friction", "hysteresis", "cogging")),
-        *force("velocity", ("quadratic_drag", "cubic_stiffness")),
+        *force("velocity", ("asymmetric_damping", "quadratic_drag", "cubic_stiffness")),
         *sensor("position", ("backlash",), prefix=""),
         PAYLOAD,
         *force("velocity", ("constant_force", "periodic_force")),

@@ -253,6 +253,7 @@ TYPICAL: Mapping[str, Typical] = {
     "hysteresis": lambda b, k, _s, _a: {b.force: 0.2 * k * b.sizes.f, "distance": 0.12 * b.sizes.x},
     "cogging": lambda b, k, _s, a: {**_waves(b, k, a), "period": 1.6 * b.sizes.x},
     "quadratic_drag": lambda b, k, _s, _a: {"coefficient": 0.1 * k * b.sizes.f / b.sizes.v**2},
+    "asymmetric_damping": lambda b, k, s, _a: {"coefficient": 0.05 * k * s * b.sizes.f / b.sizes.v},
     "cubic_stiffness": lambda b, k, _s, _a: {"coefficient": 0.1 * k * b.sizes.f / b.sizes.x**3},
     "backlash": lambda b, k, _s, _a: {"gap": 0.05 * k * b.sizes.x},
     "payload": lambda b, k, _s, _a: (
@@ -298,6 +299,7 @@ POWERS: Mapping[str, tuple[int, int, int]] = {
     "gap": (0, 1, 0),
     "step": (0, 1, 0),
     "viscous_friction.coefficient": (1, 0, -1),
+    "asymmetric_damping.coefficient": (1, 0, -1),
     "quadratic_drag.coefficient": (1, -1, 0),
     "cubic_stiffness.coefficient": (1, -2, -2),
     "payload.mass": (1, 0, 0),
@@ -315,7 +317,7 @@ POWERS: Mapping[str, tuple[int, int, int]] = {
     "gravity_moment": (1, 0, -2),
 }
 """Powers of inertia, length and time in parameters; none where they are numbers."""
-OF_ONE = ("viscous_friction", "thrust_curve", "gravity", "dead_band", "torque_limit")
+OF_ONE = ("viscous_friction", "asymmetric_damping", "thrust_curve", "gravity", "dead_band", "torque_limit")
 STOCK = tuple(name for name in TYPICAL if name not in OF_ONE)
 
 
@@ -323,7 +325,7 @@ class Rig(AxisBench):
     """A mass of 2 kg on a spring, driven by up to 8 N."""
 
     name = "rig"
-    effects = STOCK
+    effects = (*STOCK, "asymmetric_damping")
     nominal = MappingProxyType({"mass": 2.0, "damping": 4.0, "stiffness": 80.0})
     sizes = Scale(x=0.05, v=0.25, f=3.0, u=8.0, duration=DURATION, step=STEP)
     noise = (2e-4, 5e-3)

@@ -7,7 +7,11 @@ from collections.abc import Mapping
 from fieldmodels.arrays import FloatArray
 from fieldmodels.exam.oracles import Values, filled, one_axis
 
-NEUTRAL: Values = {**one_axis.neutral("force"), "payload": {"mass": 0.0}}
+NEUTRAL: Values = {
+    **one_axis.neutral("force"),
+    "asymmetric_damping": {"coefficient": 0.0},
+    "payload": {"mass": 0.0},
+}
 
 
 def simulate(

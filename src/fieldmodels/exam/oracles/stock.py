@@ -229,6 +229,7 @@ class Episode:
         )
         return float(
             -of("viscous_friction.coefficient") * v
+            - of("asymmetric_damping.coefficient") * math.fabs(v)
             - of("quadratic_drag.coefficient") * v * abs(v)
             - of("cubic_stiffness.coefficient") * x**3
             + of("constant_force.force")

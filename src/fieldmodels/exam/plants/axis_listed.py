@@ -84,6 +84,11 @@ def _constant(axis: Axis, values: Values) -> None:
     axis.forces.append(lambda _t, _x, _v, _f: size)
 
 
+def _asymmetric(axis: Axis, values: Values) -> None:
+    size = values["coefficient"]
+    axis.forces.append(lambda _t, _x, v, _f: -size * v if v > 0.0 else size * v)
+
+
 def _drag(axis: Axis, values: Values) -> None:
     size = values["coefficient"]
     axis.forces.append(lambda _t, _x, v, _f: -size * v * abs(v))
@@ -107,6 +112,7 @@ FORCES: Mapping[str, Callable[[Axis, Values], None]] = {
     "stribeck_friction": _stribeck,
     "hysteresis": _hysteresis,
     "cogging": _cogging,
+    "asymmetric_damping": _asymmetric,
     "quadratic_drag": _drag,
     "cubic_stiffness": _cubic,
     "constant_force": _constant,
