@@ -56,7 +56,10 @@ class Interpolated(Everything):
     """The same, its command going along lines from sample to sample."""
 
     hold = "interpolated"
-    effects = (*actuator("push"), *force("speed", ("coulomb_friction", "load_friction", "periodic_force")))
+    effects = (
+        *actuator("push"),
+        *force("speed", ("coulomb_friction", "load_friction", "periodic_force", "asymmetric_damping")),
+    )
 
 
 class Stepped(Everything):

@@ -123,6 +123,19 @@ def cost(candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whit
         whitener: Weights of the errors.
     """
     extension = extend(candidates, kept, curves, whitener)
+    return _priced(candidates, kept, curves, extension)
+
+
+def first_cost(
+    candidates: Candidates, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray
+) -> float:
+    """As ``cost``, with tables that do not go on beyond their knots: a quarter of the work."""
+    return _priced(candidates, kept, curves, _fitted(candidates.problem, kept, curves, whitener))
+
+
+def _priced(
+    candidates: Candidates, kept: Candidate, curves: Sequence[Scored], extension: Extension | None
+) -> float:
     count = kept.size + sum(len(one.coefficients) for one in curves)
     return candidates.options.price * count + (np.inf if extension is None else extension.fit.cost)
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.curves import Curves, Scored
-from fieldmodels.diagnosis.extension import compared, cost, extend
+from fieldmodels.diagnosis.extension import compared, cost, extend, first_cost
 from fieldmodels.diagnosis.fit import refit
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import Problem
@@ -28,6 +28,9 @@ AS_WELL = 0.01
 """Mean logarithm of test errors by which what has fewer names may be worse,"""
 BETTER = 0.05
 """and by which it must be better where only the price of names speaks for it."""
+
+HOPELESS = 100.0
+"""Nats by which fewer names, with tables that end at their knots, are too dear to let these go on along lines."""
 
 
 def that_keep_their_promise(
@@ -99,9 +102,12 @@ def without_imitators(
             other = replace(judged, kept=one, tried=beside, curves=curves[:count])
             if (less := _count(judged) - _count(other)) <= 0:
                 continue
+            needed, names = -candidates.options.undecided, candidates.options.price_of_name * less
+            first = now - first_cost(candidates, one, other.curves, weights)
+            if first + names <= needed - HOPELESS:
+                continue
             lead = now - _price(candidates, other, weights)
-            needed = -candidates.options.undecided
-            priced = lead + candidates.options.price_of_name * less
+            priced = lead + names
             if priced > needed:
                 instead = extend(candidates, one, other.curves)
                 limit = AS_WELL if lead > needed else -BETTER

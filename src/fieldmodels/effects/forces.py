@@ -396,14 +396,9 @@ LIBRARY: dict[str, Declare] = {
     "constant_force": _constant,
     "periodic_force": _periodic,
 }
-FRICTION = (
-    "viscous_friction",
-    "coulomb_friction",
-    "stribeck_friction",
-    "load_friction",
-    "asymmetric_damping",
-    "quadratic_drag",
-)
+FRICTION = ("viscous_friction", "coulomb_friction", "stribeck_friction", "load_friction", "quadratic_drag")
+ON_REQUEST = ("asymmetric_damping",)
+"""Kinds for machines that are known to be so: beside all others they imitate what is not listed."""
 PLACED = ("hysteresis", "cogging", "cubic_stiffness", "elastic_stop", "one_sided_spring")
 """Kinds that need to know where the axis is."""
 
@@ -415,14 +410,15 @@ def force(
 
     Args:
         velocity: Name of the state on whose rate they act; ``Machine.forces`` may say more of it.
-        only: The kinds that are wanted; by default all that a machine can have.
+        only: The kinds that are wanted; by default all that a machine can have but those of ``ON_REQUEST``.
         without: Kinds that are not.
         prefix: Beginning of their names, to be chosen where a machine has several such states.
 
     Raises:
         ModelError: For a kind that there is none of.
     """
-    return choose(LIBRARY, "force", velocity, only, without, prefix)
+    kinds = only or [kind for kind in LIBRARY if kind not in ON_REQUEST]
+    return choose(LIBRARY, "force", velocity, kinds, without, prefix)
 
 
 def friction(
