@@ -17,6 +17,7 @@ from fieldmodels.diagnosis.uncertainty import (
     standard_errors,
 )
 from fieldmodels.diagnosis.whitening import covariance_whitener, diagonal_whitener
+from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.exam.benches import Conditions, get_bench
 from fieldmodels.exam.sizes import recordings
 from fieldmodels.model import Effect, Model, Parameter, Signal
@@ -146,6 +147,20 @@ def hum(sizes, errors, together=0.0):
 def differs(sizes, errors, together=0.0):
     """What is said of such a hum."""
     return differs_from_neutral(*hum(sizes, errors, together))
+
+
+def test_a_curve_in_an_amplitude_makes_no_amplitude_of_a_width():
+    """The curve switches Stribeck friction on where its force is 0, too, and its speed then matters."""
+    rig = get_model("rig")
+    train, _ = recordings(get_bench("rig"), [], Conditions(), 90_003)
+    follows = FreeCurve(
+        "parameter", "stribeck_friction.force", "position", np.array([-1.0, 1.0]), np.ones((2, 1))
+    )
+    problem = build(Curved(rig, [follows]), [train], 0.5)
+    vector = np.append(rig.nominal, 0.3)
+    vector[[rig.index("stribeck_friction.force"), rig.index("stribeck_friction.velocity")]] = 0.5, 0.1
+    fitted = SimpleNamespace(parameters=vector, states=problem.states)
+    assert amplitudes(problem, fitted, rig.effect("stribeck_friction")) == [0]
 
 
 @pytest.mark.parametrize("together", [-0.8, 0.0])

@@ -30,7 +30,7 @@ BETTER = 0.05
 """and by which it must be better where only the price of names speaks for it."""
 
 HOPELESS = 100.0
-"""Nats by which fewer names, with tables that end at their knots, are too dear to let these go on along lines."""
+"""Nats by which fewer names are too dear with tables that end at their knots for these to be let go on."""
 
 
 def that_keep_their_promise(
