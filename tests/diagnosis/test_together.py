@@ -73,7 +73,7 @@ PRICES = {
 
 
 def test_a_value_that_a_curve_follows_stays_as_it_is_without_that(monkeypatch):
-    """With the curve it is the value where that is zero, which may be anywhere; another effect has its own."""
+    """With the curve it is the value where that is zero, which may be anywhere; others have their own."""
     rig = get_model("rig")
     follows = FreeCurve(
         "parameter", "coulomb_friction.force", "position", np.array([-1.0, 1.0]), np.array([[-1.0], [1.0]])
