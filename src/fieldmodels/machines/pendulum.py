@@ -35,6 +35,7 @@ SHAFT = (
 """Stock effects of a shaft."""
 PERIPHERY = (
     *sensor("angle", ("bias", "drift", "gain", "delay", "quantisation")),
+    *sensor("velocity", ("lag",), prefix="velocity_"),
 )  # fmt: skip
 """Stock effects of its sensor."""
 

@@ -45,6 +45,7 @@ class Rig(OneAxis):
         *force("velocity", ("constant_force", "periodic_force")),
         *actuator("force", without=("bias", "play", "parameter_step")),
         *sensor("velocity", ("bias",)),
+        *sensor("velocity", ("lag",), prefix="velocity_"),
         *sensor("position", ("drift", "gain", "delay", "quantisation")),
         *actuator("force", ("parameter_step",), prefix=""),
     )

@@ -52,7 +52,9 @@ class AxisBench(Bench):
         "actuator_asymmetry",
         "sensor_gain",
     )
-    needs = MappingProxyType({"sensor_bias": ("velocity",), "sensor_gain": ("velocity",)})
+    needs = MappingProxyType(
+        {"sensor_bias": ("velocity",), "sensor_gain": ("velocity",), "velocity_lag": ("velocity",)}
+    )
     alike = frozenset(
         {
             frozenset({"actuator_lag", "actuator_delay"}),
@@ -274,6 +276,7 @@ TYPICAL: Mapping[str, Typical] = {
     "sensor_drift": lambda b, k, s, _a: {"rate": 0.1 * k * s * b.sizes.x / (DURATION)},
     "sensor_gain": lambda _b, k, s, _a: {"gain": math.exp(0.02 * k * s)},
     "sensor_delay": lambda _b, k, _s, _a: {"delay": 0.003 * k},
+    "velocity_lag": lambda _b, k, _s, _a: {"time_constant": 0.005 * k},
     "sensor_quantisation": lambda b, k, _s, _a: {"step": 3.0 * k * b.noise[0]},
     "parameter_step": lambda _b, k, s, _a: {
         "time": round(0.45 * DURATION / STEP) * STEP,

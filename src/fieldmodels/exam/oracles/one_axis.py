@@ -39,6 +39,7 @@ def neutral(force: str) -> dict[str, dict[str, float]]:
         "sensor_drift": {"rate": 0.0},
         "sensor_gain": {"gain": 1.0},
         "sensor_delay": {"delay": 0.0},
+        "velocity_lag": {"time_constant": 0.0},
         "sensor_quantisation": {"step": 0.0},
         "parameter_step": {"time": 0.0, "factor": 1.0},
     }
@@ -101,6 +102,8 @@ def _place(effect: str, biased: str) -> tuple[str, str, str]:
         return "actuator", "drive", effect
     if place == "actuator":
         return "actuator", "drive", kind
+    if effect == "velocity_lag":
+        return "sensor", "velocity", "lag"
     if effect == "backlash":
         return "sensor", "position", effect
     if place == "sensor":

@@ -156,6 +156,22 @@ def _late(axis: Axis, values: Values) -> None:
     axis.late = lambda _t: delay
 
 
+def _velocity_lag(axis: Axis, values: Values) -> None:
+    """A first-order filter of a speed that changes along a line from sample to sample, settled at first."""
+    time_constant, last = values["time_constant"], [0.0, 0.0, 0.0]
+
+    def follow(y: float, t: float, _x: float, _v: float, _f: float) -> float:
+        before, speed, filtered = last
+        if t > before:
+            slope = (y - speed) / (t - before)
+            rest = filtered - speed + slope * time_constant
+            filtered = y - slope * time_constant + rest * math.exp(-(t - before) / time_constant)
+        last[:] = t, y, filtered
+        return filtered
+
+    axis.velocity.append(follow)
+
+
 def _gain(axis: Axis, values: Values) -> None:
     gain = values["gain"]
     axis.position.append(lambda y, _t, _x, _v, _f: gain * y)
@@ -205,6 +221,7 @@ SIMPLE: Mapping[str, Callable[[Axis, Values], None]] = {
     "actuator_rate_limit": _rate,
     "actuator_delay": _delay,
     "sensor_delay": _late,
+    "velocity_lag": _velocity_lag,
     "sensor_gain": _gain,
     "sensor_drift": _drift,
     "sensor_quantisation": _quantum,
