@@ -499,6 +499,10 @@ def test_settings_are_read_a_few_times_a_kernel(monkeypatch):
 def test_an_expression_of_arrays_compiles_in_a_kernel_that_python_calls():
     """Numba compiles it as a part, by settings of its own: the kernel's stay as they are."""
 
+    settled = _Settled(Flags())
+    settled.copy().no_cpython_wrapper = True
+    assert not settled.no_cpython_wrapper
+
     @compiled
     def shifted(x):
         return np.asarray(x[0] + 2.0 * x)
