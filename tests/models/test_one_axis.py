@@ -117,6 +117,7 @@ def test_mirrored_commands_give_mirrored_motion(name):
         "constant_force",
         "periodic_force",
         "cogging",
+        "asymmetric_damping",
         "actuator_asymmetry",
         "sensor_bias",
         "sensor_drift",
