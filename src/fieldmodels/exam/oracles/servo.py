@@ -11,7 +11,7 @@ from fieldmodels.exam.oracles import Values, filled, one_axis
 SHARED = one_axis.neutral("torque")
 ABSENT = {
     *("backlash", "cubic_stiffness", "constant_force", "actuator_asymmetry", "actuator_dead_zone"),
-    *("sensor_bias", "sensor_gain", "parameter_step"),
+    *("sensor_bias", "sensor_gain", "velocity_lag", "parameter_step"),
 }
 """What other axes have, and a servo has not."""
 NEUTRAL: Values = {
