@@ -171,7 +171,7 @@ def test_the_model_from_rest_and_from_what_the_sensors_show(machine, effect, val
         # At rest when the sensor first shows the axis; beside a velocity that is not late, see below.
         agree_on_a_bench(machine, {effect: values}, begins=(0,), velocity=False, state=(0.0, 0.0))
     elif effect == "velocity_lag":
-        # A filter takes what a speed does within a step for straight; later a speed is guessed from its slope.
+        # A filter takes what a speed does within a step for straight; later a speed is guessed by its slope.
         agree_on_a_bench(machine, {effect: values}, begins=(0,), tolerance=2e-2)
     else:
         agree_on_a_bench(machine, {effect: values})
