@@ -4,13 +4,31 @@ import pytest
 
 from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.cases import cases_of
+from fieldmodels.exam.cases import Case, cases_of
 from fieldmodels.exam.sizes import recordings
+
+STEPPED = ("cubic_stiffness", "parameter_step", "thrust_curve")
+ONCE_DRAWN = {
+    (c.machine, c.kind, c.seed): c
+    for c in (
+        Case(
+            "develop",
+            "propeller_arm",
+            "single",
+            ("cubic_stiffness",),
+            2005,
+            Conditions(noise="bursting", commands="waves"),
+        ),
+        Case("develop", "propeller_arm", "triple", STEPPED, 4011, Conditions()),
+    )
+}
+"""Cases from before the propeller arm's list grew."""
 
 
 def found(machine: str, kind: str, seed: int, sizes: list[float]) -> tuple[set[str], Diagnosis]:
     """What is hidden in a case of the development set, and its diagnosis."""
-    [case] = [c for c in cases_of("develop", [machine], [kind]) if c.seed == seed]
+    drawn = [c for c in cases_of("develop", [machine], [kind]) if c.seed == seed]
+    case = ONCE_DRAWN.get((machine, kind, seed)) or drawn[0]
     bench = get_bench(machine)
     hidden = [Hidden(name, size, sign) for (name, _, sign), size in zip(case.drawn(), sizes, strict=True)]
     train, test = recordings(bench, hidden, case.conditions, seed)
