@@ -28,7 +28,7 @@ from fieldmodels.exam.scoring import (
     of_silence,
     of_unlisted,
 )
-from fieldmodels.exam.sizes import added, errors, find_size
+from fieldmodels.exam.sizes import LEAST_SHOWN, added, errors, find_size, shown
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
 
@@ -146,6 +146,41 @@ def test_what_no_size_adds_is_said():
     found = find_size(get_bench("rig"), "actuator_saturation", 1, 25.0, Conditions(commands="binary"), 7)
     assert found.size is None
     assert found.percent < 1.0
+
+
+def test_the_evidence_for_an_offset_is_its_square_over_twice_the_variance_in_every_sample():
+    bench, conditions = get_bench("rig"), Conditions()
+    offset, friction = Hidden("sensor_bias", 2.0), Hidden("coulomb_friction", 1.0)
+    value = bench.values("sensor_bias", 2.0, 1, 7)["bias"]
+    samples = len(bench.log((), conditions, 7, False).inputs)
+    alone, beside = (shown(bench, hidden, conditions, 7)[0] for hidden in ([offset], [offset, friction]))
+    assert alone == pytest.approx(samples * value**2 / (2.0 * 5e-3**2), rel=1e-3)
+    assert beside == pytest.approx(alone, rel=1e-3)
+
+
+def test_a_limit_that_only_the_second_record_reaches_is_out_of_reach(monkeypatch):
+    """Beside hysteresis a servo's torque keeps below its limit in the record to fit: nobody can name that."""
+    hidden = "hysteresis", "torque_limit", "sensor_drift"
+    case = Case("report", "servo", "triple", hidden, 71_053_007, Conditions("heavy_tailed", commands="waves"))
+    bench, sizes = get_bench("servo"), [0.05177381426667729, 1.127481962411126, 0.0245664690613685]
+    faults = [Hidden(name, size, sign) for (name, _, sign), size in zip(case.drawn(), sizes, strict=True)]
+    changes = []
+    for second in (False, True):
+        others = [faults[0], faults[2]]
+        free, limited = (bench.log(one, case.conditions, case.seed, second) for one in (others, faults))
+        changes.append(float(np.abs(free.outputs[:, 0] - limited.outputs[:, 0]).max()))
+    assert changes[0] < 1e-3 * bench.noise[0] < 10.0 * bench.noise[0] < changes[1]
+    evidence = shown(bench, faults, case.conditions, case.seed)
+    assert evidence[1] == 0.0
+    assert min(evidence[0], evidence[2]) > LEAST_SHOWN
+    monkeypatch.setattr(run, "ask", None)
+    row = run_case(
+        case, {"sizes": sizes, "percents": [23.5, 15.6, 19.8], "shown": evidence, "attainable": None}
+    )
+    assert row["outcome"] == "out of reach"
+    assert row["summary"] == (
+        "servo: the record to fit does not show torque_limit beside hysteresis and sensor_drift"
+    )
 
 
 def test_a_machine_of_another_size_and_pace_shows_the_same_in_other_units():
@@ -473,7 +508,7 @@ class Here:
         for job in jobs:
             case, made = job.arguments
             self.asked.append((case.key, made))
-            sized = made or {"sizes": [], "percents": [], "attainable": None}
+            sized = made or {"sizes": [], "percents": [], "shown": [], "attainable": None}
             row = case.to_json() | {"key": case.key, "outcome": "consistent"} | dict(sized)
             yield Done(job, error="its process died") if case in self.deadly else Done(job, row)
 
@@ -484,7 +519,14 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     stale = done | {"key": cases[1].key, "code": "of another day"}
     lines = [json.dumps(done), json.dumps(stale), json.dumps(done)[:20]]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines))
-    sized = {"key": cases[1].key, "sizes": [], "percents": [], "attainable": 7, "code": run.data_code()}
+    sized = {
+        "key": cases[1].key,
+        "sizes": [],
+        "percents": [],
+        "shown": [],
+        "attainable": 7,
+        "code": run.data_code(),
+    }
     (tmp_path / "sizes.jsonl").write_text(json.dumps(sized) + "\n")
     here = Here()
     monkeypatch.setattr(run, "run_jobs", here)

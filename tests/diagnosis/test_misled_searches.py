@@ -8,6 +8,7 @@ from fieldmodels.exam.cases import Case, cases_of
 from fieldmodels.exam.sizes import recordings
 
 STEPPED = ("cubic_stiffness", "parameter_step", "thrust_curve")
+SHAKEN = ("constant_force", "periodic_force", "gyro_delay")
 ONCE_DRAWN = {
     (c.machine, c.kind, c.seed): c
     for c in (
@@ -20,9 +21,10 @@ ONCE_DRAWN = {
             Conditions(noise="bursting", commands="waves"),
         ),
         Case("develop", "propeller_arm", "triple", STEPPED, 4011, Conditions()),
+        Case("report", "heel_strike", "triple", SHAKEN, 71_053_004, Conditions()),
     )
 }
-"""Cases from before the propeller arm's list grew."""
+"""Cases from before the propeller arm's list grew, and one of those that `--fresh 71` draws."""
 
 
 def found(machine: str, kind: str, seed: int, sizes: list[float]) -> tuple[set[str], Diagnosis]:
@@ -84,6 +86,15 @@ def test_names_that_explain_more_than_a_curve_does_stay_beside_it():
     hidden, diagnosis = found("line_following", "triple", 4015, sizes)
     assert {cause.effect for cause in diagnosis.causes} == hidden
     assert diagnosis.verdict == "ambiguous"
+
+
+def test_a_name_stays_beside_a_curve_that_brings_nothing_in_the_whole_simulation():
+    """The curve went together with the periodic force, for a curve of time that repeats as often as that."""
+    hidden, diagnosis = found("heel_strike", "triple", 71_053_004, [2.0403516, 1.4843495, 8.5570567])
+    assert {cause.effect for cause in diagnosis.causes} == hidden
+    assert not diagnosis.curves
+    [shaken] = (cause for cause in diagnosis.causes if cause.effect == "periodic_force")
+    assert shaken.parameters["frequency"].value == pytest.approx(1.37, abs=0.005)
 
 
 def test_what_fits_as_well_with_more_parameters_and_does_not_hold_the_better_one_is_an_alternative():

@@ -80,7 +80,9 @@ def without_imitators(
     imitate one curve, each is covered by the others as long as it is looked for beside them. Names go if
     fewer names and curves explain the training data as well, each number at its price, and the test data are
     explained as well; or if they do so only with the price of names, which two names that imitate one curve
-    must bring, and the test data are explained better. Nothing is tried where the names explain all.
+    must bring, and the test data are explained better. Nothing is tried where the names explain all. Curves
+    that bring nothing in the whole simulation go first: else a name would go in their stead, for a curve that
+    does what it did.
 
     Args:
         candidates: What fits the sets.
@@ -95,6 +97,13 @@ def without_imitators(
     weights = covariance_whitener(problem, kept.fit if whole is None else whole.fit)
     after = predict(testing, kept.fit.parameters) if whole is None else whole.predict(testing)
     others, now = list[tuple[float, Judgement]](), _price(candidates, judged, weights)
+    if judged.curves:
+        alone, by_names = replace(judged, curves=()), predict(testing, kept.fit.parameters)
+        price = _price(candidates, alone, weights)
+        if price < now + candidates.options.undecided and compared(by_names, after) < AS_WELL:
+            judged, now, after = alone, price, by_names
+            if not unexplained(problem, kept.fit):
+                return judged
     for one in _parts(candidates, base, kept):
         beside = Curves(problem, one.fit, candidates.options)
         curves = tuple(beside.rivals(one))

@@ -21,7 +21,7 @@ from fieldmodels.exam.benches import Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
 from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
 from fieldmodels.exam.plants.noise import WANDERING
-from fieldmodels.exam.sizes import errors, find_size, recordings
+from fieldmodels.exam.sizes import LEAST_SHOWN, errors, find_size, recordings, shown
 from fieldmodels.files import write_text
 from fieldmodels.limits import TooLongError, processor_limit
 from fieldmodels.model import Model
@@ -73,7 +73,7 @@ def run_cases(
     return [done[case.key] for case in cases]
 
 
-MADE = ("sizes", "percents", "attainable")
+MADE = ("sizes", "percents", "shown", "attainable")
 """What a row keeps of how a case was made."""
 
 
@@ -86,7 +86,8 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
 
     Returns:
         The case with what was hidden and the outcome, beside those of ``scoring``: ``out of reach`` if no
-        size adds the percentage, ``failed`` if the case ended in an error or took too long.
+        size adds the percentage or the record to fit does not show it, ``failed`` if the case ended in an
+        error or took too long.
     """
     row: Row = case.to_json() | {"key": case.key}
     try:
@@ -101,7 +102,7 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
 
 def _examined(bench: Bench, case: Case, row: Row) -> Row:
     """What becomes of a case whose sizes are known."""
-    if None in row["sizes"]:
+    if None in row["sizes"] or min(row["shown"], default=LEAST_SHOWN) < LEAST_SHOWN:
         return {"outcome": "out of reach", "seconds": 0.0, "summary": _out_of_reach(case, row)}
     hidden = _hidden(case, row["sizes"])
     known = bool(bench.needs_base & set(case.hidden))
@@ -154,8 +155,9 @@ def make(bench: Bench, case: Case) -> Row:
     """Find sizes of what a case hides, and what a diagnosis could gain by it.
 
     Returns:
-        ``sizes`` and ``percents`` of what is hidden; ``attainable``: the output to whose error it adds most,
-        the share of that error which an extension could remove.
+        ``sizes`` and ``percents`` of what is hidden; ``shown``: evidence for each in the record to fit
+        [nats]; ``attainable``: the output to whose error it adds most, the share of that error which an
+        extension could remove.
     """
     reference = case.conditions
     if reference.cut:  # one fault in records of growing length
@@ -167,9 +169,12 @@ def make(bench: Bench, case: Case) -> Row:
     row: Row = {
         "sizes": [one.size for one in found],
         "percents": [round(one.percent, 2) for one in found],
+        "shown": [],
         "attainable": None,
     }
     if found and len(sizes) == len(found):
+        if not case.conditions.cut:  # the beginning of a growing record may not show its fault yet
+            row["shown"] = shown(bench, _hidden(case, sizes), case.conditions, case.seed)
         row["attainable"] = _attainable(bench, case, _hidden(case, sizes))
         if row["attainable"] is None:
             return row | {"sizes": [None] * len(sizes)}
@@ -259,6 +264,11 @@ def _hidden(case: Case, sizes: Sequence[float]) -> list[Hidden]:
 
 
 def _out_of_reach(case: Case, row: Row) -> str:
+    if None not in row["sizes"]:
+        shows = dict(zip(case.hidden, row["shown"], strict=True))
+        not_shown = " and ".join(name for name, evidence in shows.items() if evidence < LEAST_SHOWN)
+        beside = " and ".join(name for name, evidence in shows.items() if evidence >= LEAST_SHOWN)
+        return f"{case.machine}: the record to fit does not show {not_shown}{beside and f' beside {beside}'}"
     seen = " and ".join(
         f"{name} {percent:.1f} %" for name, percent in zip(case.hidden, row["percents"], strict=True)
     )

@@ -18,6 +18,12 @@ NEAR, TRIES = 0.15, 12
 """How near the drawn percentage a size must come, in how many tries."""
 
 
+LEAST_SHOWN = 10.0
+"""Evidence for a fault in the record to fit [nats], with less of which nobody can find it there."""
+MUCH = 1e6
+"""Evidence beyond which it is not counted [nats]."""
+
+
 @dataclass(frozen=True)
 class Found:
     """A size that was found, or the most that was seen.
@@ -57,6 +63,25 @@ def errors(
 def added(with_fault: FloatArray, without: FloatArray) -> float:
     """What a fault adds to the error of that output to which it adds most [%]."""
     return float(100.0 * (np.nanmax(with_fault / without) - 1.0))
+
+
+def shown(bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: int) -> list[float]:
+    """Evidence for each fault, beside the others, in the record to fit [nats].
+
+    That of a matched filter, which knows everything but whether the fault is there: half the squared change
+    of all samples by the fault, in units of the sensors' noise. It is the most that any diagnosis can have.
+    A limit may be reached on the second record alone.
+    """
+    noise = np.array([output.noise for output in bench.model.outputs])
+    whole = bench.log(hidden, conditions, seed, False).outputs
+    noise = np.where(noise > 0.0, noise, 1.0 / MUCH)[: whole.shape[1]]  # events have none
+    result = []
+    for one in hidden:
+        rest = bench.log([other for other in hidden if other is not one], conditions, seed, False).outputs
+        same = rest.shape == whole.shape
+        evidence = 0.5 * float(np.nansum(((whole - rest) / noise) ** 2)) if same else MUCH
+        result.append(round(min(evidence, MUCH), 3))
+    return result
 
 
 def find_size(bench: Bench, name: str, sign: int, wanted: float, conditions: Conditions, seed: int) -> Found:
