@@ -58,7 +58,8 @@ class Interpolated(Everything):
     hold = "interpolated"
     effects = (
         *actuator("push"),
-        *force("speed", ("coulomb_friction", "load_friction", "periodic_force", "asymmetric_damping")),
+        *force("speed", ("coulomb_friction", "load_friction", "periodic_force")),
+        *force("speed", ("asymmetric_damping", "linear_stiffness")),
     )
 
 
@@ -217,6 +218,7 @@ def values(place, f, x, v):
             ],
             "asymmetric_damping": [{"coefficient": k * f / v} for k in (-0.0117, 0.171)],
             "quadratic_drag": [{"coefficient": k * f / v**2} for k in (0.0117, 0.331)],
+            "linear_stiffness": [{"coefficient": k * f / x} for k in (-0.0113, 0.31)],
             "cubic_stiffness": [{"coefficient": k * f / x**3} for k in (-0.0113, 0.31)],
             "elastic_stop": [
                 {"stiffness": k * f / x, "place": p * x} for k, p in ((0.71, 0.11), (9.3, 0.21))
@@ -412,8 +414,10 @@ def states_shown(both, commands, shown, begin):
 
 
 # What was listed last comes last: a case's commands follow from its number.
+LAST = ("asymmetric_damping", "linear_stiffness")
 ALL = sorted(
-    ((m, name, v) for m in MACHINES for name, v in cases(m)), key=lambda case: "asymmetric_damping" in case[1]
+    ((m, name, v) for m in MACHINES for name, v in cases(m)),
+    key=lambda case: max((k + 1 for k, kind in enumerate(LAST) if kind in case[1]), default=0),
 )
 IDS = [f"{m}-{name}-{k}" for k, (m, name, _) in enumerate(ALL)]
 

@@ -20,7 +20,7 @@ from fieldmodels.recording import Recording
 STEPS = (8, 16, 32)
 """Samples in the shortest, the main and the longest horizon of a machine that states none, at least."""
 SHARES = (0.35, 0.7, 1.4)
-"""The same as shares of the time in which the outputs change by their size."""
+"""The same as shares of twice the time in which the outputs change by their size."""
 WALKS_OFF = 2.5
 """Times the pace of a velocity that its position must take to change by its size; 1 of a swing."""
 

@@ -1,6 +1,6 @@
 """Stock effects in an equation of motion: forces on one of a machine's velocities.
 
-    F = -c v - a |v| - d v |v| - k_3 x^3 + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t)
+    F = -c v - a |v| - d v |v| - k x - k_3 x^3 + F_0 + A_s sin(2 pi f t) + A_c cos(2 pi f t)
         + B_s sin(2 pi x/p) + B_c cos(2 pi x/p) - k_e max(|x| - x_e, 0) sign(x) - k_o max(x - x_o, 0)
         - (F_c + mu |u| + F_s exp(-(v/v_s)^2)) sign(v) - F_h,          dF_h/dx = (F_m - F_h sign(v))/delta
 
@@ -53,6 +53,7 @@ class Row(NamedTuple):
     cogging_period: float = 1.0
     asymmetric_damping_coefficient: float = 0.0
     quadratic_drag_coefficient: float = 0.0
+    linear_stiffness_coefficient: float = 0.0
     cubic_stiffness_coefficient: float = 0.0
     elastic_stop_stiffness: float = 0.0
     elastic_stop_place: float = 1.0
@@ -112,6 +113,7 @@ def has_no_smooth(r: Row) -> bool:
         and r.cogging_cosine == 0.0
         and r.asymmetric_damping_coefficient == 0.0
         and r.quadratic_drag_coefficient == 0.0
+        and r.linear_stiffness_coefficient == 0.0
         and r.cubic_stiffness_coefficient == 0.0
         and r.elastic_stop_stiffness == 0.0
         and r.one_sided_spring_stiffness == 0.0
@@ -138,7 +140,7 @@ def without_waves(x: float, v: float, r: Row) -> float:
     # Without a condition, so that loops over it become vector instructions: what is off is zero.
     total = r.constant_force_force - r.viscous_friction_coefficient * v
     total -= (r.asymmetric_damping_coefficient + r.quadratic_drag_coefficient * v) * abs(v)
-    total -= r.cubic_stiffness_coefficient * x * x * x
+    total -= (r.linear_stiffness_coefficient + r.cubic_stiffness_coefficient * x * x) * x
     total -= r.elastic_stop_stiffness * math.copysign(max(abs(x) - r.elastic_stop_place, 0.0), x)
     total -= r.one_sided_spring_stiffness * max(x - r.one_sided_spring_place, 0.0)
     return float(total)
@@ -233,6 +235,8 @@ def slope_of_friction(inertia: float, speed: float, r: Row) -> float:
         fastest += math.sqrt(r.hysteresis_force / (r.hysteresis_distance * inertia))
     if r.cogging_sine != 0.0 or r.cogging_cosine != 0.0:
         fastest += 0.4 * 2.0 * math.pi * speed / r.cogging_period  # half a radian a step is fine enough
+    if r.linear_stiffness_coefficient != 0.0:
+        fastest += math.sqrt(abs(r.linear_stiffness_coefficient) / inertia)
     if r.elastic_stop_stiffness != 0.0:
         fastest += math.sqrt(abs(r.elastic_stop_stiffness) / inertia)
     if r.one_sided_spring_stiffness != 0.0:
@@ -325,6 +329,14 @@ def _drag(n: Names, s: Sizes) -> Effect:
     )  # fmt: skip
 
 
+def _linear(n: Names, s: Sizes) -> Effect:
+    return effect(
+        "linear_stiffness", "force",
+        "A spring, or gravity on an unbalanced axis, pulls it back, or pushes it away.", "-k x",
+        signed("coefficient", f"{n.force_unit}/{n.position_unit}", 0.1 * s.force / s.position),
+    )  # fmt: skip
+
+
 def _cubic(n: Names, s: Sizes) -> Effect:
     return effect(
         "cubic_stiffness", "force",
@@ -390,6 +402,7 @@ LIBRARY: dict[str, Declare] = {
     "cogging": _cogging,
     "asymmetric_damping": _asymmetric,
     "quadratic_drag": _drag,
+    "linear_stiffness": _linear,
     "cubic_stiffness": _cubic,
     "elastic_stop": _stop,
     "one_sided_spring": _one_sided,
@@ -397,9 +410,9 @@ LIBRARY: dict[str, Declare] = {
     "periodic_force": _periodic,
 }
 FRICTION = ("viscous_friction", "coulomb_friction", "stribeck_friction", "load_friction", "quadratic_drag")
-ON_REQUEST = ("asymmetric_damping",)
+ON_REQUEST = ("asymmetric_damping", "linear_stiffness")
 """Kinds for machines that are known to be so: beside all others they imitate what is not listed."""
-PLACED = ("hysteresis", "cogging", "cubic_stiffness", "elastic_stop", "one_sided_spring")
+PLACED = ("hysteresis", "cogging", "linear_stiffness", "cubic_stiffness", "elastic_stop", "one_sided_spring")
 """Kinds that need to know where the axis is."""
 
 

@@ -231,6 +231,7 @@ class Episode:
             -of("viscous_friction.coefficient") * v
             - of("asymmetric_damping.coefficient") * math.fabs(v)
             - of("quadratic_drag.coefficient") * v * abs(v)
+            - of("linear_stiffness.coefficient") * x
             - of("cubic_stiffness.coefficient") * x**3
             + of("constant_force.force")
             + of("periodic_force.sine") * math.sin(phase)

@@ -16,6 +16,7 @@ from fieldmodels.recording import Recording
 USUAL_PACE = 4.0  # times slower or faster than the nominal bench: from there on horizons follow
 LEAST_STEPS = 10.0  # steps in the main horizon
 LEAST_SHORT = 4.0  # steps in the shortest
+LEAST_WINDOWS = 40  # of the main horizon, in what is fitted, before a slow bench has longer ones than usual
 SPANS = 0.8, 1.6, 4.0  # lengths of bumps, in the time in which the position changes by its size
 LEAST_SPAN = 16  # samples in a bump
 MOST_SPANS = 10  # bumps of one length that a recording must hold
@@ -40,6 +41,7 @@ class Scales:
         position_noise: Standard deviation of the position sensor's white noise [m or rad].
         velocity_noise: The same of the velocity sensor [m/s or rad/s].
         frequencies: Where the force that the equation of motion leaves over has its peaks [Hz].
+        recorded: Length of all recordings together, to fit and to test [s].
     """
 
     base: tuple[float, ...]
@@ -53,6 +55,7 @@ class Scales:
     position_noise: float
     velocity_noise: float
     frequencies: tuple[float, ...]
+    recorded: float = 0.0
 
     @property
     def sizes(self) -> Sizes:
@@ -115,6 +118,7 @@ def measure_scales(
         if with_velocity
         else nominal.velocity_noise,
         frequencies=frequencies,
+        recorded=sum(len(r) * r.step for r in recordings),
     )
 
 
@@ -122,11 +126,13 @@ def horizons_for(horizons: tuple[float, ...], scales: Scales, nominal: Scales) -
     """Prediction horizons [s] for a bench: the nominal ones, unless it is far slower or faster.
 
     A bench that moves in a hundredth of the time must be predicted over a hundredth of it; one that is
-    sampled slowly, over enough samples.
+    sampled slowly, over enough samples. Of one that moves slowly, half of what was recorded must hold enough
+    windows: few long ones tell nothing apart (a robot's joint that is led slowly for 40 s).
     """
     pace = (scales.position / scales.velocity) / (nominal.position / nominal.velocity)
     factor = 1.0 if 1.0 / USUAL_PACE <= pace <= USUAL_PACE else pace
     main = horizons[min(1, len(horizons) - 1)]
+    factor = min(factor, max(0.5 * scales.recorded / (LEAST_WINDOWS * main), 1.0))
     factor = max(factor, LEAST_STEPS * scales.step / main, LEAST_SHORT * scales.step / horizons[0])
     return tuple(float(f"{factor * h:.2g}") for h in horizons) if factor != 1.0 else horizons
 
