@@ -10,7 +10,9 @@ import pytest
 
 from fieldmodels.diagnosis import diagnose, extension, simulated
 from fieldmodels.diagnosis.curves import _solved
+from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.simulated import that_keep_their_promise
+from fieldmodels.diagnosis.verdict import Judgement
 from fieldmodels.effects import actuator, friction, sensor
 from fieldmodels.machine import Machine, number
 from fieldmodels.model import ModelError, Signal
@@ -111,3 +113,23 @@ def test_kinds_of_friction_are_chosen_like_those_of_other_effects():
     assert "constant_force" not in [e.kind for e in friction("speed", without=("constant_force",))]
     with pytest.raises(ModelError, match="no stock effect 'constant'"):
         friction("speed", ("constant",))
+
+
+@pytest.mark.parametrize(("worse", "stays"), [(0.009, False), (0.011, True)])
+def test_a_curve_without_which_the_test_data_are_predicted_worse_stays(
+    monkeypatch, worse: float, stays: bool
+):
+    """Training data that call for neither do not decide; names alone may be worse by a hundredth at most."""
+    whole = SimpleNamespace(fit=None, predict=lambda _testing: "whole")
+    instead = {
+        "extend": whole, "covariance_whitener": None, "predict": "names", "_price": 0.0, "unexplained": True,
+        "_parts": [],
+    }  # fmt: skip
+    for name, value in instead.items():
+        monkeypatch.setattr(simulated, name, lambda *_given, value=value: value)
+    compared = {("names", "whole"): worse}
+    monkeypatch.setattr(simulated, "compared", lambda one, other: compared[one, other])
+    kept = SimpleNamespace(effects=("a_name",), fit=SimpleNamespace(parameters=None))
+    candidates = SimpleNamespace(problem=None, options=DEFAULT)
+    judged = Judgement(kept, None, None, curves=("a curve",))
+    assert bool(simulated.without_imitators(candidates, None, judged, None).curves) == stays

@@ -69,8 +69,8 @@ def shown(bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: 
     """Evidence for each fault, beside the others, in the record to fit [nats].
 
     That of a matched filter, which knows everything but whether the fault is there: half the squared change
-    of all samples by the fault, in units of the sensors' noise. It is the most that any diagnosis can have.
-    A limit may be reached on the second record alone.
+    of all samples by the fault, in units of the sensors' noise. No diagnosis can have more in white Gaussian
+    noise. A limit may be reached on the second record alone.
     """
     noise = np.array([output.noise for output in bench.model.outputs])
     whole = bench.log(hidden, conditions, seed, False).outputs
