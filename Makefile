@@ -6,15 +6,22 @@ export FIELDGYM_DATA ?= $(wildcard $(CURDIR)/../shared/data)
 # Each process keeps to its own half of the tests (worksteal), so that what one compiles or prepares is made once.
 export OMP_NUM_THREADS ?= 1
 
-BIN := .venv/bin
-READY := .venv/.ready
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# What each target needs is installed once: for the demo no torch, for the tests everything.
+DEMO := $(VENV)/.demo
+TORCH := $(VENV)/.torch
+READY := $(VENV)/.ready
+# A CPU build of torch; PyPI's for Linux brings 5 GB of CUDA libraries, and is taken where this does not answer.
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
 .PHONY: demo test check exam mutants bench docs build lock audit clean help
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-demo: $(READY)  ## evaluate the agents, diagnose a recording, end in results/demo/report.html
+demo: $(DEMO)  ## evaluate the agents, diagnose a recording, end in results/demo/report.html
 	$(BIN)/fieldgym demo
 
 test: $(READY)  ## the test suite (long exams: make exam)
@@ -36,7 +43,7 @@ bench: $(READY)  ## what users wait for, as ratios; fails where one is 1.5 times
 	$(BIN)/python benchmarks/run.py
 
 docs: $(READY)  ## the docs site, in site/
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	$(PIP) install --constraint constraints.txt --editable '.[docs]'
 	$(BIN)/python docs/pictures.py
 	$(BIN)/mkdocs build --strict
 
@@ -44,24 +51,37 @@ build: $(READY)  ## wheel and source distribution, in dist/
 	$(BIN)/python -m build
 
 lock: $(READY)  ## requirements.lock: every dependency with its hashes, on every platform (asks the network)
-	$(BIN)/pip install --quiet uv
+	$(PIP) install uv
 	$(BIN)/uv pip compile pyproject.toml --all-extras --constraint constraints.txt --universal \
 		--python-version 3.11.5 --upgrade --generate-hashes --no-annotate --quiet \
 		--custom-compile-command 'make lock' --output-file requirements.lock
 
 audit: $(READY)  ## known weaknesses of the pinned dependencies (asks the network)
-	$(BIN)/pip install --quiet pip-audit
+	$(PIP) install pip-audit
 	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
 
 clean:  ## remove compiled kernels, what was built, and the virtual environment
 	-$(BIN)/python -c 'import shutil; from fieldmodels.compiled import cache_folder as f; shutil.rmtree(f() or "", True)'
-	rm -rf .venv dist build site
+	rm -rf $(VENV) dist build site
 
-# torch comes first and by its exact pin: a later release would pull gigabytes of CUDA libraries.
-$(READY): pyproject.toml constraints.txt
+$(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "fieldgym needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $$(grep '^torch==' constraints.txt)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(PYTHON) -m venv $(VENV)
+
+$(DEMO): pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) install --constraint constraints.txt --editable '.[agents,app]'
+	@touch $@
+
+$(TORCH): constraints.txt | $(BIN)/python
+	@pin=$$(grep '^torch==' constraints.txt); \
+	if $(BIN)/python -c 'import sys, urllib.request as web; web.urlopen(sys.argv[1], timeout=5).read()' \
+		$(TORCH_INDEX)/torch/ 2>/dev/null && $(PIP) install --no-deps --index-url $(TORCH_INDEX) $$pin; \
+	then echo "$$pin: the CPU build of $(TORCH_INDEX)"; \
+	else echo "$$pin: of PyPI, since $(TORCH_INDEX) does not answer (for Linux several GB)"; \
+		$(PIP) install --no-deps $$pin; fi
+	@touch $@
+
+$(READY): pyproject.toml $(TORCH)
+	$(PIP) install --constraint constraints.txt --editable '.[dev]'
 	@touch $@

@@ -846,8 +846,8 @@ def demo(
 ) -> None:
     """Evaluate the agents and diagnose a recording, ending in one self-contained report.html.
 
-    Takes a few minutes and prints what came out. Real data are used when `FIELDGYM_DATA` or the network has
-    them; else a recording from a hidden reality, and the report says which.
+    Takes a minute and prints what came out. A real recording is taken when `FIELDGYM_DATA` or the network has
+    it; else one of a simulated pendulum that is shipped, and the report says which.
 
     For example:
 
@@ -855,12 +855,14 @@ def demo(
 
         fieldgym demo --out /tmp/demo
     """
-    from fieldagents.demo import run_demo
+    from fieldagents.demo import NEXT, run_demo
 
     with progress() as report:
         done = run_demo(_into(out), report)
     files = {"report": str(done.page)}
     _told(as_json, files, lambda console: console.print("\n".join(done.findings), markup=False), files)
+    if not as_json:
+        print(*NEXT, sep="\n")
 
 
 def _announced(plan: Plan, dry_run: bool, as_json: bool) -> None:

@@ -23,19 +23,22 @@ from fieldmodels.files import write_text
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 from fieldmodels.recording.datasets import DatasetError, get_dataset, open_recording
+from fieldmodels.recording.files import load_recording
 from fieldmodels.registry import get_model
-from fieldmodels.synthesis import synthesise
 
 TRAIN = "dfki_simple_pendulum/ddp"
 TEST = "dfki_simple_pendulum/direct_collocation"
-HIDDEN = {"coulomb_friction": {"torque": 0.18}, "viscous_friction": {"coefficient": 0.05}}
-"""What the stand-in pendulum has and the simulation lacks: about what was identified on the real one."""
-
-
+SHIPPED = Path(__file__).with_name("recordings")
+"""A pendulum with dry friction, by a simulator that shares no code with ours; see ``docs/demo_recording.py``."""
 DATA = {
     True: "A real pendulum, measured:",
-    False: "A pendulum in simulated data from a hidden reality, since there are no real ones at hand:",
+    False: "A pendulum simulated by another program (no real recording could be fetched):",
 }
+NEXT = (
+    "Next: your own log             fieldgym open your_log.csv",
+    "      a task for your trainer  gym.make('fieldgym:fieldgym/HeelStrike-v0')",
+    "      all tasks and agents     fieldgym list",
+)
 SCENARIOS = {"collisions_with_memory": "ar1", "collisions_that_drift": "low_pass"}
 
 
@@ -70,7 +73,7 @@ class Demo:
 
 
 def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
-    """Evaluate the agents on every task, diagnose a pendulum, and write one report.
+    """Diagnose a pendulum, evaluate the agents of a task, and write one report.
 
     Args:
         out: Result folder; the evaluation and the diagnosis get folders of their own below it.
@@ -93,8 +96,8 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
         baseline="ranger",
         episodes=episodes,
     )
-    summary = evaluate(config, out / "heel_strike", _share(progress, 0.02, 0.6))
-    diagnosis = diagnose(pendulum, [bench.train], [bench.test], progress=_share(progress, 0.6, 0.95))
+    diagnosis = diagnose(pendulum, [bench.train], [bench.test], progress=_share(progress, 0.02, 0.45))
+    summary = evaluate(config, out / "heel_strike", _share(progress, 0.45, 0.95))
     progress("Writing the report", 0.95)
     drawn = pictures(diagnosis)
     write_results(diagnosis, out / "pendulum", drawn)
@@ -132,20 +135,16 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
 
 
 def find_bench(pendulum: Model) -> Bench:
-    """Real recordings where they can be had; else a pendulum with a hidden reality."""
+    """Real recordings where they can be had; else those that are shipped, of a simulated pendulum."""
     try:
         train, test = open_recording(TRAIN, pendulum), open_recording(TEST, pendulum)
     except DatasetError as error:
-        rng = np.random.default_rng(20)
-        records = [
-            synthesise(pendulum, HIDDEN, "mixed", duration=20.0, step=0.005, amplitude=1.5, rng=rng)
-            for _ in range(2)
-        ]
+        train, test = (load_recording(SHIPPED / f"pendulum_{k}.csv", pendulum) for k in ("train", "test"))
         about = (
-            f"No real data could be had ({error}). Instead: two recordings of a simulated pendulum with a "
-            f"hidden reality, {HIDDEN}, of which the diagnosis knows nothing."
+            f"No real recording could be had ({error}). Instead: a pendulum with dry friction of 0.15 N m, "
+            "simulated by a program that shares no code with the model; the diagnosis knows nothing of it."
         )
-        return Bench(records[0], records[1], about, real=False)
+        return Bench(train, test, about, real=False)
     sources = [get_dataset(name) for name in (TRAIN, TEST)]
     about = (
         f"Real data: a torque-limited pendulum at DFKI RIC ({sources[0].licence}). Learned from: "

@@ -1,5 +1,6 @@
 """Every page that fieldgym writes is opened in a real browser: no error, nothing from outside, readable."""
 
+import importlib
 import re
 from dataclasses import replace
 from itertools import combinations
@@ -285,9 +286,18 @@ def test_demo_report_says_that_its_data_are_simulated(open_page, tmp_path: Path,
     } <= names
     assert "task.csv" not in names  # a photograph
     assert any("Coulomb" in finding for finding in report.findings)
-    assert "simulated data from a hidden reality" in words
+    assert "simulated by another program" in words
     assert "there is no network here" in words
     assert "coulomb" in words.lower()
+
+
+def test_the_shipped_recording_is_what_the_exam_s_plant_does(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs"))
+    made = importlib.import_module("demo_recording")
+    for seed, name in enumerate(("train", "test")):
+        shipped = np.loadtxt(demo.SHIPPED / f"pendulum_{name}.csv", delimiter=",", skiprows=1)
+        again = np.loadtxt(made.recorded(seed).splitlines(), delimiter=",", skiprows=1)
+        assert shipped == pytest.approx(again, abs=1e-5)
 
 
 def test_demo_takes_real_data_where_there_are_some(public_data):

@@ -1,22 +1,31 @@
 """What fieldgym is built on is written down: hashes, bill of materials, licences, checksums of policies."""
 
+import ast
+import importlib
+import importlib.util
+import io
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import time
+import tomllib
+import zipfile
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.metadata import distributions
 from pathlib import Path
 from threading import Thread
 
+import numba
 import pytest
 from packaging.requirements import Requirement
 
 from fieldagents.policies.zoo import ZooError, list_zoo
 
 ROOT = Path(__file__).parents[2]
+DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
 @pytest.fixture(scope="module")
@@ -42,13 +51,28 @@ def test_what_is_pinned_and_locked_has_one_version_and_hashes(pins):
     assert not locked["pygame"].marker.evaluate({"python_full_version": "3.14.0"})
 
 
+PLATFORMS = [
+    {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "x86_64", "extra": ""},
+    {"sys_platform": "darwin", "platform_system": "Darwin", "platform_machine": "arm64", "extra": ""},
+    {"sys_platform": "win32", "platform_system": "Windows", "platform_machine": "AMD64", "extra": ""},
+]
+
+
 def test_what_a_pin_needs_is_pinned(pins):
-    """An installation by hashes ends where one package has none."""
+    """An installation by pins takes the same versions everywhere.
+
+    What a package needs on one platform alone, or one build of it (torch's with CUDA), it pins itself; it is in
+    ``requirements.lock``.
+    """
     installed = {plain(one.metadata["Name"]): one for one in distributions()}
     asked = [
         Requirement(text) for name in pins if name in installed for text in installed[name].requires or []
     ]
-    needed = {plain(one.name) for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})}
+    needed = {
+        plain(one.name)
+        for one in asked
+        if one.marker is None or all(one.marker.evaluate(platform) for platform in PLATFORMS)
+    }
     assert len(needed) > 50
     assert needed - set(pins) == set()
 
@@ -77,6 +101,99 @@ def test_the_lock_is_complete_on_every_python_and_platform(tmp_path):
             )
             assert done.returncode == 0, f"{python} {platform}: {done.stderr}"
             assert "numpy==" in done.stderr
+
+
+class Index(BaseHTTPRequestHandler):
+    """A package index with one build of torch; `answers` says how it behaves."""
+
+    wheel, answers = ("", b""), True
+
+    def do_GET(self):
+        if not self.answers:
+            time.sleep(8.0)
+            return
+        name, content = self.wheel
+        body = content if self.path.endswith(".whl") else f'<a href="/{name}">{name}</a>'.encode()
+        self.send_response(200)
+        self.send_header("Content-Type", "application/octet-stream" if body is content else "text/html")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_):
+        pass
+
+
+def index(version, **behaviour):
+    """A running index whose torch has a version."""
+    about = f"torch-{version}.dist-info"
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as wheel:
+        wheel.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: torch\nVersion: {version}\n")
+        wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr(f"{about}/RECORD", "")
+    wheel = (f"torch-{version}-py3-none-any.whl", content.getvalue())
+    handler = type("One", (Index,), {"wheel": wheel, **behaviour})
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    Thread(target=server.serve_forever, daemon=True).start()
+    return server
+
+
+def test_torch_is_the_cpu_build_where_its_index_answers_and_pypi_s_where_not(tmp_path, pins):
+    """By the real make and pip; the indices are ours."""
+    pin = pins["torch"]
+    pypi, cpu, hangs = index(pin), index(f"{pin}+cpu"), index(f"{pin}+cpu", answers=False)
+    subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
+
+    def installed(port):
+        address = "http://127.0.0.1:{}"
+        command = ["make", tmp_path / ".torch", f"VENV={tmp_path}", f"TORCH_INDEX={address.format(port)}"]
+        kept = {name: os.environ[name] for name in ("PATH", "LANG") if name in os.environ}
+        pip = {"PIP_INDEX_URL": address.format(pypi.server_port), "PIP_CONFIG_FILE": os.devnull}
+        environment = {**kept, "HOME": str(tmp_path), **pip}
+        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        (found,) = (tmp_path / "lib").glob("python*/site-packages/torch-*.dist-info")
+        shutil.rmtree(found)
+        (tmp_path / ".torch").unlink()
+        return found.name.removesuffix(".dist-info"), done.stdout
+
+    try:
+        version, said = installed(cpu.server_port)
+        assert version == f"torch-{pin}+cpu"
+        assert "the CPU build of http" in said
+        for port in (hangs.server_port, 9):  # nobody listens at the port "discard"
+            version, said = installed(port)
+            assert version == f"torch-{pin}"
+            assert "of PyPI, since" in said
+    finally:
+        for server in (pypi, cpu, hangs):
+            server.shutdown()
+
+
+def test_what_the_kernels_take_of_numba_s_private_parts_is_there():
+    """Numba promises nothing of ``numba.core``; hence the bound above in pyproject."""
+    named = [
+        (module, name.name)
+        for path in sorted((ROOT / "src").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom)
+        and (module := node.module or "").startswith(("numba.", "llvmlite"))
+        for name in node.names
+    ]
+    assert len(named) > 10
+    for module, name in named:
+        there = importlib.import_module(module)
+        ok = hasattr(there, name) or importlib.util.find_spec(f"{module}.{name}")
+        assert ok, f"Numba {numba.__version__} has no {module}.{name}, which our kernels are compiled with."
+    (bound,) = [one for one in map(Requirement, DECLARED["dependencies"]) if one.name == "numba"]
+    assert numba.__version__ in bound.specifier, (
+        f"Numba {numba.__version__} is outside {bound.specifier}: try the tests with it, then move the bound."
+    )
+    major, minor = (int(part) for part in numba.__version__.split(".")[:2])
+    assert f"{major}.{minor + 1}.0" not in bound.specifier, (
+        "The next Numba is not yet tried and must be refused."
+    )
 
 
 def test_the_bill_of_materials_is_of_the_pins(pins):

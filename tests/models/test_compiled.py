@@ -387,6 +387,20 @@ def test_a_terminal_is_told_what_is_being_compiled_until_it_is(tmp_path, monkeyp
     assert told(2.0) == []  # from the disk
 
 
+def test_a_log_has_one_line_about_what_is_compiled_and_none_once_it_is(lab):
+    def said(code):
+        command = [sys.executable, "-c", f"import multiprocessing\nfrom lab import kernels\n{code}"]
+        return subprocess.run(command, env=lab.environment, text=True, capture_output=True, check=True).stderr
+
+    worker = "with multiprocessing.get_context('fork').Pool(1) as pool: pool.map(kernels.alone, [1.0])"
+    assert said(worker) == ""  # its parent says it
+    lab.edit("kernels.py", "3.0 * x", "4.0 * x")
+    both = "kernels.alone(1.0), kernels.reaches(1.0)"
+    (line,) = said(both).splitlines()
+    assert line.startswith("fieldgym: compiling, once on this machine: lab.kernels.alone")
+    assert said(both) == ""
+
+
 def test_a_folder_refused_for_its_owner(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(os, "getuid", lambda: 12345)  # the folder will be of another owner

@@ -1,9 +1,12 @@
 """Public recordings are found, checked, and read with their own column names."""
 
 import hashlib
-import io
 import re
 import shutil
+import time
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
 
 import numpy as np
 import platformdirs
@@ -23,16 +26,45 @@ from fieldmodels.registry import get_model
 DDP = "dfki_simple_pendulum/ddp"
 
 
+CONTENT = b"time,position,velocity,torque\n"
+
+
+class Publisher(BaseHTTPRequestHandler):
+    """Gives a file, another one, none, or an answer that never comes; notes what it was asked for."""
+
+    asked: list[str]
+
+    def do_GET(self):
+        self.asked.append(self.path)
+        if self.path == "/late":
+            time.sleep(2.0)
+        content = {"/right": CONTENT, "/wrong": b"<html>moved</html>"}.get(self.path)
+        self.send_response(200 if content else 404)
+        self.send_header("Content-Length", str(len(content or b"")))
+        self.end_headers()
+        self.wfile.write(content or b"")
+
+    def log_message(self, *_):
+        pass
+
+
 @pytest.fixture
-def offline(monkeypatch, tmp_path):
-    """No local data, an empty cache, no network."""
+def published(monkeypatch, tmp_path):
+    """Publishes a recording under a path of a server here; no local data, an empty cache."""
     monkeypatch.delenv("FIELDGYM_DATA", raising=False)
     monkeypatch.setattr(platformdirs, "user_cache_dir", lambda _name: str(tmp_path / "cache"))
+    monkeypatch.setattr(datasets, "_TIMEOUT", 0.3)
+    Publisher.asked = []
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Publisher)
+    Thread(target=server.serve_forever, daemon=True).start()
 
-    def unreachable(*_args, **_more):
-        raise ConnectionError("no network")
+    def publish(path, port=server.server_port):
+        known = {"size": len(CONTENT), "sha256": hashlib.sha256(CONTENT).hexdigest(), "file": "a/b.csv"}
+        one = replace(get_dataset(DDP), url=f"http://127.0.0.1:{port}{path}", **known)
+        monkeypatch.setitem(datasets.datasets(), DDP, one)
 
-    monkeypatch.setattr(datasets, "urlopen", unreachable)
+    yield publish
+    server.shutdown()
 
 
 def test_every_entry_is_whole():
@@ -128,44 +160,33 @@ def test_a_damaged_local_file_is_refused(monkeypatch, tmp_path):
         fetch(DDP)
 
 
-def test_out_of_reach_says_where_to_put_it(offline):
-    with pytest.raises(
-        DatasetError, match=r"could not be fetched.*put the file at \$FIELDGYM_DATA/dfki_simple"
-    ):
+@pytest.mark.parametrize("path", ["/gone", "/late", "/refused"])
+def test_out_of_reach_says_where_to_put_it(published, path, tmp_path):
+    published(path, **({"port": 9} if path == "/refused" else {}))  # nobody listens at the port "discard"
+    with pytest.raises(DatasetError, match=r"could not be fetched.*put the file at \$FIELDGYM_DATA/a/b.csv"):
         fetch(DDP)
+    assert not list((tmp_path / "cache").rglob("*.csv"))
+
+
+def test_what_was_published_in_another_format_is_not_asked_for(published):
     with pytest.raises(DatasetError, match="published in another format"):
         fetch("drive_ugv/warthog")
 
 
-def test_fetched_once_then_taken_from_the_cache(offline, monkeypatch, tmp_path):
-    content = b"time,position,velocity,torque\n"
-    fake = datasets.Dataset(
-        DDP,
-        "a/b.csv",
-        len(content),
-        hashlib.sha256(content).hexdigest(),
-        "",
-        "",
-        "",
-        url="https://example.org/b",
-    )
-    monkeypatch.setitem(datasets.datasets(), DDP, fake)
-    asked = []
-
-    def download(url, timeout):
-        asked.append(url)
-        return io.BytesIO(content)
-
-    monkeypatch.setattr(datasets, "urlopen", download)
-    assert fetch(DDP).read_bytes() == content
+def test_fetched_once_then_taken_from_the_cache(published, tmp_path):
+    published("/right")
+    assert fetch(DDP).read_bytes() == CONTENT
     assert fetch(DDP) == tmp_path / "cache" / "a" / "b.csv"
-    assert asked == ["https://example.org/b"]
+    assert Publisher.asked == ["/right"]
+    (tmp_path / "cache" / "a" / "b.csv").write_text("damaged")
+    assert fetch(DDP).read_bytes() == CONTENT
 
 
-def test_a_download_of_other_content_is_refused(offline, monkeypatch):
-    monkeypatch.setattr(datasets, "urlopen", lambda _url, timeout: io.BytesIO(b"<html>moved</html>"))
+def test_a_download_of_other_content_is_refused(published, tmp_path):
+    published("/wrong")
     with pytest.raises(DatasetError, match="is not the published file"):
         fetch(DDP)
+    assert not list((tmp_path / "cache").rglob("*.csv"))
 
 
 @pytest.mark.parametrize("source", ["dfki_simple_pendulum/dpd", "quarter_drone"])

@@ -7,6 +7,7 @@ each other, and nothing to be invalidated: whoever edits a helper asks for anoth
 import functools
 import gc
 import hashlib
+import multiprocessing
 import os
 import pickle
 import re
@@ -141,6 +142,7 @@ class KernelCache(_Cache):
 
 
 _compiling: list[str] = []
+_said: list[str] = []
 
 
 def in_peace(work: Callable[..., Any]) -> Callable[..., Any]:
@@ -175,14 +177,20 @@ def _count_as_old() -> None:
 
 
 def _say(begun: str | None = None) -> None:
-    """Say in a terminal what is being compiled, in one line that is gone when it is done."""
+    """Say on standard error what is being compiled: in a terminal while it lasts, elsewhere once a process."""
     if begun is None and _compiling:
         _compiling.pop()
     elif begun is not None:
         _compiling.append(begun)
-    if sys.stderr is not None and sys.stderr.isatty():
-        line = f"compiling, once on this machine: {_compiling[0]}" if _compiling else ""
+    if sys.stderr is None:
+        return
+    line = f"compiling, once on this machine: {_compiling[0]}" if _compiling else ""
+    if sys.stderr.isatty():
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+    elif line and not _said and multiprocessing.parent_process() is None:  # a worker's parent has said it
+        _said.append(line)
+        words = f"fieldgym: {line}, ... (some 5 to 15 s a task)"
+        print(words, file=sys.stderr, flush=True)
 
 
 def refuse_array(kernel: Any, data: Any) -> None:
