@@ -29,7 +29,7 @@ from fieldmodels.registry import get_model
 TRAIN = "dfki_simple_pendulum/ddp"
 TEST = "dfki_simple_pendulum/direct_collocation"
 SHIPPED = Path(__file__).with_name("recordings")
-"""A pendulum with dry friction, by a simulator that shares no code with ours; see ``docs/demo_recording.py``."""
+"""A pendulum with dry friction, by a simulator that shares no code with ours (``docs/demo_recording.py``)."""
 DATA = {
     True: "A real pendulum, measured:",
     False: "A pendulum simulated by another program (no real recording could be fetched):",

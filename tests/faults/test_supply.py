@@ -61,8 +61,8 @@ PLATFORMS = [
 def test_what_a_pin_needs_is_pinned(pins):
     """An installation by pins takes the same versions everywhere.
 
-    What a package needs on one platform alone, or one build of it (torch's with CUDA), it pins itself; it is in
-    ``requirements.lock``.
+    What a package needs on one platform alone, or one build of it (torch's with CUDA), it pins itself, and so
+    does ``requirements.lock``.
     """
     installed = {plain(one.metadata["Name"]): one for one in distributions()}
     asked = [

@@ -177,7 +177,7 @@ def _count_as_old() -> None:
 
 
 def _say(begun: str | None = None) -> None:
-    """Say on standard error what is being compiled: in a terminal while it lasts, elsewhere once a process."""
+    """Say on standard error what is being compiled: in a terminal while it lasts, else once a process."""
     if begun is None and _compiling:
         _compiling.pop()
     elif begun is not None:
