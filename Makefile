@@ -16,7 +16,7 @@ READY := $(VENV)/.ready
 # A CPU build of torch; PyPI's for Linux brings 5 GB of CUDA libraries, and is taken where this does not answer.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
-.PHONY: demo test check exam mutants bench docs build lock audit clean help
+.PHONY: demo test nightly check mutants bench docs build lock audit clean help
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -24,17 +24,17 @@ help:  ## this list
 demo: $(DEMO)  ## evaluate the agents, diagnose a recording, end in results/demo/report.html
 	$(BIN)/fieldgym demo
 
-test: $(READY)  ## the test suite (long exams: make exam)
+test: $(READY)  ## the test suite
 	$(BIN)/pytest -n 2 --dist worksteal
+
+nightly: $(READY)  ## every test and every deliberate error, in parts that resume; unchanged parts are left out
+	$(BIN)/python tests/nightly.py $(ONLY:%=--only %)
 
 check: $(READY)  ## style, types, floors
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-
-exam: $(READY)  ## the long exams
-	$(BIN)/pytest -n 2 --dist worksteal -m slow
 
 mutants: $(READY)  ## put errors into copies of the project and see the tests notice each
 	$(BIN)/python tests/mutants/run.py --publish

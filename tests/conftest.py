@@ -12,6 +12,15 @@ os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave all cases of a matrix but those that it keeps to the night."""
+    for item in items:
+        for mark in item.iter_markers("matrix"):
+            if item.callspec.id not in mark.kwargs["keep"]:  # type: ignore[attr-defined]  # has parameters
+                item.add_marker("nightly")
+
+
 @pytest.fixture(scope="session")
 def public_data() -> Path:
     """The folder with the public recordings; skips where there is none."""

@@ -334,7 +334,7 @@ def write_large_log(path: Path) -> None:
     pa.csv.write_csv(pa.table(columns), path)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_large_log_is_dropped_seen_and_diagnosed(served: Served, browser, tmp_path: Path):
     """200 MB of text, dropped on the page: its views are quick once it is read, and it leads to an answer."""
     path = tmp_path / "large.csv"

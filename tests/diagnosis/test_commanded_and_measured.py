@@ -57,7 +57,7 @@ DRIVES = {
     "effect",
     [
         "actuator_lag",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in DRIVES if name != "actuator_lag"),
+        *(pytest.param(name, marks=pytest.mark.nightly) for name in DRIVES if name != "actuator_lag"),
     ],
 )
 def test_a_fault_of_the_drive_and_one_of_the_axis_are_told_apart(effect):

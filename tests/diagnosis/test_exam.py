@@ -33,7 +33,7 @@ from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
 
 SETS = ("develop", "report")
-SLOW = pytest.mark.slow
+SLOW = pytest.mark.nightly
 
 
 def kinds_of(which: str) -> set[str]:

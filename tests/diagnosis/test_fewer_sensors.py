@@ -15,7 +15,7 @@ from fieldmodels.machines.pose_reaching.recording import record_commands, record
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
-SLOW = pytest.mark.slow
+SLOW = pytest.mark.nightly
 WITHOUT = {
     "pose_reaching": ("left_wheel", "right_wheel"),
     "line_following": ("offset", "heading"),

@@ -227,7 +227,7 @@ UNLISTED = [
 ]
 """Machine, a fault that it does not list, its size."""
 SEED, SECOND = 90_001, 90_002
-SLOW = pytest.mark.slow
+SLOW = pytest.mark.nightly
 OFTEN = {"payload", "actuator_lag", "arm_cubic", "bent_force_sensor"}
 """The shaken vehicle's diagnoses take long: the faults that are always asked for, and the pair."""
 

@@ -57,7 +57,7 @@ QUICK = ("a gram at 1 kHz", "a tonne at 5 Hz")
 
 
 @pytest.mark.parametrize(
-    "size", [size if size in QUICK else pytest.param(size, marks=pytest.mark.slow) for size in SCALES]
+    "size", [size if size in QUICK else pytest.param(size, marks=pytest.mark.nightly) for size in SCALES]
 )
 def test_a_bench_of_any_size_and_pace_has_its_delay_named_and_its_mass_weighed(size, tmp_path):
     mass, period, step = SCALES[size]
@@ -75,7 +75,7 @@ def test_a_bench_of_any_size_and_pace_has_its_delay_named_and_its_mass_weighed(s
 
 
 @pytest.mark.parametrize(
-    "size", ["a tonne at 5 Hz", pytest.param("a gram at 10 kHz", marks=pytest.mark.slow)]
+    "size", ["a tonne at 5 Hz", pytest.param("a gram at 10 kHz", marks=pytest.mark.nightly)]
 )
 def test_nothing_is_named_on_a_bench_of_any_pace_that_hides_nothing(size):
     mass, period, step = SCALES[size]

@@ -126,7 +126,7 @@ def test_dry_friction_is_not_taken_for_a_command_that_moves_between_samples():
     assert decided(get_model("pendulum"), [record], main_horizon, lambda m: m.nominal, frozenset())[1] == ()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_nothing_false_at_any_noise_rounded_or_printed():
     """54 benches in which nothing is hidden, 18 with dry friction."""
     seed, wrong = 1000, []

@@ -191,7 +191,7 @@ def test_what_an_independent_simulator_hides_is_named(kind):
     assert right, words
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_nine_of_ten_kinds_are_named():
     rows = [outcome(kind, seed) for seed in SEEDS[:2] for kind in HIDDEN]
     wrong = [words for right, words in rows if not right]

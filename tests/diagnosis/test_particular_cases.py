@@ -28,7 +28,7 @@ from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
 QUIET = Noise(bias=0.0)
-SLOW = pytest.mark.slow
+SLOW = pytest.mark.nightly
 
 
 def walk(strides: int, seed: int, scene: Scene) -> Recording:

@@ -53,7 +53,7 @@ def test_a_bang_bang_swing_up_stays_unknown(public_data, tmp_path):
     assert found["causes"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_pendulum_that_was_moved_by_hand_is_not_explained_by_its_bench(public_data, tmp_path):
     found = diagnosed(public_data, "dfki_simple_pendulum", tmp_path, "pendulum", ["gravity_compensation"])
     assert found["verdict"] == "unknown" or found["unknown"] is not None
@@ -121,7 +121,7 @@ def test_each_step_towards_the_quarter_drone_halves_what_is_unseen(public_data):
     assert free_run_error(model, test, found) < 2.8
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_thrust_of_a_quarter_drone_grows_with_the_square_and_comes_late(public_data, tmp_path):
     """Learned on the multisine and the steps, measured on a swept sine that had no say."""
     found = diagnosed(

@@ -113,7 +113,7 @@ def found(kind: str, seed: int) -> Diagnosis:
 
 
 @pytest.mark.parametrize("kind", list(HIDDEN))
-@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.nightly)])
 def test_what_no_list_contains_is_unknown_and_its_curve_regains_what_was_lost(kind: str, seed: int):
     result = found(kind, seed)
     assert result.verdict == "unknown", result.summary()
@@ -255,7 +255,7 @@ def test_what_consistent_data_would_have_shown_is_found_when_it_is_there():
         assert again.verdict in verdict, (times, again.summary())
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("grows", [0.01, 0.0])
 def test_a_gain_is_named_alone_only_if_it_holds_in_all_parts_of_the_data(grows: float, seed: int):
     """A position that is shown 3 % too large is a gain; if the faster the more, it is something else."""

@@ -56,7 +56,7 @@ def test_without_a_home_of_one_s_own(tmp_path, home):
     assert done.returncode == 0, done.stderr.decode()
 
 
-@pytest.mark.slow  # compiles
+@pytest.mark.nightly  # compiles
 @pytest.mark.parametrize("home", HOMES)
 def test_a_recording_without_a_home_of_one_s_own(tmp_path, home):
     recorded(tmp_path, **HOMES[home])
@@ -116,7 +116,7 @@ def _read(end):
         return b""
 
 
-@pytest.mark.slow  # compiles
+@pytest.mark.nightly  # compiles
 @pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("setpriv"), reason="needs root, to be another")
 def test_another_user_with_an_installation_that_can_only_be_read(tmp_path):
     tree = Path("/tmp") / f"fieldgym-{os.getpid()} read only"

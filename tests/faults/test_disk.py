@@ -30,7 +30,7 @@ def test_a_recording_survives_every_failure_of_the_disk():
     assert found["faults"] == []
 
 
-@pytest.mark.slow  # all places: `python tests/faults/matrix.py`
+@pytest.mark.nightly  # all places: `python tests/faults/matrix.py`
 @needs_compiler
 @pytest.mark.parametrize("failure", matrix.FAILURES)
 @pytest.mark.parametrize("name", matrix.COMMANDS)

@@ -87,7 +87,7 @@ def test_a_motion_that_nothing_can_measure_is_refused_before_the_work(tmp_path, 
         identifiable(get_model("rig"), [log], {})
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_sensor_that_is_dead_in_some_of_many_records_is_said_of_each_and_nothing_is_named(tmp_path):
     paths = []
     for number in range(6):

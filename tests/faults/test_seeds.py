@@ -70,7 +70,7 @@ def outcome(words, out):
     return {name: (out / name).read_bytes() for name in names if not {*Path(name).parts} & volatile}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [*OPTION, "record"])
 def test_a_seed_decides_the_result(tmp_path, name):
     words = {**KEY, **OPTION}[name](tmp_path)

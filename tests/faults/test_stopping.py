@@ -85,7 +85,7 @@ def test_a_compiled_loop_without_end_is_left(tmp_path, number):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("command", ["train", "record", "diagnose"])
 def test_ctrl_c_ends_every_task_s_commands_within_two_seconds(command, task, tmp_path):

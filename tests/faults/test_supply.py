@@ -77,7 +77,7 @@ def test_what_a_pin_needs_is_pinned(pins):
     assert needed - set(pins) == set()
 
 
-@pytest.mark.slow  # installs uv, in an environment of its own; asks the package index
+@pytest.mark.nightly  # installs uv, in an environment of its own; asks the package index
 def test_the_lock_is_complete_on_every_python_and_platform(tmp_path):
     """No dependency lacks its hashes, and each has a file that fits."""
     subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
@@ -244,7 +244,7 @@ class WeaknessServer(BaseHTTPRequestHandler):
         pass
 
 
-@pytest.mark.slow  # installs pip-audit, in an environment of its own
+@pytest.mark.nightly  # installs pip-audit, in an environment of its own
 def test_the_audit_asks_for_every_pin_and_fails_where_something_is_known(tmp_path, pins, monkeypatch):
     subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
     server = ThreadingHTTPServer(("127.0.0.1", 0), WeaknessServer)

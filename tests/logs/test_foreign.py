@@ -62,7 +62,7 @@ def test_logs_are_read_as_they_were_measured(logs):
     assert sum(bool(log.reversed) for log in logs) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_logs_lead_to_the_right_cause(tmp_path):
     """The goals, by the command line alone; seconds are the processor's, so that load does not count."""
     rows = [actions(log, tmp_path / f"{k}") for k, log in enumerate(SETS["report"](tmp_path))]

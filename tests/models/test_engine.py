@@ -197,7 +197,7 @@ def test_a_machine_without_the_folder_gets_its_files_and_sends_back_its_own(work
     assert "another version" in cluster._work(job, "other code", token, sent)[0].error
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_cluster_that_loses_a_machine_gives_what_this_process_gives(work, tmp_path):
     """Two machines of Ray in one; one is killed while both work."""
     cluster_utils = pytest.importorskip("ray.cluster_utils")

@@ -182,7 +182,7 @@ def test_rangers_reset_is_scored_without_running_it_again():
     assert _ranger_error(walks, 0.1) == pytest.approx(np.abs(walks.estimator_mm[:, 1]).mean(), rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_tuning_gives_the_stored_values_again(kind):
     found = tune(HeelStrikeSettings(collision_kind=kind))

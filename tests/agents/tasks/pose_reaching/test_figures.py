@@ -28,7 +28,7 @@ def test_success_by_number_of_paths_and_by_rule_have_a_row_a_case(tmp_path):
     assert share["graceful", "no mirror"] < 80
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_ceiling_is_within_five_percent_of_its_limit(tmp_path):
     result = reproduce("pose_reaching/ceiling", tmp_path, ["finest=2"])
     coarse, fine = result.table["least time by the grid, mean [s]"]
@@ -36,7 +36,7 @@ def test_the_ceiling_is_within_five_percent_of_its_limit(tmp_path):
     assert limit < result.table["time driven, mean of arrivals [s]"].iloc[0] < 1.05 * limit
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_own_training_data_of_a_faulty_robot_suit_it(tmp_path):
     table = reproduce("pose_reaching/own-data", tmp_path, ["seeds=2", "episodes=100"]).table
     after = table[(table["babble [s]"] == 600) & (table["rounds of practice"] == 0)].set_index("robot")

@@ -7,7 +7,7 @@ import pytest
 from fieldagents.tasks.uav_route.figures import figures_4_4_to_4_6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_source_s_paths_are_shown_beside_routes_that_hold():
     done = figures_4_4_to_4_6.run(lambda _stage, _part: None)
     table = done.table.set_index(["planner", "Pd"])
