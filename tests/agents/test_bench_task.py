@@ -68,6 +68,7 @@ def test_a_bench_is_trained_for_and_its_policy_takes_part(write, tmp_path):
     assert scores[str(folder)] != scores["still"]
 
 
+@pytest.mark.nightly
 def test_what_was_tuned_in_the_right_simulation_loses_less(write, tmp_path):
     config = {"name": "late", "task": "pendulum", "agent": "feedback", "settings": {"duration": 2.0}}
     config |= {"options": {"rounds": 8, "episodes": 1}, "hidden": DELAY, "episodes": 4}

@@ -69,6 +69,7 @@ def test_equal_evaluations_give_equal_episodes_to_the_bit(result, tmp_path):
     assert (tmp_path / "episodes.parquet").read_bytes() == (out / "episodes.parquet").read_bytes()
 
 
+@pytest.mark.nightly
 def test_a_second_evaluation_plays_only_what_is_missing_and_processes_give_the_same(tmp_path, monkeypatch):
     played = []
     play = plays.play_episodes

@@ -383,6 +383,7 @@ def test_an_agent_that_sees_observations_is_told_nothing_else():
     assert not any(agent.told)
 
 
+@pytest.mark.nightly
 def test_the_config_of_the_docs_is_trained_and_evaluated(tmp_path):
     blocks = (DOCS / "training.md").read_text().split("```yaml\n")
     (block,) = (one.split("```")[0] for one in blocks if "task: Pendulum-v1" in one)

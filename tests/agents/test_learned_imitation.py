@@ -45,6 +45,7 @@ def test_a_student_scores_as_its_teacher_does(tmp_path, algorithm):
     assert not np.allclose(student.act(seen, {})[0], student.act(seen, {})[1])  # it is no constant
 
 
+@pytest.mark.nightly
 def test_a_memory_makes_up_for_what_the_student_is_not_told(tmp_path):
     """A teacher that knows the line's place is followed more closely from ten strides than from one."""
     offsets = []

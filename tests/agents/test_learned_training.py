@@ -113,6 +113,16 @@ def finished(finished_runs):
     return finished_runs["ppo"]
 
 
+@pytest.mark.matrix(
+    keep=(
+        "stacked",
+        "imitating",
+        "recurrent_ppo",
+        "annealed",
+        "td3",
+        "tqc",
+    )
+)
 def test_the_run_folder_holds_what_it_promises(finished_each, algorithm):
     finished = finished_each
     names = {path.name for path in finished.iterdir()}
@@ -166,12 +176,26 @@ def assert_equal_state(one, other):
         assert one == other
 
 
+@pytest.mark.matrix(
+    keep=(
+        "stacked",
+        "annealed",
+    )
+)
 def test_equal_seeds_train_equally_and_others_do_not(finished_each, algorithm, tmp_path):
     assert_equal_runs(finished_each, train(tiny(algorithm), progress=False, out=tmp_path / "again"))
     other = train(tiny(algorithm, seed=2), progress=False, out=tmp_path / "other")
     assert (finished_each / "policy.onnx").read_bytes() != (other / "policy.onnx").read_bytes()
 
 
+@pytest.mark.matrix(
+    keep=(
+        "ppo-kills1",
+        "stacked-kills0",
+        "annealed-kills1",
+        "td3-kills1",
+    )
+)
 @pytest.mark.parametrize("kills", [(1, 4), (5,)])
 def test_a_killed_run_resumes_bit_for_bit(finished_each, algorithm, tmp_path, monkeypatch, kills):
     from fieldagents.learned import recorder
@@ -243,6 +267,7 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(finished, tmp_path
     assert_equal_runs(finished, train(tiny(), progress=False, resume=tmp_path))
 
 
+@pytest.mark.nightly
 def test_a_process_killed_by_the_system_resumes_bit_for_bit(tmp_path):
     config = tmp_path / "tiny.yaml"
     run = tmp_path / "run"

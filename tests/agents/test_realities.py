@@ -72,6 +72,7 @@ def test_nothing_to_recover_where_the_oracle_is_no_better_over_the_realities():
     assert pooled(one_loses, one_loses, np.zeros((12, 20))).outcome == "nothing to recover"
 
 
+@pytest.mark.nightly
 def test_the_interval_covers_the_share_over_all_realities_that_could_be_drawn():
     """Losses and shares differ between realities, 24 of them: intervals over episodes alone cover in half."""
     rng = np.random.default_rng(3)
@@ -112,6 +113,7 @@ def test_seeds_of_what_is_published_are_test_seeds():
     assert RealitiesConfig.model_validate(SHORT).seeds == "test"
 
 
+@pytest.mark.nightly
 def test_a_command_draws_records_diagnoses_tunes_and_tests(tmp_path):
     path, out = tmp_path / "short.yaml", tmp_path / "out"
     path.write_text(json.dumps(SHORT))

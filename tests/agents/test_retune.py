@@ -116,6 +116,13 @@ STOCK = {
 """The same of stock effects around the tasks."""
 
 
+@pytest.mark.matrix(
+    keep=(
+        "heel_strike",
+        "line_following",
+        "pose_reaching",
+    )
+)
 @pytest.mark.parametrize(
     ("task", "reality"),
     [(task, None) for task in TINY] + list(STOCK.items()),
@@ -174,6 +181,7 @@ def test_what_cannot_be_trained_is_said_before_any_work(tmp_path):
             load_config(path, RetuneConfig)
 
 
+@pytest.mark.nightly
 def test_tuning_for_a_biased_gyro_recovers_what_it_costs(tmp_path):
     """With the bias estimated 5 % too large."""
     result = retune(WALK, {"gyro_bias": {"rate": 0.0045}}, tmp_path)

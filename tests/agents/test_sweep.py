@@ -110,6 +110,7 @@ def searched(tmp_path_factory):
     return tune(search(), out), out
 
 
+@pytest.mark.nightly
 def test_a_search_keeps_equal_budgets_and_prunes(searched):
     found, out = searched
     for trials in found.values():
@@ -135,6 +136,7 @@ def test_a_search_goes_on_from_what_there_is(searched):
     assert {path: path.stat().st_mtime_ns for path in out.rglob("policy.onnx")} == times
 
 
+@pytest.mark.nightly
 def test_a_search_gives_the_same_in_processes(tmp_path):
     whole = search(budget=4800, rungs=[0.5])
     config = whole.model_copy(
@@ -153,6 +155,7 @@ def test_a_search_finds_better_gains_than_it_began_with(tmp_path):
     assert sum(scores[-20:]) < 0.8 * sum(scores[:20])
 
 
+@pytest.mark.nightly
 def test_sigterm_keeps_a_checkpoint_and_says_how_to_go_on(tmp_path):
     changes = TINY | {"steps": 10_000_000, "validation.every": 10**6}
     sets = [part for key, value in changes.items() for part in ("--set", f"{key}={json.dumps(value)}")]

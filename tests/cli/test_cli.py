@@ -424,6 +424,7 @@ def test_mistakes_in_a_diagnosis(tmp_path, arguments, messages):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.nightly
 def test_diagnose_reads_what_record_wrote_and_finds_what_it_hid(rig_config, tmp_path):
     settings = ("--set", "duration=20", "--set", "reality.coulomb_friction.force=0.6")
     for seed in (1, 2):

@@ -84,6 +84,7 @@ def test_python_on_the_page_runs(page, capsys):
     assert 0 < float(capsys.readouterr().out) < 20
 
 
+@pytest.mark.nightly
 def test_the_example_on_the_page_of_python_prints_what_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "api.md").read_text(), re.DOTALL)

@@ -19,6 +19,7 @@ SHOWN = {
 }
 
 
+@pytest.mark.matrix(keep=("a_papers_figure",))
 @pytest.mark.parametrize("path", notebooks.PATHS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_it_says(path, tmp_path):
     fresh = notebooks.shown(notebooks.executed(path, tmp_path))

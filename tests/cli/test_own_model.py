@@ -81,6 +81,7 @@ def dry_axis(seed: int, friction: float, step: float = 0.01, finer: int = 100) -
     }  # fmt: skip
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("error::fieldmodels.contract.ModelWarning")
 def test_the_page_s_machine_of_two_states_finds_the_friction_of_an_axis(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -129,6 +130,7 @@ def warm_chamber(seed: int) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("window", [(), ("--window", "record")])
 @pytest.mark.filterwarnings("error::fieldmodels.contract.ModelWarning")
 def test_the_page_s_wall_is_found_with_its_size(tmp_path, monkeypatch, window):
@@ -345,6 +347,7 @@ class HotPlate(Machine):
 """
 
 
+@pytest.mark.matrix(keep=("0.4",))
 @pytest.mark.parametrize("step", [0.1, 0.4])
 def test_a_slow_machine_needs_no_horizons(tmp_path, rng, step):
     """They follow the data; where they are stated, and too short, the remedy is said."""
@@ -384,6 +387,7 @@ class Stiff(Machine):
 """
 
 
+@pytest.mark.nightly
 def test_a_generated_simulation_may_differ_by_its_steps_alone(tmp_path, monkeypatch):
     """Steps follow from some windows: those of one alone are others, which its error bounds; else say so."""
     model = load_model_file(str(written(tmp_path, STIFF.replace("FACTOR", "0.1"))))
@@ -423,6 +427,7 @@ def test_the_command_line_tries_a_model_before_it_is_fitted(tmp_path):
     assert "motor.py: simulate returned shape" in result.stderr
 
 
+@pytest.mark.nightly
 def test_what_is_odd_about_a_log_is_said_in_the_terminal_and_in_the_report(tmp_path):
     (tmp_path / "rig.yaml").write_text("{name: rig, model: rig, duration: 12, excitation: {amplitude: 5}}")
     assert (

@@ -263,6 +263,7 @@ def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
     assert percent(fit) in words
 
 
+@pytest.mark.nightly
 def test_heel_strike_diagnosis_report(open_page, tmp_path: Path):
     """Its derived signals have no value at the shortest horizon."""
     leg, noise = Leg(step=0.01), Noise(process=0.15, floor=0.001)

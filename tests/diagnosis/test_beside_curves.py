@@ -108,6 +108,7 @@ def test_a_force_along_a_record_adds_to_what_is_given():
     np.testing.assert_array_equal(responded, simulated)
 
 
+@pytest.mark.nightly
 def test_an_end_stop_is_named_beside_a_damper_that_nobody_has_listed():
     diagnosis = found(harder_in_rebound, end_stop)
     assert [cause.effect for cause in diagnosis.causes] == ["one_sided_spring"]
@@ -120,6 +121,7 @@ def test_an_end_stop_is_named_beside_a_damper_that_nobody_has_listed():
     assert gain.rmse_with_curves < 3.0 * NOISE < gain.rmse_before
 
 
+@pytest.mark.nightly
 def test_nothing_is_named_beside_a_curve_that_is_all():
     diagnosis = found(harder_in_rebound)
     assert diagnosis.verdict == "unknown"

@@ -1,6 +1,7 @@
 """Test data that go further than the training data: a cart, simulated here by itself."""
 
 import numpy as np
+import pytest
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import diagnose
@@ -65,6 +66,7 @@ def record(seed: int, times: float) -> Recording:
     return Recording(time, {"push": push, **shown}, source=f"seed {seed}")
 
 
+@pytest.mark.nightly
 def test_a_curve_predicts_what_goes_further_than_it_was_fitted_to():
     logs = record(1, 1.0), record(101, FURTHER)
     fastest = [np.abs(log["speed"]).max() for log in logs]

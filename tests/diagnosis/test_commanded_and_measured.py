@@ -80,6 +80,7 @@ def test_nothing_is_named_where_the_drive_does_as_it_is_told():
     assert found.verdict == "consistent"
 
 
+@pytest.mark.nightly
 def test_a_gain_of_the_drive_is_told_from_a_wrong_mass_only_if_its_force_is_measured(tmp_path):
     for seed in (1, 2):
         record = logged("rig", lambda u, _: 0.8 * u, {}, seed)

@@ -114,6 +114,7 @@ def test_some_windows_alone_are_simulated_to_the_bit_as_among_all(problem: Probl
     assert np.array_equal(alone, problem.simulate(fitted.parameters[None], fitted.states)[0][some])
 
 
+@pytest.mark.nightly
 def test_where_steps_follow_from_some_windows_all_are_simulated(
     problem: Problem, fitted: Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

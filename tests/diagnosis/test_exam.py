@@ -129,6 +129,7 @@ def test_unknown_sets_machines_and_kinds_are_refused(which: Any, machine: str, k
 # What is hidden.
 
 
+@pytest.mark.nightly
 def test_a_fault_adds_what_its_size_was_found_for_on_a_ruler_that_sees_noise_alone_without_it():
     bench, conditions = get_bench("rig"), Conditions()
     without = errors(bench, (), conditions, 1234, False)
@@ -589,6 +590,7 @@ TOO_FEW = pytest.mark.xfail(
 )
 
 
+@pytest.mark.matrix(keep=("line_following-hidden1",))
 @pytest.mark.parametrize(
     ("machine", "hidden"),
     [
@@ -650,6 +652,7 @@ def test_logs_are_read_as_their_publishers_say(public_data):
     assert len(test) > 20_000
 
 
+@pytest.mark.nightly
 def test_what_a_real_axis_is_known_to_have_is_named(public_data):
     """A ball screw's dry friction, unlike in both directions."""
     if not (public_data / "emps").is_dir():
@@ -659,6 +662,7 @@ def test_what_a_real_axis_is_known_to_have_is_named(public_data):
     assert not failures(statement, found)
 
 
+@pytest.mark.nightly
 def test_a_real_joint_keeps_its_inertia_beside_friction(public_data):
     """The hip of a leg: with an inertia that may vanish, dry friction would not be found."""
     if not (public_data / "go2_joints").is_dir():
@@ -667,6 +671,7 @@ def test_a_real_joint_keeps_its_inertia_beside_friction(public_data):
     assert not list(failures(statement, ask(model, *statement.records(model), {})))
 
 
+@pytest.mark.matrix(keep=("line_following",))
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=SLOW) if n in ("excitation", "uav_route") else n for n in bench_names()]
 )

@@ -52,6 +52,7 @@ def test_noise_that_is_fed_back_is_no_curve_of_the_acceleration(seed):
     assert found.verdict == "consistent"
 
 
+@pytest.mark.matrix(keep=("feedback0",))
 @pytest.mark.parametrize("feedback", [(0.0, 0.0), (1.0, 1.0)])
 def test_a_sensor_that_shows_the_acceleration_is_found_in_closed_loop_too(feedback):
     """It shows what the path moves, too, not only what the noise does."""

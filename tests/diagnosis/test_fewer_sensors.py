@@ -65,6 +65,7 @@ def test_the_pose_alone_suffices_up_to_what_needs_the_wheels(effect: str, size: 
         assert found.next_measurement.input["measure"] == ["left_wheel", "right_wheel"]
 
 
+@pytest.mark.matrix(keep=("12",))
 @pytest.mark.parametrize("seed", [11, 12, *(pytest.param(k, marks=SLOW) for k in range(13, 21))])
 def test_nothing_is_named_from_the_pose_alone_where_nothing_is_hidden(seed: int):
     found = diagnosed("pose_reaching", {}, 90_000 + seed, "autoregressive" if seed % 2 else "white")

@@ -56,6 +56,7 @@ SCALES = {
 QUICK = ("a gram at 1 kHz", "a tonne at 5 Hz")
 
 
+@pytest.mark.matrix(keep=("a tonne at 5 Hz",))
 @pytest.mark.parametrize(
     "size", [size if size in QUICK else pytest.param(size, marks=pytest.mark.nightly) for size in SCALES]
 )
@@ -74,6 +75,7 @@ def test_a_bench_of_any_size_and_pace_has_its_delay_named_and_its_mass_weighed(s
     assert found.unknown is None
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "size", ["a tonne at 5 Hz", pytest.param("a gram at 10 kHz", marks=pytest.mark.nightly)]
 )
@@ -83,6 +85,7 @@ def test_nothing_is_named_on_a_bench_of_any_pace_that_hides_nothing(size):
     assert found.verdict == "consistent"
 
 
+@pytest.mark.nightly
 def test_a_command_that_never_changes_names_nothing():
     rng = np.random.default_rng(0)
     count = 3000

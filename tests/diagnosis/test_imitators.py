@@ -67,6 +67,7 @@ def found(limited: bool) -> Diagnosis:
     return diagnose(Ship(), [record(11, limited)], [record(23, limited)])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("limited", "named"), [(True, ["actuator_rate_limit"]), (False, [])])
 def test_wind_is_a_curve_and_no_set_of_springs(limited: bool, named: list[str]):
     diagnosis = found(limited)
@@ -75,6 +76,7 @@ def test_wind_is_a_curve_and_no_set_of_springs(limited: bool, named: list[str]):
     assert diagnosis.curves[0].place == "force"
 
 
+@pytest.mark.nightly
 def test_test_data_that_are_too_noisy_to_tell_take_no_name_away():
     """Only the price of names speaks against the three; ten times the noise hides what the curve explains."""
     noise, test = np.random.default_rng(1), record(23, False)

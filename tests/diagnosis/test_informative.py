@@ -74,6 +74,7 @@ def test_chosen_windows_are_simulated_as_within_the_whole_record(record):
         assert np.allclose(found, expected, rtol=0, atol=1e-6 * expected.std()), name
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_of_chosen_windows_says_so_and_finds_what_is_hidden(record):
     diagnosis = diagnose(get_model("rig"), [record], options=DiagnosisOptions(rows=3200))
     assert [c.effect for c in diagnosis.causes] == ["coulomb_friction"]

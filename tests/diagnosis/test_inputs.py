@@ -67,6 +67,7 @@ def test_no_other_fault_passes_for_the_wrong_way(hidden):
     assert decision(model, data)[1] == ()
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_goes_on_with_the_better_way():
     data = recorded("interpolated", duration=30.0)
     found = diagnose(Rig(), [data])

@@ -59,6 +59,7 @@ def knocked(seed: int, size: float) -> Recording:
     return Recording(time=time, signals={"torque": torque, "angle": shown[:, 0], "velocity": shown[:, 1]})
 
 
+@pytest.mark.nightly
 def test_a_knocked_sensor_is_told_by_its_time():
     found = diagnose(get_model("pendulum"), [knocked(1, 0.05)], [knocked(2, 0.05)])
     assert not found.causes, found.summary()

@@ -37,6 +37,7 @@ def found(machine: str, kind: str, seed: int, sizes: list[float]) -> tuple[set[s
     return set(case.hidden), diagnose(bench.model, [train], [test])
 
 
+@pytest.mark.matrix(keep=("line_following-single-2014-sizes5",))
 @pytest.mark.parametrize(
     ("machine", "kind", "seed", "sizes"),
     [
@@ -73,6 +74,7 @@ def test_what_stands_when_a_curve_has_taken_the_place_of_another_name_has_its_al
     assert {cause.effect, *cause.alternatives} == {"actuator_lag", "actuator_delay"}
 
 
+@pytest.mark.nightly
 def test_a_step_is_named_beside_a_gain_that_depends_on_the_place():
     hidden = Hidden("parameter_step", 10.767262, 1), Hidden("place_gain", 5.48814, -1)
     diagnosis = beside("pendulum", 900_010, *hidden, closed=True)
@@ -88,6 +90,7 @@ def test_names_that_explain_more_than_a_curve_does_stay_beside_it():
     assert diagnosis.verdict == "ambiguous"
 
 
+@pytest.mark.nightly
 def test_a_name_stays_beside_a_curve_that_brings_nothing_in_the_whole_simulation():
     """The curve went together with the periodic force, for a curve of time that repeats as often as that."""
     hidden, diagnosis = found("heel_strike", "triple", 71_053_004, [2.0403516, 1.4843495, 8.5570567])
@@ -97,6 +100,7 @@ def test_a_name_stays_beside_a_curve_that_brings_nothing_in_the_whole_simulation
     assert shaken.parameters["frequency"].value == pytest.approx(1.37, abs=0.005)
 
 
+@pytest.mark.nightly
 def test_what_fits_as_well_with_more_parameters_and_does_not_hold_the_better_one_is_an_alternative():
     """A displaced radar looks like one with another range."""
     _, diagnosis = found("uav_route", "single", 2011, [6.136005587993321])

@@ -93,16 +93,19 @@ def said(machine, seed, factor, form, dry=0.0):
     return [cause.effect for cause in found.causes], found.unknown
 
 
+@pytest.mark.matrix(keep=("pendulum-0-",))
 @pytest.mark.parametrize(("machine", "factor", "form"), [("rig", 0, ""), ("rig", 0, "float32"),
                                                          ("pendulum", 0, "")])  # fmt: skip
 def test_an_exact_simulation_is_not_doubted(machine, factor, form):
     assert said(machine, 0, factor, form) == ([], None)
 
 
+@pytest.mark.nightly
 def test_an_exact_simulation_with_dry_friction_has_that_and_nothing_else():
     assert said("rig", 100, 0, "", COULOMB["rig"]) == (["coulomb_friction"], None)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("factor", "seed"), [(0.0, 1015), (1e-4, 1001)])
 def test_an_integration_off_by_its_resolution_is_not_doubted(factor, seed):
     """A shaken vehicle by a plant of its own; steps of 2.5 ms passed for soil, alike in all windows."""

@@ -53,6 +53,7 @@ def test_every_planned_input_keeps_to_the_recorded_range_and_rate():
         assert np.ptp(values) > 0.2 * np.ptp(force)
 
 
+@pytest.mark.nightly
 def test_the_plan_keeps_the_machine_where_it_has_been(late):
     records, found = late
     assert found.verdict == "ambiguous"
@@ -69,6 +70,7 @@ def test_the_plan_keeps_the_machine_where_it_has_been(late):
     assert "nothing beyond what was recorded" in found.next_measurement.why
 
 
+@pytest.mark.nightly
 def test_the_planned_measurement_decides_between_lag_and_delay(late, tmp_path):
     """From the first diagnosis to the second through the files that a user has."""
     records, found = late
@@ -87,6 +89,7 @@ def test_the_planned_measurement_decides_between_lag_and_delay(late, tmp_path):
     assert second.causes[0].parameters["delay"].value == pytest.approx(0.006, abs=3e-4)
 
 
+@pytest.mark.nightly
 def test_where_nobody_chooses_the_input_it_says_which_moments_count():
     from fieldmodels.diagnosis.candidates import Candidates
     from fieldmodels.diagnosis.next_measurement import next_measurement

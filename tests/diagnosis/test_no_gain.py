@@ -104,6 +104,7 @@ def test_what_ended_at_a_bound_is_said(another_phase):
     assert "ended" not in another_phase.summary()
 
 
+@pytest.mark.nightly
 def test_a_damping_below_none_is_said_to_have_ended_there():
     found = diagnose(RIG, [rig(3, None, drag=-0.3)], [rig(4, None, drag=-0.3)])
     assert found.bounded

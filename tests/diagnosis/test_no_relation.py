@@ -36,6 +36,7 @@ def verdict(signals: dict[str, np.ndarray]) -> Diagnosis:
     return diagnose(get_model("rig"), [Recording(np.arange(ROWS) * STEP, signals)])
 
 
+@pytest.mark.matrix(keep=("noise alone-2",))
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("kind", ["noise alone", "another run"])
 def test_no_relation_is_said_with_the_remedy(kind: str, seed: int):

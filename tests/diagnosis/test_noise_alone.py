@@ -32,6 +32,7 @@ def test_slow_wheels_are_used():
     assert len(bench.model.stages([bench.recording(log, conditions, 7) for log in logs])) == 2
 
 
+@pytest.mark.nightly
 def test_a_straight_drive_tells_nothing_of_a_slip_in_turning():
     """Its heading moves by the wheels' noise alone, and so the heading's error follows the heading."""
     bench, conditions = get_bench("differential_drive"), Conditions(commands="straight")

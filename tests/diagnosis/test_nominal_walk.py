@@ -8,6 +8,7 @@ from fieldmodels.machines.line_following.recording import record_walk
 from fieldmodels.registry import get_model
 
 
+@pytest.mark.matrix(keep=("1000000",))
 @pytest.mark.parametrize("seed", [1_000_000, 5001])
 def test_nothing_is_missing_in_a_short_walk_of_the_nominal_robot(seed):
     """Six minutes: a wave of more cycles than its variable has values fits any errors of 300 strides."""

@@ -17,6 +17,7 @@ def record(seed, step, duration=25.0):
     )  # fmt: skip
 
 
+@pytest.mark.matrix(keep=("0.025",))
 @pytest.mark.parametrize("step", [0.004, 0.025])
 def test_a_test_record_may_have_another_step_than_the_training_one(step):
     diagnosis = diagnose(get_model("rig"), [record(1, 0.01)], [record(2, step)])

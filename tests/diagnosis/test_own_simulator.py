@@ -185,6 +185,7 @@ def test_every_kind_that_the_motor_declares_is_hidden():
 QUICK = ("actuator_dead_zone", "coulomb_friction", "sensor_drift", "speed_curve")
 
 
+@pytest.mark.matrix(keep=("sensor_drift",))
 @pytest.mark.parametrize("kind", QUICK)
 def test_what_an_independent_simulator_hides_is_named(kind):
     right, words = outcome(kind, SEEDS[0])
@@ -198,6 +199,7 @@ def test_nine_of_ten_kinds_are_named():
     assert len(wrong) <= (1.0 - NEEDED) * len(rows), "\n".join(wrong)
 
 
+@pytest.mark.nightly
 def test_a_hidden_curve_is_found_and_what_has_learned_it_predicts(tmp_path):
     """The curve's own shape comes back, in units of the acceleration; and from its file."""
     pair = [record("speed_curve", 2.5, seed) for seed in (41, 42)]

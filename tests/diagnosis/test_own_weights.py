@@ -111,6 +111,7 @@ def test_what_few_windows_show_clearly_is_called_for(crosstalk: float):
     assert "other" in found[0].curve.over or "second" in found[0].curve.over
 
 
+@pytest.mark.nightly
 def test_noise_alone_calls_for_nothing():
     """Of 40 records; at a rate of 1 % more than two would be one case in 130."""
     assert sum(bool(curves.first(base)) for curves, base in map(tried, map(log, range(100, 140)))) <= 2

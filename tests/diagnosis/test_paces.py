@@ -45,6 +45,7 @@ def moved(seed: int, frequency: float, fastest: float = np.inf, rests: int = 1) 
     return Recording(step * np.arange(SAMPLES), signals, f"{frequency} Hz")
 
 
+@pytest.mark.matrix(keep=("0.05",))
 @pytest.mark.parametrize("frequency", [0.05, 5.0, 340.0, 2000.0])
 def test_a_servo_of_any_pace_is_fitted(frequency: float):
     found = diagnose(get_model("servo"), [moved(1, frequency)], [moved(2, frequency)])

@@ -45,11 +45,13 @@ def test_a_walk_on_a_curved_line_is_consistent():
     assert diagnose(LineFollowing(), [walk(600, 3, Scene(oval(), noise=QUIET))]).verdict == "consistent"
 
 
+@pytest.mark.nightly
 def test_rigid_bodies_on_a_dry_floor_are_consistent_with_plane_kinematics():
     scene = Scene(straight(700), plant="pymunk", noise=QUIET)
     assert diagnose(LineFollowing(), [walk(700, 5, scene)]).verdict == "consistent"
 
 
+@pytest.mark.matrix(keep=("hardware1-actuator_saturation",))
 @pytest.mark.parametrize(
     ("hardware", "effect"),
     [(Hardware(friction=0.15), "foot_slip"), (Hardware(motor=0.15), "actuator_saturation")],
@@ -62,6 +64,7 @@ def test_what_rigid_bodies_suffer_is_named(hardware: Hardware, effect: str):
     assert effect in (found.causes[0].effect, *found.causes[0].alternatives)
 
 
+@pytest.mark.nightly
 def test_the_slip_that_is_named_is_the_bodies_own_response_to_turns():
     """Bodies alone, told the same turns: what is done at once, and what follows a stride later."""
     slippery = Hardware(friction=0.15)
@@ -80,6 +83,7 @@ def test_the_slip_that_is_named_is_the_bodies_own_response_to_turns():
     assert cause.parameters["twist"].value == pytest.approx(later, abs=0.03)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("mass", [0.8, *(pytest.param(m, marks=SLOW) for m in (0.1, 0.3))])
 def test_a_payload_of_the_vehicle_is_named_alone_whatever_its_size(mass: float):
     """Base parameters fitted without a large one are far off, and the way back is not a straight one."""
@@ -92,6 +96,7 @@ def test_a_payload_of_the_vehicle_is_named_alone_whatever_its_size(mass: float):
     assert found.unknown is None
 
 
+@pytest.mark.matrix(keep=("heel_strike-length",))
 @pytest.mark.parametrize(
     ("model", "parameter"), [("excitation", "stiffness_pitch"), ("heel_strike", "length")]
 )
@@ -101,11 +106,13 @@ def test_base_parameters_are_refitted(model: str, parameter: str):
     assert found.parameters[parameter].value == pytest.approx(bench.base(90_201)[parameter], rel=0.01)
 
 
+@pytest.mark.nightly
 def test_another_speed_of_the_aircraft_is_refitted_not_named():
     model = get_model("uav_route")
     assert diagnose(model, [flight({"parameters": {"speed": 243.0}}, 6)]).causes == ()
 
 
+@pytest.mark.nightly
 def test_faults_of_both_stages_are_named_together():
     hidden, model = (
         {"yaw_slip": {"share": 0.1}, "actuator_lag": {"time_constant": 0.05}},
@@ -145,6 +152,7 @@ def forced(machine: str, force: Callable[[float], float], seed: int) -> list[Rec
     return records
 
 
+@pytest.mark.matrix(keep=("2-pendulum, detent",))
 @pytest.mark.parametrize(
     ("machine", "force"),
     [("rig", one_sided_stop), ("pendulum", detent)],
@@ -169,6 +177,7 @@ def test_a_force_of_the_place_is_unknown_and_its_shape_is_given(
     assert np.corrcoef(left)[0, 1] > 0.8
 
 
+@pytest.mark.nightly
 def test_a_gyro_that_drifts_is_found_in_a_long_walk():
     """Of so long a walk a model states its peaks by size."""
     drift = Reality(effects={"gyro_drift": {"rate": 2e-5}})
@@ -177,6 +186,7 @@ def test_a_gyro_that_drifts_is_found_in_a_long_walk():
     assert abs(found["value"] - 2e-5) < 3 * found["std"] < 1e-5
 
 
+@pytest.mark.nightly
 def test_a_small_bias_of_a_gyro_is_found_beside_friction():
     """Of a minute of strides, as much as is fitted, each by itself tells 1.4 mrad/s, six together 0.25."""
     reality = Reality(effects={"gyro_bias": {"rate": 0.002}, "viscous_friction": {"rate": 0.14}})
@@ -193,6 +203,7 @@ def test_a_tracker_that_is_off_by_kilometres_is_not_believed_more_than_the_way_o
         assert abs(found[side]["value"] - true) < 3 * found[side]["std"] < 60
 
 
+@pytest.mark.nightly
 def test_each_cause_says_in_which_signal_it_shows():
     both = {"turn_speed_loss": {"share": 0.08}, "radar_position": {"north": 20e3, "east": -15e3}}
     found = diagnose(get_model("uav_route"), [flight(both, 7)])
@@ -202,6 +213,7 @@ def test_each_cause_says_in_which_signal_it_shows():
     assert signals["turn_speed_loss"] != "detected"
 
 
+@pytest.mark.nightly
 def test_a_speed_that_depends_on_the_place_is_unknown_and_its_shape_is_given():
     """No listed effect: the aircraft is faster in the north than in the south."""
     faster = flight(None, 21, added=lambda place: 6.0 * math.tanh(place.real / 50e3))
@@ -210,6 +222,7 @@ def test_a_speed_that_depends_on_the_place_is_unknown_and_its_shape_is_given():
     assert found.unknown.direction == "north, in the speed along the course"
 
 
+@pytest.mark.nightly
 def test_a_radar_that_tires_is_unknown_and_given_against_time():
     """No listed effect: its ranges shrink by half in the middle of each flight."""
     tired = flight(None, 22, faded=lambda _, time: 1 - 0.3 * math.tanh((time - 1000) / 300))

@@ -74,6 +74,7 @@ def found(seed: int, place: str, target: str, times: float) -> bool:
 PLACES = (("force", ""), ("sensor", "position"), ("sensor", "velocity"))
 
 
+@pytest.mark.nightly
 def test_nine_of_ten_curves_of_the_stated_size_are_found():
     """If it is nine of ten, five or more of 18 stay hidden in 3 % of such tests; at half the size 10 do."""
     missed = [(s, *p) for s in range(3000, 3006) for p in PLACES if not found(s, *p, 1.0)]
@@ -122,6 +123,7 @@ def added_and_stated(name: str, hidden: Sequence[Hidden], seed: int) -> list[tup
     ]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "most"), [("rig", 0.15), ("pendulum", 1.0)])
 def test_gusts_add_no_more_than_is_stated_and_that_is_no_empty_statement(name: str, most: float):
     """From nothing to the noise. One record in ten may exceed 95 % limits (two do in 9 % of such tests)."""

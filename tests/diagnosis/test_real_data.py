@@ -33,6 +33,7 @@ def diagnosed(folder: Path, collection: str, out: Path, model: str, train: list[
     return json.loads((out / "diagnosis.json").read_text())
 
 
+@pytest.mark.nightly
 def test_coulomb_friction_of_the_dfki_pendulum(public_data, tmp_path):
     """Seen before from measured starts: 0.0646 to 0.0432 rad; here windows start where they fit best."""
     found = diagnosed(
@@ -47,6 +48,7 @@ def test_coulomb_friction_of_the_dfki_pendulum(public_data, tmp_path):
     assert gain["ci95"][0] > 38
 
 
+@pytest.mark.nightly
 def test_a_bang_bang_swing_up_stays_unknown(public_data, tmp_path):
     found = diagnosed(public_data, "dfki_simple_pendulum", tmp_path, "pendulum", ["energy_shaping"])
     assert found["verdict"] == "unknown"

@@ -97,6 +97,7 @@ HIDDEN = {
 """A fault, the direction in which it acts, and what it depends on."""
 
 
+@pytest.mark.matrix(keep=("sliding",))
 @pytest.mark.parametrize("kind", list(HIDDEN))
 def test_a_fault_in_any_direction_of_motion_is_found_as_a_curve_there(kind: str):
     fault, target, over = HIDDEN[kind]
@@ -108,6 +109,7 @@ def test_a_fault_in_any_direction_of_motion_is_found_as_a_curve_there(kind: str)
     assert suffers.rmse_with_curves < 0.5 * suffers.rmse_before + 0.5 * NOISE[2 if kind == "loose" else 0]
 
 
+@pytest.mark.matrix(keep=("patch",))
 @pytest.mark.parametrize("kind", ["loose", "patch"])
 def test_the_extended_simulation_of_a_robot_runs_and_errs_less(kind: str, tmp_path: Path):
     logs = [drive(seed, HIDDEN[kind][0]) for seed in (1, 2)]

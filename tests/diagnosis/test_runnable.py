@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from fieldgym.bench import as_env
@@ -22,6 +23,7 @@ def missing(over: str) -> MissingCurve:
     )
 
 
+@pytest.mark.nightly
 def test_a_velocity_times_the_size_of_a_position_runs_as_scipy_says():
     effects, left = runnable(RIG, [missing("velocity times size of position")], 0.2)
     assert not left

@@ -35,6 +35,7 @@ def records(tmp_path):
     return tmp_path
 
 
+@pytest.mark.nightly
 def test_they_are_diagnosed_as_one_bench(records):
     asked = ["diagnose", *(str(records / f"{n}.csv") for n in ("long", "episodes")), "--model", "rig"]
     asked += ["--test", str(records / "fast.csv"), "--set", "mass=2.4", "--out", str(records)]

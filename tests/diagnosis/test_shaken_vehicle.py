@@ -152,6 +152,7 @@ def found(kind: str) -> Diagnosis:
     return diagnose(MODEL, [log(2, HIDDEN[kind][0])], [log(3, HIDDEN[kind][0])])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", list(HIDDEN))
 def test_what_is_not_listed_is_found_as_a_curve_where_it_acts(kind: str):
     result, (_, target, over) = found(kind), HIDDEN[kind]

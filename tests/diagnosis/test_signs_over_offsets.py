@@ -12,6 +12,7 @@ from fieldmodels.exam.benches.base import Conditions
 from fieldmodels.exam.sizes import recordings
 
 
+@pytest.mark.matrix(keep=("rig-position-1.0-0.5",))
 @pytest.mark.parametrize(
     ("machine", "signal", "sign", "offset"),
     [

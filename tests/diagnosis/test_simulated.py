@@ -57,6 +57,7 @@ def bath(seed: int, heater: float = 0.0, thermometer: float = 0.0, radiation: fl
     return Recording(time=time, signals=signals, source=f"bath {seed}")
 
 
+@pytest.mark.matrix(keep=("thermometer",))
 @pytest.mark.parametrize("fault", [{"heater": 2e-5}, {"thermometer": 2e-5}], ids=["heater", "thermometer"])
 def test_what_fades_by_an_eighth_is_regained(fault: dict[str, float]):
     """Which of the two fades cannot be told: a bath follows its heater slowly."""

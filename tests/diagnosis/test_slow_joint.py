@@ -63,6 +63,7 @@ class Joint(Machine):
         return state.velocity, (input.force - p.damping * state.velocity) / p.inertia
 
 
+@pytest.mark.matrix(keep=("1",))
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_slow_record_has_windows_enough_to_name_a_velocity_that_is_filtered(seed: int):
     """With windows as long as the joint is slow there were 16 to 23, and two of three were unknown."""
@@ -74,6 +75,7 @@ def test_a_slow_record_has_windows_enough_to_name_a_velocity_that_is_filtered(se
     assert told.value == pytest.approx(LAG, abs=min(3.0 * told.std, 0.02))
 
 
+@pytest.mark.nightly
 def test_gravity_on_what_has_no_spring_is_a_linear_stiffness_and_no_stop():
     diagnosis = diagnose(Joint(), [record(2)], [record(52)])
     causes = {cause.effect: cause for cause in diagnosis.causes}

@@ -132,6 +132,13 @@ def record(
     return Recording(time, signals, source=f"record {seed}"), states[:, :n]
 
 
+@pytest.mark.matrix(
+    keep=(
+        "Fan-0.5",
+        "Oven-0.5",
+        "Cart-0.5",
+    )
+)
 @pytest.mark.parametrize("lag", [0.1, 0.5, 1.5])
 @pytest.mark.parametrize("machine", [Fan, Oven, Cart])
 def test_the_lag_is_found_however_it_compares_to_a_window(machine: type[Machine], lag: float):
@@ -170,6 +177,7 @@ def test_windows_are_predicted_from_what_is_measured(machine: type[Machine], lag
     assert np.abs(error).max() < 0.02 * spread
 
 
+@pytest.mark.matrix(keep=("Fan",))
 @pytest.mark.parametrize("machine", [Fan, Cart])
 def test_derivatives_are_those_of_windows_behind_a_slow_sensor(machine: type[Machine]):
     recording, _ = record(machine, 0.5, 0.01, 34)

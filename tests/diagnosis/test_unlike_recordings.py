@@ -45,6 +45,7 @@ def test_both_are_compressed_to_the_same_averages(learned, tested):
         assert np.abs(np.diff(position) - 1 / len(position)).max() < 0.08
 
 
+@pytest.mark.matrix(keep=("tested",))
 @pytest.mark.parametrize("which", ["learned", "tested"])
 def test_an_output_that_not_every_record_has_is_left_out_and_said(which):
     pair = {"learned": recorded(0.01, 1, COULOMB), "tested": recorded(0.01, 2, COULOMB)}

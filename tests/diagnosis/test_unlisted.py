@@ -112,6 +112,14 @@ def found(kind: str, seed: int) -> Diagnosis:
     return diagnose(get_model("rig"), [rig(seed, **fault)], [rig(seed + 500, **fault)])
 
 
+@pytest.mark.matrix(
+    keep=(
+        "3-a bump of force at one place",
+        "3-an eccentric gear before the sensor",
+        "3-an actuator that fades",
+        "3-damping that grows",
+    )
+)
 @pytest.mark.parametrize("kind", list(HIDDEN))
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.nightly)])
 def test_what_no_list_contains_is_unknown_and_its_curve_regains_what_was_lost(kind: str, seed: int):
@@ -212,6 +220,7 @@ def test_a_diagnosis_is_short_in_words_and_whole_as_a_table():
     ]
 
 
+@pytest.mark.matrix(keep=("force",))
 @pytest.mark.parametrize("signal", ["force", "position", "velocity"])
 def test_a_reversed_sign_is_said_before_any_cause(signal: str):
     drag = {"push": lambda t, x, v, u: -0.6 * v * abs(v)}
@@ -225,6 +234,7 @@ def test_a_reversed_sign_is_said_before_any_cause(signal: str):
     assert result.summary().startswith("First check the columns")
 
 
+@pytest.mark.nightly
 def test_a_sensor_that_was_dead_in_some_recordings_is_said_before_any_sign():
     logs = [rig(seed) for seed in (3, 4, 5)]
     dead = replace(logs[1], signals={**logs[1].signals, "position": np.zeros(SAMPLES)})
@@ -317,6 +327,13 @@ def stamped(seed: int, jitter: bool, quantum: float = 0.0, walk: float = 0.0) ->
     return log
 
 
+@pytest.mark.matrix(
+    keep=(
+        "jitter-steps",
+        "steady-steps",
+        "an encoder-steps",
+    )
+)
 @pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
 @pytest.mark.parametrize(
     ("jitter", "quantum"), [(True, 0.0), (False, 0.0), (False, 2e-3)], ids=["jitter", "steady", "an encoder"]
@@ -346,6 +363,14 @@ def test_errors_of_the_simulation_alone_are_no_chance(monkeypatch):
     assert (cause.effect, cause.alternatives) == ("actuator_delay", ())
 
 
+@pytest.mark.matrix(
+    keep=(
+        "0.0-0.1-coulomb_friction-waves",
+        "1.5-1.6-power 1.5 with sign-steps",
+        "2.0-2.0-quadratic_drag-waves",
+        "3.0-4.0-cube-steps",
+    )
+)
 @pytest.mark.parametrize("seed", [3, 6], ids=["steps", "waves"])
 @pytest.mark.parametrize(
     ("power", "size", "formula"),
@@ -392,6 +417,13 @@ def test_commands_that_come_late_from_some_time_on_are_not_overlooked(seed: int)
     assert result.curves[0].over == "change of force times time"
 
 
+@pytest.mark.matrix(
+    keep=(
+        "damping-steps",
+        "actuator-steps",
+        "drag-steps",
+    )
+)
 @pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
 @pytest.mark.parametrize(
     ("fault", "over"),
@@ -421,6 +453,7 @@ def test_cogging_repeats_many_times_along_the_way():
     assert causes[0].parameters["period"].value == pytest.approx(0.006, rel=2e-3)
 
 
+@pytest.mark.matrix(keep=("steps",))
 @pytest.mark.parametrize("seed", [3, 4], ids=["steps", "waves"])
 def test_friction_that_depends_on_the_place_is_friction_or_a_curve_of_it(seed: int):
     """That of an average place explains less than what remains; with how it varies it explains most."""

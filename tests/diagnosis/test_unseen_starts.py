@@ -166,6 +166,7 @@ def test_the_phase_of_a_fast_swing_is_found():
         assert sizes < 1.2, (name, sizes)
 
 
+@pytest.mark.nightly
 def test_an_unseen_load_starts_where_the_motor_is():
     """Its angle may be radians, however small a noise its state declares; the refit ends at the truth."""
     motor, damping, load, spring = 0.0118, 0.05, 0.0208, 22.9
@@ -208,6 +209,7 @@ def swinging(seed: int) -> Recording:
     )
 
 
+@pytest.mark.nightly
 def test_a_load_starts_where_its_angle_shows_it():
     """A refit whose loads all start at 0, out of reach of most trolleys, has no number for most windows."""
     train = swinging(1)
@@ -228,6 +230,7 @@ def fitted(problem: Problem) -> Fit:
     return candidates_of(problem).base().fit
 
 
+@pytest.mark.nightly
 def test_a_slipping_encoder_does_not_lose_the_refit():
     """Jumps of six noises are fitted best, in averages, by a swing that no sample shows."""
     rng = np.random.default_rng(0)

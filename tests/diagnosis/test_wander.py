@@ -211,6 +211,14 @@ def test_what_a_free_column_explains_is_no_walk():
     assert wander(*fitted(residual, shape), 1.0).gain < 2.0
 
 
+@pytest.mark.matrix(
+    keep=(
+        "rig-1012",
+        "rig-1042",
+        "line_following-1036",
+        "line_following-1010",
+    )
+)
 @pytest.mark.parametrize(
     ("machine", "seed"),
     [

@@ -39,6 +39,7 @@ def found(public_data, tmp_path_factory) -> dict:
     return json.loads((out / "diagnosis.json").read_text())
 
 
+@pytest.mark.nightly
 def test_yaw_slip_is_named_for_the_motion_and_lag_for_the_wheels(found):
     effects = [cause["effect"] for cause in found["causes"]]
     motion = [c for c in found["causes"] if c["gain"]["signal"] in ("x", "y", "heading")]

@@ -87,6 +87,7 @@ def test_every_horizon_is_measured_on_test_windows_only() -> None:
         assert after.windows == before.windows
 
 
+@pytest.mark.nightly
 def test_the_page_and_the_extended_model_show_it(tmp_path) -> None:
     hidden = {"coulomb_friction": {"force": 0.8}}
     diagnosis = diagnose(MODEL, [record(7701, hidden)], [record(7702, hidden)])

@@ -91,6 +91,7 @@ def spilling():
     return record(1, top=8.0), record(2, top=8.0)
 
 
+@pytest.mark.nightly
 def test_the_overflow_is_found_over_whole_records(spilling):
     train, test = spilling
     diagnosis = diagnose(Tanks(), [train], [test], window="record")
@@ -147,6 +148,7 @@ def test_a_fit_of_runs_is_that_of_one_long_window(spilling):
     assert found == pytest.approx(step[3:], rel=0.1, abs=0.02)
 
 
+@pytest.mark.nightly
 def test_short_windows_mislead_and_where_they_determine_little_whole_records_are_proposed(
     spilling, monkeypatch
 ):
@@ -165,6 +167,7 @@ def test_short_windows_mislead_and_where_they_determine_little_whole_records_are
     assert LONGER not in whole.notes
 
 
+@pytest.mark.nightly
 def test_what_is_not_listed_is_seen_over_whole_records():
     """Errors of six times the noise; where walks had no way to count for whole records, no curve had one."""
 

@@ -52,6 +52,15 @@ def flown(env, seed=3, steps=80):
     return np.array(commands), np.array(seen)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "friction",
+        "late",
+        "play",
+        "sensor",
+        "curve",
+    )
+)
 @pytest.mark.parametrize("reality", REALITIES)
 def test_an_episode_is_what_the_model_predicts_of_its_record(reality):
     machine = Motor()
@@ -65,6 +74,13 @@ def test_an_episode_is_what_the_model_predicts_of_its_record(reality):
     assert (np.abs(predicted - nominal).max() > 1e-2) == (reality != "nominal")
 
 
+@pytest.mark.matrix(
+    keep=(
+        "rig",
+        "pendulum",
+        "Motor",
+    )
+)
 @pytest.mark.parametrize("machine", ["rig", "pendulum", "propeller_arm", "servo", Motor])
 def test_the_contract_of_gymnasium(machine):
     env = as_env(machine if isinstance(machine, str) else machine(), SETTINGS)

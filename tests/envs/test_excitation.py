@@ -326,6 +326,7 @@ print(sum(one.is_start for _, one in record.buffer))
 """
 
 
+@pytest.mark.nightly
 def test_a_first_step_compiles_at_most_so_many_functions(tmp_path):
     """Each takes 12 ms and more, and one that creates an array compiles another six for it."""
     places = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "TMPDIR"), str(tmp_path))

@@ -183,6 +183,15 @@ def test_every_setting_is_declared_and_may_be_drawn_or_says_why_not(task):
     assert set(DRAWN[task]) == set(declared(kind)) - fixed
 
 
+@pytest.mark.matrix(
+    keep=(
+        "excitation-limits",
+        "heel_strike-strides",
+        "line_following-sun_shade",
+        "pose_reaching-max_speed",
+        "uav_route-late_cost",
+    )
+)
 @each_setting
 def test_a_drawn_setting_acts_in_its_own_row_and_in_no_other(task, name):
     envs, observation, told, seed = begun(task, name)

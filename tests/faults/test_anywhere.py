@@ -50,6 +50,7 @@ HOMES = {
 }
 
 
+@pytest.mark.matrix(keep=("one that cannot be written",))
 @pytest.mark.parametrize("home", HOMES)
 def test_without_a_home_of_one_s_own(tmp_path, home):
     done = command(tmp_path, "list", "rig", **HOMES[home])
@@ -72,6 +73,12 @@ def test_a_path_with_spaces_and_umlauts(tmp_path):
     )
 
 
+@pytest.mark.matrix(
+    keep=(
+        "words0",
+        "words1",
+    )
+)
 @pytest.mark.parametrize("words", [("list",), ("diagnose", "--help"), ("record", "ü.yaml")])
 def test_a_terminal_that_knows_ascii_alone(tmp_path, words):
     done = command(tmp_path, *words, LANG="C", LC_ALL="C", PYTHONIOENCODING="ascii", PYTHONUTF8="0")

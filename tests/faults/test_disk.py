@@ -23,6 +23,7 @@ import matrix
 needs_compiler = pytest.mark.skipif(matrix.COMPILER is None, reason="needs a C compiler")
 
 
+@pytest.mark.nightly
 @needs_compiler
 def test_a_recording_survives_every_failure_of_the_disk():
     found = matrix.examined("record", errno.ENOSPC, 10**6)  # more than there are: all
@@ -76,6 +77,15 @@ def test_the_matrix_sees_what_is_wrong(what):
     assert matrix.wrong({"first": good, "second": {"code": 0, "files": WHOLE}}, WHOLE, errno.ENOSPC) == []
 
 
+@pytest.mark.matrix(
+    keep=(
+        "record",
+        "evaluate",
+        "train",
+        "sweep",
+        "exam",
+    )
+)
 @pytest.mark.parametrize("name", matrix.COMMANDS)
 def test_the_second_of_two_writers_is_told(tmp_path, name):
     words = [*matrix.prepared(tmp_path, name), "--out", str(tmp_path / "out")]

@@ -74,6 +74,7 @@ room.make_recording = lambda config: endless(1.0)
 """
 
 
+@pytest.mark.matrix(keep=("15",))
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_compiled_loop_without_end_is_left(tmp_path, number):
     more = LOOP + "from fieldmodels.engine import stopping; stopping.PATIENCE[signal.SIGTERM] = 1.5"
@@ -108,6 +109,7 @@ def test_ctrl_c_ends_every_task_s_commands_within_two_seconds(command, task, tmp
     assert seconds < 2.0
 
 
+@pytest.mark.nightly
 def test_a_killed_command_leaves_nothing_half_written(log, tmp_path):
     process = started(["diagnose", log, "--model", "rig"], tmp_path)
     stopped(process, signal.SIGKILL)
@@ -137,6 +139,7 @@ main()
     assert (done.returncode, done.stderr) == (0, "Warning: writing: No space left on device\n")
 
 
+@pytest.mark.nightly
 def test_exit_codes_are_those_of_the_page(log, tmp_path):
     page = (DOCS / "cli.md").read_text()
     table = dict(re.findall(r"^\| (\d+) \| (.+) \|$", page, re.MULTILINE))

@@ -35,6 +35,14 @@ def check(found):
     assert not wrong
 
 
+@pytest.mark.matrix(
+    keep=(
+        "rig",
+        "pose_reaching",
+        "uav_route",
+        "heel_strike",
+    )
+)
 @pytest.mark.parametrize("name", record.MODELS)
 def test_simulations_are_those_that_were_recorded(name):
     check(record.simulations(name))
@@ -45,6 +53,13 @@ def test_environments_are_those_that_were_recorded(task):
     check(record.episodes(task))
 
 
+@pytest.mark.matrix(
+    keep=(
+        "heel_strike",
+        "line_following",
+        "line_following_pixels",
+    )
+)
 @pytest.mark.parametrize("task", fieldgym.TASKS)
 def test_agents_score_as_was_recorded(task):
     check(record.agents(task))

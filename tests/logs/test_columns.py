@@ -82,6 +82,12 @@ HEADS = [("temperature [°C]", 1.0, 273.15), ("temperature (celsius)", 1.0, 273.
          ("temperature [degF]", 5 / 9, 255.3722)]  # fmt: skip
 
 
+@pytest.mark.matrix(
+    keep=(
+        "temperature (celsius)-1.0-273.15",
+        "temperature [degF]-0.5555555555555556-255.3722",
+    )
+)
 @pytest.mark.parametrize(("head", "gain", "offset"), HEADS)
 def test_a_temperature_is_told_with_its_zero_and_reads_as_told(tmp_path, head, gain, offset):
     """Water freezes at 0 °C and 32 °F, which are 273.15 K."""
@@ -184,6 +190,7 @@ class Altitude(Machine):
         return state.climb, p.thrust * input.throttle - 9.81
 
 
+@pytest.mark.nightly
 def test_a_quantity_is_known_by_its_unit_and_its_own_word(tmp_path):
     """Two temperatures are told by the word that one shares with the model, a power by its watts."""
     heat = np.repeat([0.0, 400.0, 100.0, 800.0, 0.0, 600.0], 100)
@@ -204,6 +211,7 @@ def test_a_quantity_is_known_by_its_unit_and_its_own_word(tmp_path):
     assert proposal.sure
 
 
+@pytest.mark.nightly
 def test_a_height_is_one_by_its_name(tmp_path):
     t = 0.02 * np.arange(500)
     height = 1.0 + 0.3 * np.sin(t)

@@ -55,6 +55,7 @@ def wrong(log: Log) -> list[str]:
     return found
 
 
+@pytest.mark.matrix(keep=("report",))
 def test_logs_are_read_as_they_were_measured(logs):
     found = {log.about: said for log in logs if (said := wrong(log))}
     assert not found, "\n".join(f"{about}: {said}" for about, said in found.items())

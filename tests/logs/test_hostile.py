@@ -32,6 +32,7 @@ def refused(path: Path | str, *parts: str) -> None:
     assert all(part in str(caught.value) for part in (str(path), *parts)), caught.value
 
 
+@pytest.mark.nightly
 def test_a_parquet_bomb_is_refused_by_its_row_count(tmp_path):
     path = tmp_path / "log.parquet"
     column = pa.array(np.zeros(1_000_000))
@@ -42,6 +43,7 @@ def test_a_parquet_bomb_is_refused_by_its_row_count(tmp_path):
     refused(path, "200,000,000 rows of 3 columns take 4.8 GB", "cut the log")
 
 
+@pytest.mark.nightly
 def test_archives_that_unpack_to_too_much_are_refused(tmp_path):
     path = tmp_path / "log.xlsx"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -100,6 +102,7 @@ def test_a_cut_archive_is_a_clear_error(tmp_path):
     refused(path, "damaged archive")
 
 
+@pytest.mark.matrix(keep=("log.h5-\\x89HDF\\r\\n\\x1a\\n",))
 @pytest.mark.parametrize(
     ("name", "start"),
     [("log.mat", b"MATLAB 5.0 MAT-file"), ("log.h5", b"\x89HDF\r\n\x1a\n"), ("log.mf4", b"MDF     4.10"),

@@ -107,6 +107,16 @@ def windows_of(starts, samples, states):
     return Windows(record, np.array(starts), np.full(len(starts), samples), np.array(states), observed)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "actuator_lag",
+        "actuator_rate_limit",
+        "actuator_delay",
+        "sensor_drift",
+        "gain_drift",
+        "voltage_curve",
+    )
+)
 @pytest.mark.parametrize("effect", [e.name for e in AROUND.effects])
 def test_around_a_model_an_effect_does_what_it_does_in_a_machine(effect):
     """A change of a parameter is its mean over a window: short windows, and what is left is its square."""

@@ -114,6 +114,7 @@ def lab(tmp_path: Path) -> Lab:
     return Lab(tmp_path)
 
 
+@pytest.mark.nightly
 def test_an_edit_recompiles_exactly_what_it_reaches(lab):
     assert lab.run("reaches", "alone") == ["reaches 21.0 miss", "alone 3.0 miss"]
     assert lab.run("reaches", "alone") == ["reaches 21.0 hit", "alone 3.0 hit"]
@@ -145,6 +146,7 @@ def test_a_helper_may_move_to_another_file(lab):
     assert lab.run("reaches") == ["reaches 21.0 miss"]
 
 
+@pytest.mark.matrix(keep=("bit",))
 @pytest.mark.parametrize("spoil", ["empty", "cut", "bit", "foreign"])
 def test_a_spoilt_file_is_compiled_anew(lab, spoil):
     lab.run("reaches")
@@ -225,6 +227,7 @@ def test_a_warm_folder_that_cannot_be_written_still_serves(lab):
     assert lab.run("reaches")[-1].startswith("warning no folder")
 
 
+@pytest.mark.nightly
 def test_old_versions_do_not_pile_up(lab):
     lab.run("reaches", "alone")
     (alone,) = (path for path in lab.files if ".alone-" in path.name)

@@ -88,6 +88,15 @@ def reference(start, extra, force=FORCE):
 START = (0.1, 0.4, 0.3, -0.5)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "effects1-<lambda>",
+        "effects2-<lambda>",
+        "effects3-<lambda>",
+        "effects4-<lambda>",
+        "effects5-<lambda>",
+    )
+)
 @pytest.mark.parametrize(
     ("effects", "extra"),
     [
@@ -118,6 +127,7 @@ def test_what_friction_holds_swings_the_other_about_it(effect):
     np.testing.assert_allclose(found[:, 1], 0.3 * np.cos(np.sqrt(SPRING / LIGHT) * TIME), atol=1e-5)
 
 
+@pytest.mark.nightly
 def test_frictions_of_both_oppose_both():
     effects = {"coulomb_friction": {"force": 1.0}, "joint_coulomb_friction": {"torque": 0.4}}
     found = simulated(Braked(), START, effects)
@@ -133,6 +143,7 @@ def test_what_stands_stays_where_the_other_slides():
     assert np.ptp(found[:, 1]) > 0.3
 
 
+@pytest.mark.nightly
 def test_a_step_of_ones_own_is_pushed_at_both_ends():
     class Stepped(Trolley):
         derivative = None

@@ -190,6 +190,12 @@ CASES = [
 ]
 
 
+@pytest.mark.matrix(
+    keep=(
+        "held-pendulum-coulomb_friction",
+        "interpolated-rig-actuator_saturation",
+    )
+)
 @pytest.mark.parametrize(("name", "effect"), CASES)
 @pytest.mark.parametrize("hold", ["held", "interpolated"])
 def test_every_stock_effect(name, effect, hold):
@@ -263,6 +269,12 @@ def test_more_directions_than_go_at_once_are_the_same_ones():
         np.testing.assert_allclose(again, by_states, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "rig-sensor_quantisation",
+        "propeller_arm-thrust_curve",
+    )
+)
 @pytest.mark.parametrize(
     ("name", "effect"), [("rig", "sensor_quantisation"), ("propeller_arm", "thrust_curve"), ("unknown", "")]
 )

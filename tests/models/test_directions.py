@@ -97,6 +97,13 @@ def integrated(direction: int, drag: float, shaft_later: float) -> np.ndarray:
     return found.y[[0, 2]].T
 
 
+@pytest.mark.matrix(
+    keep=(
+        "alone-1",
+        "beside friction-0",
+        "beside a change-0",
+    )
+)
 @pytest.mark.parametrize("direction", [0, 1])
 @pytest.mark.parametrize(
     ("effects", "drag", "later"),
@@ -112,6 +119,7 @@ def test_a_force_acts_in_its_own_direction(effects, drag, later, direction):
     np.testing.assert_allclose(shown, integrated(direction, drag, later), atol=5e-4)
 
 
+@pytest.mark.matrix(keep=("1",))
 @pytest.mark.parametrize("direction", [0, 1])
 def test_a_force_acts_in_its_own_direction_of_a_machine_that_steps_by_itself(direction):
     np.testing.assert_allclose(

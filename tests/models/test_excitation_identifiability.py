@@ -28,6 +28,7 @@ ARM = Arm()
 STEADY, _ = arm_motion(np.tile(CONSTANT, (25, 1)), 5.0, per_decision=320)
 
 
+@pytest.mark.nightly
 def test_constant_excitation_hides_the_inertia_of_table_one() -> None:
     report = identifiability(TABLE1, STEADY)
     assert report.rank == 22

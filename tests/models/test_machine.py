@@ -81,6 +81,7 @@ def test_a_force_is_named_by_its_unit(unit, name):
     assert f"a {name} of constant size" in friction.cause
 
 
+@pytest.mark.nightly
 def test_held_and_interpolated_inputs_are_those_of_closed_forms():
     voltage = np.random.default_rng(1).uniform(-3, 3, 40)
     held, interpolated = np.zeros(40), np.zeros(40)
@@ -158,6 +159,7 @@ class Known(Machine):
         return (10.0 * input.voltage - state.speed) / 0.1
 
 
+@pytest.mark.nightly
 def test_a_machine_whose_numbers_are_known_needs_none():
     voltage = np.repeat(np.random.default_rng(1).uniform(-3, 3, 100), 5)
     shown, kept = np.zeros(len(voltage)), np.exp(-STEP / 0.1)

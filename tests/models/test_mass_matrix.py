@@ -99,6 +99,16 @@ def reference(start, extra, push=PUSH):
     return np.array(out)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "effects1-<lambda>",
+        "effects2-<lambda>",
+        "effects3-<lambda>",
+        "effects4-<lambda>",
+        "effects5-<lambda>",
+        "effects6-<lambda>",
+    )
+)
 @pytest.mark.parametrize(
     ("effects", "extra"),
     [
@@ -130,6 +140,12 @@ def pendulum(angle):
     return found.y[0]
 
 
+@pytest.mark.matrix(
+    keep=(
+        "Crane-coulomb_friction",
+        "Crane-stribeck_friction",
+    )
+)
 @pytest.mark.parametrize(
     ("machine", "effect"),
     [(Crane, "coulomb_friction"), (Crane, "stribeck_friction"), (Braked, "coulomb_friction")],
@@ -147,6 +163,7 @@ def test_frictions_of_both_oppose_both():
     np.testing.assert_allclose(simulated(Braked(), START, effects), reference(START, extra), atol=3e-3)
 
 
+@pytest.mark.matrix(keep=("{'coulomb_friction': {'force': 6.0}}",))
 @pytest.mark.parametrize(
     "effects", [{"constant_force": {"force": 9.0}}, {"coulomb_friction": {"force": 6.0}}], ids=str
 )
@@ -155,6 +172,7 @@ def test_a_step_of_ones_own_is_pushed_at_both_ends(effects):
     np.testing.assert_allclose(simulated(Stepped(), START, effects), expected, atol=0.05)
 
 
+@pytest.mark.nightly
 def test_an_environment_swings_alike():
     machine = Crane()
     effects = {"coulomb_friction": {"force": 6.0}, "constant_force": {"force": 3.0}}
@@ -167,6 +185,7 @@ def test_an_environment_swings_alike():
     np.testing.assert_allclose(found, simulated(machine, START, effects), atol=1e-4)
 
 
+@pytest.mark.nightly
 def test_derivatives_are_those_of_differences():
     """Exact ones by parameters and starts, through an inertia that the angle changes."""
     machine = Crane()

@@ -251,6 +251,7 @@ class Written(Plain):
         return (push - drag(state.speed) - asked - 0.2 * np.sin(state.speed),)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("error::fieldmodels.contract.ModelWarning")
 def test_it_moves_as_if_written_out():
     rng = np.random.default_rng(3)
@@ -304,6 +305,16 @@ WORDS = {
 }  # fmt: skip
 
 
+@pytest.mark.matrix(
+    keep=(
+        "degrees",
+        "asin",
+        "asinh",
+        "erf",
+        "erfc",
+        "math.acosh",
+    )
+)
 @pytest.mark.parametrize("word", WORDS)
 def test_numbers_and_their_derivatives(word):
     """Compiled for floats and for dual numbers, against NumPy's own and its differences."""

@@ -526,6 +526,7 @@ def test_paths_that_are_no_readable_file(tmp_path, write):
 # Size
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads Linux's /proc")
 def test_memory_is_bounded_by_the_columns_that_are_kept(tmp_path):
     """150 MB of text, of which 3 columns of 24 are kept (5 MB): the peak stays far below the file's size."""

@@ -195,6 +195,7 @@ class Fan(Machine):
         return p.gain * input.current - p.drag * state.speed
 
 
+@pytest.mark.nightly
 def test_an_input_that_what_is_missing_may_depend_on_is_warned_of_and_allowed():
     rng = np.random.default_rng(1)
     current = np.repeat(rng.uniform(0.0, 5.0, 80), 10)

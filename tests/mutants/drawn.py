@@ -2,9 +2,9 @@
 
     python tests/mutants/drawn.py [--count 200] [--workers 2] [--budget 60] [--publish]
 
-The draw is seeded by the commit's hash: nobody chose these errors. Each is put into a copy of the project, and
-the files of tests nearest to the changed module, by imports, are run one after the other, until one fails or
-they have taken the budget [s]. What is known of a commit is kept in results/mutants/. Needs cosmic-ray.
+The draw is seeded by the commit's hash: nobody chose these errors. Each is put into a copy of the project,
+and the files of tests nearest to the changed module, by imports, are run one after the other, until one fails
+or they have taken the budget [s]. What is known of a commit is kept in results/mutants/. Needs cosmic-ray.
 """
 
 from __future__ import annotations
@@ -194,9 +194,10 @@ def section(commit: str, found: list[dict[str, Any]], budget: float) -> str:
     lines = [
         HEADING,
         "",
-        f"Of {len(found)} errors that cosmic-ray drew, seeded by commit {commit[:12]} (each place and operator as "
-        f"likely as any other), **{len(found) - len(alive)} are killed** by the tests of `make test` nearest to the "
-        f"changed module within {budget:.0f} s: `python tests/mutants/drawn.py`. The survivors "
+        f"Of {len(found)} errors that cosmic-ray drew, seeded by commit {commit[:12]}, each place and "
+        f"operator as likely as any other, **{len(found) - len(alive)} are killed** by those tests of "
+        f"`make test` that are nearest to the changed module, within {budget:.0f} s "
+        "(`python tests/mutants/drawn.py`). The survivors "
         f"({', '.join(f'{count} in {room}' for room, count in rooms.most_common())}):",
         "",
         "| where | was | became |",

@@ -6,6 +6,7 @@ import ast
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from fieldmodels.yaml import load_yaml
@@ -77,6 +78,7 @@ class Mutant:
                 raise MutantError(f"{self.error}: there is no test {test}")
 
 
+@cache
 def functions(path: Path) -> set[str]:
     """Names of the functions of a file."""
     return {node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)}

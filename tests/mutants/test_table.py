@@ -82,6 +82,7 @@ def worker(tmp_path, monkeypatch):
     return run.Worker(0)
 
 
+@pytest.mark.matrix(keep=("equal",))
 @pytest.mark.parametrize(
     ("old", "new", "status", "test"),
     [
@@ -107,6 +108,7 @@ def test_how_an_error_ends(worker, tmp_path, old, new, status, test):
     assert (worker.root / mutant.file).read_text() == before
 
 
+@pytest.mark.nightly
 def test_tests_that_fail_or_are_skipped_without_an_error_are_told(worker, tmp_path):
     assert run.without_error([worker], [TEST], tmp_path / "warm") == {}
     (worker.root / TEST).write_text(

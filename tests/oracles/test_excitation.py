@@ -127,6 +127,23 @@ def test_nominal_prediction(axis: int, vehicle: str) -> None:
         assert error.max() < NOMINAL * shown.max()
 
 
+@pytest.mark.matrix(
+    keep=(
+        "payload-1",
+        "cubic_stiffness-0",
+        "cubic_stiffness-1",
+        "coulomb_friction-0",
+        "coulomb_friction-1",
+        "stiffness_drift-0",
+        "stiffness_drift-1",
+        "soil_compliance-1",
+        "actuator_lag-2",
+        "accelerometer_bias-1",
+        "accelerometer_gain-1",
+        "inclinometer_bias-0",
+        "force_torque_gain-1",
+    )
+)
 def test_prediction(effect: str, values: dict[str, float]) -> None:
     """One effect changes a prediction as its equation says."""
     axis = axis_of({effect: values})
@@ -267,6 +284,19 @@ def told(reality: str, axis: int) -> Array:
     return oracle.features(vehicle.given, run, now + first, late + first)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "stiffness_drift:-0.0371",
+        "actuator_lag:0.0371",
+        "accelerometer_gain:0.613",
+        "inclinometer_bias:-0.137,0.0371",
+        "inclinometer_delay:0.0071",
+        "force_torque_gain:1.73",
+        "payload:0.713+force_torque_gain:1.73",
+        "cubic_stiffness:371,-3.7+stiffness_drift:-0.0371",
+        "accelerometer_bias:-1.3,0.73,-0.0173+accelerometer_gain:0.613",
+    )
+)
 @pytest.mark.parametrize("effects", REALITIES, ids=map(name_of, REALITIES))
 def test_environment(effects: Effects) -> None:
     """The environment's sensors show in this reality what the oracle says."""

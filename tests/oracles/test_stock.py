@@ -435,6 +435,16 @@ LIMITS = {
 """What holds less well than the rest, and why."""
 
 
+@pytest.mark.matrix(
+    keep=(
+        "everything-stiffness_drift-90",
+        "interpolated-actuator_bias-97",
+        "stepped-actuator_gain-123",
+        "cart-sensor_delay-283",
+        "motor-sensor_gain-329",
+        "interpolated-linear_stiffness-349",
+    )
+)
 @pytest.mark.parametrize("case", ALL, ids=IDS)
 def test_a_stock_effect_from_rest_and_from_what_the_sensors_show(case, agree_with_the_oracle):
     machine, name, chosen = case
@@ -489,6 +499,13 @@ PAIRS = [
 ]
 
 
+@pytest.mark.matrix(
+    keep=(
+        "everything-actuator_play-actuator_delay",
+        "interpolated-actuator_rate_limit-actuator_delay",
+        "cart-turn_bias-steering_stribeck_friction",
+    )
+)
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
 def test_pairs_act_in_the_documented_order(pair, agree_with_the_oracle):
     machine, *names = pair

@@ -146,6 +146,12 @@ PLANS = (
 """Headings relative to the bearing of the nearest radar [deg] and lengths [m] of three flights' legs."""
 
 
+@pytest.mark.matrix(
+    keep=(
+        "deterministic-signature_scale:0.137+radar_range_scale:0.61",
+        "stochastic-scan_interval:2.71",
+    )
+)
 @pytest.mark.parametrize("effects", REALITIES, ids=map(names, REALITIES))
 @pytest.mark.parametrize("detection", ["deterministic", "stochastic"])
 def test_environment(effects: Effects, detection: str) -> None:

@@ -77,6 +77,7 @@ def midway():
     return observation, info
 
 
+@pytest.mark.nightly
 def test_agents_come_in_the_expected_order(errors):
     # The requirement: at least three times less error than with the source's constant excitation.
     assert 3 * errors["frozen_weight"] < errors["constant"]
@@ -189,6 +190,13 @@ def test_situation_is_what_the_filter_knows(midway):
     np.testing.assert_array_equal(now.samples, 320)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "table1/paper/full_scale",
+        "table1/wide/running_max",
+        "soft/wide/full_scale",
+    )
+)
 @pytest.mark.parametrize("key", SCENARIOS)
 def test_stored_schedules_are_worth_what_is_stored(key):
     settings = ExcitationSettings(**SCENARIOS[key])

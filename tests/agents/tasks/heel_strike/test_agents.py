@@ -38,6 +38,7 @@ def errors(request):
     return kind, {name: mean_error(name, kind, TEST_SEEDS[:24]) for name in NAMES}
 
 
+@pytest.mark.matrix(keep=("low_pass",))
 def test_classical_estimators_come_in_the_expected_order(errors):
     kind, error = errors
     # Told the levels beats told the typical level; knowing the regime beats inferring it from the
@@ -52,6 +53,7 @@ def test_classical_estimators_come_in_the_expected_order(errors):
         assert error["gated_tuned"] < 0.8 * error["fixed_tuned"]
 
 
+@pytest.mark.matrix(keep=("ekf",))
 @pytest.mark.parametrize("name", ["ekf", "imm"])
 def test_filterpys_filters_score_as_the_compiled_ones(name):
     ours, theirs = (
@@ -68,6 +70,16 @@ def test_full_sensor_weight_is_rangers_estimator(errors):
     assert error["sensor_only"] == pytest.approx(error["ranger"], rel=2e-3)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "fixed_tuned-low_pass",
+        "gated_tuned-ar1",
+        "adaptive-ar1",
+        "regime_filter-ar1",
+        "oracle_gains-low_pass",
+        "ranger_tuned-low_pass",
+    )
+)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     "name", ["fixed_tuned", "gated_tuned", "adaptive", "regime_filter", "oracle_gains", "ranger_tuned"]

@@ -44,6 +44,7 @@ def results():
     return {name: played(make(name), "T3") for name in NAMES}
 
 
+@pytest.mark.nightly
 def test_agents_come_in_the_expected_order(results):
     success = {name: table["success"].mean() for name, table in results.items()}
     # What the text says fails, what it must mean works; standing still where nothing is near costs some.

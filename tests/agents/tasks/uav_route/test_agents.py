@@ -32,6 +32,7 @@ def results():
     return {name: played(name, NO_LOCK_LOSS, 6) for name in ("straight", *SAFE)}
 
 
+@pytest.mark.nightly
 def test_undetected_plans_arrive_undetected(results) -> None:
     for name in SAFE:
         assert (results[name]["success"] == 1).all()
@@ -166,6 +167,7 @@ def test_long_legs_are_divided_and_short_ones_left_out() -> None:
     np.testing.assert_allclose(legs, [40.0, 40.0, 40.0, np.hypot(30.0, 1.0)])
 
 
+@pytest.mark.nightly
 def test_several_aircraft_are_planned_each_and_all_arrive() -> None:
     table = played("legs", NO_LOCK_LOSS | {"aircraft": 2, "radars": 2}, 3)
     assert (table["success"] == 1).all()

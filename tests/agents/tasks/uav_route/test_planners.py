@@ -156,6 +156,7 @@ def test_legs_with_lock_loss_are_shorter_and_survive() -> None:
     assert killed.length == pytest.approx(certain.length, rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_turn_far_from_the_radar_may_lead_back_to_its_circle() -> None:
     around = leg_plan(Layout((0.0, 600.0), (340.0, 0.0), EXAMPLE.radars), legs=3, directions=36)
     assert around.verification is not None

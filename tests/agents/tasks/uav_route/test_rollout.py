@@ -15,6 +15,7 @@ UNSEEN = {"lock_loss": False}
 SEEDS = TUNING_SEEDS[5000:5030]
 
 
+@pytest.mark.nightly
 def test_it_arrives_wherever_there_is_a_way_and_is_never_seen():
     table = run_episodes(RolloutSearch(UNSEEN), "uav_route", EnvironmentConfig(settings=UNSEEN), SEEDS)
     assert table["success"].all()
