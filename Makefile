@@ -36,7 +36,7 @@ check: $(READY)  ## style, types, floors
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-mutants: $(READY)  ## put errors into copies of the project and see the tests notice each
+mutants: $(READY)  ## put errors into copies of the project and see the tests notice each (make nightly does, too)
 	$(BIN)/python tests/mutants/run.py --publish
 
 bench: $(READY)  ## what users wait for, as ratios; fails where one is 1.5 times the accepted

@@ -120,6 +120,19 @@ def speed(page: str) -> Figure:
     return figure
 
 
+def installation(page: str) -> Figure:
+    """Size and time of each installation, by the build of torch."""
+    rows = [row for row in next(t for t in tables(page) if t[0][0] == "step")[1:] if "install" in row[0]][::-1]
+    figure, axes = bars(2 * len(rows), "GB")
+    for offset, column, colour, label in ((0.2, 2, DARK, "torch of PyPI"), (-0.2, 4, LIGHT, "CPU build")):
+        places = [2 * k + 0.5 + 2 * offset for k in range(len(rows))]
+        values = [numbers(row[column])[0] for row in rows]
+        axes.bar_label(axes.barh(places, values, 0.75, color=colour, label=label), padding=3, fontsize=8)
+    axes.set_yticks([2 * k + 0.5 for k in range(len(rows))], [row[0] for row in rows])
+    figure.legend(frameon=False, ncols=2, loc="outside upper left")
+    return figure
+
+
 def sweeps(page: str) -> Figure:
     """How long many jobs take on many processors."""
     rows = [row for row in next(t for t in tables(page) if "processes" in t[0])[1:] if " jobs on " in row[0]]
@@ -186,7 +199,7 @@ def counted(counts: list[tuple[str, int]], label: str) -> Figure:
     return figure
 
 
-PAGES: tuple[Callable[[str], Figure], ...] = (exam, mutants, licences, faults, speed, sweeps, api)
+PAGES: tuple[Callable[[str], Figure], ...] = (exam, mutants, licences, faults, installation, speed, sweeps, api)
 
 
 def main() -> None:
