@@ -120,9 +120,42 @@ def speed(page: str) -> Figure:
     return figure
 
 
+def leaderboard(page: str) -> Figure:
+    """How many of a task's agents there are, by what they see."""
+    found = {
+        name: rows[1:] for name, rows in zip(re.findall(r"^## (\w+)", page, re.M), tables(page), strict=True)
+    }
+    figure, axes = bars(len(found), "agents")
+    kinds = {
+        "learned": GOOD,
+        "observation": DARK,
+        "settings, too": LIGHT,
+        "hidden values, or do not act": "lightgrey",
+    }
+    for k, rows in enumerate(list(found.values())[::-1]):
+        left = 0
+        for kind, colour in kinds.items():
+            count = sum(kind == _kind(row) for row in rows)
+            axes.barh(k, count, left=left, color=colour, label="" if k else kind)
+            left += count
+    axes.set_yticks(range(len(found)), list(found)[::-1])
+    figure.legend(frameon=False, ncols=4, loc="outside upper left")
+    return figure
+
+
+def _kind(row: list[str]) -> str:
+    if row[0].startswith("["):
+        return "learned"
+    if "hidden" in row[1] or "does not act" in row[1]:
+        return "hidden values, or do not act"
+    return "observation" if row[1] == "observation" else "settings, too"
+
+
 def installation(page: str) -> Figure:
     """Size and time of each installation, by the build of torch."""
-    rows = [row for row in next(t for t in tables(page) if t[0][0] == "step")[1:] if "install" in row[0]][::-1]
+    rows = [row for row in next(t for t in tables(page) if t[0][0] == "step")[1:] if "install" in row[0]][
+        ::-1
+    ]
     figure, axes = bars(2 * len(rows), "GB")
     for offset, column, colour, label in ((0.2, 2, DARK, "torch of PyPI"), (-0.2, 4, LIGHT, "CPU build")):
         places = [2 * k + 0.5 + 2 * offset for k in range(len(rows))]
@@ -199,7 +232,17 @@ def counted(counts: list[tuple[str, int]], label: str) -> Figure:
     return figure
 
 
-PAGES: tuple[Callable[[str], Figure], ...] = (exam, mutants, licences, faults, installation, speed, sweeps, api)
+PAGES: tuple[Callable[[str], Figure], ...] = (
+    exam,
+    mutants,
+    licences,
+    faults,
+    installation,
+    leaderboard,
+    speed,
+    sweeps,
+    api,
+)
 
 
 def main() -> None:

@@ -2,11 +2,13 @@
 
 import importlib
 import re
+from html import unescape
 from pathlib import Path
 
 import gymnasium
 import pytest
 import typer.main
+from PIL import Image
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
@@ -75,6 +77,51 @@ def test_the_mistake_that_the_cli_page_shows_is_what_one_gets():
     arguments[1] = str(DOCS.parent / arguments[1])
     result = CliRunner().invoke(app, arguments)
     assert result.stderr.strip().splitlines() == shown
+
+
+README = (DOCS.parent / "README.md").read_text()
+
+
+def test_the_readme_is_short_and_begins_with_how_to_install_and_make():
+    first = "\n".join(README.splitlines()[:10])
+    assert len(README.split()) <= 900
+    assert "pip install" in first
+    assert "make('fieldgym:fieldgym/" in first
+    films = re.findall(r'<img src="(docs/environments/\w+\.webp)"', README)
+    assert len(set(films)) == 6
+    assert all(Image.open(DOCS.parent / film).n_frames > 1 for film in films)
+    for place in re.findall(r"\]\((docs/[^)#]+|[A-Z]+\.md)", README):
+        assert (DOCS.parent / place).exists(), place
+
+
+def test_python_in_the_readme_runs(public_data, monkeypatch):
+    monkeypatch.setenv("FIELDGYM_DATA", str(public_data))
+    code = "\n".join(re.findall(r"```python\n(.*?)```", README, re.DOTALL))
+    names = {"__name__": "example"}
+    exec(compile(code, "README.md", "exec"), names)
+    assert names["envs"].num_envs == 64
+    assert names["found"].causes[0].effect == "coulomb_friction"
+
+
+def test_results_in_the_readme_are_those_of_the_leaderboard():
+    board = (DOCS / "leaderboard.md").read_text()
+    rows = re.findall(r"^\| \[(\w+)\]\(docs/leaderboard.md#\w+\)(.*)$", README, re.MULTILINE)
+    assert [task for task, _ in rows] == re.findall(r"^## (\w+)$", board, re.MULTILINE)
+    for task, row in rows:
+        section = board.split(f"\n## {task}\n")[1].split("\n## ")[0]
+        for value, agent in re.findall(r"\| ([\d.][^|`]*) `(\w+)`", row):
+            (line,) = [line for line in section.splitlines() if re.match(rf"\| \[?`{agent}`", line)]
+            assert value in line, f"{task}: {agent}"
+
+
+def test_the_leaderboard_shows_the_config_of_each_learned_agent_as_it_is():
+    board = (DOCS / "leaderboard.md").read_text()
+    shown = re.findall(r'<details id="(\w+)-(\w+)">.*?<pre><code>(.*?)</code></pre>', board, re.DOTALL)
+    assert {f"#{task}-{agent}" for task, agent, _ in shown} == set(re.findall(r"\]\((#\w+-\w+)\)", board))
+    assert len(shown) > 10
+    for task, agent, text in shown:
+        config = (DOCS.parent / "configs" / task / f"{agent}.yaml").read_text()
+        assert unescape(text) == config, f"{task}/{agent}: make leaderboard"
 
 
 @pytest.mark.parametrize("page", ["evaluation.md"])
