@@ -99,18 +99,6 @@ def main() -> None:
             on = best(lambda: model.simulate(vector, windows), 3)  # noqa: B023
             print(f"    {effect.name:22} {on / off:5.2f} x")
 
-    windows = rig.windows(synthesise(rig, None, "mixed", amplitude=8.0, duration=60.0,
-                                     rng=np.random.default_rng(0)), 0.5)  # fmt: skip
-    print("rig, derivatives by its parameters, an effect's and two states, in simulations of one vector:")
-    for name in ("constant_force", "coulomb_friction", "hysteresis", "actuator_lag", "actuator_rate_limit"):
-        effect = rig.effect(name)
-        vector = rig.vector(effects={name: {p.name: p.starts[-1] for p in effect.parameters}})
-        part = rig.slice_of(name)
-        free = [0, 1, 2, *range(part.start, part.stop)]
-        once = best(lambda: rig.simulate(vector[None], windows))  # noqa: B023
-        carried = best(lambda: rig.simulate_with_derivatives(vector, windows, free))  # noqa: B023
-        print(f"    {name:22} {carried / once:5.2f} (differences to one side: {len(free) + 3})")
-
     m, c, k = rig.nominal[:3]
     began = time.process_time()
     for _ in range(100):

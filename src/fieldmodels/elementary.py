@@ -97,17 +97,7 @@ def _sine_near(x: float, shift: float, half_turns: float) -> float:
 @inlined
 def rounded(x: float) -> float:
     """The nearest integer to a number below 2^51, the even one of two."""
-    return (value_of(x) + ROUNDING) - ROUNDING
-
-
-def value_of(x: float) -> float:
-    """A number itself; of one that carries derivatives, its value (see ``drivers.duals``)."""
-    return x
-
-
-@overload(value_of, strict=False)
-def _value_of_number(x: Any) -> Any:
-    return (lambda x: x) if isinstance(x, types.Number) else None
+    return (x + ROUNDING) - ROUNDING
 
 
 def only(x: Any) -> Any:

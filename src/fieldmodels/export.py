@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba.core import extending
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.declaration import Declaration
@@ -30,7 +29,6 @@ from fieldmodels.model import Model, ModelError
 
 SHELL = Path(__file__).parent / "export_shell.py.txt"
 LIBRARIES = {"math": math, "np": np}
-INTRINSIC: Any = vars(extending)["_Intrinsic"]
 PLAIN = (bool, int, float, str, type(None))
 
 
@@ -148,10 +146,6 @@ class _Gathered:
             isinstance(value, tuple) and all(isinstance(v, PLAIN) for v in value)
         ):
             self.constants.append(f"{own} = {value!r}".replace("inf", "np.inf").replace("nan", "np.nan"))
-        elif isinstance(
-            value, INTRINSIC
-        ):  # tells the compiler how to keep numbers, which Python need not know
-            self.functions.append(f"def {own}(values):\n    return values")
         elif getattr(value, "__module__", None) in ("math", "numpy"):
             self.constants.append(f"from {value.__module__} import {value.__name__} as {own}")
         else:

@@ -19,7 +19,7 @@ from fieldmodels.recording import Recording, RecordingError, Windows
 
 CALLED = (
     "simulate", "initial_states", "windows", "scaled_to", "stages", "runs", "between", "with_commands",
-    "derived", "simulate_with_derivatives",
+    "derived",
 )  # fmt: skip
 """Methods of a model through which a user's code is reached."""
 

@@ -26,13 +26,10 @@ from fieldmodels.drivers.declaration import Declaration, Force, Hold, number
 from fieldmodels.drivers.sizes import measured_horizons, measured_outputs, measured_sizes, measured_states
 from fieldmodels.drivers.starts import started
 from fieldmodels.drivers.windows import WindowDriver
-from fieldmodels.effects import sensors
 from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, Windows
 
 LOOKED = 9  # samples of a recording at which states are guessed, to see which are known
-BESIDE = 1e-9
-"""How far beside neutral a derivative is taken, in a parameter's scale: what is off has none."""
 
 __all__ = ["Force", "Machine", "held_inputs", "number"]
 
@@ -52,13 +49,7 @@ class Machine(Declaration):
     They are compiled by Numba, with functions beside the class that they call, and are handed named tuples;
     ``self`` is None in them. A mistake in one is a ModelError before anything runs. What Numba cannot compile
     is run as it is, with a warning, about a thousand times slower.
-
-    Attributes:
-        by_differences: Parameters that act outside the methods below and stock effects (on a recording before
-            it drives the machine).
     """
-
-    by_differences: tuple[str, ...] = ()
 
     @cached_property
     def driver(self) -> Any:
@@ -69,51 +60,6 @@ class Machine(Declaration):
         """Simulate every window; see ``Model.simulate``."""
         result: FloatArray = self.driver(np.atleast_2d(parameters), windows)
         return result
-
-    def simulate_with_derivatives(
-        self, parameters: FloatArray, windows: Windows, free: Sequence[int] | IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``Model.simulate_with_derivatives``, exactly: derivatives are carried along with the states.
-
-        They are those of the integration as it is done, through friction that stops and turns, and of the
-        branch that is taken: of an effect that is neutral, towards the side on which it is on. Differences
-        take their place where a sensor is quantised (its steps have no slope), for ``by_differences``, and
-        for a machine whose equations Numba cannot compile for dual numbers: arithmetic, ``math`` and NumPy's
-        functions of a number it can.
-        """
-        free = np.asarray(free, dtype=np.int64)
-        near = self._beside_neutral(parameters, free)
-        if self._is_quantised(near) or not self.driver.carries:
-            return super().simulate_with_derivatives(parameters, windows, free)
-        exact = np.array([self.names[i] not in self.by_differences for i in free], dtype=np.bool_)
-        outputs, found, by_states = self.driver.derivatives(
-            near, self.driven(parameters, windows), free[exact]
-        )
-        columns = np.empty((*outputs.shape, len(free)))
-        columns[..., exact] = found
-        if not exact.all():
-            columns[..., ~exact] = self.differences(parameters, windows, free[~exact])
-        if np.any(near != parameters):
-            outputs = self.simulate(parameters, windows)[0]
-        return outputs, columns, by_states
-
-    def driven(self, parameters: FloatArray, windows: Windows) -> Windows:
-        """The windows with what drives the machine at a parameter vector; by default their own commands."""
-        del parameters
-        return windows
-
-    def _beside_neutral(self, parameters: FloatArray, free: IntArray) -> FloatArray:
-        """The vector with free effects a little off neutral, and delays a little over whole samples."""
-        result = np.array(parameters, dtype=np.float64)
-        for i in free[free >= len(self.parameters)]:
-            p = self.all_parameters[i]
-            if result[i] == p.nominal or p.name == "delay":
-                result[i] = min(result[i] + BESIDE * p.scale, p.upper)
-        return result
-
-    def _is_quantised(self, parameters: FloatArray) -> bool:
-        (rows,) = self.driver.rows.of(parameters[None], "sensor")
-        return bool((rows[:, :, sensors.ROW.column("quantisation_step")] > 0.0).any())
 
     def initial_states(self, recording: Recording, starts: IntArray) -> FloatArray:
         """States as the sensors measure them; see ``Model.initial_states``.

@@ -22,10 +22,6 @@ Where = Literal["force", "actuator", "sensor", "environment", "change"]
 EffectValues = Mapping[str, Mapping[str, float]]
 
 
-DIFFERENCE, STATE_DIFFERENCE = 1e-2, 1e-3
-"""Steps of differences, in a parameter's scale and in a state's spread over windows."""
-
-
 class ModelError(ValueError):
     """A name or a value that a model does not know or does not allow."""
 
@@ -291,46 +287,6 @@ class Model(ABC):
         del recording
         return ()
 
-    def simulate_with_derivatives(
-        self, parameters: FloatArray, windows: Windows, free: Sequence[int] | NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Simulate every window, and tell how the outputs change with parameters and initial states.
-
-        By default by central differences, over a hundredth of each parameter's scale to either side (of its
-        value, where it spans decades) as far as its bounds allow, and a thousandth of each state's spread.
-
-        Args:
-            parameters: One parameter vector, shape (len(names),).
-            windows: Windows of one recording.
-            free: Indices of the parameters.
-
-        Returns:
-            Outputs, shape (windows, samples, outputs); their derivatives by the parameters, shape (windows,
-            samples, outputs, len(free)), and by the window's own initial state, shape (windows, samples,
-            outputs, states).
-        """
-        by_states = [_by_state(self, parameters, windows, j) for j in range(len(self.states))]
-        return (
-            self.simulate(parameters[None], windows)[0],
-            self.differences(parameters, windows, free),
-            np.stack(by_states, axis=-1),
-        )
-
-    def differences(
-        self, parameters: FloatArray, windows: Windows, free: Sequence[int] | NDArray[np.int64]
-    ) -> FloatArray:
-        """Central differences of the outputs by parameters; see ``simulate_with_derivatives``."""
-        low = np.repeat(parameters[None], len(free), axis=0)
-        high = low.copy()
-        for k, i in enumerate(free):
-            p, value = self.all_parameters[i], parameters[i]
-            width = DIFFERENCE * (abs(value) if p.lower > 0 and p.upper > 100 * p.lower else p.scale)
-            low[k, i], high[k, i] = max(value - width, p.lower), min(value + width, p.upper)
-        outputs = self.simulate(np.concatenate([low, high]), windows)
-        spans = (high - low)[np.arange(len(free)), free]
-        change = outputs[len(free) :] - outputs[: len(free)]
-        return np.asarray(np.moveaxis(change, 0, -1) / spans)
-
     def windows(self, recording: Recording, horizon: float) -> Windows:
         """Cut a recording into the non-overlapping windows on which this model predicts.
 
@@ -549,18 +505,6 @@ class Wrapper(Model):
     def derived(self, outputs: FloatArray, shown: FloatArray, windows: Windows) -> FloatArray:
         """The inner model's."""
         return self.inner.derived(outputs, shown, windows)
-
-
-def _by_state(model: Model, parameters: FloatArray, windows: Windows, j: int) -> FloatArray:
-    """Central differences of the outputs by an initial state."""
-    values = windows.states[:, j]
-    width = STATE_DIFFERENCE * float(np.std(values) or np.max(np.abs(values), initial=0.0) or 1.0)
-    found = []
-    for sign in (1.0, -1.0):
-        moved = windows.states.copy()
-        moved[:, j] += sign * width
-        found.append(model.simulate(parameters[None], windows.with_states(moved))[0])
-    return np.asarray((found[0] - found[1]) / (2.0 * width))
 
 
 def check_instance(model: object) -> None:

@@ -177,27 +177,6 @@ def test_windows_are_predicted_from_what_is_measured(machine: type[Machine], lag
     assert np.abs(error).max() < 0.02 * spread
 
 
-@pytest.mark.matrix(keep=("Fan",))
-@pytest.mark.parametrize("machine", [Fan, Cart])
-def test_derivatives_are_those_of_windows_behind_a_slow_sensor(machine: type[Machine]):
-    recording, _ = record(machine, 0.5, 0.01, 34)
-    model = machine()
-    windows = model.windows(recording, 1.0)
-    effects = {
-        "sensor_lag": {"time_constant": 0.4},
-        "sensor_gain": {"gain": 1.3},
-        "sensor_drift": {"rate": 0.1},
-    }
-    vector = model.vector(TRUE[machine], effects)
-    free = [model.names.index(f"{effect}.{name}") for effect, own in effects.items() for name in own]
-    _, found, _ = model.simulate_with_derivatives(vector, windows, free)
-    for k, i in enumerate(free):
-        moved = np.array([vector, vector])
-        moved[:, i] += 1e-5, -1e-5
-        above, below = model.simulate(moved, windows)
-        np.testing.assert_allclose(found[..., k], (above - below) / 2e-5, atol=1e-6 * np.abs(found).max())
-
-
 def inside(windows: Windows, values: FloatArray) -> FloatArray:
     """A signal in every window, shape (windows, samples)."""
     return np.asarray(values[windows.starts[:, None] + np.arange(windows.samples)])

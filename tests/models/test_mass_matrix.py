@@ -185,25 +185,6 @@ def test_an_environment_swings_alike():
     np.testing.assert_allclose(found, simulated(machine, START, effects), atol=1e-4)
 
 
-@pytest.mark.nightly
-def test_derivatives_are_those_of_differences():
-    """Exact ones by parameters and starts, through an inertia that the angle changes."""
-    machine = Crane()
-    recording = Recording(TIME, {"push": PUSH, "place": np.zeros(COUNT), "angle": np.zeros(COUNT)})
-    windows = machine.windows(recording, 0.5).select(np.array([0, 1]))
-    windows = windows.with_states(np.array([START, (0.0, 0.2, -0.5, 0.3)]))
-    effects = {"coulomb_friction": {"force": 3.0}, "constant_force": {"force": 2.0}}
-    vector = machine.vector(effects=effects)
-    free = [machine.index("mass"), machine.index("coulomb_friction.force")]
-    outputs, by_free, by_states = machine.simulate_with_derivatives(vector, windows, free)
-    np.testing.assert_allclose(by_free, machine.differences(vector, windows, free), atol=2e-4)
-    for j in range(4):
-        moved = windows.states.copy()
-        moved[:, j] += 1e-6
-        there = machine.simulate(vector[None], windows.with_states(moved))[0]
-        np.testing.assert_allclose(by_states[..., j], (there - outputs) / 1e-6, atol=2e-3)
-
-
 def test_arguments_that_no_inertia_takes_are_said():
     class Wrong(Crane):
         def pushed(self, state, input, p):

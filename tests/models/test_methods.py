@@ -9,8 +9,7 @@ import pytest
 from fieldmodels.compiled import allocation_free, compiled
 from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers import numpy_words as numpy_words
-from fieldmodels.drivers.compilable import carries_derivatives, compilable
-from fieldmodels.drivers.duals import numbers_1
+from fieldmodels.drivers.compilable import compilable
 from fieldmodels.machine import Force, Machine, number
 from fieldmodels.model import ModelError, Signal
 from fieldmodels.model_files import load_model_file
@@ -207,10 +206,9 @@ FINE = {
 
 @pytest.mark.parametrize("form", [form for form in FINE if form != "names at hand"])
 @pytest.mark.filterwarnings("error")
-def test_what_is_no_mistake_compiles_with_exact_derivatives(tmp_path, form):
+def test_what_is_no_mistake_compiles(tmp_path, form):
     machine = load_model_file(str(written(tmp_path, FINE[form])))
     assert compilable(machine)
-    assert carries_derivatives(machine)
 
 
 def test_a_name_that_is_bound_anew_is_no_argument(tmp_path):
@@ -262,13 +260,6 @@ def test_it_moves_as_if_written_out():
     windows = windows.select(np.array([0, 1])).with_states(np.array([[-1.3], [0.7]]))
     vectors = np.array([[2.0], [0.4]])
     np.testing.assert_allclose(own.simulate(vectors, windows), plain.simulate(vectors, windows), rtol=1e-12)
-    for a, b in zip(
-        own.simulate_with_derivatives(vectors[0], windows, [0]),
-        plain.simulate_with_derivatives(vectors[0], windows, [0]),
-        strict=True,
-    ):
-        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
-    assert own.driver.carries
 
 
 INSIDE = np.array([-0.7, 0.31, 0.85])
@@ -280,18 +271,14 @@ WORDS = {
     **{name: (getattr(np, name), BEYOND) for name in ("log", "log2", "log10", "sqrt", "arccosh")},
     **{name: (getattr(np, name), INSIDE) for name in ("radians", "deg2rad", "degrees", "rad2deg")},
     **{name: (getattr(np, name), INSIDE) for name in ("sign", "floor", "ceil", "trunc", "rint")},
-    **{name: (getattr(math, name), INSIDE) for name in ("asin", "acos", "asinh", "atanh", "erf", "erfc")},
-    **{name: (getattr(math, name), INSIDE) for name in ("log1p", "radians", "degrees", "trunc")},
-    **{f"math.{name}": (getattr(math, name), BEYOND) for name in ("log2", "log10", "acosh")},
-    "math.pow": (lambda x: math.pow(x, 3), INSIDE),
     "arctan2": (lambda x: np.arctan2(x, 0.4) + np.arctan2(0.4, x), INSIDE),
     "hypot": (lambda x: np.hypot(x, 0.4), INSIDE),
     "copysign": (lambda x: np.copysign(x, -1.0), INSIDE),
     "power": (lambda x: np.power(x, 2), INSIDE),
     "maximum": (lambda x: np.maximum(x, 0.5) + np.minimum(0, x), INSIDE),
     "arithmetic": (lambda x: np.add(x, np.multiply(2, x)) - np.divide(np.subtract(x, 1), 3.0), INSIDE),
-    "mod": (lambda x: np.mod(x, 0.3) + x % -0.4 + 0.9 % x, INSIDE),
-    "remainder": (lambda x: np.remainder(x, 0.3) * (x // 0.3), INSIDE),
+    "mod": (lambda x: np.mod(x, 0.3), INSIDE),
+    "remainder": (lambda x: np.remainder(x, 0.3), INSIDE),
     "fmod": (lambda x: np.fmod(x, 0.3) + math.fmod(x, -0.4), INSIDE),
     "clip": (lambda x: np.clip(x, -0.5, 0.5) + np.clip(x, a_min=0, a_max=1), INSIDE),
     "clip from one side": (lambda x: np.clip(x, None, 0.5) + np.clip(x, 0.0, None), INSIDE),
@@ -299,8 +286,6 @@ WORDS = {
     "where": (lambda x: np.where(x > 0.0, x * x, 1), INSIDE),
     "heaviside": (lambda x: x * np.heaviside(x, 0.5), INSIDE),
     "interp": (lambda x: np.interp(3.0 * x, KNOTS, HEIGHTS), INSIDE),
-    "truth": (lambda x: x * x if x else 1.0, INSIDE),
-    "whole": (lambda x: x * int(3 * x) + round(x), INSIDE),
     "finite": (lambda x: x if np.isfinite(x) and not np.isnan(x) else 0.0, INSIDE),
 }  # fmt: skip
 
@@ -316,28 +301,19 @@ WORDS = {
     )
 )
 @pytest.mark.parametrize("word", WORDS)
-def test_numbers_and_their_derivatives(word):
-    """Compiled for floats and for dual numbers, against NumPy's own and its differences."""
+def test_functions_of_a_number(word):
+    """Compiled, against NumPy's own."""
     function, at = WORDS[word]
     inner = compiled(function) if isinstance(function, type(lambda: 0)) else function
 
     @allocation_free
     def run(given, out):
-        values, results = numbers_1(given), numbers_1(out)
-        for i in range(len(values)):
-            results[i] = inner(values[i])
+        for i in range(len(given)):
+            out[i] = inner(given[i])
 
-    exact = np.array([float(function(x)) for x in at])
-    plain, slopes = np.zeros(len(at)), np.zeros((len(at), 9))
-    run(at.copy(), plain)
-    np.testing.assert_allclose(plain, exact, rtol=1e-14, atol=1e-15)
-    given = np.zeros((len(at), 9))
-    given[:, 0], given[:, 3] = at, 2.0
-    run(given, slopes)
-    np.testing.assert_allclose(slopes[:, 0], exact, rtol=1e-14, atol=1e-15)
-    near = [[float(function(x + h)) for x in at] for h in (1e-6, -1e-6)]
-    np.testing.assert_allclose(slopes[:, 3], (np.subtract(*near)) / 1e-6, rtol=1e-7, atol=1e-8)
-    assert not slopes[:, [1, 2, 4, 5, 6, 7, 8]].any()
+    found = np.zeros(len(at))
+    run(at.copy(), found)
+    np.testing.assert_allclose(found, [float(function(x)) for x in at], rtol=1e-14, atol=1e-15)
 
 
 def test_ends_and_what_is_no_number():
@@ -346,6 +322,7 @@ def test_ends_and_what_is_no_number():
         return np.interp(x, KNOTS, KNOTS), np.clip(x, 0.0, 1.0), np.heaviside(x, 0.25)
 
     np.testing.assert_equal(run(math.nan)[:2], (math.nan, math.nan))
-    assert run(-9.0) == (-1.0, 0.0, 0.0)
-    assert run(9.0) == (1.5, 1.0, 1.0)
+    for far in (9.0, math.inf):
+        assert run(-far) == (-1.0, 0.0, 0.0)
+        assert run(far) == (1.5, 1.0, 1.0)
     assert run(0.0)[2] == 0.25

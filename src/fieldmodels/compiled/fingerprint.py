@@ -12,7 +12,6 @@ from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
-from numba.core import extending
 from numba.core.dispatcher import Dispatcher
 
 # Their functions are identified by name: Numba brings its own implementation of each.
@@ -20,7 +19,6 @@ LIBRARIES = frozenset({"numba", "numpy", "scipy", *sys.stdlib_module_names})
 ADDED: dict[str, str] = {}
 """Editions of what this project has added to functions of libraries, by their names."""
 
-Intrinsic: Any = vars(extending)["_Intrinsic"]
 _LOAD_GLOBAL, _EXTENDED_ARG = dis.opmap["LOAD_GLOBAL"], dis.opmap["EXTENDED_ARG"]
 _LOAD_CONSTANT = frozenset(dis.hasconst)
 
@@ -73,8 +71,6 @@ class _Part:
     def _value(self, value: Any, names: frozenset[str] = frozenset(), seen: tuple[Any, ...] = ()) -> str:
         if isinstance(value, Dispatcher | types.FunctionType):
             return self._function(value)
-        if isinstance(value, Intrinsic):
-            return self._function(vars(value)["_defn"])
         if isinstance(value, types.ModuleType):
             return self._module(value, names, seen)
         if value is None or value is ... or isinstance(value, bool | int | float | complex | str | bytes):

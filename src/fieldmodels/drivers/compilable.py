@@ -17,7 +17,6 @@ from fieldmodels.compiled.fingerprint import fingerprint, globals_read
 from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers import numpy_words as numpy_words  # what equations may write with NumPy
 from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.drivers.duals import DUAL
 from fieldmodels.drivers.methods import TITLES, Method, methods_of
 from fieldmodels.model import ModelError
 
@@ -75,7 +74,7 @@ def _lacks(method: Method) -> str:
 
 
 def _tried(method: Method) -> str:
-    arguments, function = _arguments(method, types.float64), with_helpers(method.function)
+    arguments, function = _arguments(method), with_helpers(method.function)
     try:
         kernel: Any = allocation_free_inlined(function)
         with warnings.catch_warnings():
@@ -130,26 +129,15 @@ def _line(text: str, method: Method) -> int:
     return int(found[1]) if found else method.line
 
 
-def carries_derivatives(machine: Declaration) -> bool:
-    """Whether Numba can compile a machine's own functions for dual numbers."""
-    for method in methods_of(machine):
-        try:
-            kernel: Any = allocation_free_inlined(with_helpers(method.function))
-            kernel.compile(_arguments(method, DUAL))
-        except Exception:  # Numba raises many kinds, and some are no NumbaError
-            return False
-    return True
-
-
-def _arguments(method: Method, kind: Any) -> tuple[Any, ...]:
-    """Types of what a method is handed, of numbers of a kind."""
+def _arguments(method: Method) -> tuple[Any, ...]:
+    """Types of what a method is handed."""
     known = dict(method.known)
     make: Any = namedtuple
     tuples: Any = types.NamedUniTuple
     return types.none, *(
-        kind
+        types.float64
         if role == "dt"
-        else tuples(kind, len(known[role]), make(TITLES[role], known[role]))
+        else tuples(types.float64, len(known[role]), make(TITLES[role], known[role]))
         if known[role] or role == "p"
         else types.none
         for role in method.takes

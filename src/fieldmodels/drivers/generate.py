@@ -32,14 +32,10 @@ EQUATIONS = "equations.py.j2"
 JIT = (
     "from fieldmodels.compiled import allocation_free, compiled\n"
     "from fieldmodels.compiled import allocation_free_inlined as inlined\n"
-    "from fieldmodels.drivers.duals import numbers_1, numbers_2, numbers_3, numbers_4\n"
 )
 TEXTS: dict[tuple[str, int, str], str] = {}
 """Texts of drivers by template and declaration; a diagnosis puts the same curves on a machine many times."""
-AS_IT_IS = (
-    "def compiled(f):\n    return f\n\n\nallocation_free = inlined = compiled\n"
-    "numbers_1 = numbers_2 = numbers_3 = numbers_4 = compiled\n"
-)
+AS_IT_IS = "def compiled(f):\n    return f\n\n\nallocation_free = inlined = compiled\n"
 
 
 def driver_module(machine: Declaration, template: str, lanes: int = LANES) -> ModuleType:

@@ -11,9 +11,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from fieldmodels.arrays import BoolArray, FloatArray, IntArray
-from fieldmodels.drivers.compilable import carries_derivatives
 from fieldmodels.drivers.declaration import Declaration, param_indices
-from fieldmodels.drivers.duals import DIRECTIONS, WIDTH
 from fieldmodels.drivers.generate import curve_places, driver_module
 from fieldmodels.drivers.rates import slopes
 from fieldmodels.effects import actuators, changes, forces, sensors
@@ -23,7 +21,6 @@ from fieldmodels.recording import Recording, Windows
 LAG = sensors.ROW.column("lag_time_constant")
 BRISTLE = forces.ROW.column("hysteresis_force")
 TEMPLATE = "windows.py.j2"
-LANES_WITH_DERIVATIVES = 4
 FAST = 2.0  # times the usual speed: faster than nearly all of a recording
 Made = TypeVar("Made")
 PLAY = 0.02  # of the largest command, over which play is crossed
@@ -64,11 +61,10 @@ class Rows:
         )
 
     def of(self, parameters: FloatArray, *places: str) -> list[FloatArray]:
-        """Rows of some places, each (batch, signals, len(layout)); derivatives, if any, on a last axis."""
+        """Rows of some places, each (batch, signals, len(layout))."""
         count = parameters.shape[1]
-        numbers = np.zeros((len(parameters), count + len(self.neutral), *parameters.shape[2:]))
-        numbers[:, :count] = parameters
-        (numbers[..., 0] if parameters.ndim > 2 else numbers)[:, count:] = self.neutral
+        numbers = np.empty((len(parameters), count + len(self.neutral)))
+        numbers[:, :count], numbers[:, count:] = parameters, self.neutral
         return [numbers.take(self.sources[place], axis=1) for place in places]
 
 
@@ -90,45 +86,8 @@ class WindowDriver:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
         states = np.ascontiguousarray(windows.states, dtype=np.float64)
         parameters = np.ascontiguousarray(parameters, dtype=np.float64)
-        return self._run(self.module, parameters, states, windows)
-
-    @cached_property
-    def carrying(self) -> Any:
-        """The module that carries derivatives; so many at once that fewer windows go side by side."""
-        return driver_module(self.machine, TEMPLATE, LANES_WITH_DERIVATIVES)
-
-    @cached_property
-    def carries(self) -> bool:
-        """Whether the machine's own functions can carry derivatives: arithmetic and ``math`` can."""
-        return carries_derivatives(self.machine)
-
-    def derivatives(
-        self, parameters: FloatArray, windows: Windows, free: IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Outputs with their derivatives; see ``Model.simulate_with_derivatives``."""
-        states, first = windows.states, len(free)
-        found: list[FloatArray] = []
-        outputs = np.zeros(0)
-        for begin in range(0, first + states.shape[1], DIRECTIONS):
-            own, beginnings = np.zeros((1, len(parameters), WIDTH)), np.zeros((*states.shape, WIDTH))
-            own[0, :, 0], beginnings[:, :, 0] = parameters, states
-            directions = range(begin, min(begin + DIRECTIONS, first + states.shape[1]))
-            for slot, direction in enumerate(directions, 1):
-                if direction < first:
-                    own[0, free[direction], slot] = 1.0
-                else:
-                    beginnings[:, direction - first, slot] = 1.0
-            carried = self._run(self.carrying, own, beginnings, windows)[0]
-            outputs = carried[..., 0]
-            found.append(carried[..., 1 : 1 + len(directions)])
-        columns = np.concatenate(found, axis=-1)
-        return outputs, columns[..., :first], columns[..., first:]
-
-    def _run(self, module: Any, parameters: FloatArray, states: FloatArray, windows: Windows) -> FloatArray:
-        """Run a module; parameters, states and what comes back may carry derivatives on a last axis."""
         machine, recording, rows = self.machine, windows.recording, self.rows
-        carried = parameters.shape[2:]
-        out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs), *carried))
+        out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs)))
         if not len(windows):
             return out
         if windows.lengths.min() < windows.samples:
@@ -141,8 +100,8 @@ class WindowDriver:
         path = np.zeros((len(machine.forces), 0))
         if force_rows[:, :, BRISTLE].any():
             path = self._path(recording)
-        room = driving.room(module, path.shape[1], carried)
-        module.simulate(
+        room = driving.room(self.module, path.shape[1])
+        self.module.simulate(
             parameters.take(rows.base, axis=1),
             act,
             force_rows,
@@ -170,7 +129,7 @@ class WindowDriver:
             out,
             *room,
         )
-        driving.give_back(module, room)
+        driving.give_back(room)
         return out
 
     @cached_property
@@ -210,26 +169,26 @@ class _Driving:
         command: Commands, shape (n, inputs).
         play: Command over which play is crossed.
         measured: Which outputs the recording has, shape (outputs,).
-        rooms: Memory that no call uses at present, by what it is for.
+        rooms: Memory that no call uses at present, by the length of its path.
     """
 
     command: FloatArray
     play: float
     measured: BoolArray
-    rooms: dict[tuple[str, int, tuple[int, ...]], list[Any]] = field(default_factory=dict)
+    rooms: dict[int, list[Any]] = field(default_factory=dict)
 
-    def room(self, module: Any, path: int, carried: tuple[int, ...]) -> Any:
+    def room(self, module: Any, path: int) -> Any:
         """Memory for one call of a module, used before or new; no number in it outlives a call."""
-        kept = self.rooms.setdefault((module.__name__, path, carried), [])
+        kept = self.rooms.setdefault(path, [])
         try:
             return kept.pop()  # in one step, whatever other threads do
         except IndexError:
-            return module.room(len(self.command), path, lambda *shape: np.zeros((*shape, *carried)))
+            return module.room(len(self.command), path)
 
-    def give_back(self, module: Any, room: Any) -> None:
+    def give_back(self, room: Any) -> None:
         """Keep a call's memory for the next one."""
-        bent, targets = room[2], room[0]
-        self.rooms[module.__name__, bent.shape[1], targets.shape[2:]].append(room)
+        bent = room[2]
+        self.rooms[bent.shape[1]].append(room)
 
 
 def _spread(states: FloatArray) -> FloatArray:

@@ -58,7 +58,6 @@ class PropellerArm(OneAxis):
         *actuator("command", ("parameter_step",), prefix=""),
         THRUST_CURVE,
     )
-    by_differences = (EXPONENT,)
     horizons = (0.5, 1.0, 2.0)
     rotary = True
     damped = True
@@ -90,10 +89,10 @@ class PropellerArm(OneAxis):
         out = np.empty((len(parameters), len(windows), windows.samples, len(self.outputs)))
         for exponent in np.unique(exponents):
             rows = exponents == exponent
-            out[rows] = super().simulate(parameters[rows], self.driven(parameters[rows][0], windows))
+            out[rows] = super().simulate(parameters[rows], self._driven(parameters[rows][0], windows))
         return out
 
-    def driven(self, parameters: FloatArray, windows: Windows) -> Windows:
+    def _driven(self, parameters: FloatArray, windows: Windows) -> Windows:
         """The windows with thrust in place of commands."""
         exponent = parameters[self.index(EXPONENT)]
         recording, name = windows.recording, self.inputs[0].name
