@@ -13,12 +13,18 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave all cases of a matrix but those that it keeps to the night."""
+    kept: set[tuple[str, str]] = set()
     for item in items:
         for mark in item.iter_markers("matrix"):
-            if item.callspec.id not in mark.kwargs["keep"]:  # type: ignore[attr-defined]  # has parameters
+            name, case = item.nodeid.partition("[")[0], item.callspec.id  # type: ignore[attr-defined]
+            kept |= {(name, one) for one in mark.kwargs["keep"]}
+            if case not in mark.kwargs["keep"]:
                 item.add_marker("nightly")
+    gone = kept - {(item.nodeid.partition("[")[0], item.nodeid.partition("[")[2][:-1]) for item in items}
+    if gone and config.args == config.getini("testpaths"):  # of a selection others may be missing
+        raise pytest.UsageError(f"matrix(keep=...) names cases that are not there: {sorted(gone)}")
 
 
 @pytest.fixture(scope="session")

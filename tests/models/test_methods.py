@@ -290,16 +290,6 @@ WORDS = {
 }  # fmt: skip
 
 
-@pytest.mark.matrix(
-    keep=(
-        "degrees",
-        "asin",
-        "asinh",
-        "erf",
-        "erfc",
-        "math.acosh",
-    )
-)
 @pytest.mark.parametrize("word", WORDS)
 def test_functions_of_a_number(word):
     """Compiled, against NumPy's own."""

@@ -83,7 +83,7 @@ def _tried(method: Method) -> str:
         fingerprint(function)
         (compiled,) = kernel.overloads.values()
     except Exception as error:  # Numba raises many kinds, and some are no NumbaError
-        text = str(error)
+        text = re.sub(r"\x1b\[\d*m", "", str(error))  # Numba's colours, where colorama is installed
         if "unify return type" in text:
             wrong = "returns different counts of numbers on different ways through it"
             raise ModelError(method.says(method.line, wrong)) from error
