@@ -26,6 +26,7 @@ STUDENT = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_a_student_scores_as_its_teacher_does(tmp_path, algorithm):
     """The teacher is a linear rule of the observation, so nothing hinders the student from being it."""

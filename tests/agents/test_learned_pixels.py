@@ -168,6 +168,7 @@ def test_features_stand_beside_the_action_and_begin_anew_with_an_episode():
     run.environment.close()
 
 
+@pytest.mark.nightly
 def test_a_student_follows_the_line_by_its_camera(tmp_path):
     """After seconds of imitation it beats the law (3.1), which is 34 mm from the oval."""
     from fieldagents.config import EnvironmentConfig

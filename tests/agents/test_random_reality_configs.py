@@ -52,6 +52,7 @@ def test_a_policy_trains_in_a_random_reality(tmp_path):
     assert (runs[0] / "policy.onnx").read_bytes() != (other / "policy.onnx").read_bytes()
 
 
+@pytest.mark.nightly
 def test_agents_are_compared_in_equal_draws(tmp_path):
     text = (
         "name: random\ntask: pose_reaching\nagents: [graceful, path_memory_stop]\nbaseline: graceful\n"

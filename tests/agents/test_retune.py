@@ -268,6 +268,7 @@ def test_mistakes_are_told_at_once_before_any_work(tmp_path):
         load_config(path, RetuneConfig)
 
 
+@pytest.mark.nightly
 def test_diagnosis_and_loop_in_one_command(tmp_path):
     askew = ("--set", "reality={camera_yaw: {angle: 0.1}}", "--set", "duration=360")
     run("record", CONFIGS / "line_following/record.yaml", *askew, "--out", tmp_path)

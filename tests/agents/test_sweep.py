@@ -66,6 +66,7 @@ def search(**values: object) -> TuneConfig:
     return TuneConfig.model_validate({**whole, "studies": {"ppo": study, "gains": agent}, **values})
 
 
+@pytest.mark.nightly
 def test_a_grid_trains_every_combination_once_and_as_train_does(tmp_path):
     table = sweep(grid(), tmp_path / "here")
     assert list(table["learner.gamma"]) == [0.3, 0.6]
@@ -129,6 +130,7 @@ def test_a_search_keeps_equal_budgets_and_prunes(searched):
     assert len(stored["studies"]["ppo"]) == len(found["ppo"])
 
 
+@pytest.mark.nightly
 def test_a_search_goes_on_from_what_there_is(searched):
     found, out = searched
     times = {path: path.stat().st_mtime_ns for path in out.rglob("policy.onnx")}

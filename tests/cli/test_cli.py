@@ -193,6 +193,7 @@ def test_record_an_experiment_in_three_modes(tmp_path):
     assert table.groupby("episode")["arm_angle"].std().gt(0.05).all()  # the arm moves in each
 
 
+@pytest.mark.nightly
 def test_recorded_flights_are_diagnosed(tmp_path):
     """The radar's scans survive the file: both hidden effects come back, the near twin beside one of them."""
     result = run("record", CONFIGS / "uav_route" / "record.yaml", "--out", tmp_path)

@@ -234,6 +234,7 @@ def test_ledger(open_page, tmp_path: Path, monkeypatch):
     assert words.index("verdict") < words.index("Fig 2.12")
 
 
+@pytest.mark.matrix(keep=("named",))
 @pytest.mark.parametrize("verdict", REALITIES)
 def test_diagnosis_report(open_page, tmp_path: Path, verdict: str):
     pendulum = get_model("pendulum")

@@ -159,6 +159,7 @@ def test_the_evidence_for_an_offset_is_its_square_over_twice_the_variance_in_eve
     assert beside == pytest.approx(alone, rel=1e-3)
 
 
+@pytest.mark.nightly
 def test_a_limit_that_only_the_second_record_reaches_is_out_of_reach(monkeypatch):
     """Beside hysteresis a servo's torque keeps below its limit in the record to fit: nobody can name that."""
     hidden = "hysteresis", "torque_limit", "sensor_drift"

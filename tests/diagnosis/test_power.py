@@ -81,6 +81,7 @@ def test_nine_of_ten_curves_of_the_stated_size_are_found():
     assert len(missed) <= 4, missed
 
 
+@pytest.mark.nightly
 def test_what_is_much_smaller_than_stated_is_not_found():
     """The stated size is not merely safe: of a quarter of it at most three of nine are found."""
     told = [(s, *p) for s in range(3000, 3003) for p in PLACES if found(s, *p, 0.25)]
@@ -155,6 +156,7 @@ def test_noise_alone_leaves_a_third_of_it_to_anything():
             assert 0.0 < most < 0.4 * answer.gain[output].noise_floor
 
 
+@pytest.mark.nightly
 def test_few_windows_of_many_sensors_state_only_what_is_asked_for():
     """Of a shaken vehicle's 2600 curves the best few are judged with weights of their own."""
     bench, conditions, seed = get_bench("excitation"), Conditions(), 2102

@@ -138,6 +138,7 @@ def test_the_extended_simulation_of_a_robot_runs_and_errs_less(kind: str, tmp_pa
     assert (model.names, len(vector)) == (found.simulation.model.names, len(found.simulation.vector))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.nightly)])
 def test_noise_that_a_controller_feeds_back_is_no_curve(seed: int):
     """Commands hold the noise of poses, measured wheels their own: neither makes a curve."""

@@ -293,6 +293,7 @@ def two_together():
     ]  # fmt: skip
 
 
+@pytest.mark.nightly
 def test_what_is_known_to_a_percent_is_practically_certain(two_together):
     rig, hidden, (train, test) = two_together
     found = diagnose(rig, [train], [test])

@@ -163,6 +163,7 @@ def test_what_is_not_listed_is_found_as_a_curve_where_it_acts(kind: str):
     assert not result.not_runnable
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", list(HIDDEN))
 def test_its_extended_simulation_runs(kind: str, tmp_path: Path):
     """Recorded as a whole it errs less; the environment has the arm's error, and says what it leaves out."""

@@ -346,6 +346,7 @@ def test_stamps_that_jitter_are_told_from_late_ones(seed: int, jitter: bool, qua
     assert ("random changes of sensor delay" in named[0].alternatives) == jitter
 
 
+@pytest.mark.matrix(keep=("True",))
 @pytest.mark.parametrize("jitter", [True, False])
 def test_jitter_shows_beside_a_zero_that_walks(jitter: bool):
     logs = [[stamped(seed, jitter, walk=1e-4)] for seed in (3, 503)]

@@ -183,6 +183,12 @@ def test_how_far_a_zero_wanders_is_said_where_it_certainly_does():
     assert wandering_zeros(*fitted(once), 1.0) == {}
 
 
+@pytest.mark.matrix(
+    keep=(
+        "white",
+        "quantised",
+    )
+)
 @pytest.mark.parametrize("noise", ["white", "heavy_tailed", "bursting", "quantised"])
 def test_noise_that_does_not_wander_is_not_said_to(noise):
     bench = get_bench("pendulum")

@@ -23,6 +23,9 @@ from fieldmodels.registry import get_model
 TRAIN, TEST = "drive_ugv/warthog_even_steps", "drive_ugv/warthog_odd_steps"
 
 
+pytestmark = pytest.mark.nightly  # all stand on one diagnosis of minutes
+
+
 @pytest.fixture(scope="module")
 def found(public_data, tmp_path_factory) -> dict:
     """What the command line finds."""
@@ -39,7 +42,6 @@ def found(public_data, tmp_path_factory) -> dict:
     return json.loads((out / "diagnosis.json").read_text())
 
 
-@pytest.mark.nightly
 def test_yaw_slip_is_named_for_the_motion_and_lag_for_the_wheels(found):
     effects = [cause["effect"] for cause in found["causes"]]
     motion = [c for c in found["causes"] if c["gain"]["signal"] in ("x", "y", "heading")]

@@ -211,6 +211,15 @@ def test_a_drawn_setting_acts_in_its_own_row_and_in_no_other(task, name):
     assert acted
 
 
+@pytest.mark.matrix(
+    keep=(
+        "excitation-truth_spread",
+        "heel_strike-gyro",
+        "line_following-tape",
+        "pose_reaching-max_speed",
+        "uav_route-engaged",
+    )
+)
 @each_setting
 def test_a_drawn_setting_comes_back_from_a_snapshot(task, name):
     """Of a later episode, with other draws than the first one's."""

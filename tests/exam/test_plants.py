@@ -159,6 +159,16 @@ def test_a_listed_effect_of_a_flight_acts_as_its_oracle_says(effect: str):
         )
 
 
+@pytest.mark.matrix(
+    keep=(
+        "",
+        "cubic_stiffness",
+        "stiffness_drift",
+        "accelerometer_gain",
+        "accelerometer_bias",
+        "inclinometer_bias",
+    )
+)
 @pytest.mark.parametrize("effect", ["", *get_bench("excitation").effects])
 def test_a_listed_effect_of_a_shaken_vehicle_acts_as_its_oracle_says(effect: str):
     """To 2 % of the sensors' noise, or half a percent of what the effect contributes (soil: 2 %)."""

@@ -50,6 +50,7 @@ def log(tmp_path_factory):
     return folder / "out" / "log.csv"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_diagnosis_ends_on_request(log, tmp_path, number):
     seconds, code, said = stopped(started(["diagnose", log, "--model", "rig"], tmp_path), number)

@@ -143,6 +143,7 @@ def test_regimes_switch_from_row_to_column():
         np.testing.assert_allclose(bank[j, 4:], share @ old[:, 4:] + spread)
 
 
+@pytest.mark.matrix(keep=("low_pass",))
 @pytest.mark.parametrize("kind", ["low_pass", "ar1"])
 def test_filters_agree_with_filterpy(kind):
     strides = Strides(2, noise=Regimes(collision_kind=kind), bank=True, filterpy=True)

@@ -85,6 +85,7 @@ def recordings(draw) -> Recording:
     )
 
 
+@pytest.mark.matrix(keep=(".parquet",))
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(recording=recordings())

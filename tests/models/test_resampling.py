@@ -66,6 +66,7 @@ def test_the_even_grid_shows_the_truth_with_no_more_noise_than_the_sensor_s(kind
         assert abs(np.corrcoef(error[1:], error[:-1])[0, 1]) < 0.08
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("kind", "jitter", "missing"), [("taken", 0.3, 0.02), ("wander", 0.3, 0.02)])
 def test_the_diagnosis_of_an_uneven_log_is_that_of_an_even_one(kind, jitter, missing):
     train, test = (evened(logged(kind, jitter, missing, seed)[0], RIG) for seed in (5, 6))

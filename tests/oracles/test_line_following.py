@@ -92,6 +92,12 @@ def both(effects: Effects, bent: bool) -> tuple[Array, Array]:
     return np.concatenate(ours), np.concatenate(theirs)
 
 
+@pytest.mark.matrix(
+    keep=(
+        "False-turn_gain:1.71+foot_slip:0.31,0.53,0.171",
+        "True-actuator_delay:0.137",
+    )
+)
 @pytest.mark.parametrize("effects", REALITIES, ids=map(name_of, REALITIES))
 @pytest.mark.parametrize("bent", [False, True])
 def test_prediction(effects: Effects, bent: bool) -> None:
@@ -108,6 +114,12 @@ LINES = {
 }
 
 
+@pytest.mark.matrix(
+    keep=(
+        "straight-steering_bias:-0.0371",
+        "s-foot_slip:0.31,0.53,0.171",
+    )
+)
 @pytest.mark.parametrize("effects", REALITIES, ids=map(name_of, REALITIES))
 @pytest.mark.parametrize("track", LINES)
 def test_environment(effects: Effects, track: str) -> None:

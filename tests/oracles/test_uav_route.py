@@ -128,6 +128,18 @@ def both(effects: Effects) -> tuple[Array, Array]:
 NOMINAL = both({})[1]
 
 
+@pytest.mark.matrix(
+    keep=(
+        "sensor_bias:-2371,1713",
+        "signature_scale:1.037",
+        "signature_scale:7.3",
+        "radar_range_scale:0.983",
+        "radar_position:371,-1730",
+        "turn_speed_loss:0.371+weaker_bank:0.371",
+        "radar_position:-31700,47100+nose_cone_width:0.57",
+        "all",
+    )
+)
 @pytest.mark.parametrize("effects", REALITIES, ids=map(names, REALITIES))
 def test_prediction(effects: Effects) -> None:
     """Effects change a prediction as their equations say."""

@@ -17,6 +17,7 @@ def test_figures_5_3_to_5_9_show_what_the_text_says(tmp_path):
     assert changes["5.8"] <= 1  # stays with the top path
 
 
+@pytest.mark.nightly
 def test_success_by_number_of_paths_and_by_rule_have_a_row_a_case(tmp_path):
     paths = reproduce("pose_reaching/paths", tmp_path / "paths", ["seeds=1", "episodes=20", "most=5"]).table
     assert set(paths["paths"]) == {3, 5}
