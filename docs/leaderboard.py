@@ -6,6 +6,7 @@ fieldgym evaluate benchmark --set episodes=null; python docs/leaderboard.py resu
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,8 +23,8 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "leaderboard.md"
 SEES = {
     "observation": "observation",
-    "model": "observation and the settings of the task",
-    "diagnosis": "observation and a diagnosis",
+    "model": "observation, settings",
+    "diagnosis": "observation, diagnosis",
     "privileged": "hidden values",
 }
 HEAD = """# Leaderboard
@@ -32,12 +33,12 @@ HEAD = """# Leaderboard
 
 *Reference and learned agents on the published test seeds, the same for all; made by `make leaderboard`.*
 
-Mean ± half the 95 % interval over episodes (learned agents: over all training runs first). **Bold**: the
-best that see no more than the observation. *Italics*: not competitors, for they see hidden values or do
-not act. *Decision*: milliseconds of one core for a decision, played alone. *Training*: environment steps
-and minutes (wall time, beside other work) of a run, from its card in `agents/fieldagents/zoo/`, and how
-many runs; a link leads to its config. Each task's page says what the numbers mean, and
-[Evaluation](evaluation.md) how agents are compared.
+Mean ± half the 95 % interval over episodes (of shares the interval itself; learned agents: over all training
+runs first). **Bold**: the best that see no more than the observation. *Italics*: not competitors, for they
+see hidden values or do not act. *Decision*: milliseconds of one core for a decision, played alone.
+*Training*: environment steps and minutes (wall time, beside other work) of a run, from its card in
+`agents/fieldagents/zoo/`, and how many runs; a link leads to its config. Each task's page says what the
+numbers mean, and [Evaluation](evaluation.md) how agents are compared.
 
 """
 
@@ -90,10 +91,14 @@ def table(summary: dict[str, Any], second: str) -> str:
 
 
 HEADLINES = {
-    "excitation": "full_scale_wide", "heel_strike": "ar1", "line_following": "oval",
-    "line_following_pixels": "oval", "pose_reaching": "T3", "uav_route": "one_radar",
-}  # fmt: skip
-"""Task to the scenario of the README."""
+    "excitation": ("full_scale_wide", "error of parameters [%]"),
+    "heel_strike": ("ar1", "error of the foot [mm]"),
+    "line_following": ("oval", "distance [mm]"),
+    "line_following_pixels": ("oval", "distance [mm]"),
+    "pose_reaching": ("T3", "time over shortest path's"),
+    "uav_route": ("one_radar", "length over lower bound"),
+}
+"""Task to the scenario of the README and its metric in short."""
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->"
 LEARNERS = {"ppo": "PPO", "sac": "SAC", "AnnealedPPO": "PPO", "BranchingPPO": "PPO with trials in copies",
@@ -102,7 +107,7 @@ LEARNERS = {"ppo": "PPO", "sac": "SAC", "AnnealedPPO": "PPO", "BranchingPPO": "P
 
 def headline(summary: dict[str, Any], second: str) -> str:
     """A task's row of the README."""
-    task, scenario = summary["task"], HEADLINES[summary["task"]]
+    task, (scenario, short) = summary["task"], HEADLINES[summary["task"]]
     metrics = get_task(task).metrics
     metric = next((m for m in metrics if m.name == second), metrics[0])
     zoo = {entry.name: entry for entry in list_zoo(task)}
@@ -120,8 +125,7 @@ def headline(summary: dict[str, Any], second: str) -> str:
     card = zoo[learned].trainings[0].card
     kind = "DAgger" if card["title"].startswith("DAgger") else LEARNERS[card["algorithm"].rpartition(":")[2]]
     bound = [a for a, row in rows.items() if row["kind"] == "privileged"]
-    unit = f" [{_unit(metric)}]" if _unit(metric) else ""
-    label = f"[{task}](docs/leaderboard.md#{task}), {metric.title}{unit}"
+    label = f"[{task}](docs/leaderboard.md#{task}), {short}"
     limit = shown(best(bound)) if bound else ""
     cells = [label, shown(summary["baseline"]), shown(best(classical)), f"{shown(learned)} ({kind})", limit]
     return "| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |\n"
@@ -140,18 +144,21 @@ def _rank(scores: dict[str, Any], agent: str, metric: Any) -> float:
 
 
 def _unit(metric: Any) -> str:
-    return "mm" if metric.unit == "m" else str(metric.unit)
+    return {"m": "mm", "1": ""}.get(metric.unit, str(metric.unit))
 
 
 def _value(score: dict[str, Any], metric: Any) -> str:
+    """Mean and half the interval, to the latter's second digit."""
     if score["mean"] is None:
         return "–"
-    factor = 1000.0 if metric.unit == "m" else 100.0 if metric.unit == "%" and metric.binary else 1.0
-    text = f"{factor * score['mean']:.3g}"
-    if score["ci95"]:
-        low, high = score["ci95"]
-        text += f" ± {factor * (high - low) / 2:.2g}"
-    return text if score["share"] == 1.0 else f"{text} (of {100 * score['share']:.0f} %)"
+    factor = 1000.0 if metric.unit == "m" else 100.0 if metric.binary else 1.0
+    low, high = score["ci95"] or (score["mean"], score["mean"])
+    if metric.binary:  # its interval is not symmetric
+        return f"{factor * score['mean']:.1f} ({factor * low:.1f} to {factor * high:.1f})"
+    half = factor * (high - low) / 2.0
+    digits = max(0, 1 - math.floor(math.log10(half))) if half > 0.0 else 3
+    text = f"{factor * score['mean']:.{digits}f}" + (f" ± {half:.{digits}f}" if half > 0.0 else "")
+    return text if score["share"] > 0.9995 else f"{text} (of {100 * score['share']:.1f} %)"
 
 
 def _decision(summary: dict[str, Any], names: Sequence[str], agent: str) -> str:
