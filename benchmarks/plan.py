@@ -1,37 +1,53 @@
 """Plans and what they took: records the prices of counted work, and checks estimates on other runs.
 
 Some runs are timed for the prices (non-negative least squares of relative errors, ``prices.json``), others
-for the table in ``docs/cli.md``; ``record`` or ``check`` times one of both sets. What ``plan.json`` has is
-not timed again: delete a run there to time it anew. Each run is a fork of a
-process that has imported what commands need; imports are timed apart.
+for the table in ``docs/cli.md``: of every shipped config a small run. ``record`` or ``check`` times one of
+both sets; what ``plan.json`` has is not timed again: delete a run there to time it anew. Each run is a fork
+of a process that has imported what commands need; imports are timed apart. Exit code 1 if a plan of the
+second set is off by more than a factor of two.
 """
 
+import importlib
 import json
 import os
 import resource
 import subprocess
 import sys
 import tempfile
+import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import platformdirs
+import yaml
 from scipy.optimize import nnls
 
 from fieldagents import plan
+from fieldagents.config import load_config
 from fieldagents.learned.config import TrainConfig
 from fieldagents.policies.zoo import list_zoo
+from fieldagents.sweep.config import SweepConfig
+from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of
+from fieldgym import find_task
 from fieldmodels.exam.table import put
+from fieldmodels.machines.uav_route.parameters import World
 
 PAGE = Path(__file__).parents[1] / "docs" / "cli.md"
 TIMES = Path(__file__).with_name("plan.json")
 STARTS = {
     "start:record": "fieldagents.record.make, fieldmodels.drivers.around",
     "start:diagnose": "fieldmodels.diagnosis.report, fieldmodels.contract",
-    "start:evaluate": "fieldagents.evaluation",
+    "start:evaluate": "fieldagents.evaluation.evaluate, fieldagents.evaluation.agents",
     "start:train": "fieldagents.learned.session, fieldagents.evaluation.agents",
 }
-EVALUATE = "name: e\ntask: {task}\nenvironments: {{usual: {{}}}}\nagents: [{agents}]\nbaseline: {first}\n"
-TUNED = {"tiny": ["--set", "network.hidden=[32]"], "wide": ["--set", "network.hidden=[128,128]"]}
+CONFIGS = Path(__file__).parents[1] / "configs"
+LIMIT = 150
+"""Processor time after which a run is given up [s]."""
+
+
+def overridden(changes):
+    return [word for key, value in changes.items() for word in ("--set", f"{key}={json.dumps(value)}")]
 
 
 def recording(model, *changes):
@@ -42,15 +58,76 @@ def diagnosis(log):
     return ["diagnose", f"{{folder}}/{log}.csv", "--model", log.rpartition("-")[0]]
 
 
-def training(name, steps, *words):
-    return ["train", name, "--set", f"steps={steps}", "--set", "validation.episodes=4", *words]
+def training(name, part, updates, **changes):
+    """A part of a shipped training, some updates at least; of one that only imitates, as many rounds."""
+    config = load_config(Path(name), TrainConfig)
+    starts = int(config.argument("learning_starts", 0) or 0)
+    steps = starts + max(updates * config.update_steps, round(part * (config.steps - starts)))
+    changes |= {"steps": steps} if config.steps else {"imitate.rounds": max(updates // 2, 2)}
+    return ["train", name, *overridden(changes)]
 
 
-def evaluation(task, agents, episodes):
-    changes = (f"agents={agents}", f"episodes={episodes}", f"baseline={agents.strip('[]').split(',')[0]}")
-    return ["evaluate", f"{{folder}}/{task}.yaml", *(word for one in changes for word in ("--set", one))]
+def evaluation(name, episodes, scenarios):
+    config = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())
+    places = dict([*config["environments"].items()][:scenarios])
+    return ["evaluate", name, *overridden({"episodes": episodes, "environments": places})]
 
 
+def sweeping(name):
+    """One run of a shipped grid, of few steps."""
+    config = load_config(Path(name), SweepConfig)
+    seed = {key: values[:1] for key, values in config.grid.items()}
+    return [
+        "sweep",
+        name,
+        "--workers",
+        "0",
+        *overridden({"grid": seed, "change.steps": _least(config.train[0])}),
+    ]
+
+
+def searching(name, *, of_agents):
+    """A shipped search of few steps, in reference agents or in trainings."""
+    config = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())
+    studies = {key: study for key, study in config["studies"].items() if ("agent" in study) == of_agents}
+    if not studies:
+        return None
+    steps = [_least(study["train"]) for study in studies.values() if "train" in study]
+    for study, least in zip(studies.values(), steps, strict=False):
+        study.setdefault("change", {})["steps"] = least
+    least = (
+        {"budget": 4 * max(steps), "episodes": 8, "rungs": []}
+        if steps
+        else {"budget": config["budget"] // 100}
+    )
+    changes = {"studies": studies, **least}
+    return ["sweep", name, "--workers", "0", *overridden(changes)]
+
+
+def _least(name):
+    config = load_config(Path(name), TrainConfig)
+    return int(config.argument("learning_starts", 0) or 0) + 2 * config.update_steps
+
+
+def shipped(kind):
+    """Names of shipped configs that are read as a kind of config."""
+    for path in sorted(CONFIGS.glob("*/*.yaml")):
+        data = yaml.safe_load(path.read_text())
+        keys = {"train": "num_envs", "evaluate": "baseline", "realities": "realities", "tune": "studies"}
+        keys |= {"sweep": "grid", "record": "excitation"}
+        if path.stem.startswith("record") if kind == "record" else keys[kind] in data:
+            yield f"{path.parent.name}/{path.stem}"
+
+
+SLOW = ("uav_route/benchmark_printed",)
+"""A run of these takes minutes."""
+
+
+def hidden(task):
+    return yaml.safe_load((CONFIGS / task / "retune.yaml").read_text())["hidden"]
+
+
+TASKS = sorted(path.parent.name for path in CONFIGS.glob("*/retune.yaml"))
 LOGS = {
     "rig-a": recording("rig", "duration=20"),
     "rig-b": recording("rig", "duration=90", "seed=5"),
@@ -62,15 +139,17 @@ LOGS = {
     "servo-b": recording("servo", "duration=50", "seed=9"),
     "heel_strike-a": recording("heel_strike"),
     "heel_strike-b": recording("heel_strike", "seed=10", "duration=150"),
+    **{f"{task}-r": ["record", f"{task}/record", *overridden({"reality": hidden(task)})] for task in TASKS},
 }
 GUESSED = {
-    "tuned": 4.0, "searched steps": 0.02, "imitated": 0.2, "learned": 0.3, "steps": 0.02, "calls": 0.5,
-    "batches": 2.0, "validations": 0.1, "validated": 0.002, "played": 0.02, "scenarios": 1.0, "cases": 15.0,
-    "hostile cases": 0.9, "search": 5.0, "fitted rows": 1.0, "read rows": 0.01, "recorded rows": 0.005,
-    "kernels": 0.6,
+    "tuned": 4.0, "searched steps": 0.02, "imitated": 0.2, "taught": 0.02, "learned": 0.05, "steps": 0.02,
+    "calls": 0.5, "batches": 2.0, "runs": 1.0, "validations": 0.1, "validated": 0.002, "played": 0.01,
+    "scenarios": 0.3, "compared": 0.1, "cases": 15.0, "hostile cases": 0.9, "search": 5.0, "fitted rows": 1.0,
+    "read rows": 0.01, "recorded rows": 0.005, "kernels": 0.6, "realities": 5.0,
+    "replayed": 0.02,
 }  # fmt: skip
 """Of kinds that no run has timed; a plan that rests on one says so [s]."""
-WEIGHT = 0.1
+WEIGHT = 0.003
 """Of a guess, beside a run's relative error."""
 FOR_CHECK = ("rig-c", "rig-d", "pendulum-b", "servo-b", "heel_strike-b")
 EXAM = ["exam", "--set", "develop", "--machine", "rig", "--cases", "1", "--workers", "0", "--kind"]
@@ -79,18 +158,25 @@ RUNS = {
         **LOGS,
         "rig, long": recording("rig", "duration=2000"),
         **{f"diagnose {log}": diagnosis(log) for log in LOGS if log[-1] in "ab" and log not in FOR_CHECK},
-        **{
-            f"train {task} {steps}": training(f"{task}/ppo", steps)
-            for task, steps in (("heel_strike", 10_000), ("uav_route", 10_000), ("pose_reaching", 10_000))
-        },
-        "train heel_strike, tiny": training("heel_strike/ppo", 40_000, *TUNED["tiny"]),
-        "train pose_reaching sac": training("pose_reaching/sac", 3000),
-        "train pose_reaching, large batches": training("pose_reaching/ppo_annealed", 200_000),
-        "train uav_route, large batches": training("uav_route/ppo_unseen", 300_000),
-        "evaluate heel_strike": evaluation("heel_strike", "[ranger]", 20),
-        "evaluate heel_strike, two": evaluation("heel_strike", "[ranger,adaptive]", 60),
-        "evaluate pose_reaching": evaluation("pose_reaching", "[direct]", 30),
         "exam": [*EXAM, "nothing"],
+        **{f"record {name}": ["record", name] for name in shipped("record")},
+        **{f"train {name}, little": training(name, 0, 2) for name in shipped("train")},
+        **{f"train {name}, more": training(name, 1 / 16, 9) for name in shipped("train")},
+        "train heel_strike, tiny": training("heel_strike/ppo", 1 / 16, 9, **{"network.hidden": [32]}),
+        **{
+            f"evaluate {name}, {count}": evaluation(name, count, 1)
+            for name in shipped("evaluate")
+            for count in ((2, 10) if name not in SLOW else (2,))
+        },
+        **{
+            f"search {name}, agents": words
+            for name in shipped("tune")
+            if (words := searching(name, of_agents=True))
+        },
+        **{
+            f"evaluate {name}, 2": ["evaluate", name, *overridden({"realities": 2, "episodes": 2})]
+            for name in shipped("realities")
+        },
     },
     "check": {
         "record rig 4,000 s": recording("rig", "duration=4000", "seed=21"),
@@ -100,16 +186,17 @@ RUNS = {
         "record rig 60 s": recording("rig", "seed=22"),
         "record pendulum 10 s": recording("pendulum", "duration=10"),
         **{f"diagnose {log}": diagnosis(log) for log in FOR_CHECK},
-        "train heel_strike, 30,000 steps": training("heel_strike/ppo", 30_000),
-        "train uav_route, wide": training("uav_route/ppo", 10_000, *TUNED["wide"]),
-        "train pose_reaching, 20,000 steps": training("pose_reaching/ppo", 20_000),
-        "train pose_reaching sac, 4,500": training("pose_reaching/sac", 4500),
-        "train heel_strike, twins": training("heel_strike/ppo_twins", 100_000),
-        "evaluate heel_strike, 100": evaluation("heel_strike", "[ranger]", 100),
-        "evaluate heel_strike, 2 x 30": evaluation("heel_strike", "[adaptive,ranger]", 30),
-        "evaluate pose_reaching, 60": evaluation("pose_reaching", "[direct]", 60),
         "exam of a rig": [*EXAM, "single"],
         "record rig, 6 episodes": recording("rig", "episodes=6", "duration=30"),
+        **{f"sweep {name}": sweeping(name) for name in shipped("sweep")},
+        **{f"search {name}": searching(name, of_agents=False) for name in shipped("tune")},
+        **{
+            f"diagnose and retune {task}": [*diagnosis(f"{task}-r"), "--then-retune", f"{task}/retune"]
+            for task in TASKS
+        },
+        **{f"evaluate {name}": evaluation(name, 4, 2) for name in shipped("evaluate") if name not in SLOW},
+        **{f"train {name}": training(name, 1 / 32, 5) for name in shipped("train")},
+        "train uav_route, wide": training("uav_route/ppo", 1 / 32, 5, **{"network.hidden": [128, 128]}),
     },
 }  # fmt: skip
 
@@ -120,6 +207,9 @@ def forked(words, out):
     child = os.fork()
     if child == 0:
         os.dup2(write, 1)
+        resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT))
+        platformdirs.user_cache_dir = lambda _: str(out)  # bounds are not kept from run to run
+        plan.price = lambda _: 0.0  # of new work there is none yet
         os.dup2(os.open("/dev/null" if "FIELDGYM_SAY" not in os.environ else "/dev/tty", os.O_WRONLY), 2)
         from fieldagents.cli import app
 
@@ -138,10 +228,32 @@ def forked(words, out):
     with os.fdopen(read) as pipe:
         said = pipe.read()
     os.waitpid(child, 0)
-    took, memory, code = json.loads(Path(f"{out}.took").read_text())
+    try:
+        took, memory, code = json.loads(Path(f"{out}.took").read_text())
+    except OSError:
+        took, memory, code = 0.0, 0.0, f"none, after {LIMIT} s"
     if code:
         raise RuntimeError(f"{words}: exit code {code}: {said[-500:]}")
     return json.loads(said), took, memory
+
+
+def parts(work, folder):
+    """Work and processor time [s] of a run's jobs, of an agent together; of a reality's, of its parts."""
+    found = Counter()
+    for path in folder.glob("jobs/*/result.json"):
+        job = json.loads(path.read_text())
+        if isinstance(job["result"], dict) and "hidden" in job["result"]:
+            for part, took in job["result"]["seconds"].items():
+                found["realities:" if part in ("record", "diagnose") else "tuned:"] += took
+        else:
+            found["/" + job["label"].partition(": ")[2]] += job["processor_s"]
+    for name, took in found.items():
+        own = {
+            kind: units
+            for kind, units in work.items()
+            if (kind.startswith(name) if name.endswith(":") else kind.endswith(name))
+        }
+        yield own, took
 
 
 def kernels():
@@ -158,7 +270,10 @@ def timed(words, folder, name):
         _, took, memory = forked(words, folder / f"{name}-{attempt}")
         if kernels() == before:
             break
-    return planned, took, memory
+    own = [
+        {"work": work, "took_s": took} for work, took in parts(planned["work"], folder / f"{name}-{attempt}")
+    ]
+    return planned, took, memory, own
 
 
 def all_runs(which, known):
@@ -166,11 +281,6 @@ def all_runs(which, known):
     left = {name: words for name, words in RUNS[which].items() if name not in known}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for task in ("heel_strike", "pose_reaching"):
-            agents = {"heel_strike": "ranger, adaptive", "pose_reaching": "direct"}[task]
-            (folder / f"{task}.yaml").write_text(
-                EVALUATE.format(task=task, agents=agents, first=agents.split(",")[0])
-            )
         needed = {log for log in LOGS if any(f"{{folder}}/{log}.csv" in words for words in left.values())}
         for number, (log, words) in enumerate(LOGS.items()):
             if log not in needed:
@@ -178,13 +288,22 @@ def all_runs(which, known):
             forked([*words, "--set", f"name={log}", "--set", "format=csv"], folder / f"log{number}")
             (folder / f"log{number}" / f"{log}.csv").rename(folder / f"{log}.csv")
         for number, (name, words) in enumerate(left.items()):
-            planned, took, memory = timed(
-                [w.replace("{folder}", str(folder)) for w in words], folder, f"run{number}"
-            )
-            print(
-                f"{name}: {took:.2f} s, planned {planned['processor_s']} s, {memory / 1e9:.2f} GB", flush=True
-            )
-            yield name, planned, took, memory
+            words = [word.replace("{folder}", str(folder)) for word in words]
+            try:
+                planned, took, memory, own = timed(words, folder, f"run{number}")
+            except RuntimeError as error:
+                print(f"{name}: {error}", flush=True)
+                continue
+            print(f"{name}: {took:.2f} s", flush=True)
+            yield {
+                "name": name,
+                "work": planned["work"],
+                "planned_GB": planned["memory"] / 1e9,
+                "took_s": took,
+                "had_GB": memory / 1e9,
+                "slowness_s": plan.measured_s(),
+                "parts": own,
+            }
 
 
 def imported(modules):
@@ -194,37 +313,62 @@ def imported(modules):
     return float(done.stdout.split()[-1])
 
 
+def proven(count=100):
+    """Processor time of proving the bound of a layout [s]."""
+    _, info = find_task("uav_route").make_vec(count, settings={"layout": "random"}).reset(seed=1)
+    layouts = layouts_of(info)
+    bound_to_capture(layouts[0], World(), 4.0)  # the world's limits are found once
+    began = time.process_time()
+    for layout in layouts:
+        bound_to_capture(layout, World(), 5.0)
+    return (time.process_time() - began) / count
+
+
 def time_all(which):
     """Time the runs that ``plan.json`` lacks, and keep what each counted and took as soon as it has ended."""
     kept = json.loads(TIMES.read_text()) if TIMES.exists() else {}
-    own = kept.setdefault(which, {"starts": {}, "runs": []})
-    own["starts"] = own["starts"] or {kind: imported(modules) for kind, modules in STARTS.items()}
-    for name, planned, took, memory in all_runs(which, {run["name"] for run in own["runs"]}):
-        counted = {"work": planned["work"], "planned_GB": planned["memory"] / 1e9}
-        measured = {"took_s": took, "had_GB": memory / 1e9, "slowness_s": plan.measured_s()}
-        own["runs"].append({"name": name, **counted, **measured})
-        TIMES.write_text(json.dumps(kept, indent=1) + "\n")
+    if "starts" not in kept:
+        kept["starts"] = {kind: imported(modules) for kind, modules in STARTS.items()}
+        kept["starts"]["bounds:uav_route"] = proven()
+        kept["slowness_s"] = plan.measured_s()
+    own = kept.setdefault(which, {"runs": []})
+    for module in ", ".join(STARTS.values()).split(", "):
+        importlib.import_module(module)
+    for run in all_runs(which, {run["name"] for run in own["runs"]}):
+        own["runs"].append(run)
+        TIMES.write_text(json.dumps(kept).replace('{"name"', '\n{"name"') + "\n")
 
 
 def of_the_zoo():
-    """What the zoo's trainings by reward took, where that was kept: whole runs of the shipped configs."""
+    """What the zoo's trainings took, where that was kept: whole runs of the shipped configs."""
     for entry in list_zoo():
         for training in entry.trainings:
             took = [run["processor_seconds"] for run in training.card["runs"] if "processor_seconds" in run]
             config = TrainConfig.model_validate(training.card["config"])
-            if took and config.imitate is None:  # what imitation takes is guessed from them
+            if took:
                 name = f"train {config.task}/{config.name}, the zoo's {config.steps:,} steps"
                 yield name, plan.of_training(config, PAGE), float(np.median(took))
 
 
 def publish():
-    """Prices from the runs of one set, and how well they tell those of the other."""
+    """Prices from the runs of one set, and how well they tell those of the other.
+
+    Returns:
+        Whether all plans of the other are within a factor of two.
+    """
     times = json.loads(TIMES.read_text())
     machine = float(np.median([run["slowness_s"] for run in times["record"]["runs"]]))
-    starts = times["record"]["starts"]
-    runs = times["record"]["runs"]
+    starts = {kind: took * machine / times["slowness_s"] for kind, took in times["starts"].items()}
+    runs = [
+        {**part, "took_s": part["took_s"] * machine / run["slowness_s"]}
+        for run in times["record"]["runs"]
+        for part in (run, *run.get("parts", []))
+        if part["work"] and part["took_s"] > 0
+    ]
+    for run in runs:
+        run["took_s"] -= run["work"].get("bounds:uav_route", 0.0) * starts["bounds:uav_route"]
     kinds = sorted({kind for run in runs for kind in run["work"]} - {*starts, "seconds:any"})
-    took = np.array([run["took_s"] * machine / run["slowness_s"] for run in runs])
+    took = np.array([run["took_s"] for run in runs])
     relative = np.array([[run["work"].get(kind, 0.0) for kind in kinds] for run in runs]) / took[:, None]
     guess = np.array([GUESSED[kind.partition(":")[0]] for kind in kinds])
     # What the runs leave open stays near a guess instead of becoming nothing.
@@ -232,28 +376,29 @@ def publish():
     found = guess * nnls(both, np.r_[np.ones(len(runs)), np.full(len(kinds), WEIGHT)])[0]
     prices = {kind: float(f"{value:.3g}") for kind, value in zip(kinds, found, strict=True)}
     guessed = {kind: value for kind, value in GUESSED.items() if not any(k.startswith(kind) for k in prices)}
+    starts = {kind: float(f"{value:.3g}") for kind, value in starts.items()}
     whole = {"machine_s": machine, "prices": {**starts, **prices, "seconds:any": 1.0}, "guessed": guessed}
     plan.PRICES.write_text(json.dumps(whole, indent=1) + "\n")
     plan._recorded.cache_clear()
+    rows = []
+    for run in times["check"]["runs"]:
+        slow = run["slowness_s"] / machine
+        estimate = plan.Plan("", PAGE, run["work"]).recorded_s * slow
+        took = run["took_s"] + slow * sum(starts.get(kind, 0.0) for kind in run["work"])
+        rows.append((run["name"], estimate, took, f"{run['planned_GB']:.1f}, {run['had_GB']:.1f}"))
+    rows += [(name, planned.recorded_s, took, "") for name, planned, took in of_the_zoo()]
     lines = [
         "| run | planned [s] | took [s] | ratio | memory: planned, had [GB] |",
         "|---|---:|---:|---:|---:|",
+        *(f"| {name} | {e:.2g} | {took:.2g} | {e / took:.2f} | {memory} |" for name, e, took, memory in rows),
     ]
-    rows = []
-    for run in times["check"]["runs"]:
-        estimate = plan.Plan("", PAGE, run["work"]).recorded_s * run["slowness_s"] / machine
-        took = run["took_s"] + sum(times["check"]["starts"].get(kind, 0.0) for kind in run["work"])
-        rows.append((run["name"], estimate, took, f"{run['planned_GB']:.1f}, {run['had_GB']:.1f}"))
-    rows += [(name, planned.recorded_s, took, "") for name, planned, took in of_the_zoo()]
-    for name, estimate, took, memory in rows:
-        lines.append(f"| {name} | {estimate:.2g} | {took:.2g} | {estimate / took:.2f} | {memory} |")
     good = sum(0.5 <= estimate / took <= 2.0 for _, estimate, took, _ in rows)
     words = f"Within a factor of two in {good} of {len(rows)} runs (`python benchmarks/plan.py`)."
     put("\n".join([words, "", *lines, ""]), PAGE, "plans and what they took")
+    return good == len(rows)
 
 
 if __name__ == "__main__":
     for which in sys.argv[1:] or ("record", "check"):
         time_all(which)
-    if TIMES.exists() and {"record", "check"} <= set(json.loads(TIMES.read_text())):
-        publish()
+    sys.exit(not publish())

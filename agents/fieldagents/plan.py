@@ -10,10 +10,11 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import pairwise
+from math import prod
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ import numpy as np
 from fieldmodels.files import check_writable
 
 if TYPE_CHECKING:
+    from fieldagents.config import EnvironmentConfig
     from fieldagents.evaluation.config import EvaluateConfig
     from fieldagents.learned.config import TrainConfig
     from fieldagents.record.config import RecordConfig
@@ -125,11 +127,14 @@ def _recorded() -> dict[str, Any]:
 
 
 def price(kind: str) -> float:
-    """Recorded processor time of a unit of work [s]; of a name that was not timed, that of the kind."""
-    prices = _recorded()["prices"]
-    first = kind.partition(":")[0]
-    same = [value for name, value in prices.items() if name.partition(":")[0] == first]
-    return float(prices[kind] if kind in prices else median(same or [_recorded()["guessed"][first]]))
+    """Recorded processor time of a unit of work [s]; what was not timed has that of its task or kind."""
+    prices, first = _recorded()["prices"], kind.partition(":")[0]
+    if kind in prices:
+        return float(prices[kind])
+    for like in (kind.partition("/")[0] + "/", first + ":"):
+        if same := [value for name, value in prices.items() if name.startswith(like)]:
+            return float(median(same))
+    return float(_recorded()["guessed"][first])
 
 
 def measured_s() -> float:
@@ -205,7 +210,8 @@ def of_diagnosis(
     notes = [f"{rows:,} rows, {windows:,} windows of {horizon:g} s, {len(model.effects)} listed effects"]
     notes += identifiable(model, train, fixed)
     if loop is not None:
-        work[f"tuned:{loop.task}/{loop.agent}"] = 1.0
+        made = 2 if loop.hidden is None else 3  # agents, each played in as many simulations
+        _add(work, _retuned(loop, made, made**2 * loop.episodes, loop.episodes))
         notes.append(f"then {loop.agent} of {loop.task} is tuned anew")
     columns = len(model.parameters) + len(model.inputs) + 2 * len(model.outputs)
     memory = PROCESS + 8.0 * (10 * rows * columns + 40 * fitted * columns)
@@ -214,9 +220,9 @@ def of_diagnosis(
 
 def of_training(config: TrainConfig, out: Path) -> Plan:
     """Of ``fieldgym train``."""
-    work = {"start:train": 1.0, **_trained(config)}
-    updates = config.steps // max(config.update_steps, 1)
-    notes = (f"{config.steps:,} steps of {config.num_envs} environments, {updates:,} updates",)
+    work = {"start:train": 1.0, **_trained(config), **_bounds(config.task, _validations([config]))}
+    updates = -(-config.steps // config.update_steps)
+    notes = (f"{config.steps:,} steps of {config.num_envs} environments, {updates:,} updates", *_proven(work))
     buffer = 8.0 * 64 * int(config.argument("buffer_size", 0) or 0)
     return Plan(f"train {config.algorithm} on {config.task}", out, work, LEARNER + buffer, notes)
 
@@ -225,31 +231,63 @@ def _trained(config: TrainConfig) -> Work:
     """What a training run counts: steps in environments, the calls that make them, and what is learned."""
     from fieldagents.policies.algorithms import is_on_policy
 
-    steps, task = float(config.steps), config.task
-    policy = "on-policy" if is_on_policy(config.kind) else "off-policy"
-    if policy == "on-policy":
+    task, kind = config.task, config.kind.__name__
+    if plant := config.environment.settings.get("plant"):  # rigid bodies take a hundred times as long
+        task = f"{task}, {plant}"
+    updates = -(-config.steps // config.update_steps)
+    steps = float(updates * config.update_steps)
+    if is_on_policy(config.kind):
         samples = steps * float(config.argument("n_epochs", 1)) * getattr(config.kind, "SHARE_LEARNED", 1.0)
         batches = samples / float(config.argument("batch_size", config.update_steps))
     else:
         each = int(config.argument("gradient_steps", 1))
-        batches = steps / config.update_steps * (config.update_steps if each < 0 else each)
+        learning = max(updates - int(config.argument("learning_starts", 0)) // config.update_steps, 0)
+        batches = float(learning * (config.update_steps if each < 0 else each))
         samples = batches * float(config.argument("batch_size", 256))
-    sizes = (64, *config.network.hidden)
-    weights = 1000.0 + sum(a * b for a, b in pairwise(sizes))
-    rounds = steps / max(config.round_steps, 1)
-    validations = rounds / config.validation.every + 1
+    weights = 1000.0 + sum(a * b for a, b in pairwise((64, *config.network.hidden)))
+    rounds = -(-config.steps // config.round_steps)
+    validations = (rounds + config.validation.every - 1) // config.validation.every
     work = {
-        f"batches:{policy}": batches / 1000,
+        f"runs:{task}/{kind}": 1.0,
+        f"steps:{task}/{kind}": steps / 1000,
+        f"calls:{task}": steps / config.num_envs / 1000,
+        f"batches:{kind}": batches / 1000,
         "learned:any": samples * weights / 1e9,
-        f"validations:{task}": validations,
-        f"validated:{task}": validations * config.validation.episodes,
     }
+    if "recorded" in config.learner:  # episodes that are played again, not environments
+        work |= {f"replayed:{task}": float(config.argument("episodes")), f"calls:{task}": 0.0}
     if config.imitate is not None:
-        imitated = config.imitate.rounds * config.imitate.steps * config.num_envs
+        validations += 1
+        imitated = float(config.imitate.rounds * config.imitate.steps * config.num_envs)
         epochs = config.imitate.epochs * (config.imitate.rounds + 1) / 2
-        steps += imitated
+        work[f"taught:{task}/{config.imitate.teacher}"] = imitated / 1000
         work["imitated:any"] = imitated * epochs * weights / 1e9
-    return work | {f"steps:{task}": steps / 1000, f"calls:{task}": steps / config.num_envs / 1000}
+    played = float(validations * len(config.environments))
+    return work | {f"validations:{task}": played, f"validated:{task}": played * config.validation.episodes}
+
+
+def _validations(configs: Iterable[TrainConfig]) -> Iterable[tuple[EnvironmentConfig, int]]:
+    return ((place, config.validation.episodes) for config in configs for place in config.environments)
+
+
+def _bounds(task: str, places: Iterable[tuple[EnvironmentConfig, int]]) -> Work:
+    """Bounds that some episodes are divided by: one a layout, however often and by whomever it is played."""
+    from fieldagents.task import get_task
+
+    if not any(metric.bound for metric in get_task(task).metrics):
+        return {}
+    layouts: Counter[str] = Counter()
+    for place, episodes in places:
+        layouts |= Counter({str(place.settings): episodes * int(place.settings.get("aircraft", 1))})
+    return {f"bounds:{task}": float(layouts.total())}
+
+
+def _proven(work: Work) -> tuple[str, ...]:
+    return tuple(
+        f"{units:,.0f} bounds; what was proven before is kept"
+        for kind, units in work.items()
+        if kind.startswith("bounds:")
+    )
 
 
 def of_evaluation(configs: Sequence[EvaluateConfig], name: str, out: Path, engine: Engine) -> Plan:
@@ -257,28 +295,48 @@ def of_evaluation(configs: Sequence[EvaluateConfig], name: str, out: Path, engin
     work: Work = {"start:evaluate": 1.0}
     episodes = 0
     for config in configs:
+        work[f"kernels:{config.task}"] = 1.0
+        scenarios = float(len(config.environments))
         for agent in config.agents:
-            played = float(config.episodes * len(config.environments))
+            who, played = f"{config.task}/{agent}", scenarios * config.episodes
             episodes += int(played)
-            _add(work, {f"played:{config.task}/{agent}": played})
-            _add(work, {f"scenarios:{config.task}": float(len(config.environments))})
-    notes = (f"{episodes:,} episodes; what was played before is not played again",)
+            _add(
+                work,
+                {
+                    f"compared:{config.task}": scenarios,
+                    f"scenarios:{who}": scenarios,
+                    f"played:{who}": played,
+                },
+            )
+        _add(work, _bounds(config.task, ((one, config.episodes) for one in config.environments.values())))
+    notes = (f"{episodes:,} episodes; what was played before is not played again", *_proven(work))
     return _jobs(f"evaluate {name}", out, work, notes, engine)
 
 
 def of_realities(config: RealitiesConfig, out: Path, engine: Engine) -> Plan:
     """Of ``fieldgym evaluate`` where realities are drawn."""
-    from fieldgym import find_task
-
-    many, model = float(config.realities), find_task(config.task).model
-    work: Work = {
-        "start:evaluate": 1.0,
-        f"search:{model}": many,
-        f"tuned:{config.task}/{config.agent}": 2 * many + 1,  # by the diagnosis, and by the truth
-        f"played:{config.task}/{config.agent}": 3 * many * config.episodes,
-    }
-    notes = (f"{config.realities} realities; those that are done are kept",)
+    many = config.realities
+    work: Work = {"start:evaluate": 1.0, f"realities:{config.task}": float(many)}
+    # tuned once for the nominal simulation, then in each reality by the diagnosis and by the truth
+    _add(work, _retuned(config, 2 * many + 1, 3 * many * config.episodes, many * config.episodes))
+    notes = (f"{many} realities; those that are done are kept", *_proven(work))
     return _jobs(f"evaluate {config.name}", out, work, notes, engine)
+
+
+EFFORT = ("experiments", "walks", "evaluations", "rounds", "seconds")
+"""Options of tuners that their work is proportional to."""
+
+
+def _retuned(config: RetuneConfig, made: int, played: int, layouts: int) -> Work:
+    """Agents that are tuned, with more or less effort than usual, and the episodes that are played."""
+    from fieldagents.config import EnvironmentConfig
+    from fieldagents.retune.trained import tuner_of
+
+    usual = tuner_of(config.task, config.agent).options.model_fields
+    effort = prod(float(config.options[key]) / usual[key].default for key in EFFORT if key in config.options)
+    who, place = f"{config.task}/{config.agent}", EnvironmentConfig(settings=config.settings)
+    work = {f"tuned:{who}": made * effort, f"played:{who}": float(played)}
+    return work | _bounds(config.task, [(place, layouts)])
 
 
 def of_sweep(config: SweepConfig | TuneConfig, out: Path, engine: Engine) -> Plan:
@@ -287,19 +345,29 @@ def of_sweep(config: SweepConfig | TuneConfig, out: Path, engine: Engine) -> Pla
 
     work: Work = {"start:train": 1.0}
     if isinstance(config, SweepConfig):
-        for _, _, run in config.runs:
+        runs = [run for _, _, run in config.runs]
+        for run in runs:
             _add(work, _trained(run))
-        note = f"{len(config.runs)} training runs"
+        for task in {run.task for run in runs}:
+            _add(work, _bounds(task, _validations(run for run in runs if run.task == task)))
+        note = f"{len(runs)} training runs"
     else:
         for study in config.studies.values():
             if study.train is None:
                 _add(work, {f"searched steps:{config.task}": config.budget / 1000})
-            else:
-                typical = {key: sampler.typical for key, sampler in study.space.items()}
-                run = changed(study.train, study.change | typical)
-                _add(work, _trained(run.model_copy(update={"steps": config.budget})))
+                continue
+            typical = {key: sampler.typical for key, sampler in study.space.items()}
+            run = changed(study.train, study.change | typical)
+            validation = run.validation.model_copy(update={"episodes": config.episodes})
+            run = run.model_copy(update={"environment": config.environment, "validation": validation})
+            runs_in = config.budget / max(run.steps, 1)
+            _add(work, {kind: units * runs_in for kind, units in _trained(run).items()})
+        _add(work, _bounds(config.task, [(config.environment, config.episodes)]))
         note = f"{len(config.studies)} searches of {config.budget:,} steps each"
-    return _jobs(f"sweep {config.name}", out, work, (note, "what is done already is kept"), engine, LEARNER)
+    # what a first run loads, the others of its process have
+    work |= {kind: float(max(engine.workers, 1)) for kind in work if kind.startswith("runs:")}
+    notes = (note, "what is done already is kept", *_proven(work))
+    return _jobs(f"sweep {config.name}", out, work, notes, engine, LEARNER)
 
 
 def of_exam(machines: Sequence[str], out: Path, engine: Engine) -> Plan:

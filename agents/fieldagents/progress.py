@@ -31,6 +31,11 @@ def progress(*, quiet: bool = False) -> Iterator[Report]:
         yield _Lines()
 
 
+def stages(report: Report, part: float) -> Report:
+    """Show what is prepared within a short piece of work, at this part of the whole."""
+    return lambda stage, _: report(stage, part) if stage else None
+
+
 class _Lines:
     """One line for every new stage and every further tenth."""
 

@@ -101,8 +101,8 @@ class Metric:
         given: Entry of ``info`` without which an episode has no value: a metric of the successful episodes
             names that of the success, which the episode's last step must hold.
         per: Entry of ``info`` that the episode's value is divided by, as it is at the last step.
-        bound: Where a function is, ``module:function``, of the environment's settings and its first ``info``,
-            whose value for each episode that episode's is divided by.
+        bound: Where a function is, ``module:function``, of the environment's settings, its first ``info`` and
+            who is told what it does, whose value for each episode that episode's is divided by.
     """
 
     name: str

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,11 @@ from typer.testing import CliRunner
 
 from fieldagents import plan
 from fieldagents.cli import app
+from fieldagents.config import load_config
+from fieldagents.evaluation import play
+from fieldagents.evaluation.config import EvaluateConfig
+from fieldagents.evaluation.evaluate import evaluate
+from fieldagents.learned.config import TrainConfig
 from fieldmodels.engine import HERE
 from fieldmodels.yaml import save_yaml
 
@@ -36,8 +42,8 @@ COMMANDS = {
     "reproduce": ["heel_strike/figure-2.12"],
 }
 COUNTED = {
-    "record": "recorded rows:rig", "train": "steps:heel_strike", "evaluate": "played:heel_strike/ranger",
-           "sweep": "steps:heel_strike", "exam": "cases:rig", "reproduce": "seconds:any"}  # fmt: skip
+    "record": "recorded rows:rig", "train": "steps:heel_strike/PPO", "evaluate": "played:heel_strike/ranger",
+           "sweep": "steps:heel_strike/PPO", "exam": "cases:rig", "reproduce": "seconds:any"}  # fmt: skip
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -106,3 +112,72 @@ def test_every_kind_of_work_has_a_price():
     counted = set(re.findall(r'"([a-z ]+):[{a]', source))
     assert len(counted) > 10
     assert counted <= kinds
+
+
+SMALL = {
+    "excitation/ppo": ["steps=900", "learner.n_epochs=2"],
+    "heel_strike/ppo": ["steps=5000", "validation.every=1", "environment.settings.strides=8"],
+    "line_following/ppo": ["steps=4000", "also=[{settings: {track: s}}]", "num_envs=32"],
+    "pose_reaching/sac": ["steps=1750", "round_updates=2", "validation.every=2"],
+    "uav_route/ppo": ["steps=9000", "environment.settings.aircraft=2"],
+}  # fmt: skip
+
+
+@pytest.fixture
+def done(tmp_path, monkeypatch):
+    """What is really done, by the names of counted work."""
+    from fieldagents.tasks.uav_route import kept_bounds, lower_bound
+
+    monkeypatch.setattr(kept_bounds.platformdirs, "user_cache_dir", lambda _: str(tmp_path / "cache"))
+    lower_bound._bound_to_capture.cache_clear()
+    counts = Counter()
+
+    def counted(room, name, work):
+        own = getattr(room, name)
+
+        def instead(*given, **named):
+            counts.update(work(*given, **named))
+            return own(*given, **named)
+
+        monkeypatch.setattr(room, name, instead)
+
+    counted(play, "play_episodes", lambda *of: {"played": len(of[3]) if len(of) > 4 else 0})
+    return counts, counted, lambda: lower_bound._bound_to_capture.cache_info().misses
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_training_does_what_its_plan_counts(name, tmp_path, done, capsys):
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3 import PPO, SAC
+    from torch.optim import Adam
+
+    from fieldagents.learned import recorder
+    from fieldagents.learned.training import train
+    from fieldagents.learned.vector import NativeVecEnv
+
+    counts, counted, proven = done
+    counted(NativeVecEnv, "step_wait", lambda envs: {"calls": 1, "steps": envs.num_envs})
+    counted(recorder, "run_episodes", lambda *of: {"validations": 1, "validated": len(of[3])})
+    counted(SAC, "train", lambda _, gradient_steps, batch_size: {"batches": gradient_steps})
+    config = load_config(Path(name), TrainConfig, [*SMALL[name], "validation.episodes=3"])
+    if issubclass(config.kind, PPO):
+        counted(Adam, "step", lambda *_: {"batches": 1})
+    planned = plan.of_training(config, tmp_path).work
+    train(config, out=tmp_path / "run")
+    small = {kind.partition(":")[0]: units for kind, units in planned.items()}
+    small |= {kind: round(1000 * small[kind]) for kind in ("steps", "calls", "batches")}
+    assert {kind: small[kind] for kind in counts} == counts
+    routes = config.task == "uav_route"
+    assert small.get("bounds", 0) == proven() == 2 * 3 * routes
+    assert ("Proving bounds of 6 layouts (0 of 6)" in capsys.readouterr().err) == routes
+
+
+def test_an_evaluation_does_what_its_plan_counts(tmp_path, done):
+    counts, _, proven = done
+    places = {"one": {}, "another": {"settings": {"threshold": 0.4}}}
+    given = {"name": "e", "task": "uav_route", "environments": places, "episodes": 3}
+    config = EvaluateConfig(**given, agents=["straight", "ppo"], baseline="straight")
+    planned = plan.of_evaluation([config], "e", tmp_path, HERE).work
+    evaluate(config, tmp_path)
+    assert proven() == planned["bounds:uav_route"] == 2 * 3
+    assert counts["played"] >= planned["played:uav_route/straight"] + planned["played:uav_route/ppo"] == 12

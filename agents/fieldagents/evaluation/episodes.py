@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, checked_actions, visible
 from fieldagents.config import EnvironmentConfig
+from fieldagents.progress import Report
 from fieldagents.task import Metric, get_task
 from fieldgym import find_task
 
@@ -38,7 +39,7 @@ def run_episodes(
     task: str,
     environment: EnvironmentConfig,
     seeds: range,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Report = lambda _stage, _part: None,
 ) -> pd.DataFrame:
     """Run one episode for each seed; see `play_episodes`, whose table this is."""
     return play_episodes(agent, task, environment, seeds, progress).table
@@ -49,7 +50,7 @@ def play_episodes(
     task: str,
     environment: EnvironmentConfig,
     seeds: range,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Report = lambda _stage, _part: None,
 ) -> Played:
     """Run one episode for each seed.
 
@@ -58,7 +59,7 @@ def play_episodes(
         task: Name of the task.
         environment: Its settings and reality.
         seeds: Consecutive seeds, one an episode.
-        progress: Called with the part that is done, 0 to 1.
+        progress: Called with what is prepared, empty while they play, and the part that is done, 0 to 1.
     """
     n = len(seeds)
     settings, envs = _environments(agent, task, environment, n)
@@ -72,7 +73,7 @@ def play_episodes(
         returns = np.zeros(n)
         tallies = [Tally(metric, key, n) for metric, key in _measured(task, agent)]
         for tally in tallies:
-            tally.begin(settings, info)
+            tally.begin(settings, info, lambda stage: progress(stage, 0.0))
         took: list[float] = []
         longest = _episode_length(envs)
         while running.any():
@@ -88,7 +89,7 @@ def play_episodes(
             for tally in tallies:
                 tally.add(told, running)
             running &= ~(terminated | truncated)
-            progress(min(float(steps.max()) / longest, 1.0))
+            progress("", min(float(steps.max()) / longest, 1.0))
     finally:
         envs.close()
     values = {metric.name: np.full(n, np.nan) for metric in get_task(task).metrics}
@@ -137,10 +138,10 @@ class Tally:
         self._per = np.ones(batch)
         self._bound = np.ones(batch)
 
-    def begin(self, settings: Mapping[str, Any], info: Mapping[str, Any]) -> None:
+    def begin(self, settings: Mapping[str, Any], info: Mapping[str, Any], say: Callable[[str], None]) -> None:
         """Take in what is known before the first step: ``settings`` other than the defaults, and ``info``."""
         if self.metric.bound:
-            self._bound = resolve_name(self.metric.bound)(settings, info)
+            self._bound = resolve_name(self.metric.bound)(settings, info, say)
 
     def add(self, info: Mapping[str, Any], running: NDArray[np.bool_]) -> None:
         """Take one step's ``info`` into account, for the episodes that are still running."""

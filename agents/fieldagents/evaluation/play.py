@@ -118,7 +118,7 @@ def play(one: Player, run: int, episodes: int, folder: Path, report: Report) -> 
         report: Shown the progress.
     """
     agent, seeds = one.entry.runs[run], TEST_SEEDS[:episodes]
-    played = play_episodes(agent, one.task, one.environment, seeds, lambda part: report("", part))
+    played = play_episodes(agent, one.task, one.environment, seeds, report)
     with replacing(folder / EPISODES) as temporary:
         played.table.to_parquet(temporary, index=False)
     if agent.estimator:

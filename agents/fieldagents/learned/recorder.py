@@ -23,7 +23,7 @@ from fieldagents.learned.export import to_onnx
 from fieldagents.learned.run import Best, Run
 from fieldagents.learned.telling import as_trained, told_in
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.progress import Report
+from fieldagents.progress import Report, stages
 from fieldagents.task import get_task
 from fieldmodels.files import write_bytes, write_text
 
@@ -111,7 +111,13 @@ class Recorder(BaseCallback):
             self._save_checkpoint()
         self.logger.dump(steps)
         best = f"best return {self._run.best.mean_return:.4g}" if self._run.best else "training"
-        self._report(best, min(steps / config.steps, 1.0) if config.steps else 1.0)
+        self._report(best, self._part)
+
+    @property
+    def _part(self) -> float:
+        """Of the steps, done so far."""
+        steps = self._run.config.steps
+        return min(self.model.num_timesteps / steps, 1.0) if steps else 1.0
 
     def after_imitation(self) -> None:
         """Record the policy that imitates, before it learns by reward."""
@@ -122,9 +128,9 @@ class Recorder(BaseCallback):
         run, config, steps = self._run, self._run.config, self.model.num_timesteps
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
         policy = to_onnx(run.policy, run.normaliser, note, config.stack, run.featured, told_in(config))
-        seeds = VALIDATION_SEEDS[: config.validation.episodes]
+        seeds, say = VALIDATION_SEEDS[: config.validation.episodes], stages(self._report, self._part)
         episodes = pd.concat(
-            run_episodes(as_trained(OnnxAgent(policy)), config.task, one, seeds)
+            run_episodes(as_trained(OnnxAgent(policy)), config.task, one, seeds, say)
             for one in config.environments
         )
         mean_return = float(episodes["return"].mean())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.evaluation.evaluate import check_pairs
 from fieldagents.evaluation.play import written_out
 from fieldagents.evaluation.summary import Labels, Summary, summarise
+from fieldagents.progress import Report, stages
 from fieldagents.retune.config import RetuneConfig
 from fieldagents.retune.recovery import Recovery, recovery
 from fieldagents.retune.report import write_report
@@ -25,8 +26,6 @@ from fieldagents.retune.trained import tuner_of
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import Metric, get_task
 from fieldmodels.files import replacing, write_text
-
-Report = Callable[[str, float], None]
 
 FILES = ("retune.json", "retune.html", "retune.parquet")
 RESAMPLING_SEED = 0
@@ -116,8 +115,10 @@ def _test(
     runs = [(place, name) for place in environments for name in agents]
     tables = []
     for number, (place, name) in enumerate(runs):
-        progress(f"{name} in the {place}", 0.6 + 0.4 * number / len(runs))
-        table = play_episodes(agents[name], config.task, environments[place], seeds).table
+        part = 0.6 + 0.4 * number / len(runs)
+        progress(f"{name} in the {place}", part)
+        say = stages(progress, part)
+        table = play_episodes(agents[name], config.task, environments[place], seeds, say).table
         tables.append(table.assign(scenario=place, agent=name, run=0))
     whole = pd.concat(tables, ignore_index=True)
     return whole[["scenario", "agent", "run", *whole.columns.drop(["scenario", "agent", "run"])]]

@@ -16,7 +16,7 @@ import pandas as pd
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import play_episodes
-from fieldagents.progress import Report
+from fieldagents.progress import Report, stages
 from fieldagents.record import make_recording
 from fieldagents.record.config import RecordConfig
 from fieldagents.retune.after import nothing_to_retune
@@ -86,7 +86,7 @@ def close(config: RealitiesConfig, number: int, folder: Path, report: Report) ->
     where = EnvironmentConfig(settings=config.settings, reality=hidden)
     own = seeds[number * config.episodes : (number + 1) * config.episodes]
     tables = [
-        play_episodes(agent, config.task, where, own).table.assign(agent=name, run=run)
+        play_episodes(agent, config.task, where, own, stages(report, 0.5)).table.assign(agent=name, run=run)
         for name, runs in agents.items()
         for run, agent in enumerate(runs)
     ]

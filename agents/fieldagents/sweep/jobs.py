@@ -85,7 +85,7 @@ def scored(
     """Play the tuning episodes."""
     made = resolve_name(agent)(environment.settings, **values)
     made.name = made.name or agent
-    table = run_episodes(made, task, environment, VALIDATION_SEEDS[:episodes], lambda part: report("", part))
+    table = run_episodes(made, task, environment, VALIDATION_SEEDS[:episodes], report)
     score = float(table[get_task(task).metrics[0].name].mean())
     return {"steps": int(table["steps"].sum()), "score": None if math.isnan(score) else score}
 

@@ -20,8 +20,6 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from fieldagents.tasks.uav_route.limits import NOSE, STEEP, TAIL, limits_of, steepest
-from fieldgym.settings import read_settings
-from fieldgym.uav_route import UavRouteSettings
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
 
@@ -46,14 +44,16 @@ def bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[floa
     Returns:
         The length [km], at least 1e-3, and the bearing of the place from the goal [rad].
     """
-    certain = replace(world.detection, detection="deterministic")
-    return _bound_to_capture(layout, World(world.aircraft, certain), capture)
+    return _bound_to_capture(layout, that_matters(world), capture)
+
+
+def that_matters(world: World) -> World:
+    """A world without what does not matter to the bound: lock loss, luck, and how equations are read."""
+    return World(world.aircraft, replace(world.detection, detection="deterministic"))
 
 
 @lru_cache(maxsize=4096)
 def _bound_to_capture(layout: Layout, world: World, capture: float) -> tuple[float, float]:
-    """The same; lock loss and luck do not matter to it."""
-
     def bound(bearing: float) -> float:
         return lower_bound(moved_goal(layout, capture, bearing), world)
 
@@ -71,19 +71,6 @@ def moved_goal(layout: Layout, distance: float, bearing: float) -> Layout:
     north, east = layout.goal
     goal = (north + distance * math.cos(bearing), east + distance * math.sin(bearing))
     return Layout(layout.start, goal, layout.radars)
-
-
-def shortest_flights(settings: Mapping[str, Any], info: Mapping[str, Any]) -> FloatArray:
-    """The bound of each episode of a batch [km], of several aircraft their sum, shape (batch,).
-
-    Args:
-        settings: Those of the environment that are not the defaults.
-        info: The first ``info`` of the episodes.
-    """
-    read: UavRouteSettings = read_settings(dict(settings), UavRouteSettings)
-    each = np.array([bound_to_capture(layout, read.world, read.capture)[0] for layout in layouts_of(info)])
-    bounds: FloatArray = each.reshape(-1, read.aircraft).sum(axis=1)
-    return bounds
 
 
 def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
@@ -114,13 +101,16 @@ def _about(start: FloatArray, goal: FloatArray, world: World) -> float:
         return straight
     outer, inner = max(r_start, r_goal), min(r_start, r_goal)
     spiral = _Spiral(inner, circle, world, nose=r_goal < r_start)
-    least = minimize_scalar(
-        lambda share: _to_circle(outer, share, circle) + spiral.length(angle - share),
-        bounds=(max(0.0, angle - spiral.reach), angle),
-        method="bounded",
-        options={"xatol": 1e-7},
-    )
-    return max(straight, float(least.fun))
+
+    def turned(closest: float) -> float:
+        """How much farther from the radar the way outside, straight on, would pass than that inside."""
+        return _to_circle(outer, angle - spiral.way(closest)[0], circle)[1] - closest
+
+    closest = float(spiral.radius[-1])
+    if turned(closest) < 0.0:  # the shortest way does not turn where it enters the circle
+        closest = float(brentq(turned, 0.0, closest))
+    gained, inside = spiral.way(closest)
+    return max(straight, _to_circle(outer, angle - gained, circle)[0] + inside)
 
 
 def _around_is_shorter(inner: float, angle: float, circle: float) -> bool:
@@ -131,12 +121,16 @@ def _around_is_shorter(inner: float, angle: float, circle: float) -> bool:
     return per_radius * inner * (1.0 - math.exp(-angle / per_logarithm)) >= circle * angle
 
 
-def _to_circle(r: float, angle: float, circle: float) -> float:
-    """Shortest way from a place outside the circle to one on it, ``angle`` further."""
+def _to_circle(r: float, angle: float, circle: float) -> tuple[float, float]:
+    """Shortest way from a place outside the circle to one on it, ``angle`` further, and what a radian adds.
+
+    What it adds is how near the way's last straight would pass the radar.
+    """
     tangent = math.acos(min(1.0, circle / r))
     if angle <= tangent:
-        return math.sqrt(r * r + circle * circle - 2.0 * r * circle * math.cos(angle))
-    return math.sqrt(max(r * r - circle * circle, 0.0)) + circle * (angle - tangent)
+        length = math.hypot(r - circle, 2.0 * math.sqrt(r * circle) * math.sin(0.5 * angle))
+        return length, r * circle * math.sin(angle) / max(length, 1e-12)
+    return math.sqrt(max(r * r - circle * circle, 0.0)) + circle * (angle - tangent), circle
 
 
 def _around(r: float, s: float, angle: float, circle: float) -> float:
@@ -157,20 +151,13 @@ class _Spiral:
         self.radius, self.step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
         radius, limit = steepest(world, nose)
         self.limit = limit[np.minimum(np.searchsorted(radius, edges[1:]), len(limit) - 1)]
-        self.reach = self._angle(circle)
 
-    def _steepness(self, closest: float) -> FloatArray:
-        """Angle to the radial, of a straight line that would pass the radar at ``closest`` [km], clipped."""
-        line = np.arcsin(np.minimum(closest / self.radius, 1.0))
-        steepness: FloatArray = np.minimum(line, self.limit)
-        return steepness
+    def way(self, closest: float) -> tuple[float, float]:
+        """Angle gained [rad] and length [km] along straights that would pass the radar at ``closest`` [km].
 
-    def _angle(self, closest: float) -> float:
-        return float(np.sum(np.tan(self._steepness(closest)) / self.radius) * self.step)
-
-    def length(self, angle: float) -> float:
-        """Least length of a way that gains an angle [rad]."""
-        closest = float(self.radius[-1])
-        if angle < self._angle(closest):
-            closest = float(brentq(lambda p: self._angle(p) - angle, 0.0, closest))
-        return float(np.sum(1.0 / np.cos(self._steepness(closest))) * self.step)
+        Where the limit forbids such a straight, the way is along the limit. A radian more adds ``closest``
+        to the length, so that no other way gains the angle in less.
+        """
+        steepness = np.minimum(np.arcsin(np.minimum(closest / self.radius, 1.0)), self.limit)
+        angle = np.sum(np.tan(steepness) / self.radius) * self.step
+        return float(angle), float(np.sum(1.0 / np.cos(steepness)) * self.step)

@@ -40,7 +40,7 @@ TASK = TaskDefinition(
             "path_length",
             over="last",
             given="success",
-            bound="fieldagents.tasks.uav_route.lower_bound:shortest_flights",
+            bound="fieldagents.tasks.uav_route.kept_bounds:shortest_flights",
         ),
         Metric("path_length", "km", "length, if arrived", "path_length", over="last", given="success"),
         Metric("damaged", "1", "hit by a missile", "damaged", over="last", binary=True),
