@@ -364,6 +364,8 @@ def of_sweep(config: SweepConfig | TuneConfig, out: Path, engine: Engine) -> Pla
             _add(work, {kind: units * runs_in for kind, units in _trained(run).items()})
         _add(work, _bounds(config.task, [(config.environment, config.episodes)]))
         note = f"{len(config.studies)} searches of {config.budget:,} steps each"
+    # what a first run loads, the others of its process have
+    work |= {kind: float(max(engine.workers, 1)) for kind in work if kind.startswith("runs:")}
     notes = (note, "what is done already is kept", *_proven(work))
     return _jobs(f"sweep {config.name}", out, work, notes, engine, LEARNER)
 
