@@ -20,7 +20,7 @@ from fieldmodels.files import write_text
 FOLDER = Path(__file__).parents[1] / "agents" / "fieldagents" / "recordings"
 INERTIA, GRAVITY = 0.0626, 1.0  # kg m^2, N m: of the model
 HIDDEN = {"coulomb_friction": {"torque": 0.15}}  # about that of the real pendulum
-STEP, COUNT, NOISE = 0.005, 4000, (2e-3, 5e-2)  # s, samples, rad and rad/s
+STEP, COUNT, NOISE = 0.01, 2000, (2e-3, 5e-2)  # s, samples, rad and rad/s
 
 
 def recorded(seed: int) -> str:

@@ -74,12 +74,17 @@ def _modules(root: str) -> list[str]:
 
 
 def _source(name: str) -> Path | None:
-    """The file of one of our modules; None for a name inside a module."""
-    try:
-        spec = find_spec(name)
-    except ModuleNotFoundError:
-        return None
-    return Path(spec.origin) if spec is not None and spec.origin is not None else None
+    """The file of one of our modules, found without importing any; None for a name inside a module."""
+    first, *rest = name.split(".")
+    spec = find_spec(first)
+    if spec is None or not rest:
+        return Path(spec.origin) if spec is not None and spec.origin is not None else None
+    for place in spec.submodule_search_locations or ():
+        inside = Path(place, *rest)
+        for path in (inside / "__init__.py", inside.with_suffix(".py")):
+            if path.is_file():
+                return path
+    return None
 
 
 @cache

@@ -3,11 +3,14 @@
 import importlib
 import re
 from dataclasses import replace
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from itertools import combinations
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pandas as pd
+import platformdirs
 import pytest
 from matplotlib.figure import Figure
 
@@ -28,7 +31,7 @@ from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise
 from fieldmodels.machines.heel_strike.recording import record_walk
 from fieldmodels.reality import Reality
-from fieldmodels.recording.datasets import DatasetError
+from fieldmodels.recording.datasets import DatasetError, datasets, get_dataset
 from fieldmodels.registry import get_model
 from fieldmodels.rounding import percent
 from fieldmodels.synthesis import synthesise
@@ -300,6 +303,27 @@ def test_the_shipped_recording_is_what_the_exam_s_plant_does(monkeypatch):
         shipped = np.loadtxt(demo.SHIPPED / f"pendulum_{name}.csv", delimiter=",", skiprows=1)
         again = np.loadtxt(made.recorded(seed).splitlines(), delimiter=",", skiprows=1)
         assert shipped == pytest.approx(again, abs=1e-5)
+
+
+def test_the_demo_fetches_what_is_real(public_data, tmp_path, monkeypatch):
+    class Publisher(SimpleHTTPRequestHandler):
+        def __init__(self, *given):
+            super().__init__(*given, directory=str(public_data))
+
+        def log_message(self, *_):
+            pass
+
+    monkeypatch.delenv("FIELDGYM_DATA")
+    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda _name: str(tmp_path))
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Publisher)
+    Thread(target=server.serve_forever, daemon=True).start()
+    for name in (demo.TRAIN, demo.TEST):
+        known = get_dataset(name)
+        here = replace(known, url=f"http://127.0.0.1:{server.server_port}/{known.file}")
+        monkeypatch.setitem(datasets(), name, here)
+    assert demo.find_bench(get_model("pendulum")).real
+    server.shutdown()
+    assert demo.find_bench(get_model("pendulum")).real  # from the cache
 
 
 def test_demo_takes_real_data_where_there_are_some(public_data):

@@ -58,7 +58,7 @@ def main() -> None:
     waiting = [one for one in drawn if key(one) not in known]
     idle: SimpleQueue[run.Worker] = SimpleQueue()
     for number in range(given.workers if waiting else 0):
-        worker = run.Worker(number)
+        worker = run.Worker(number, "not nightly")
         worker.kernels.mkdir(parents=True, exist_ok=True)
         idle.put(worker)
 

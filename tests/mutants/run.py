@@ -1,6 +1,6 @@
 """Apply each listed mutant to a copy of the project and run the tests that ought to notice it.
 
-    python tests/mutants/run.py [--only TEXT ...] [--workers 2] [--keep | --fresh] [--publish]
+    python tests/mutants/run.py [--only TEXT ...] [--workers 2] [--keep | --fresh] [--quick] [--publish]
 
 A mutant is *killed* if a test fails by an assertion, *survives* if all pass, and is *broken* if the program
 falls over before any test can say no (it does not import, or does not compile): that proves nothing of the
@@ -8,7 +8,7 @@ tests. At the end the tests that noticed something run once more without any err
 
 Results are kept in results/mutants/ as long as the project stays as it is, so that a run that was interrupted
 goes on where it ended. While tests are written, ``--keep`` keeps every result whose own file and tests have
-not changed.
+not changed. With ``--quick`` tests of the night are left out: what does `make test` alone notice?
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from fieldmodels.files import write_text
 COPIED = ("src", "envs", "agents", "tests", "configs", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
 WORK = ROOT / "results" / "mutants"
 STORE = WORK / "results.json"
+QUICK = WORK / "results-quick.json"
 WARM = WORK / "kernels"  # of the project as it is
 TIMEOUT = 600.0  # seconds, for the tests of one mutant
 PATIENCE = 5400.0  # seconds, for all tests without any error, kernels compiled
@@ -67,7 +68,8 @@ class Result:
 class Worker:
     """A copy of the project, its own cache of kernels, and the tests run in it."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, tests: str = "") -> None:
+        self.tests = tests
         self.root = WORK / f"worker{number}"
         self.kernels = WORK / f"kernels{number}"
         self.report = WORK / f"report{number}.jsonl"
@@ -94,7 +96,7 @@ class Worker:
             "MUTANT_REPORT": str(self.report),
             "MUTANT_TREE": str(self.root),
         }
-        fixed = ["-q", "-p", "witness", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        fixed = ["-q", "-m", self.tests, "-p", "witness", "-p", "no:cacheprovider", "-p", "no:xdist"]
         command = [sys.executable, "-m", "pytest", *fixed, *options, *tests]
         try:
             done = subprocess.run(
@@ -127,7 +129,7 @@ class Worker:
         noticed = [one for one in failed if one["asserted"]]
         if noticed:
             return Result("killed", noticed[0]["test"], noticed[0]["error"], seconds)
-        if status == 0:
+        if status in (0, 5):  # 5: all its tests are of the night
             return Result("survived", "", "", seconds)
         first = (
             failed[0] if failed else {"test": "", "error": "took too long" if status == -1 else "no import"}
@@ -184,11 +186,11 @@ def without_error(workers: Sequence[Worker], tests: Sequence[str], kernels: Path
     return useless
 
 
-def earlier(mutants: Sequence[Mutant], tree: str, keep: bool) -> dict[str, Result]:
+def earlier(mutants: Sequence[Mutant], tree: str, keep: bool, store: Path) -> dict[str, Result]:
     """Results of earlier runs that still hold, by mutant's key."""
-    if not STORE.exists():
+    if not store.exists():
         return {}
-    stored = {key: Result(**value) for key, value in json.loads(STORE.read_text()).items()}
+    stored = {key: Result(**value) for key, value in json.loads(store.read_text()).items()}
     return {
         mutant.key: result
         for mutant in mutants
@@ -197,12 +199,14 @@ def earlier(mutants: Sequence[Mutant], tree: str, keep: bool) -> dict[str, Resul
     }
 
 
-def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: str) -> dict[str, Result]:
+def run(
+    mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: str, store: Path, tests: str
+) -> dict[str, Result]:
     """Results by mutant's key; those that are known are not found again."""
     waiting = [mutant for mutant in mutants if mutant.key not in known]
     if not waiting:
         return known
-    workers = [Worker(number) for number in range(count)]
+    workers = [Worker(number, tests) for number in range(count)]
     began = time.perf_counter()
     if not WARM.is_dir():
         without_error(workers, sorted({test for mutant in waiting for test in mutant.tests}), WARM)
@@ -224,7 +228,7 @@ def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: s
         for number, job in enumerate(as_completed(jobs), 1):
             mutant, result = jobs[job], job.result()
             known[mutant.key] = result
-            write_text(STORE, json.dumps({key: asdict(one) for key, one in known.items()}))
+            write_text(store, json.dumps({key: asdict(one) for key, one in known.items()}))
             said = "" if result.status == "killed" else f"  {result.test} {result.error}"
             print(
                 f"{number:3}/{len(waiting)} {result.status:8} {result.seconds:5.1f} s  "
@@ -238,7 +242,7 @@ def run(mutants: Sequence[Mutant], known: dict[str, Result], count: int, tree: s
             said = f"fails without the error, too: {useless[result.test]}"
             known[key] = replace(result, status="broken", error=said)
             print(f"broken: {result.test} {said}", flush=True)
-    write_text(STORE, json.dumps({key: asdict(one) for key, one in known.items()}))
+    write_text(store, json.dumps({key: asdict(one) for key, one in known.items()}))
     return known
 
 
@@ -253,6 +257,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--keep", action="store_true", help="keep results whose file and tests are unchanged")
     parser.add_argument("--fresh", action="store_true", help="forget the results of earlier runs")
+    parser.add_argument("--quick", action="store_true", help="with the tests of `make test` alone")
     parser.add_argument("--publish", action="store_true", help="write docs/mutants.md")
     options = parser.parse_args()
     everything = read_mutants()
@@ -266,8 +271,9 @@ def main() -> None:
         mutant.check_tests(ROOT)
     began = time.perf_counter()
     tree = tree_hash()
-    known = {} if options.fresh else earlier(everything, tree, options.keep)
-    results = run(mutants, known, options.workers, tree)
+    store, tests = (QUICK, "not nightly") if options.quick else (STORE, "")
+    known = {} if options.fresh else earlier(everything, tree, options.keep, store)
+    results = run(mutants, known, options.workers, tree, store, tests)
     minutes = (time.perf_counter() - began) / 60
     found = [results[m.key].status for m in mutants]
     print(
