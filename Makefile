@@ -74,7 +74,7 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(DEMO): pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) install --constraint constraints.txt --editable '.[agents,app]'
+	$(PIP) install --constraint constraints.txt --editable '.[agents]'
 	@touch $@
 
 $(TORCH): constraints.txt | $(BIN)/python

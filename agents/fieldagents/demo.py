@@ -35,7 +35,7 @@ DATA = {
     False: "A pendulum simulated by another program (no real recording could be fetched):",
 }
 NEXT = (
-    "Next: your own log             fieldgym open your_log.csv",
+    "Next: your own log             fieldgym diagnose your_log.csv --model pendulum",
     "      a task for your trainer  gym.make('fieldgym:fieldgym/HeelStrike-v0')",
     "      all tasks and agents     fieldgym list",
 )
