@@ -98,7 +98,7 @@ def run(part: str, commit: str) -> Outcome:
     words = (done.stdout.strip().splitlines() or [done.stderr.strip()[-200:]])[-1]
     found = set(reads.read_text().splitlines()) if reads.exists() else {""}
     reads.unlink(missing_ok=True)
-    inputs = {*ALWAYS, *(found & set(project()))} if "" not in found else {*project()}
+    inputs = {*ALWAYS, *(({part} | found) & {*project()})} if "" not in found else {*project()}
     hashes = {path: digest(path) for path in sorted(inputs)}
     outcome = Outcome(done.returncode == 0, words, time.perf_counter() - began, commit, hashes)
     kept = stored(part).with_suffix(".new")
