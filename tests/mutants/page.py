@@ -21,7 +21,8 @@ stored outputs takes part: each error is noticed by a property, a number from a 
 computation.
 
 **{killed} of {count} are killed.** One after the other, their tests took {minutes:.0f} minutes, compiling
-included. The tables lie in `tests/mutants/`; this page is written by `make mutants`.
+included. The tables lie in `tests/mutants/`; this page is written by `make mutants`. What `make test`
+alone notices is said by `python tests/mutants/run.py --quick`.
 """
 
 

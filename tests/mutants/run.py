@@ -281,7 +281,8 @@ def main() -> None:
         f"{found.count('broken')} broken, in {minutes:.1f} minutes"
     )
     if options.publish:
-        (ROOT / PAGE).write_text(page(everything, results))
+        _, heading, drawn = (ROOT / PAGE).read_text().partition("\n## Drawn at random")
+        (ROOT / PAGE).write_text(page(everything, results) + heading + drawn)
     sys.exit(found.count("killed") != len(found))
 
 
