@@ -101,7 +101,7 @@ HEADLINES = {
 }
 """Task to the scenario of the README and its metric in short."""
 NOTES = {
-    "heel_strike": "On 200 seeds that nobody had used (from 88,000,000), paired with the regime filter: `ppo` "
+    "heel_strike": "On 200 seeds that nobody had used (from 88,000,000), against the regime filter: `ppo` "
     "ties with it (-0.3 % in `ar1`, -0.004 ± 0.010 mm; -0.9 % in `low_pass`, -0.004 ± 0.006 mm), and the "
     "recurrent `pathwise` is ahead in both (-5.1 %, -0.072 ± 0.009 mm; -9.5 %, -0.040 ± 0.006 mm).",
     "excitation": "`ppo` was trained for too few decisions, on the bits gained, and is worse than chance.",
