@@ -82,8 +82,9 @@ $(TORCH): constraints.txt | $(BIN)/python
 	if $(BIN)/python -c 'import sys, urllib.request as web; web.urlopen(sys.argv[1], timeout=5).read()' \
 		$(TORCH_INDEX)/torch/ 2>/dev/null && $(PIP) install --no-deps --index-url $(TORCH_INDEX) $$pin; \
 	then echo "$$pin: the CPU build of $(TORCH_INDEX)"; \
-	else echo "$$pin: of PyPI, since $(TORCH_INDEX) does not answer (for Linux several GB)"; \
+	else echo "$$pin: as pip finds it, since $(TORCH_INDEX) does not answer (PyPI's for Linux takes 5 GB)"; \
 		$(PIP) install --no-deps $$pin; fi
+	@$(BIN)/python -c 'from importlib.metadata import version; print("installed: torch", version("torch"))'
 	@touch $@
 
 $(READY): pyproject.toml $(TORCH)

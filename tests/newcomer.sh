@@ -26,7 +26,7 @@ step() { # name, folder whose size counts, command ...
     clean "$@" >"$work/log" 2>&1 || outcome=FAILED failed=1
     printf '| %s | %d | %s | %s |\n' "$name" $((SECONDS - began)) \
         "$(du -sm "$folder" | awk '{printf "%.2f", $1 / 1000}')" "$outcome"
-    grep -E '^torch==|[0-9]+ (passed|failed).* in ' "$work/log" | sed 's/^/  /' >&2
+    grep -E '^torch==|^installed: torch|[0-9]+ (passed|failed).* in ' "$work/log" | sed 's/^/  /' >&2
     [ $outcome = ok ] || tail -40 "$work/log" >&2
 }
 

@@ -165,7 +165,8 @@ def test_torch_is_the_cpu_build_where_its_index_answers_and_pypi_s_where_not(tmp
         for port in (hangs.server_port, 9):  # nobody listens at the port "discard"
             version, said = installed(port)
             assert version == f"torch-{pin}"
-            assert "of PyPI, since" in said
+            assert "as pip finds it, since" in said
+            assert said.splitlines()[-1] == f"installed: torch {pin}"
     finally:
         for server in (pypi, cpu, hangs):
             server.shutdown()

@@ -42,8 +42,8 @@ def deadly(x):
 def slow(seconds, folder, report):
     began = time.monotonic()
     done = int((folder / "checkpoint").read_text()) if (folder / "checkpoint").exists() else 0
-    (folder / "pid").write_text(str(os.getpid()))
     with stop_between() as asked:
+        (folder / "pid").write_text(str(os.getpid()))  # from here on a signal is a request
         while time.monotonic() < began + seconds:
             done += 1
             time.sleep(0.02)
