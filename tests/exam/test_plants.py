@@ -46,14 +46,6 @@ def shown(name: str, effects: dict[str, Any], commands: np.ndarray) -> np.ndarra
     return rows[:, 1:]
 
 
-@pytest.mark.matrix(
-    keep=(
-        "rig-actuator_dead_zone",
-        "pendulum-backlash",
-        "propeller_arm-sensor_quantisation",
-        "servo-actuator_rate_limit",
-    )
-)
 @pytest.mark.parametrize(("name", "effect"), [(n, e) for n in AXES for e in get_bench(n).effects])
 def test_a_listed_effect_acts_as_its_oracle_says(name: str, effect: str):
     bench: Any = get_bench(name)
@@ -159,16 +151,6 @@ def test_a_listed_effect_of_a_flight_acts_as_its_oracle_says(effect: str):
         )
 
 
-@pytest.mark.matrix(
-    keep=(
-        "",
-        "cubic_stiffness",
-        "stiffness_drift",
-        "accelerometer_gain",
-        "accelerometer_bias",
-        "inclinometer_bias",
-    )
-)
 @pytest.mark.parametrize("effect", ["", *get_bench("excitation").effects])
 def test_a_listed_effect_of_a_shaken_vehicle_acts_as_its_oracle_says(effect: str):
     """To 2 % of the sensors' noise, or half a percent of what the effect contributes (soil: 2 %)."""
@@ -198,16 +180,6 @@ UNLISTED = [
 ]
 
 
-@pytest.mark.matrix(
-    keep=(
-        "rig-warming_zero",
-        "pendulum-load_taken_up",
-        "propeller_arm-sagging_supply",
-        "pose_reaching-weak_left",
-        "differential_drive-held_samples",
-        "line_following-square_turn",
-    )
-)
 @pytest.mark.parametrize(("name", "kind"), UNLISTED)
 def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(name: str, kind: str):
     bench = get_bench(name)

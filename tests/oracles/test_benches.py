@@ -166,25 +166,6 @@ def agree_on_a_bench(rng, agree):
     return check
 
 
-@pytest.mark.matrix(
-    keep=(
-        "rig-hysteresis-0",
-        "rig-cogging-0",
-        "rig-asymmetric_damping-0",
-        "rig-backlash-0",
-        "rig-actuator_lag-0",
-        "rig-actuator_rate_limit-1",
-        "rig-actuator_dead_zone-0",
-        "rig-velocity_lag-0",
-        "rig-sensor_drift-0",
-        "pendulum-viscous_friction-0",
-        "pendulum-actuator_delay-1",
-        "propeller_arm-actuator_saturation-0",
-        "servo-dead_band-0",
-        "servo-torque_limit-0",
-        "servo-sensor_delay-0",
-    )
-)
 def test_the_model_from_rest_and_from_what_the_sensors_show(machine, effect, values, agree_on_a_bench):
     if effect == "sensor_delay":
         # At rest when the sensor first shows the axis; beside a velocity that is not late, see below.
@@ -304,17 +285,6 @@ def pairs(machine):
 PAIRS = [(machine, *pair) for machine in CASES for pair in pairs(machine)]
 
 
-@pytest.mark.matrix(
-    keep=(
-        "rig+sensor_drift+sensor_gain",
-        "rig+actuator_delay+actuator_saturation",
-        "pendulum+backlash+sensor_drift",
-        "pendulum+sensor_bias+sensor_drift",
-        "pendulum+sensor_drift+sensor_gain",
-        "pendulum+actuator_dead_zone+viscous_friction",
-        "pendulum+parameter_step+payload",
-    )
-)
 @pytest.mark.parametrize("pair", PAIRS, ids="+".join)
 def test_pairs_act_in_the_documented_order(pair, agree_on_a_bench):
     machine, *effects = pair
