@@ -21,7 +21,7 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-demo: $(DEMO)  ## evaluate the agents, diagnose a recording, end in results/demo/report.html
+demo: $(DEMO)  ## diagnose a recording, compare agents, end in results/demo/report.html
 	$(BIN)/fieldgym demo
 
 test: $(READY)  ## the test suite

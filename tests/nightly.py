@@ -146,7 +146,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", nargs="*", default=[], help="parts whose name holds one of these")
+    parser.add_argument(
+        "--only", nargs="*", action="extend", default=[], help="parts whose name holds one of these"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--list", action="store_true", help="say what would be run")
     parser.add_argument("--again", action="store_true", help="repeat what has not changed, too")
