@@ -44,6 +44,8 @@ bench: $(READY)  ## what users wait for, as ratios; fails where one is 1.5 times
 
 leaderboard: $(READY)  ## docs/leaderboard.md and the README's table: every agent on every task
 	$(BIN)/fieldgym evaluate benchmark --set episodes=null
+	$(BIN)/fieldgym evaluate heel_strike/benchmark --set 'agents=[regime_filter, ppo, pathwise]' \
+		--set baseline=regime_filter --set episodes=200 --set first_seed=91_000_000 --out results/benchmark/fresh
 	$(BIN)/python docs/leaderboard.py results/benchmark
 
 docs: $(READY)  ## the docs site, in site/

@@ -1,6 +1,6 @@
-"""Write the leaderboard, docs/leaderboard.md: one table a task.
+"""Write the leaderboard, docs/leaderboard.md, one table a task, and the README's table.
 
-fieldgym evaluate benchmark --set episodes=null; python docs/leaderboard.py results/benchmark
+make leaderboard
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import mean
 from typing import Any
+
+from curves import seconds
 
 from fieldagents.evaluation.agents import describe_agents
 from fieldagents.policies.zoo import ZooEntry, list_zoo
@@ -29,26 +31,28 @@ SEES = {
 }
 HEAD = """# Leaderboard
 
-![How many agents each task has, by what they see](pictures/leaderboard.svg)
+![A panel a task: the mean of every agent with its interval, by what it sees](pictures/leaderboard.svg)
 
 *Reference and learned agents on the published test seeds, the same for all; made by `make leaderboard`.*
 
 Mean ± half the 95 % interval over episodes (of shares the interval itself; learned agents: over all training
 runs first). **Bold**: the best that see no more than the observation. *Italics*: not competitors, for they
 see hidden values or do not act. *Decision*: milliseconds of one core for a decision, played alone.
-*Training*: environment steps and minutes (wall time, beside other work) of a run, from its card in
-`agents/fieldagents/zoo/`, and how many runs; a link leads to its config. Each task's page says what the
-numbers mean, and [Evaluation](evaluation.md) how agents are compared.
+*Training*: environment steps and processor seconds of a run, from its card in `agents/fieldagents/zoo/`;
+*clock*: the card has only the time that passed, beside other work. A learned agent's name opens its config.
+Reference agents were tuned on other seeds, as their titles say. Each task's page says what the numbers mean,
+and [Evaluation](evaluation.md) how agents are compared.
 
 """
 
 
-def table(summary: dict[str, Any], second: str) -> str:
+def table(summary: dict[str, Any], second: str, note: str | None) -> str:
     """A task's section.
 
     Args:
         summary: What ``fieldgym evaluate`` has written.
         second: Metric beside the task's first; empty for none.
+        note: What the table does not show.
     """
     task, names = summary["task"], list(summary["scenarios"])
     metrics = [get_task(task).metrics[0], *(m for m in get_task(task).metrics if m.name == second)]
@@ -87,8 +91,7 @@ def table(summary: dict[str, Any], second: str) -> str:
         ]
         lines.append("| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |")
     configs = [_config(task, agent) for agent in rows if agent in zoo]
-    note = [NOTES[task], ""] if task in NOTES else []
-    return "\n".join([*lines, "", *note, *configs, ""])
+    return "\n".join([*lines, "", *([note, ""] if note else []), *configs, ""])
 
 
 HEADLINES = {
@@ -101,23 +104,22 @@ HEADLINES = {
 }
 """Task to the scenario of the README and its metric in short."""
 NOTES = {
-    "heel_strike": "On 200 seeds that nobody had used (from 88,000,000), against the regime filter: `ppo` "
-    "ties with it (-0.3 % in `ar1`, -0.004 ± 0.010 mm; -0.9 % in `low_pass`, -0.004 ± 0.006 mm), and the "
-    "recurrent `pathwise` is ahead in both (-5.1 %, -0.072 ± 0.009 mm; -9.5 %, -0.040 ± 0.006 mm).",
-    "excitation": "`ppo` was trained for too few decisions, on the bits gained, and is worse than chance.",
+    "excitation": "`ppo` and `random` do not differ significantly: [what binds](excitation.md).",
 }
 """What a table does not show."""
+HEADER = "| task, metric | reference | best classical | best learned | given hidden values |\n"
+VERDICTS = {"better": "better", "worse": "worse", "cannot tell": "a tie"}
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->"
 LEARNERS = {"ppo": "PPO", "sac": "SAC", "AnnealedPPO": "PPO", "BranchingPPO": "PPO with trials in copies",
             "Evolution": "CMA-ES", "Pathwise": "exact gradient, LSTM"}  # fmt: skip
 
 
-def headline(summary: dict[str, Any], second: str) -> str:
+def headline(summary: dict[str, Any], member: dict[str, Any]) -> str:
     """A task's row of the README."""
     task, (scenario, short) = summary["task"], HEADLINES[summary["task"]]
     metrics = get_task(task).metrics
-    metric = next((m for m in metrics if m.name == second), metrics[0])
+    metric = next((m for m in metrics if m.name == member.get("metric")), metrics[0])
     zoo = {entry.name: entry for entry in list_zoo(task)}
     rows = {row["agent"]: row for row in summary["scenarios"][scenario]}
     scores = {agent: row["scores"] for agent, row in rows.items()}
@@ -126,16 +128,21 @@ def headline(summary: dict[str, Any], second: str) -> str:
         return min(agents, key=lambda agent: _rank(scores, agent, metric))
 
     def shown(agent: str) -> str:
-        return f"{_value(scores[agent][metric.name], metric)} `{agent}`"
+        mark = "†" if rows[agent]["kind"] == "model" else ""
+        return f"{_value(scores[agent][metric.name], metric)} `{agent}`{mark}"
 
     classical = [a for a, row in rows.items() if a not in zoo and row["kind"] in ("observation", "model")]
     learned = best([a for a in rows if a in zoo])
     card = zoo[learned].trainings[0].card
     kind = "DAgger" if card["title"].startswith("DAgger") else LEARNERS[card["algorithm"].rpartition(":")[2]]
-    bound = [a for a, row in rows.items() if row["kind"] == "privileged"]
-    label = f"[{task}](docs/leaderboard.md#{task}), {short}"
-    limit = shown(best(bound)) if bound else ""
-    cells = [label, shown(summary["baseline"]), shown(best(classical)), f"{shown(learned)} ({kind})", limit]
+    knowing = [a for a, row in rows.items() if row["kind"] == "privileged"]
+    cells = [
+        f"[{task}](docs/leaderboard.md#{task}) `{scenario}`, {short}",
+        shown(member.get("reference") or summary["baseline"]),
+        shown(best(classical)),
+        f"{shown(learned)} ({kind})",
+        shown(best(knowing)) if knowing else "",
+    ]
     return "| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |\n"
 
 
@@ -172,39 +179,67 @@ def _value(score: dict[str, Any], metric: Any) -> str:
 def _decision(summary: dict[str, Any], names: Sequence[str], agent: str) -> str:
     times = [summary["decision_ms"][scenario].get(agent) for scenario in names]
     alone = [one["alone"] for one in times if one]
-    return f"{mean(alone):.2g}" if alone else ""
+    return f"{float(f'{mean(alone):.2g}'):g}" if alone else ""
 
 
 def _training(entry: ZooEntry | None) -> str:
+    """Steps and time of a run, and how many runs there are for each scenario that was trained for."""
     if entry is None:
         return ""
-    runs = [run for training in entry.trainings for run in training.card["runs"]]
-    steps, minutes = mean(run["steps"] for run in runs), mean(run["seconds"] for run in runs) / 60.0
-    counted = f"{steps:,.0f} steps, " if steps else ""
-    return f"{counted}{minutes:.1f} min ({len(runs)} runs)"
+    cards = [training.card for training in entry.trainings]
+    steps, config = cards[0]["runs"][0]["steps"], cards[0]["config"]
+    parts = [f"{steps:,} steps"] if steps else []
+    if imitate := config.get("imitate"):
+        count = imitate["rounds"] * imitate["steps"] * config["num_envs"]
+        parts.append(f"{count:,} steps of imitation")
+    spent, clock = zip(*map(seconds, entry.trainings), strict=True)
+    took = f"{mean(spent):.0f} s" + " by the clock" * ("clock" in clock)
+    runs = " + ".join(str(len(card["runs"])) for card in cards)
+    return f"{', '.join([*parts, took])} ({runs} runs)"
 
 
 def _config(task: str, agent: str) -> str:
     """The config of a learned agent, one click away."""
     text = (ROOT / "configs" / task / f"{agent}.yaml").read_text(encoding="utf-8")
     name = f"configs/{task}/{agent}.yaml"
-    code = f"<pre><code>{text.replace('&', '&amp;').replace('<', '&lt;')}</code></pre>"
-    return f'<details id="{task}-{agent}"><summary>{name}</summary>\n{code}\n</details>'
+    code = f'<pre id="{task}-{agent}"><code>{text.replace("&", "&amp;").replace("<", "&lt;")}</code></pre>'
+    return f"<details><summary>{name}</summary>\n{code}\n</details>"
+
+
+def fresh(summary: dict[str, Any]) -> str:
+    """How learned agents compare with the baseline on seeds that nobody had used."""
+    found = []
+    for agent in (row["agent"] for row in next(iter(summary["scenarios"].values()))):
+        for scenario, rows in summary["scenarios"].items():
+            paired = next(row["against_baseline"] for row in rows if row["agent"] == agent)
+            if paired:
+                low, high = paired["ci95"]
+                found.append(
+                    f"`{agent}` {paired['difference']:+.3f} ± {(high - low) / 2:.3f} mm in `{scenario}` "
+                    f"({paired['percent']:+.1f} %, {VERDICTS[paired['verdict']]})"
+                )
+    first, count = summary["first_seed"], summary["episodes"]
+    return (
+        f"On {count} seeds that nobody had tuned, trained or scored on (from {first:,}), paired with "
+        f"`{summary['baseline']}`: {', '.join(found)}."
+    )
 
 
 def main(folder: Path) -> None:
-    """Write the page, and the table of the README, from the results of ``fieldgym evaluate benchmark``."""
+    """Write the page and the README's table from what ``make leaderboard`` has evaluated into a folder."""
     members = load_yaml(ROOT / "configs" / "benchmark.yaml")["suite"]
-    found = [json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*/summary.json")]
-    summaries = {one["task"]: one for one in found}
-    tasks = [
-        (summaries[name.partition("/")[0]], (of or {}).get("metric", "")) for name, of in members.items()
-    ]
-    write_text(PAGE, HEAD + "\n".join(table(*one) for one in tasks))
+    tasks = [(_read(folder / name.partition("/")[0]), of or {}) for name, of in members.items()]
+    notes = NOTES | {"heel_strike": fresh(_read(folder / "fresh"))}
+    sections = [table(one, of.get("metric", ""), notes.get(one["task"])) for one, of in tasks]
+    write_text(PAGE, HEAD + "\n".join(sections))
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    rows = "| task, metric | reference | best classical | best learned | bound |\n|---|---|---|---|---|\n"
-    rows += "".join(headline(*one) for one in tasks)
+    rows = HEADER + "|---" * 5 + "|\n" + "".join(headline(*one) for one in tasks)
     write_text(README, f"{before}{BEGIN}{rows}{END}{rest.split(END)[1]}")
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return found
 
 
 if __name__ == "__main__":

@@ -11,9 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from textwrap import shorten
 
+from leaderboard import HEADLINES
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from fieldmodels.html import AFTER, BEFORE, GREEN, PURPLE
 
@@ -121,25 +123,35 @@ def speed(page: str) -> Figure:
 
 
 def leaderboard(page: str) -> Figure:
-    """How many of a task's agents there are, by what they see."""
-    found = {
-        name: rows[1:] for name, rows in zip(re.findall(r"^## (\w+)", page, re.M), tables(page), strict=True)
-    }
-    figure, axes = bars(len(found), "agents")
-    kinds = {
-        "learned": GOOD,
-        "observation": DARK,
-        "settings, too": LIGHT,
-        "hidden values, or do not act": "lightgrey",
-    }
-    for k, rows in enumerate(list(found.values())[::-1]):
-        left = 0
-        for kind, colour in kinds.items():
-            count = sum(kind == _kind(row) for row in rows)
-            axes.barh(k, count, left=left, color=colour, label="" if k else kind)
-            left += count
-    axes.set_yticks(range(len(found)), list(found)[::-1])
-    figure.legend(frameon=False, ncols=4, loc="outside upper left")
+    """Every agent's mean and interval in each task's scenario of the README, by what it sees."""
+    colours = {"learned": GOOD, "observation": DARK, "settings, too": LIGHT, "not a competitor": "grey"}
+    names = re.findall(r"^## (\w+)", page, re.M)
+    figure = Figure(figsize=(11, 8.5), layout="constrained")
+    for axes, name, rows in zip(figure.subplots(2, 3).flat, names, tables(page), strict=True):
+        scenario, label = HEADLINES[name]
+        column = rows[0].index(scenario)
+        for k, row in enumerate(rows[:0:-1]):
+            value = row[column].strip("*").split(", ")[-1]  # the metric that decides
+            mean, *more = numbers(value)
+            half = more[0] if "±" in value else 0.0
+            few = "(of" in value and more[-1] < 90.0
+            colour = colours[_kind(row)]
+            axes.errorbar(mean, k, xerr=half, fmt="o", color=colour, mfc="none" if few else colour, ms=5)
+        axes.set_yticks(range(len(rows) - 1), [re.split(r"\W+", f" {row[0]}")[1] for row in rows[:0:-1]])
+        low, high = axes.get_xlim()
+        if high > 8.0 * abs(low):
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.tick_params(axis="y", labelsize=8)
+        axes.set_title(f"{name}, {scenario}", fontsize=10)
+        axes.set_xlabel(label, fontsize=9)
+        axes.grid(axis="x", alpha=0.3)
+    for kind, colour in colours.items():
+        axes.plot([], [], "o", color=colour, label=kind)
+    axes.plot([], [], "o", color="grey", mfc="none", label="has a value in under 90 % of the episodes")
+    figure.legend(frameon=False, ncols=5, loc="outside upper left")
     return figure
 
 
@@ -147,7 +159,7 @@ def _kind(row: list[str]) -> str:
     if row[0].startswith("["):
         return "learned"
     if "hidden" in row[1] or "does not act" in row[1]:
-        return "hidden values, or do not act"
+        return "not a competitor"
     return "observation" if row[1] == "observation" else "settings, too"
 
 

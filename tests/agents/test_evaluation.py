@@ -69,6 +69,26 @@ def test_equal_evaluations_give_equal_episodes_to_the_bit(result, tmp_path):
     assert (tmp_path / "episodes.parquet").read_bytes() == (out / "episodes.parquet").read_bytes()
 
 
+def test_another_first_seed_moves_the_episodes_and_takes_none_that_were_kept(tmp_path):
+    start = TEST_SEEDS.start + 15
+    for first in (TEST_SEEDS.start, start):  # into one folder
+        summary = evaluate(config(agents=["fixed_tuned"], first_seed=first), tmp_path)
+        episodes = pd.read_parquet(tmp_path / "episodes.parquet").query("scenario == 'ar1'")
+        assert summary.first_seed == first
+        assert episodes["seed"].tolist() == list(range(first, first + 20))
+        if first == TEST_SEEDS.start:
+            before = episodes
+    both = before.merge(episodes, on="seed")
+    assert len(both) == 5
+    assert (both["error_mm_x"] == both["error_mm_y"]).all()
+    assert before["error_mm"].mean() != episodes["error_mm"].mean()
+
+
+def test_an_evaluation_does_not_begin_with_a_seed_of_tuning_or_training():
+    with pytest.raises(ValueError, match="first_seed"):
+        config(first_seed=TEST_SEEDS.start - 1)
+
+
 @pytest.mark.nightly
 def test_a_second_evaluation_plays_only_what_is_missing_and_processes_give_the_same(tmp_path, monkeypatch):
     played = []

@@ -6,6 +6,7 @@ from html import unescape
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
 import typer.main
 from PIL import Image
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 
 from fieldagents.cli import app
 from fieldagents.config import EnvironmentConfig, wrong_environment
+from fieldagents.policies import zoo
 from fieldmodels.effects import actuators, changes, sensors
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -109,19 +111,28 @@ def test_results_in_the_readme_are_those_of_the_leaderboard():
     assert [task for task, _ in rows] == re.findall(r"^## (\w+)$", board, re.MULTILINE)
     for task, row in rows:
         section = board.split(f"\n## {task}\n")[1].split("\n## ")[0]
-        for value, agent in re.findall(r"\| ([\d.][^|`]*) `(\w+)`", row):
+        for value, agent, mark in re.findall(r"\| ([\d.][^|`]*) `(\w+)`(†?)", row):
             (line,) = [line for line in section.splitlines() if re.match(rf"\| \[?`{agent}`", line)]
             assert value in line, f"{task}: {agent}"
+            assert ("settings" in line.split("|")[2]) == bool(mark), f"{task}: {agent}"
 
 
 def test_the_leaderboard_shows_the_config_of_each_learned_agent_as_it_is():
     board = (DOCS / "leaderboard.md").read_text()
-    shown = re.findall(r'<details id="(\w+)-(\w+)">.*?<pre><code>(.*?)</code></pre>', board, re.DOTALL)
+    shown = re.findall(r'<pre id="(\w+)-(\w+)"><code>(.*?)</code></pre>', board, re.DOTALL)
     assert {f"#{task}-{agent}" for task, agent, _ in shown} == set(re.findall(r"\]\((#\w+-\w+)\)", board))
     assert len(shown) > 10
     for task, agent, text in shown:
         config = (DOCS.parent / "configs" / task / f"{agent}.yaml").read_text()
         assert unescape(text) == config, f"{task}/{agent}: make leaderboard"
+        cards = [training.card for training in zoo.get_entry(task, agent).trainings]
+        (row,) = [line for line in board.splitlines() if f"(#{task}-{agent})" in line]
+        took = [run.get("processor_seconds") for card in cards for run in card["runs"]]
+        assert ("by the clock" in row) == (None in took), f"{task}/{agent}: not what its card says"
+        if None not in took:
+            assert f" {np.mean(took):.0f} s (" in row, f"{task}/{agent}: not what its card says"
+        for run in (run for card in cards for run in card["runs"] if run["steps"]):
+            assert f"{run['steps']:,} steps" in row, f"{task}/{agent}: not what its card says"
 
 
 @pytest.mark.parametrize("page", ["evaluation.md"])

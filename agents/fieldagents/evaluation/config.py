@@ -8,6 +8,7 @@ from pydantic import Field
 
 from fieldagents.config import Config, Name, Problems, TaskEnvironment, TaskName, checked
 from fieldagents.evaluation.agents import known_agent
+from fieldagents.seeds import LARGEST_SEED, TEST_SEEDS
 from fieldmodels.names import did_you_mean
 
 
@@ -41,7 +42,9 @@ class EvaluateConfig(Config):
         baseline: The agent that all others are compared with; it is in ``agents`` too.
         trust_pickle: Whether agents may be ``.zip`` files of Stable-Baselines3, whose pickles run any code
             that their author has put there.
-        episodes: Number of episodes of every agent in every scenario, the same published seeds for all.
+        episodes: Number of episodes of every agent in every scenario, the same seeds for all.
+        first_seed: Seed of the first episode; by default the published ones. Others repeat a comparison on
+            episodes that nobody has met.
     """
 
     name: Name
@@ -51,3 +54,4 @@ class EvaluateConfig(Config):
     baseline: Annotated[str, checked(_not_among, "agents"), checked(_unknown, "task")]
     trust_pickle: bool = False
     episodes: int = Field(default=100, ge=2, le=10_000)
+    first_seed: int = Field(default=TEST_SEEDS.start, ge=TEST_SEEDS.start, le=LARGEST_SEED - 10_000)

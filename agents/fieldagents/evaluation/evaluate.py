@@ -16,7 +16,6 @@ from fieldagents.evaluation.play import EPISODES, Player, player, written_out
 from fieldagents.evaluation.report import write_report
 from fieldagents.evaluation.summary import DecisionTime, Labels, Summary, summarise
 from fieldagents.progress import Report
-from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import get_task
 from fieldmodels.engine import HERE, Engine, run_all
 from fieldmodels.files import replacing, write_text
@@ -55,10 +54,9 @@ def evaluate(
     ]
     for one in players:  # before the first episode: nobody's work is lost by another's
         check_fits(one.entry.runs, config.task, one.environment)
+    seeds = range(config.first_seed, config.first_seed + config.episodes)
     jobs = {
-        one.job(run, config.episodes, out / "jobs"): (one, run)
-        for one in players
-        for run in range(len(one.entry.runs))
+        one.job(run, seeds, out / "jobs"): (one, run) for one in players for run in range(len(one.entry.runs))
     }
     done = run_all(list(jobs), engine, progress)
     tables: list[pd.DataFrame] = []
@@ -84,7 +82,7 @@ def evaluate(
         task=config.task,
         baseline=config.baseline,
         episodes=config.episodes,
-        first_seed=TEST_SEEDS[0],
+        first_seed=config.first_seed,
         seconds=round(time.perf_counter() - began, 1),
         decision_ms=took,
         environments={name: written_out(config.task, one) for name, one in config.environments.items()},

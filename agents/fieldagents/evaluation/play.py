@@ -59,12 +59,12 @@ class Player:
     def __getstate__(self) -> dict[str, Any]:
         return {key: value for key, value in vars(self).items() if key != "entry"}
 
-    def job(self, run: int, episodes: int, folder: Path) -> Job:
+    def job(self, run: int, seeds: range, folder: Path) -> Job:
         """The job that plays one of its runs.
 
         Args:
             run: Which.
-            episodes: How many of the published test episodes.
+            seeds: Of its episodes.
             folder: Where the jobs' folders are.
         """
         parts = [
@@ -72,12 +72,13 @@ class Player:
             written_out(self.task, self.environment),
             self.name,
             run,
-            episodes,
+            len(seeds),
             self._behind(),
+            *([] if seeds.start == TEST_SEEDS.start else [seeds.start]),
         ]
         key = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
         label = f"{self.scenario}: {self.name}"
-        return Job(key, label, play, (self, run, episodes), folder / key, share=float(episodes))
+        return Job(key, label, play, (self, run, seeds), folder / key, share=float(len(seeds)))
 
     def _behind(self) -> list[str]:
         """Hashes of the code and of the files that make the participant."""
@@ -107,17 +108,17 @@ def player(scenario: str, name: str, task: str, environment: EnvironmentConfig, 
     return made
 
 
-def play(one: Player, run: int, episodes: int, folder: Path, report: Report) -> dict[str, float] | None:
+def play(one: Player, run: int, seeds: range, folder: Path, report: Report) -> dict[str, float] | None:
     """Play a run's episodes; returns the time of a decision [ms], None for an estimator.
 
     Args:
         one: Who plays where.
         run: Which of its runs.
-        episodes: How many.
+        seeds: Of its episodes.
         folder: Where the table of episodes is left.
         report: Shown the progress.
     """
-    agent, seeds = one.entry.runs[run], TEST_SEEDS[:episodes]
+    agent = one.entry.runs[run]
     played = play_episodes(agent, one.task, one.environment, seeds, report)
     with replacing(folder / EPISODES) as temporary:
         played.table.to_parquet(temporary, index=False)
