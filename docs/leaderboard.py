@@ -37,7 +37,7 @@ HEAD = """# Leaderboard
 
 Mean ± half the 95 % interval over episodes (of shares the interval itself; learned agents: over all training
 runs first). **Bold**: the best that see no more than the observation. *Italics*: not competitors, for they
-see hidden values or do not act. *Decision*: milliseconds of one core for a decision, played alone.
+see hidden values or do not act. *Decision*: milliseconds by the clock for one robot's decision.
 *Training*: environment steps and processor seconds of a run, from its card in `agents/fieldagents/zoo/`;
 *clock*: the card has only the time that passed, beside other work. A learned agent's name opens its config.
 Reference agents were tuned on other seeds, as their titles say. Each task's page says what the numbers mean,
@@ -107,7 +107,7 @@ NOTES = {
     "excitation": "`ppo` and `random` do not differ significantly: [what binds](excitation.md).",
 }
 """What a table does not show."""
-HEADER = "| task, metric | reference | best classical | best learned | given hidden values |\n"
+COLUMNS = ("task, metric", "reference", "best classical", "best learned", "given hidden values")
 VERDICTS = {"better": "better", "worse": "worse", "cannot tell": "a tie"}
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->"
@@ -220,7 +220,7 @@ def fresh(summary: dict[str, Any]) -> str:
                 )
     first, count = summary["first_seed"], summary["episodes"]
     return (
-        f"On {count} seeds that nobody had tuned, trained or scored on (from {first:,}), paired with "
+        f"On {count} seeds that nobody had tuned, trained or tested on (from {first:,}), paired with "
         f"`{summary['baseline']}`: {', '.join(found)}."
     )
 
@@ -233,7 +233,8 @@ def main(folder: Path) -> None:
     sections = [table(one, of.get("metric", ""), notes.get(one["task"])) for one, of in tasks]
     write_text(PAGE, HEAD + "\n".join(sections))
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    rows = HEADER + "|---" * 5 + "|\n" + "".join(headline(*one) for one in tasks)
+    rows = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
+    rows += "".join(headline(*one) for one in tasks)
     write_text(README, f"{before}{BEGIN}{rows}{END}{rest.split(END)[1]}")
 
 

@@ -49,6 +49,6 @@ def test_a_schema_finds_mistakes_and_explains_keys():
     assert problems("train", base | {"seed": -1})
     told = schema("train")["properties"]
     assert "Environment steps" in told["steps"]["description"]
-    assert "the same seeds for all" in schema("evaluate")["properties"]["episodes"]["description"]
+    assert "published seeds" in schema("evaluate")["properties"]["episodes"]["description"]
     with pytest.raises(SchemaError, match="did you mean 'train'"):
         schema("trian")

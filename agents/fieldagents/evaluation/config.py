@@ -42,9 +42,9 @@ class EvaluateConfig(Config):
         baseline: The agent that all others are compared with; it is in ``agents`` too.
         trust_pickle: Whether agents may be ``.zip`` files of Stable-Baselines3, whose pickles run any code
             that their author has put there.
-        episodes: Number of episodes of every agent in every scenario, the same seeds for all.
-        first_seed: Seed of the first episode; by default the published ones. Others repeat a comparison on
-            episodes that nobody has met.
+        episodes: Number of episodes of every agent in every scenario, the same published seeds for all.
+        first_seed: Seed of the first episode, in place of the first published one: repeats a comparison on
+            other episodes.
     """
 
     name: Name
