@@ -113,16 +113,6 @@ def finished(finished_runs):
     return finished_runs["ppo"]
 
 
-@pytest.mark.matrix(
-    keep=(
-        "stacked",
-        "imitating",
-        "recurrent_ppo",
-        "annealed",
-        "td3",
-        "tqc",
-    )
-)
 def test_the_run_folder_holds_what_it_promises(finished_each, algorithm):
     finished = finished_each
     names = {path.name for path in finished.iterdir()}

@@ -232,14 +232,6 @@ def test_the_place_of_a_stop_that_is_neutral_out_of_reach_is_no_amplitude():
 SHAPES = {"frequency", "period", "place", "velocity", "distance", "time", "length"}
 
 
-@pytest.mark.matrix(
-    keep=(
-        "rig",
-        "pendulum",
-        "pose_reaching",
-        "differential_drive",
-    )
-)
 @pytest.mark.parametrize("name", ["rig", "pendulum", "servo", "pose_reaching", "differential_drive"])
 def test_frequencies_places_and_times_are_the_values_that_are_no_amplitudes(name):
     bench = get_bench(name)

@@ -52,15 +52,6 @@ def flown(env, seed=3, steps=80):
     return np.array(commands), np.array(seen)
 
 
-@pytest.mark.matrix(
-    keep=(
-        "friction",
-        "late",
-        "play",
-        "sensor",
-        "curve",
-    )
-)
 @pytest.mark.parametrize("reality", REALITIES)
 def test_an_episode_is_what_the_model_predicts_of_its_record(reality):
     machine = Motor()

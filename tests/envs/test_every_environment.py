@@ -259,15 +259,6 @@ def test_true_and_false_are_no_numbers(env_id):
             gym.make(env_id, settings={one.name: value})
 
 
-@pytest.mark.matrix(
-    keep=(
-        "fieldgym/HeelStrike-v0",
-        "fieldgym/LineFollowing-v1",
-        "fieldgym/LineFollowingPixels-v1",
-        "fieldgym/PoseReaching-v0",
-        "fieldgym/UavRoute-v1",
-    )
-)
 @every_environment
 def test_equal_seeds_and_states_give_equal_bits_in_another_process(env_id, elsewhere):
     found, folder = elsewhere

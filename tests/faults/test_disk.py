@@ -77,15 +77,6 @@ def test_the_matrix_sees_what_is_wrong(what):
     assert matrix.wrong({"first": good, "second": {"code": 0, "files": WHOLE}}, WHOLE, errno.ENOSPC) == []
 
 
-@pytest.mark.matrix(
-    keep=(
-        "record",
-        "evaluate",
-        "train",
-        "sweep",
-        "exam",
-    )
-)
 @pytest.mark.parametrize("name", matrix.COMMANDS)
 def test_the_second_of_two_writers_is_told(tmp_path, name):
     words = [*matrix.prepared(tmp_path, name), "--out", str(tmp_path / "out")]

@@ -88,15 +88,6 @@ def reference(start, extra, force=FORCE):
 START = (0.1, 0.4, 0.3, -0.5)
 
 
-@pytest.mark.matrix(
-    keep=(
-        "effects1-<lambda>",
-        "effects2-<lambda>",
-        "effects3-<lambda>",
-        "effects4-<lambda>",
-        "effects5-<lambda>",
-    )
-)
 @pytest.mark.parametrize(
     ("effects", "extra"),
     [

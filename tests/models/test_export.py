@@ -60,13 +60,6 @@ def _log(model, seed: int = 3, n: int = 300, step: float = 0.01) -> Recording:
     return Recording(time, signals, {}, source="made here")
 
 
-@pytest.mark.matrix(
-    keep=(
-        "rig-held",
-        "propeller_arm-held",
-        "servo-held",
-    )
-)
 @pytest.mark.parametrize(
     ("name", "hold"),
     [("rig", "held"), ("pendulum", "interpolated"), ("propeller_arm", "held"), ("servo", "held")],

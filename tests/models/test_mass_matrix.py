@@ -99,16 +99,6 @@ def reference(start, extra, push=PUSH):
     return np.array(out)
 
 
-@pytest.mark.matrix(
-    keep=(
-        "effects1-<lambda>",
-        "effects2-<lambda>",
-        "effects3-<lambda>",
-        "effects4-<lambda>",
-        "effects5-<lambda>",
-        "effects6-<lambda>",
-    )
-)
 @pytest.mark.parametrize(
     ("effects", "extra"),
     [

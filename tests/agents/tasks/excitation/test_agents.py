@@ -190,13 +190,6 @@ def test_situation_is_what_the_filter_knows(midway):
     np.testing.assert_array_equal(now.samples, 320)
 
 
-@pytest.mark.matrix(
-    keep=(
-        "table1/paper/full_scale",
-        "table1/wide/running_max",
-        "soft/wide/full_scale",
-    )
-)
 @pytest.mark.parametrize("key", SCENARIOS)
 def test_stored_schedules_are_worth_what_is_stored(key):
     settings = ExcitationSettings(**SCENARIOS[key])
