@@ -56,6 +56,22 @@ def test_a_page_has_a_picture_that_says_what_it_shows(page):
         assert (DOCS / page).parent.joinpath(path).stat().st_size > 1000
 
 
+def test_a_link_into_a_page_finds_its_place():
+    def places(text: str) -> set[str]:
+        titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+        slugs = {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower()) for title in titles}
+        return slugs | set(re.findall(r'id="([^"]+)"', text)) | set(re.findall(r"\{#([\w-]+)", text))
+
+    texts = {path: path.read_text() for path in DOCS.rglob("*.md")}
+    links = [
+        (path, (path.parent / page).resolve() if page else path, place)
+        for path, text in texts.items()
+        for page, place in re.findall(r"\]\(([\w/.]*)#([\w-]+)\)", text)
+    ]
+    assert len(links) > 20
+    assert [(path.name, place) for path, page, place in links if place not in places(texts[page])] == []
+
+
 def test_pictures_show_the_numbers_of_their_pages(monkeypatch):
     """A number of a table that changes moves something in the picture."""
     monkeypatch.syspath_prepend(str(DOCS))
