@@ -193,4 +193,4 @@ def visible(info: Mapping[str, Any], sees: Sees, task: str) -> Mapping[str, Any]
         allowed = find_task(task).model_reads
     elif sees == "diagnosis" and (angle := find_task(task).turned_by):
         allowed = (angle,)
-    return {key: value for key, value in info.items() if key.removeprefix("_") in allowed}
+    return {key: value for key, value in info.items() if key.removeprefix("_").split(".")[0] in allowed}

@@ -315,17 +315,18 @@ class _ExcitationTask(BatchTask):
         others = {
             "noise_draw": numbers[len(NUMBERS)],
             "information": shaken.bits,
-            "estimate": {
-                "mean": shaken.mean,
-                "covariance": shaken.covariance,
-                "moments": shaken.moments,
-                "noise": shaken.noise,
-                "samples": shaken.samples,
-            },
-            "arm": {"command": shaken.command, "phase": shaken.phase},
+            "estimate.mean": shaken.mean,
+            "estimate.covariance": shaken.covariance,
+            "estimate.moments": shaken.moments,
+            "estimate.noise": shaken.noise,
+            "estimate.samples": shaken.samples,
+            "arm.command": shaken.command,
+            "arm.phase": shaken.phase,
             "base": shaken.base,
             "variances": shaken.variances,
-            "privileged": {"truth": truth, "error": shaken.mean - truth, **self.drawn.info},
+            "privileged.truth": truth,
+            "privileged.error": shaken.mean - truth,
+            **self.drawn.info,
         }
         return Info(NUMBERS, numbers[: len(NUMBERS)], others)
 
@@ -425,7 +426,7 @@ class ExcitationEnv(TaskEnv):
     All three pass smoothly (quintic) to the new values within the 0.4 s; angle, speed and acceleration of
     the arm are continuous. The acceleration stays within 25 rad/s² (`paper`: 5): the arm goes as far
     towards the command as that allows, and a steady sinusoid may use nine tenths of it, which cuts the
-    amplitude. `info["arm"]` holds the command that is in force.
+    amplitude. `info["arm.command"]` holds the command that is in force.
 
     ## Observation Space
 
@@ -468,11 +469,12 @@ class ExcitationEnv(TaskEnv):
     | `time` | since the start [s] |
     | `noise_draw` | mean of the draws behind the latest sample's noise, in (-1, 1): equal for all agents |
     | `information` | about each parameter [bits], shape (22,) |
-    | `estimate` | the filter: `mean` (22,), `covariance` (22, 22), its sums `moments`, `noise`, `samples` |
-    | `arm` | `command` in force: *a* [rad], *w* [rad/s], *a0* [rad]; `phase` [rad] |
+    | `estimate.mean`, `.covariance` | of the filter, shapes (22,) and (22, 22) |
+    | `estimate.moments`, `.noise`, `.samples` | its sums |
+    | `arm.command`, `arm.phase` | in force: *a* [rad], *w* [rad/s], *a0* [rad]; phase [rad] |
     | `base` | measured at the latest sample: dr, dr', dθ, ω of each run, shape (3, 12) |
     | `variances` | of the noise of each measured signal, shape (3, 24) |
-    | `privileged` | `truth` (22,) and `error`, estimates less truth (22,) |
+    | `privileged.truth`, `privileged.error` | 22 true values, and estimates less these |
 
     Errors compare with the truth: they are for scoring, no agent should act on them. `estimate`, `arm`,
     `base` and `variances` come from what is measured and commanded; an agent that computes with a

@@ -269,7 +269,11 @@ class _HeelStrikeTask(BatchTask):
     def reset_info(self) -> dict[str, Any]:
         """The info that ``reset`` returns."""
         levels = self.strides.levels
-        return {"privileged": {"levels": levels, "previous_levels": levels.copy(), **self.drawn.info}}
+        return {
+            "privileged.levels": levels,
+            "privileged.previous_levels": levels.copy(),
+            **self.drawn.info,
+        }
 
     def gains(self, actions: NDArray[Any]) -> Floats:
         """Turn actions into S_MS early, S_MS late, S_HR and S_FD, shape (batch, 4)."""
@@ -286,11 +290,14 @@ class _HeelStrikeTask(BatchTask):
         if result.traces is not None:
             self._draw_later(result, gains, numbers)
         levels, next_levels, signed = result.levels, result.next_levels, result.signed_mm[:, 0].copy()
-        hidden = {
-            "levels": next_levels, "previous_levels": levels, "signed_error_mm": signed,
-            "floor_mm": result.floor_mm, **self.drawn.info,
-        }  # fmt: skip
-        others = {"gains": gains, "privileged": hidden}
+        others = {
+            "gains": gains,
+            "privileged.levels": next_levels,
+            "privileged.previous_levels": levels,
+            "privileged.signed_error_mm": signed,
+            "privileged.floor_mm": result.floor_mm,
+            **self.drawn.info,
+        }
         return Outcome(self.observation(), reward, fallen, truncated, Info(self._names, numbers, others))
 
     def state(self) -> dict[str, Any]:
@@ -416,12 +423,12 @@ class HeelStrikeEnv(TaskEnv):
     | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy on its long walk (section 2.3.2), else 0 |
     | `gains` | *S_MS* early, *S_MS* late, *S_HR*, *S_FD* [1/s] of the stride |
     | `duration` | of the stride [s] |
-    | `privileged` | the hidden truth, see below |
+    | `privileged.levels` ... | the hidden truth, see below |
 
     Errors and cost compare with the truth: they are for scoring, no agent should act on them.
-    `info["privileged"]` is the truth itself: `levels` of process, floor and collision
+    What begins with `privileged.` is the truth itself: `levels` of process, floor and collision
     (0 low, 1 high) of the stride to come, `previous_levels` of the stride just made, `signed_error_mm` and
-    `floor_mm`, the floor's height error at the latest strike. After `reset` it holds the levels alone.
+    `floor_mm`, the floor's height error at the latest strike. After `reset` there are the levels alone.
 
     ## Starting State
 

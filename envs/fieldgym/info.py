@@ -1,7 +1,12 @@
-"""The ``info`` of a batch, in the form that Gymnasium's vector environments give it."""
+"""The ``info`` of a batch, in the form that Gymnasium's vector environments give it.
+
+Every entry is an array, under a name whose dots say where it belongs: ``privileged.reality.wind.north``.
+Nested mappings, which Gymnasium allows, are more than libraries that store an ``info`` can take.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,7 +22,7 @@ class Info(NamedTuple):
     Attributes:
         names: Of the numbers.
         numbers: Shape (len(names), batch).
-        others: Further entries, each an array of shape (batch, ...), an ``Info``, or a mapping of arrays.
+        others: Further entries, each an array of shape (batch, ...).
     """
 
     names: tuple[str, ...]
@@ -30,7 +35,22 @@ class Info(NamedTuple):
 
 
 InfoLike = Info | dict[str, Any]
-NESTED = (Info, dict)
+
+
+def part(info: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """What belongs to a name, without it and without masks, as nested mappings.
+
+    ``part(info, "privileged")["reality"]`` reads again as ``reality=`` where ``info`` is of one environment.
+    """
+    result: dict[str, Any] = {}
+    for key, value in info.items():
+        if key.startswith(f"{name}."):
+            *places, last = key[len(name) + 1 :].split(".")
+            inner = result
+            for place in places:
+                inner = inner.setdefault(place, {})
+            inner[last] = value
+    return result
 
 
 def row(info: InfoLike) -> dict[str, Any]:
@@ -42,10 +62,7 @@ def row(info: InfoLike) -> dict[str, Any]:
         single = {}
     assert type(info) is dict
     for key, value in info.items():
-        if type(value) in NESTED:
-            single[key] = row(value)
-        else:
-            single[key] = value.item(0) if value.ndim == 1 else value[0]
+        single[key] = value.item(0) if value.ndim == 1 else value[0]
     return single
 
 
@@ -57,8 +74,8 @@ def every_row(batch: int) -> Flags:
     return mask
 
 
-_FORMS: dict[Any, tuple[dict[str, Flags], tuple[str, ...]]] = {}
-"""Masks of an info's entries, and which of them are nested, by their names and the batch."""
+_MASKS: dict[Any, dict[str, Flags]] = {}
+"""Masks of an info's entries, by their names and the batch."""
 
 
 def complete(info: InfoLike, batch: int) -> dict[str, Any]:
@@ -66,21 +83,17 @@ def complete(info: InfoLike, batch: int) -> dict[str, Any]:
     names, numbers, others = info if type(info) is Info else ((), (), info)
     assert type(others) is dict
     key = (names, tuple(others), batch)
-    form = _FORMS.get(key)
-    if form is None:
-        nested = tuple(name for name, value in others.items() if type(value) in NESTED)
-        form = _FORMS[key] = {"_" + name: every_row(batch) for name in (*names, *others)}, nested
-    masks, nested = form
+    masks = _MASKS.get(key)
+    if masks is None:
+        masks = _MASKS[key] = {"_" + name: every_row(batch) for name in (*names, *others)}
     result: dict[str, Any] = masks.copy()
     result.update(zip(names, numbers, strict=False))
     result.update(others)
-    for name in nested:
-        result[name] = complete(others[name], batch)
     return result
 
 
 def merged(stepped: InfoLike, restarted: InfoLike, begun: Flags) -> dict[str, Any]:
-    """Gymnasium's form of the info of a batch in which some rows, not all, have begun a new episode.
+    """Gymnasium's form of the info of a batch in which some rows have begun a new episode.
 
     Args:
         stepped: Info of a step, computed for all rows.
@@ -90,21 +103,20 @@ def merged(stepped: InfoLike, restarted: InfoLike, begun: Flags) -> dict[str, An
     Returns:
         Each entry beside its mask, and zero where it is not valid.
     """
+    if begun.all():
+        return complete(restarted, len(begun))
     steps = stepped.entries() if isinstance(stepped, Info) else stepped
     resets = restarted.entries() if isinstance(restarted, Info) else restarted
     result: dict[str, Any] = {}
     for key in {**steps, **resets}:
         step, reset = steps.get(key), resets.get(key)
         entry: Any = reset if step is None else step
-        if type(entry) in NESTED:
-            result[key] = merged(step or {}, reset or {}, begun)
-        else:
-            nothing = np.zeros_like(entry)
-            result[key] = np.where(
-                begun.reshape(-1, *[1] * (entry.ndim - 1)),
-                nothing if reset is None else reset,
-                nothing if step is None else step,
-            )
+        nothing = np.zeros_like(entry)
+        result[key] = np.where(
+            begun.reshape(-1, *[1] * (entry.ndim - 1)),
+            nothing if reset is None else reset,
+            nothing if step is None else step,
+        )
         both = step is not None and reset is not None
         result["_" + key] = every_row(len(begun)) if both else begun.copy() if step is None else ~begun
     return result

@@ -116,8 +116,10 @@ NUMBERS = (
     "offset", "effort", "lost", "failed", "command", "start_offset", "mean_offset", "near", "overshoot",
 )  # fmt: skip
 """What ``info`` says of a stride."""
-PRIVILEGED = ("offset", "heading", "curvature", "curvature_ahead", "bias")
-"""The hidden truth in ``info["privileged"]``."""
+PRIVILEGED = tuple(
+    f"privileged.{name}" for name in ("offset", "heading", "curvature", "curvature_ahead", "bias")
+)
+"""The hidden truth in ``info``: place against the line, what the line does ahead, the walk's bias."""
 
 
 @compiled
@@ -271,9 +273,9 @@ class _LineFollowingTask(BatchTask):
             return images.copy() if self.settings.colour else images[..., None].copy()
         return observe(self.walks.walks, self.settings.bands, self._rules)
 
-    def reset_info(self) -> dict[str, Any]:
+    def reset_info(self) -> Info:
         """The hidden truth at the start."""
-        return {"privileged": self._privileged()}
+        return self._told((), np.zeros((0, len(self.elapsed))))
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every walk through one stride."""
@@ -287,12 +289,13 @@ class _LineFollowingTask(BatchTask):
             reward=reward,
             terminated=failed,
             truncated=truncated,
-            info=Info(NUMBERS, numbers, {"privileged": self._privileged()}),
+            info=self._told(NUMBERS, numbers),
         )
 
-    def _privileged(self) -> Info:
-        """The hidden truth: place against the line, what the line does ahead, the walk's bias."""
-        return Info(PRIVILEGED, hidden(self.walks.walks, *self._bends, self._stride), self.drawn.info)
+    def _told(self, names: tuple[str, ...], numbers: Floats) -> Info:
+        """Some numbers, and the hidden truth."""
+        truth = hidden(self.walks.walks, *self._bends, self._stride)
+        return Info(names + PRIVILEGED, np.concatenate([numbers, truth]), self.drawn.info)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on but the random generators."""
@@ -418,11 +421,12 @@ class LineFollowingEnv(TaskEnv):
     | `mean_offset` | mean distance since stride 15 [m]; strides that are missing count 1 m |
     | `near` | share of the strides since stride 15 within 0.10 m |
     | `overshoot` | farthest beyond the line so far, seen from the start [m] |
-    | `privileged` | the hidden truth, see below |
+    | `privileged.offset` ... | the hidden truth, see below |
 
     Distances compare with the truth: they are for scoring, no agent should act on them.
-    `info["privileged"]` is the truth itself: `offset` [m] and `heading` [rad] against the line with their
-    signs, the line's `curvature` [1/m] here and a stride ahead (`curvature_ahead`), and the `bias` [rad].
+    What begins with `privileged.` is the truth itself: `offset` [m] and `heading` [rad] against the line
+    with their signs, the line's `curvature` [1/m] here and a stride ahead (`curvature_ahead`), and the
+    `bias` [rad].
 
     ## Starting State
 

@@ -98,12 +98,15 @@ class Drawn:
             self.vectors[i] = vector
 
     def _tell(self) -> None:
-        """Make the entries of ``info["privileged"]``."""
-        self.info = {}
-        if self._parameters:
-            self.info["reality"] = self._reality.named(self._model, self.vectors)
-        if self._samplers:
-            self.info["settings"] = {name: self.column(name).copy() for name in self._samplers}
+        """Make the entries of ``info`` that tell what has been drawn."""
+        named = self._reality.named(self._model, self.vectors) if self._parameters else {}
+        self.info = {
+            f"privileged.reality.{effect}.{name}": column
+            for effect, columns in named.items()
+            for name, column in columns.items()
+        }
+        for name in self._samplers:
+            self.info[f"privileged.settings.{name}"] = self.column(name).copy()
 
     def column(self, name: str) -> NDArray[Any]:
         """A setting's value in each row, or a property's of the settings, shape (batch, ...); read only.

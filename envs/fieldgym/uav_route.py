@@ -364,16 +364,15 @@ class _UavRouteTask(BatchTask):
             "radial": known[..., 3],
             "timers": radars[..., 2:5],
             "detected": radars[..., 5],
-            "layout": {
-                "start": known[..., 6:8],
-                "goal": known[..., 8:10],
-                "radars": of_all[..., 0:2],
-            },
-            "privileged": {"place": known[..., 4:6], **self.drawn.info},
+            "layout.start": known[..., 6:8],
+            "layout.goal": known[..., 8:10],
+            "layout.radars": of_all[..., 0:2],
+            "privileged.place": known[..., 4:6],
+            **self.drawn.info,
         }
         if isinstance(self.flights, Team):
             split = numbers.reshape(len(NUMBERS), -1, self._aircraft)
-            others["each"] = dict(zip(NUMBERS, split.copy(), strict=True))
+            others |= {f"each.{name}": own for name, own in zip(NUMBERS, split.copy(), strict=True)}
             others["leg_left"] = self.flights.legs["way"].copy()
             others["tracked"] = self.flights.tracked[:, :count].copy()
             numbers = np.array([COMBINED[n](of, axis=1) for n, of in zip(NUMBERS, split, strict=True)])
@@ -554,8 +553,9 @@ class UavRouteEnv(TaskEnv):
     | `radial` | bearing of the nearest radar, to which headings are relative [rad] |
     | `timers` | lock-loss, engage and launch timer of each radar [s], shape (radars, 3) |
     | `detected` | 1 for each radar that detected the aircraft when it scanned last, shape (radars,) |
-    | `layout` | `start`, `goal`, shape (2,), and `radars`, shape (radars, 2): north and east [km] |
-    | `privileged` | `place`: where it is, which differs where a `reality` has a faulty sensor [km] |
+    | `layout.start`, `layout.goal` | north and east [km], shape (2,) |
+    | `layout.radars` | likewise, shape (radars, 2) |
+    | `privileged.place` | where it is, which differs where a `reality` has a faulty sensor [km] |
 
     Of several aircraft, `success` is 1 if all have arrived, `damaged` if one is hit, `time`,
     `longest_detection` and `largest_probability` are the largest, the other numbers sums; `place`, `course`,
@@ -563,7 +563,7 @@ class UavRouteEnv(TaskEnv):
 
     | Key | Meaning |
     |-----|---------|
-    | `each` | the numbers from `success` to `legs` of each aircraft, shape (aircraft,) |
+    | `each.success` ... | the numbers from `success` to `legs` of each aircraft, shape (aircraft,) |
     | `leg_left` | what is left of each one's leg, shape (aircraft,) [km] |
     | `tracked` | which aircraft each radar follows, -1 for none (`each`: always), shape (radars,) |
 

@@ -141,7 +141,7 @@ class Spy(Constant):
         self.sees, self.read = sees, set()
 
     def act(self, observation, info):
-        self.read |= {key for key in info if not key.startswith("_")}
+        self.read |= {key.split(".")[0] for key in info if not key.startswith("_")}
         return super().act(observation, info)
 
 

@@ -12,10 +12,10 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.session import run_training
 from fieldagents.learned.training import prepare, train
-from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.policies import zoo
 from fieldagents.policies.policy import OnnxAgent
 from fieldgym import find_task
+from fieldgym.sb3 import NativeVecEnv
 from fieldmodels.yaml import save_yaml
 
 SETTINGS = {"lock_loss": False}

@@ -16,7 +16,7 @@ from fieldagents.learned.evolution import Evolution
 from fieldagents.learned.knots import Knots
 from fieldagents.learned.session import run_training
 from fieldagents.learned.training import prepare, train
-from fieldagents.learned.vector import NativeVecEnv
+from fieldgym.sb3 import NativeVecEnv
 
 STEPS = 4
 WANTED = np.array([[0.5, -0.3], [-0.6, 0.2], [0.1, 0.7], [0.4, 0.4]])

@@ -16,6 +16,7 @@ from fieldagents.policies.told import simulated
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.recorded import RecordedWalks
 from fieldgym import find_task
+from fieldgym.info import part
 from fieldmodels.reality import Reality, read_reality
 from fieldmodels.registry import get_model
 
@@ -76,7 +77,7 @@ def test_walks_of_a_random_reality_are_those_of_its_environments():
     seen, info = env.reset(seed=[50, 51, 52, 53])
     for effect, values in recorded.drawn.items():
         for name, drawn in values.items():
-            np.testing.assert_array_equal(drawn, info["privileged"]["reality"][effect][name])
+            np.testing.assert_array_equal(drawn, part(info, "privileged.reality")[effect][name])
     total = np.zeros(4)
     for step in range(STRIDES):
         np.testing.assert_array_equal(recorded.observations[:, step], seen)

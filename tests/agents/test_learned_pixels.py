@@ -18,8 +18,8 @@ from fieldagents.learned.export import to_onnx
 from fieldagents.learned.pixels import SHRINK, DarkLine, ImageFeatures, is_image
 from fieldagents.learned.run import Run, SpaceError
 from fieldagents.learned.training import train
-from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.policies.policy import OnnxAgent
+from fieldgym.sb3 import NativeVecEnv
 from fieldmodels.machines.line_following.parameters import Camera, Lighting
 from fieldmodels.machines.line_following.renderer import Renderer, make_view
 from fieldmodels.machines.line_following.tracks import straight

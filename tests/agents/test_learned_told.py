@@ -158,7 +158,7 @@ def test_the_right_to_a_diagnosis_is_no_right_to_anything_of_info_but_the_angle_
     assert watching.infos
     assert all(len(info) == 0 for info in watching.infos)
     for task in ("pose_reaching", "uav_route", "line_following", "heel_strike", "excitation"):
-        hidden = dict.fromkeys((*find_task(task).model_reads, "privileged", "offset"), 1)
+        hidden = dict.fromkeys((*find_task(task).model_reads, "privileged.offset", "offset"), 1)
         assert visible(hidden, "diagnosis", task) == ({"radial": 1} if task == "uav_route" else {})
 
 

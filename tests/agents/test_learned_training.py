@@ -288,7 +288,7 @@ def test_onnx_acts_as_the_trained_policy_does(finished_each, algorithm):
     import fieldgym
     from fieldagents.learned.export import to_onnx
     from fieldagents.learned.run import Run
-    from fieldagents.learned.vector import NativeVecEnv
+    from fieldgym.sb3 import NativeVecEnv
 
     env_id = fieldgym.TASKS["heel_strike"].env_id
     config = tiny(algorithm)
@@ -380,7 +380,7 @@ def test_onnx_of_a_discrete_policy_acts_as_stable_baselines_does():
     from stable_baselines3 import PPO
 
     from fieldagents.learned.export import to_onnx
-    from fieldagents.learned.vector import NativeVecEnv
+    from fieldgym.sb3 import NativeVecEnv
 
     native = gymnasium.vector.SyncVectorEnv(
         [lambda: gymnasium.make("CartPole-v1")] * 4, autoreset_mode=gymnasium.vector.AutoresetMode.DISABLED
@@ -578,7 +578,7 @@ def test_a_learner_that_cannot_take_the_spaces_says_so():
     import gymnasium
 
     from fieldagents.learned.run import Run, SpaceError
-    from fieldagents.learned.vector import NativeVecEnv
+    from fieldgym.sb3 import NativeVecEnv
 
     native = gymnasium.vector.SyncVectorEnv(
         [lambda: gymnasium.make("CartPole-v1")] * 4, autoreset_mode=gymnasium.vector.AutoresetMode.DISABLED

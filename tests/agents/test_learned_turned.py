@@ -15,6 +15,7 @@ from fieldagents.learned.training import train
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.told import simulated
 from fieldgym import find_task
+from fieldgym.info import part
 
 TASK = "uav_route"
 VECTORS = ("radar_position", "wind", "sensor_bias")
@@ -51,7 +52,7 @@ def run(tmp_path_factory):
 
 def ahead(info):
     """The bearing of the nearest radar as a complex number of length 1, north real, from the map alone."""
-    towards = (info["layout"]["radars"] - info["place"][:, None]) @ [1, 1j]
+    towards = (info["layout.radars"] - info["place"][:, None]) @ [1, 1j]
     nearest = np.take_along_axis(towards, np.abs(towards).argmin(axis=1)[:, None], axis=1)[:, 0]
     return nearest / np.abs(nearest)
 
@@ -67,8 +68,8 @@ def turned_by_hand(told, numbers, bearing):
         spread = np.array([np.diag(own**2) for own in errors])
         turn = np.array([[[z.real, z.imag], [-z.imag, z.real]] for z in bearing])
         covariance = turn @ spread @ turn.transpose(0, 2, 1)
-        for place, part in ((north, away.real), (east, away.imag)):
-            result[:, place, 0] = part
+        for place, share in ((north, away.real), (east, away.imag)):
+            result[:, place, 0] = share
         for place, k in ((north, 0), (east, 1)):
             result[:, place, 1] = np.sqrt(covariance[:, k, k])
     return result.real.reshape(numbers.shape)
@@ -80,7 +81,7 @@ def test_training_tells_vectors_ahead_and_to_the_right_of_the_radar_at_every_ste
     observation, info = env.reset(seed=3)
     rng, courses = np.random.default_rng(0), []
     for _ in range(12):  # beyond the end of the first episodes
-        numbers = simulated(told, info["privileged"]["reality"])
+        numbers = simulated(told, part(info, "privileged.reality"))
         expected = turned_by_hand(told, numbers, ahead(info))
         np.testing.assert_allclose(observation[:, -2 * len(told) :], expected, atol=1e-5)
         assert np.abs(expected - numbers).max() > 0.1

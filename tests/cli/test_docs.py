@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from fieldagents.cli import app
 from fieldagents.config import EnvironmentConfig, wrong_environment
 from fieldagents.policies import zoo
+from fieldgym.info import part
 from fieldmodels.effects import actuators, changes, sensors
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -230,6 +231,5 @@ def test_the_reality_on_the_page_of_realities_can_be_flown():
     (block,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "realities.md").read_text(), re.DOTALL)
     reality = YAML(typ="safe", pure=True).load(block)["reality"]
     assert not list(wrong_environment(EnvironmentConfig(reality=reality), "line_following"))
-    assert gymnasium.make("fieldgym/LineFollowing-v1", reality=reality).reset(seed=0)[1]["privileged"][
-        "reality"
-    ]
+    _, info = gymnasium.make("fieldgym/LineFollowing-v1", reality=reality).reset(seed=0)
+    assert part(info, "privileged.reality")

@@ -101,7 +101,7 @@ def test_a_random_reality_is_drawn_for_each_episode_and_told():
     gains = []
     for seed in range(4):
         _, info = env.reset(seed=seed)
-        drawn = info["privileged"]["reality"]["actuator_gain"]["gain"]
+        drawn = info["privileged.reality.actuator_gain.gain"]
         gains.append(drawn)
         fixed = as_env(Motor(), SETTINGS, {"actuator_gain": {"gain": drawn}})
         fixed.reset(seed=0)

@@ -10,6 +10,7 @@ import pytest
 
 import fieldgym
 from fieldgym.excitation import ExcitationSettings
+from fieldgym.info import part
 from fieldmodels.machines.excitation.motion import CONSTANT, STEADY_SHARE
 from fieldmodels.machines.excitation.parameters import LIMITS, PRESETS, TABLE1
 from fieldmodels.model import ModelError
@@ -75,7 +76,7 @@ def test_relative_error_is_rewarded_by_its_halvings(preset):
         for i, nominal in enumerate(PRESETS[preset]):
             weight = weights[0 if i < 1 else 1 if i < 7 else 2 if i < 10 else 3 if i < 16 else 4]
             if nominal:
-                total += weight * info["estimate"]["covariance"][:, i, i] ** 0.5 / abs(nominal)
+                total += weight * info["estimate.covariance"][:, i, i] ** 0.5 / abs(nominal)
                 count += weight
         expected.append(total / count)
     np.testing.assert_allclose(rewards.sum(axis=0), np.log2(expected[0] / expected[1]), rtol=1e-12)
@@ -100,10 +101,8 @@ def test_constant_action_keeps_equation_24():
     _, infos, _ = episode(CONSTANT_ACTION, batch=1)
     for k, info in enumerate(infos):
         # The action is a float32.
-        np.testing.assert_allclose(info["arm"]["command"][0], CONSTANT, rtol=1e-6)
-        assert np.exp(1j * info["arm"]["phase"][0]) == pytest.approx(
-            np.exp(1j * np.pi / 2 * 0.4 * k), abs=1e-5
-        )
+        np.testing.assert_allclose(info["arm.command"][0], CONSTANT, rtol=1e-6)
+        assert np.exp(1j * info["arm.phase"][0]) == pytest.approx(np.exp(1j * np.pi / 2 * 0.4 * k), abs=1e-5)
 
 
 @pytest.mark.parametrize("limits", LIMITS)
@@ -111,7 +110,7 @@ def test_actions_are_commands_within_the_limits(limits):
     bounds = LIMITS[limits]
     for value in (-1.0, 0.0, 1.0):
         _, infos, _ = episode(np.full(3, value), batch=1, limits=limits, decisions=40)
-        a, w, a0 = infos[-1]["arm"]["command"][0]
+        a, w, a0 = infos[-1]["arm.command"][0]
         share = (value + 1) / 2
         assert w == pytest.approx(bounds.frequency[0] + share * (bounds.frequency[1] - bounds.frequency[0]))
         assert a0 == pytest.approx(bounds.offset[0] + share * (bounds.offset[1] - bounds.offset[0]))
@@ -129,16 +128,16 @@ def test_actions_outside_the_box_are_clipped():
 
 def test_observation_is_what_the_filter_and_the_arm_say():
     _, infos, observations = episode(anything, batch=3)
-    prior = infos[0]["estimate"]
+    prior = part(infos[0], "estimate")
     deviation = np.sqrt(np.diagonal(prior["covariance"], axis1=1, axis2=2))
     for info, seen in zip(infos, observations, strict=True):
-        means = (info["estimate"]["mean"] - prior["mean"]) / deviation
-        own = np.sqrt(np.diagonal(info["estimate"]["covariance"], axis1=1, axis2=2))
+        means = (info["estimate.mean"] - prior["mean"]) / deviation
+        own = np.sqrt(np.diagonal(info["estimate.covariance"], axis1=1, axis2=2))
         np.testing.assert_allclose(seen[:, :22], np.clip(means, -5, 5), atol=1e-6)
         np.testing.assert_allclose(seen[:, 22:44], np.log(own / deviation), atol=1e-5)
-        command = np.array([action(c) for c in info["arm"]["command"]])
+        command = np.array([action(c) for c in info["arm.command"]])
         np.testing.assert_allclose(seen[:, 44:47], command, atol=1e-6)
-        phase = info["arm"]["phase"]
+        phase = info["arm.phase"]
         np.testing.assert_allclose(seen[:, 47:49], np.column_stack([np.cos(phase), np.sin(phase)]), atol=1e-6)
     np.testing.assert_allclose(observations[:, 0, 49], 1 - np.arange(26) / 25, atol=1e-6)
 
@@ -147,28 +146,26 @@ def test_truth_is_never_observed():
     """Vehicles that differ give the same first observation; what differs later came through the sensors."""
     env = gym.make_vec(ID, num_envs=4, settings={"truth_spread": 0.3})
     observation, info = env.reset(seed=0)
-    assert len(np.unique(info["privileged"]["truth"][:, 0])) == 4
+    assert len(np.unique(info["privileged.truth"][:, 0])) == 4
     assert (observation == observation[0]).all()
-    told = {key for key in info if not key.startswith("_")} - {"privileged"}
+    told = {key for key in info if not key.startswith(("_", "privileged."))}
     for key in told - {"error_percent", "error_normalised", "error_percent_naive", "error_normalised_naive"}:
-        parts = info[key].values() if isinstance(info[key], dict) else [info[key]]
-        for part in parts:
-            if part.dtype != np.bool_:
-                assert (part == part[:1]).all(), key
+        if info[key].dtype != np.bool_:
+            assert (info[key] == info[key][:1]).all(), key
 
 
 def test_equal_seeds_give_every_agent_the_same_vehicle():
     _, one, _ = episode(anything, truth_spread=0.3, seed=4)
     _, other, _ = episode(CONSTANT_ACTION, truth_spread=0.3, seed=4)
-    assert np.array_equal(one[-1]["privileged"]["truth"], other[-1]["privileged"]["truth"])
-    assert np.array_equal(one[0]["privileged"]["truth"], one[-1]["privileged"]["truth"])
+    assert np.array_equal(one[-1]["privileged.truth"], other[-1]["privileged.truth"])
+    assert np.array_equal(one[0]["privileged.truth"], one[-1]["privileged.truth"])
 
 
 def test_errors_are_those_of_the_estimate():
     _, infos, _ = episode(anything)
     last = infos[-1]
-    error, truth = last["privileged"]["error"], last["privileged"]["truth"]
-    np.testing.assert_array_equal(error, last["estimate"]["mean"] - truth)
+    error, truth = last["privileged.error"], last["privileged.truth"]
+    np.testing.assert_array_equal(error, last["estimate.mean"] - truth)
     nonzero = TABLE1 != 0
     expected = 100 * np.abs(error[:, nonzero] / TABLE1[nonzero]).mean(axis=1)
     np.testing.assert_allclose(last["error_percent"], expected, rtol=1e-12)
@@ -227,7 +224,7 @@ def test_soft_suspension_shows_the_inertia():
     assert (
         soft[-1]["information"][:, 1:7].sum(axis=1) > 2 * stiff[-1]["information"][:, 1:7].sum(axis=1)
     ).all()
-    assert np.array_equal(soft[-1]["privileged"]["truth"][0], PRESETS["soft"])
+    assert np.array_equal(soft[-1]["privileged.truth"][0], PRESETS["soft"])
 
 
 def test_table_2_counts_five_unknowns():
@@ -240,16 +237,16 @@ def test_table_2_counts_five_unknowns():
 def test_two_sigma_cover_what_they_should(estimator):
     """Of 64 x 22 errors 95.4 % lie within 2 sigma; errors of one episode go together: 0.90 to 0.98."""
     _, infos, _ = episode(anything, batch=64, estimator=estimator)
-    sigma = np.sqrt(np.diagonal(infos[-1]["estimate"]["covariance"], axis1=1, axis2=2))
-    inside = np.abs(infos[-1]["privileged"]["error"]) < 2 * sigma
+    sigma = np.sqrt(np.diagonal(infos[-1]["estimate.covariance"], axis1=1, axis2=2))
+    inside = np.abs(infos[-1]["privileged.error"]) < 2 * sigma
     assert 0.90 < inside.mean() < 0.98
 
 
 def test_reality_reaches_the_vehicle():
     heavier = {"parameters": {"mass": 5.0}}
     _, infos, _ = episode(anything, reality=heavier)
-    assert (infos[-1]["privileged"]["truth"][:, 0] == 5.0).all()
-    assert np.abs(infos[-1]["estimate"]["mean"][:, 0] - 5.0).max() < 0.5
+    assert (infos[-1]["privileged.truth"][:, 0] == 5.0).all()
+    assert np.abs(infos[-1]["estimate.mean"][:, 0] - 5.0).max() < 0.5
 
 
 def test_an_extended_model_does_not_silently_change_the_vehicle(tmp_path):

@@ -6,6 +6,7 @@ import pytest
 
 import fieldgym
 from fieldgym.heel_strike import GAIN_LOW, RANGER_TUNED, TOLERANCE_MM, HeelStrikeSettings
+from fieldgym.info import part
 from fieldmodels.model import ModelError
 
 ID = "fieldgym/HeelStrike-v0"
@@ -22,10 +23,8 @@ def walk(gains, strides=200, batch=32, seed=0, reality=None, **settings):
     observation, _ = env.reset(seed=seed)
     actions = np.tile(action(*gains), (batch, 1))
     steps = [env.step(actions) for _ in range(strides)]
-    infos = {key: np.array([s[4][key] for s in steps]) for key in steps[0][4] if key != "privileged"}
-    privileged = {
-        key: np.array([s[4]["privileged"][key] for s in steps]) for key in steps[0][4]["privileged"]
-    }
+    infos = {key: np.array([s[4][key] for s in steps]) for key in steps[0][4]}
+    privileged = part(infos, "privileged")
     observations = np.array([observation, *(s[0] for s in steps)])
     return infos, privileged, np.array([s[1] for s in steps]), observations, steps[-1]
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from fieldagents.task import get_task
+from fieldgym.info import part
 from fieldgym.settings import SettingsError
 from fieldmodels.machines.line_following.firmware import line_position
 from fieldmodels.machines.line_following.parameters import Camera
@@ -70,7 +71,7 @@ def test_reward_is_what_the_page_says():
     _, reward, _, _, info = envs.step(np.array([[0.5]], dtype=np.float32))
     change = 0.5 * 0.15
     assert np.isclose(info["effort"][0], change)
-    assert np.isclose(reward[0], 1 - abs(info["privileged"]["offset"][0]) / 0.1 - 0.1 * change / 0.1)
+    assert np.isclose(reward[0], 1 - abs(info["privileged.offset"][0]) / 0.1 - 0.1 * change / 0.1)
 
 
 def test_image_and_centroid_are_of_the_same_walk():
@@ -81,7 +82,7 @@ def test_image_and_centroid_are_of_the_same_walk():
         place, found = line_position(image[..., 0], Camera(), 90.0)
         assert found
         assert abs(place - 0.3 * numbers[0]) < 6e-3
-        assert first["privileged"] == second["privileged"]
+        assert part(first, "privileged") == part(second, "privileged")
         action = law(numbers[None])[0]
         numbers, *_, first = computed.step(action)
         image, *_, second = drawn.step(action)
@@ -139,7 +140,7 @@ def test_slip_and_weak_motor_act_in_the_rigid_bodies_only():
         envs = vector(num_envs=1, track="straight", plant="pymunk", **QUIET, **change)
         _, begun = envs.reset(seed=1)
         *_, info = envs.step(np.array([[1.0]], dtype=np.float32))
-        reached[name] = (info["privileged"]["heading"] - begun["privileged"]["heading"])[0]
+        reached[name] = (info["privileged.heading"] - begun["privileged.heading"])[0]
     assert reached["dry"] == pytest.approx(0.15, abs=1e-3)
     assert reached["wet"] < 0.9 * reached["dry"]
     assert reached["weak"] < 0.5 * reached["dry"]
@@ -164,7 +165,7 @@ def test_reality_bends_the_walk_but_not_the_observation_of_commands():
         env.reset(seed=4)
     *_, first = true.step(np.zeros(1, dtype=np.float32))
     *_, second = biased.step(np.zeros(1, dtype=np.float32))
-    assert np.isclose(second["privileged"]["heading"] - first["privileged"]["heading"], 0.05)
+    assert np.isclose(second["privileged.heading"] - first["privileged.heading"], 0.05)
     assert second["command"] == 0.0
 
 

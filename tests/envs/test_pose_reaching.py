@@ -161,7 +161,7 @@ def test_a_biased_sensor_is_distinguished_from_the_true_pose():
     env = gym.make(ID, reality={"heading_bias": {"angle": 0.3}})
     _, info = env.reset(options={"pose": (1.0, 0.5, 1.0)})
     assert info["pose"] == pytest.approx([1.0, 0.5, 1.3])
-    assert info["privileged"]["pose"] == pytest.approx([1.0, 0.5, 1.0])
+    assert info["privileged.pose"] == pytest.approx([1.0, 0.5, 1.0])
 
 
 def test_reality_may_be_a_file(tmp_path):

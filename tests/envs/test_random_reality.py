@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import fieldgym
+from fieldgym.info import part
 from fieldmodels.model import ModelError
 from fieldmodels.sampling import Choice, Uniform
 
@@ -110,8 +111,9 @@ def equal(a, b):
 
 
 def without_drawn(info):
-    privileged = {k: v for k, v in info["privileged"].items() if k not in ("reality", "settings")}
-    return {**info, "privileged": privileged}
+    return {
+        k: v for k, v in info.items() if not k.startswith(("privileged.reality.", "privileged.settings."))
+    }
 
 
 @every_environment
@@ -121,7 +123,7 @@ def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id, realit
     seen = []
     for seed in range(6):
         observation, info = env.reset(seed=seed)
-        told = plain(info["privileged"]["reality"])
+        told = plain(part(info, "privileged.reality"))
         twin = gym.make(env_id, reality=told).unwrapped
         expected, other = twin.reset(seed=seed)
         assert np.array_equal(observation, expected)
@@ -132,7 +134,7 @@ def test_a_fixed_reality_of_what_was_drawn_is_the_same_to_the_bit(env_id, realit
             ours, theirs = env.step(action), twin.step(action)
             assert env.observation_space.contains(ours[0])
             assert equal(dict(enumerate(ours[:4])), dict(enumerate(theirs[:4])))
-            assert plain(ours[4]["privileged"]["reality"]) == told
+            assert plain(part(ours[4], "privileged.reality")) == told
             assert equal(without_drawn(ours[4]), theirs[4])
             if ours[2] or ours[3]:
                 break
@@ -145,7 +147,7 @@ def test_what_is_drawn_acts(env_id, reality):
     """Equal seeds and actions, each reality in turn: episodes of different realities differ."""
     env = gym.make_vec(env_id, num_envs=6, reality=reality)
     _, info = env.reset(seed=0)
-    drawn = [plain(info["privileged"]["reality"], i) for i in range(6)]
+    drawn = [plain(part(info, "privileged.reality"), i) for i in range(6)]
     ends = {}
     for told in drawn:
         twin = gym.make(env_id, reality=told).unwrapped
@@ -226,7 +228,7 @@ SETTINGS = {
 def test_drawn_settings_and_drawn_effects_around_them_are_each_row_s_own(env_id):
     envs = gym.make_vec(env_id, num_envs=3, reality=STOCK[env_id], settings=SETTINGS[env_id])
     observation, info = envs.reset(seed=4)
-    truth, told = info["privileged"]["reality"], info["privileged"]["settings"]
+    truth, told = part(info, "privileged.reality"), part(info, "privileged.settings")
     envs.action_space.seed(1)
     actions = [envs.action_space.sample() for _ in range(6)]
     steps = [envs.step(action) for action in actions[:3]]
@@ -260,10 +262,10 @@ def test_every_row_and_every_episode_draws_its_own():
         reality={"yaw_slip": {"share": Uniform(0.0, 0.5)}},
     )
     _, info = env.reset(seed=0)
-    draws = [info["privileged"]["reality"]["yaw_slip"]["share"]]
+    draws = [info["privileged.reality.yaw_slip.share"]]
     for _ in range(7):
         info = env.step(np.zeros((64, 2), np.float32))[4]
-        draws.append(info["privileged"]["reality"]["yaw_slip"]["share"])
+        draws.append(info["privileged.reality.yaw_slip.share"])
     assert len(np.unique(draws)) == 128  # one for each of two episodes; equal within each
     assert np.array_equal(draws[0], draws[3])
     assert not np.array_equal(draws[3], draws[4])
@@ -274,7 +276,7 @@ def test_a_drawn_slip_turns_each_robot_by_what_its_info_says():
         "fieldgym/PoseReaching-v0", num_envs=5, reality={"yaw_slip": {"share": {"uniform": [0.0, 0.5]}}}
     )
     _, info = env.reset(seed=0, options={"pose": (1.0, 0.5, 0.0)})
-    share = info["privileged"]["reality"]["yaw_slip"]["share"]
+    share = info["privileged.reality.yaw_slip.share"]
     _, _, _, _, info = env.step(np.tile(np.array([0.0, 0.5], np.float32), (5, 1)))
     np.testing.assert_allclose(info["pose"][:, 2], 0.1 * 2.0 * (1.0 - share), rtol=1e-9)
     assert np.ptp(share) > 0.1
@@ -290,7 +292,7 @@ def test_settings_are_drawn_too():
     }
     env = gym.make_vec("fieldgym/PoseReaching-v0", num_envs=16, settings=settings)
     observation, info = env.reset(seed=3)
-    told = info["privileged"]["settings"]
+    told = part(info, "privileged.settings")
     assert set(told["starts"]) == {"T1", "T2"}
     for i in range(16):
         own = {name: told[name][i] for name in settings}
@@ -324,7 +326,7 @@ def test_drawn_capture_and_number_of_legs_end_each_flight():
     settings = {"capture": {"uniform": [5.0, 80.0]}, "max_legs": {"uniform": [2, 6]}}
     env = gym.make_vec("fieldgym/UavRoute-v1", num_envs=24, settings=settings)
     _, info = env.reset(seed=3)
-    told = info["privileged"]["settings"]
+    told = part(info, "privileged.settings")
     assert set(told["max_legs"]) == {2, 3, 4, 5, 6}
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(6)]
@@ -382,5 +384,5 @@ def test_a_fixed_value_beside_a_random_one_draws_nothing():
     for reality in (both, one):
         env = gym.make("fieldgym/PoseReaching-v0", reality=reality).unwrapped
         infos = env.reset(seed=1)[1], env.reset()[1]
-        told.append([info["privileged"]["reality"]["yaw_slip"] for info in infos])
+        told.append([part(info, "privileged.reality")["yaw_slip"] for info in infos])
     assert told[0] == told[1]

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import fieldgym
+from fieldgym.info import part
 from fieldmodels.machines.excitation.parameters import NAMES, PRESETS
 from fieldmodels.settings import declared
 
@@ -143,7 +144,7 @@ def trace(env, actions, observation, chooses=None):
         one = env.step(action if vector else action[0])
         observation = one[0]
         for i in np.flatnonzero(~over):
-            told = [one[4][key] for key in sorted(one[4]) if key[0] != "_" and type(one[4][key]) is not dict]
+            told = [one[4][key] for key in sorted(one[4]) if not key.startswith(("_", "privileged."))]
             values = [np.asarray(part)[i] if vector else np.asarray(part) for part in (*one[:4], *told)]
             found[i].append(b"".join(value.tobytes() for value in values))
         over |= np.atleast_1d(one[2]) | np.atleast_1d(one[3])
@@ -164,7 +165,7 @@ def begun(task, name, seed=3):
     envs = gym.make_vec(fieldgym.TASKS[task].env_id, num_envs=ROWS, settings=settings)
     while True:
         observation, info = envs.reset(seed=seed)
-        told = list(map(as_setting, info["privileged"]["settings"][name].tolist()))
+        told = list(map(as_setting, part(info, "privileged.settings")[name].tolist()))
         if len(set(told)) == 2:
             return envs, observation, told, seed
         seed += ROWS
@@ -227,7 +228,7 @@ def test_a_drawn_setting_comes_back_from_a_snapshot(task, name):
     actions = some_actions(envs, 3 * STEPS)
     envs.step(actions[0])
     for _ in range(20):
-        now = list(map(as_setting, envs.reset()[1]["privileged"]["settings"][name].tolist()))
+        now = list(map(as_setting, part(envs.reset()[1], "privileged.settings")[name].tolist()))
         if now != told:
             break
     assert now != told
@@ -240,7 +241,7 @@ def test_a_drawn_setting_comes_back_from_a_snapshot(task, name):
     again = [fresh.step(action) for action in actions]
     for a, b in zip(ours, again, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a[:4], b[:4], strict=True))
-        one, other = (info["privileged"]["settings"][name] for info in (a[4], b[4]))
+        one, other = (part(info, "privileged.settings")[name] for info in (a[4], b[4]))
         assert np.array_equal(one, other)
 
 
@@ -263,7 +264,7 @@ def test_one_number_of_a_pair_may_be_drawn():
     settings = {"process": [0.05, {"uniform": [0.5, 1.0]}], "floor": {"choice": [[0.0, 0.001], [0.0, 0.01]]}}
     envs = gym.make_vec("fieldgym/HeelStrike-v0", num_envs=ROWS, settings=settings)
     _, info = envs.reset(seed=2)
-    told = info["privileged"]["settings"]
+    told = part(info, "privileged.settings")
     assert (told["process"][:, 0] == 0.05).all()
     assert len(np.unique(told["process"][:, 1])) == ROWS
     assert set(map(tuple, told["floor"].tolist())) == {(0.0, 0.001), (0.0, 0.01)}
@@ -306,13 +307,13 @@ def test_a_drawn_vehicle_is_what_its_filter_takes_for_known():
     fresh.reset(seed=9)
     fresh.set_state(envs.get_state())
     infos += [env.step(action)[4] for env in (envs, fresh) for _ in range(4)]  # into the next episode
-    drawn = [info["privileged"]["settings"]["preset"].tolist() for info in infos]
+    drawn = [info["privileged.settings.preset"].tolist() for info in infos]
     assert drawn[0] == drawn[2] == drawn[6]
     assert drawn[2] != drawn[3] == drawn[7]
     for info, presets in zip(infos, drawn, strict=True):
         for i, preset in enumerate(presets):
-            np.testing.assert_array_equal(info["estimate"]["mean"][i][known], PRESETS[preset][known])
-            np.testing.assert_array_equal(info["privileged"]["truth"][i], PRESETS[preset])
+            np.testing.assert_array_equal(info["estimate.mean"][i][known], PRESETS[preset][known])
+            np.testing.assert_array_equal(info["privileged.truth"][i], PRESETS[preset])
 
 
 def test_each_camera_photographs_its_own_light():
@@ -321,7 +322,7 @@ def test_each_camera_photographs_its_own_light():
     settings |= {"track": "straight"}
     envs = gym.make_vec("fieldgym/LineFollowingPixels-v1", num_envs=ROWS, settings=settings)
     images, info = envs.reset(seed=7)
-    told = info["privileged"]["settings"]
+    told = part(info, "privileged.settings")
     assert len(np.unique(told["dark_corner"][:, 2])) == ROWS
     assert len(np.unique(told["light"])) == 2
     action = np.zeros((ROWS, 1), np.float32)

@@ -59,7 +59,7 @@ ENDLESS = {"lost_strides": 1000, "lost_offset": 100.0}
 
 
 def walked(infos):
-    return np.array([(i["privileged"]["offset"], i["privileged"]["heading"]) for i in infos])
+    return np.array([(i["privileged.offset"], i["privileged.heading"]) for i in infos])
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ SLOW = {"starts": "T3", "walls": "slide"}
 
 
 def driven(infos):
-    return np.array([i["privileged"]["pose"] for i in infos])
+    return np.array([i["privileged.pose"] for i in infos])
 
 
 def apart(poses, others):
@@ -360,13 +360,13 @@ def test_an_aircraft_believes_the_position_that_its_sensors_show():
     for action in LEGS:
         observation, *_, info = env.step(action)
         infos.append(info)
-        north, east = 1000.0 * info["privileged"]["place"]
+        north, east = 1000.0 * info["privileged.place"]
         shown = 1.02 * (north + 2000.0), east + 2e-7 * east * abs(east) + 0.5 * info["time"]
         np.testing.assert_allclose(info["place"], np.array(shown) / 1000.0, atol=1e-9)
-        goal = info["layout"]["goal"] - info["place"]
+        goal = info["layout.goal"] - info["place"]
         assert observation[2] == pytest.approx(np.log(np.hypot(*goal) / 100.0), abs=1e-4)
     course = infos[-2]["radial"] + leg(LEGS[-1])[0]  # from where it believed to be
-    flown_leg = infos[-1]["privileged"]["place"] - infos[-2]["privileged"]["place"]
+    flown_leg = infos[-1]["privileged.place"] - infos[-2]["privileged.place"]
     assert abs(np.angle(np.exp(1j * (np.arctan2(flown_leg[1], flown_leg[0]) - course)))) < 1e-6
 
 
@@ -524,7 +524,7 @@ def test_a_stock_effect_that_is_one_of_the_vehicles_own_does_the_same(stock, own
     nominal = play(SHAKE, SHAKEN, **settings)[0]
     np.testing.assert_allclose(seen, same, atol=1e-4)
     np.testing.assert_allclose(
-        [i["privileged"]["truth"] for i in infos], [i["privileged"]["truth"] for i in others]
+        [i["privileged.truth"] for i in infos], [i["privileged.truth"] for i in others]
     )
     assert np.abs(seen - nominal).max() > 1e-2
 
@@ -533,7 +533,7 @@ def test_a_stiffness_that_jumps_between_decisions_is_the_truth_from_then_on():
     reality = {"stiffness_z_step": {"time": 0.8, "change": 300.0}}
     infos = play(SHAKE, SHAKEN, reality, preset="soft")[1]
     place = ExcitationModel().index("stiffness_z")
-    truth = [i["privileged"]["truth"][place] for i in infos]
+    truth = [i["privileged.truth"][place] for i in infos]
     assert truth == [1500.0] * 3 + [1800.0] * 3
 
 

@@ -73,7 +73,7 @@ def test_every_random_layout_has_a_route_that_arrives_unseen(radars):
     _, info = envs.reset(seed=0)
     flights = envs.unwrapped._task.flights
     routes = np.array([safe_route(flights.layout(i)) for i in range(40)])
-    np.testing.assert_array_equal(info["layout"]["start"], routes[:, 0])
+    np.testing.assert_array_equal(info["layout.start"], routes[:, 0])
     infos, _ = fly(envs, routes)
     last = infos[-1]
     legs = {k: [one[k] for one in infos] for k in ("success", "time_over")}
@@ -214,8 +214,8 @@ def test_equal_seeds_mean_equal_layouts_and_luck_whatever_is_done(detection):
     envs = vector(20, detection=detection, engage=1e9, lose=1e9)
     _, first = envs.reset(seed=3)
     _, again = envs.reset(seed=3)
-    np.testing.assert_array_equal(first["layout"]["radars"], again["layout"]["radars"])
-    np.testing.assert_array_equal(first["layout"]["goal"], again["layout"]["goal"])
+    np.testing.assert_array_equal(first["layout.radars"], again["layout.radars"])
+    np.testing.assert_array_equal(first["layout.goal"], again["layout.goal"])
     away = np.tile(np.float32([1.0, 0.0]), (20, 1))  # straight away from the radar, and back
     times = []
     for legs in ((1.0, 1.0), (0.98, 0.98)):
@@ -226,7 +226,7 @@ def test_equal_seeds_mean_equal_layouts_and_luck_whatever_is_done(detection):
     np.testing.assert_allclose(times[0], times[1])
     envs.reset(seed=4)
     *_, other = envs.step(away)
-    assert (other["layout"]["goal"] != first["layout"]["goal"]).any()
+    assert (other["layout.goal"] != first["layout.goal"]).any()
 
 
 def test_drawn_looks_of_a_vector_env_are_those_of_the_scalar_one():
@@ -275,7 +275,7 @@ def test_reality_changes_the_flight_and_a_faulty_sensor_only_what_is_told():
     biased = vector(1, {"sensor_bias": {"north": 3000.0, "east": 0.0}}, **settings)
     _, info = biased.reset(seed=0)
     np.testing.assert_allclose(info["place"], [[353, 125]])
-    np.testing.assert_allclose(info["privileged"]["place"], [[350, 125]])
+    np.testing.assert_allclose(info["privileged.place"], [[350, 125]])
 
 
 @pytest.mark.parametrize(

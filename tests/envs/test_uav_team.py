@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import fieldgym  # noqa: F401 - registers the environments
+from fieldgym.info import part
 from fieldgym.settings import SettingsError
 from fieldgym.uav_route import COMBINED, actions_towards
 from fieldmodels.machines.uav_route.batch import Flights, Rules
@@ -170,13 +171,13 @@ def test_a_followed_aircraft_shields_the_other_until_its_flight_is_over(tracking
     _, info = env.reset(seed=0)
     over = np.array([False])
     while not over[0]:
-        actions = actions_towards(info["layout"]["goal"], info, env.unwrapped.settings)
+        actions = actions_towards(info["layout.goal"], info, env.unwrapped.settings)
         _, _, over, _, info = env.step(actions)
-    assert info["each"]["damaged"].sum() == hits
-    assert info["each"]["damaged"][0, 0] == 1  # the nearer one is the likelier
+    assert info["each.damaged"].sum() == hits
+    assert info["each.damaged"][0, 0] == 1  # the nearer one is the likelier
     if tracking == "one":
-        assert info["each"]["time_over"][0, 1] == pytest.approx(320 - 200, abs=40)
-        assert info["each"]["success"][0, 1] == 1
+        assert info["each.time_over"][0, 1] == pytest.approx(320 - 200, abs=40)
+        assert info["each.success"][0, 1] == 1
     assert info["success"] == 0
 
 
@@ -211,8 +212,8 @@ def test_rows_snapshots_and_totals(settings):
             assert (reward[2], over[2]) == (gain, ended)
             np.testing.assert_array_equal(info["timers"][2], own["timers"])
         for name, combine in COMBINED.items():
-            np.testing.assert_allclose(info[name], combine(info["each"][name], axis=1))
-        finished = info["each"]["success"] + info["each"]["damaged"] + (info["each"]["legs"] == 60)
+            np.testing.assert_allclose(info[name], combine(part(info, "each")[name], axis=1))
+        finished = info["each.success"] + info["each.damaged"] + (info["each.legs"] == 60)
         np.testing.assert_array_equal(over, (finished > 0).all(axis=1))
     envs.set_state(kept)
     for k, action in enumerate(actions[4:], 4):
@@ -231,13 +232,13 @@ def test_reward_is_the_sum_over_the_aircraft():
     }
     env = vector(1, aircraft=2, layout=layout, progress="straight")
     _, info = env.reset(seed=0)
-    start, total, over = info["each"]["remaining"][0], 0.0, [False]
+    start, total, over = info["each.remaining"][0], 0.0, [False]
     while not over[0]:
         _, reward, over, _, info = env.step(
-            actions_towards(info["layout"]["goal"], info, env.unwrapped.settings)
+            actions_towards(info["layout.goal"], info, env.unwrapped.settings)
         )
         total += reward[0]
-    each = info["each"]
+    each = part(info, "each")
     assert each["success"].tolist() == [[1, 0]]
     assert each["damaged"].tolist() == [[0, 1]]
     way = 0.04 * (start - each["remaining"][0]) - 0.02 * each["path_length"][0]
@@ -247,17 +248,17 @@ def test_reward_is_the_sum_over_the_aircraft():
 def test_random_layouts_leave_every_aircraft_an_unseen_way_past_common_radars():
     envs = vector(20, aircraft=4, radars=4)
     _, info = envs.reset(seed=0)
-    starts = info["layout"]["start"]
+    starts = info["layout.start"]
     assert starts.shape == (20, 4, 2)
     assert len(np.unique(starts.round(6).reshape(-1, 2), axis=0)) == 80
-    for start, goal, radars in zip(starts, info["layout"]["goal"], info["layout"]["radars"], strict=True):
+    for start, goal, radars in zip(starts, info["layout.goal"], info["layout.radars"], strict=True):
         for a in range(4):
             own = Layout(tuple(start[a]), tuple(goal[a]), tuple(map(tuple, radars)))
             assert simulate_plan(safe_route(own), own.radars).verification.undetected
     single = vector(20, radars=4)
     _, alone = single.reset(seed=0)
-    np.testing.assert_array_equal(starts[:, 0], alone["layout"]["start"])
-    np.testing.assert_array_equal(info["layout"]["radars"], alone["layout"]["radars"])
+    np.testing.assert_array_equal(starts[:, 0], alone["layout.start"])
+    np.testing.assert_array_equal(info["layout.radars"], alone["layout.radars"])
 
 
 def test_all_aircraft_are_drawn():

@@ -265,10 +265,10 @@ def quiet(reality: str) -> tuple[Array, Array]:
         update(features, noise)
 
     filters.update = catch
-    given = [info["arm"]["command"].copy()]
+    given = [info["arm.command"].copy()]
     for action in ACTIONS:
         info = env.step(action)[-1]
-        given.append(info["arm"]["command"].copy())
+        given.append(info["arm.command"].copy())
     return np.concatenate(caught, axis=1), np.array(given)
 
 

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fieldgym  # noqa: F401
+from fieldgym.info import part
 from fieldmodels.exam.oracles.line_following import Line, Robot, simulate, walk
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.recording import Recording, Windows
@@ -129,7 +130,7 @@ def test_environment(effects: Effects, track: str) -> None:
     reality = effects | {"parameters": BASE}
     env = gym.make("fieldgym/LineFollowing-v1", settings=settings | quiet, reality=reality)
     observation, info = env.reset(seed=2)
-    told = info["privileged"]
+    told = part(info, "privileged")
     start = told["offset"], told["heading"]
     rng, actions = np.random.default_rng(4), []
     seen = [(0.3 * observation[0], *start)]
@@ -137,7 +138,7 @@ def test_environment(effects: Effects, track: str) -> None:
         towards = -0.35 * told["offset"] - 0.8 * told["heading"] + rng.uniform(-0.06, 0.06)
         actions.append(np.clip([towards / 0.15], -1.0, 1.0, dtype=np.float32))
         observation, *_, info = env.step(actions[-1])
-        told = info["privileged"]
+        told = part(info, "privileged")
         if info["lost"]:  # what is shown is an earlier place
             break
         seen.append((0.3 * observation[0], told["offset"], told["heading"]))

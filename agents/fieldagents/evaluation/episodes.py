@@ -187,10 +187,12 @@ def _measured(task: str, agent: Agent) -> list[tuple[Metric, str]]:
 
 
 def look_up(info: Mapping[str, Any], key: str) -> Any:
-    """An entry of an ``info``; a dot leads into a nested one, as in ``privileged.error_mm_imm``.
+    """An entry of an ``info``; a dot leads into a nested one, as third-party environments may have.
 
     What an agent does not say of itself (``agent.``) is NaN.
     """
+    if key in info:
+        return info[key]
     first, *rest = key.split(".")
     if first == "agent":
         return info[first].get(rest[0], np.nan)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from fieldagents.learned.annealed import AnnealedPPO
-from fieldagents.learned.vector import NativeVecEnv
+from fieldgym.sb3 import NativeVecEnv
 
 
 class BranchingPPO(AnnealedPPO):

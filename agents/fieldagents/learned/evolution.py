@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 from torch.func import functional_call, vmap
 
-from fieldagents.learned.vector import NativeVecEnv
+from fieldgym.sb3 import NativeVecEnv
 from fieldmodels.extras import needed
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from fieldagents.learned.vector import NativeVecEnv
+from fieldgym.sb3 import NativeVecEnv
 
 
 class FeaturedVecEnv(VecEnvWrapper):

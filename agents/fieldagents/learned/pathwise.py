@@ -17,9 +17,9 @@ from sb3_contrib import RecurrentPPO
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from fieldagents.learned.telling import Telling
-from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.made import imported
 from fieldagents.policies.told import simulated
+from fieldgym.sb3 import NativeVecEnv
 
 
 class Recorded(Protocol):
@@ -27,7 +27,7 @@ class Recorded(Protocol):
 
     Attributes:
         observations: Shape (episodes, steps, ...); the actions do not change them.
-        drawn: What each episode has drawn of a random reality, as ``info["privileged"]["reality"]`` has it.
+        drawn: What each episode has drawn of a random reality, by effect and parameter.
     """
 
     observations: NDArray[np.float32]

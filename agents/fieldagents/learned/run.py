@@ -20,9 +20,9 @@ from fieldagents.learned.checkpoint import random_state, restore_random_state, t
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.features import FeaturedVecEnv
 from fieldagents.learned.pixels import ImageFeatures, is_image
-from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.made import makers
 from fieldagents.policies.algorithms import is_on_policy
+from fieldgym.sb3 import NativeVecEnv
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 LOGGED = {

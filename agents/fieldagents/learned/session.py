@@ -19,9 +19,9 @@ from fieldagents.learned.imitation import imitate
 from fieldagents.learned.recorder import PausedError, Recorder
 from fieldagents.learned.run import Run
 from fieldagents.learned.telling import Telling, told_in
-from fieldagents.learned.vector import NativeVecEnv
 from fieldagents.progress import Report
 from fieldgym import find_task
+from fieldgym.sb3 import NativeVecEnv
 from fieldmodels.engine import stop_between
 
 

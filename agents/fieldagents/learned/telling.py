@@ -16,6 +16,7 @@ from fieldagents.agent import Agent
 from fieldagents.learned.config import TrainConfig
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.told import Told, simulated, told_of, turned
+from fieldgym.info import part
 
 
 def told_in(config: TrainConfig) -> tuple[Told, ...]:
@@ -53,7 +54,7 @@ class Telling(VectorWrapper):
         return self._tell(observation, info), *rest, info
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        numbers = simulated(self.told, info["privileged"]["reality"])
+        numbers = simulated(self.told, part(info, "privileged.reality"))
         return np.concatenate([observation, turned(self.told, numbers, info)], axis=1)
 
 
@@ -83,7 +84,7 @@ class Diagnosed(Agent):
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
         """See ``Agent.act``."""
-        self._policy.diagnosis = simulated(self._policy.told, info["privileged"]["reality"])
+        self._policy.diagnosis = simulated(self._policy.told, part(info, "privileged.reality"))
         return self._policy.act(observation, info)
 
 

@@ -26,6 +26,7 @@ from fieldagents.tasks.excitation.criteria import (
     residuals_frozen,
 )
 from fieldgym.excitation import ExcitationSettings
+from fieldgym.info import part
 from fieldgym.settings import read_settings
 from fieldmodels.machines.excitation.adjustment import adjust
 from fieldmodels.machines.excitation.motion import CONSTANT
@@ -138,7 +139,7 @@ class ModelBased(Agent):
             actions: Of each decision ahead, shape (environments, candidates, decisions, 3).
         """
         now = situation(info)
-        truth = info["privileged"]["truth"] if self._oracle else None
+        truth = info["privileged.truth"] if self._oracle else None
         outlook = self._predictor.outlook(now, to_command(actions, self.limits), truth)
         return forecast(now, outlook, self._estimated, self._most)
 
@@ -227,7 +228,7 @@ class PrintedOptimiser(ModelBased):
 
 def situation(info: Mapping[str, Any]) -> Situation:
     """What is known, as the environment gives it."""
-    estimate, arm = info["estimate"], info["arm"]
+    estimate, arm = part(info, "estimate"), part(info, "arm")
     return Situation(
         mean=estimate["mean"],
         covariance=estimate["covariance"],

@@ -98,13 +98,12 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
 def given(shaken: Shaken) -> dict[str, Any]:
     """What the environment's ``info`` gives a model-based agent."""
     return {
-        "estimate": {
-            "mean": shaken.mean,
-            "covariance": shaken.covariance,
-            "moments": shaken.moments,
-            "noise": shaken.noise,
-            "samples": shaken.samples,
-        },
-        "arm": {"command": shaken.command, "phase": shaken.phase},
+        "estimate.mean": shaken.mean,
+        "estimate.covariance": shaken.covariance,
+        "estimate.moments": shaken.moments,
+        "estimate.noise": shaken.noise,
+        "estimate.samples": shaken.samples,
+        "arm.command": shaken.command,
+        "arm.phase": shaken.phase,
         "variances": shaken.variances,
     }

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldagents.agent import Agent, Sees
 from fieldagents.task import ReferenceAgent
 from fieldgym.heel_strike import GAIN_LOW, HeelStrikeSettings
+from fieldgym.info import part
 from fieldgym.settings import read_settings
 
 ActionArray = NDArray[np.float32]
@@ -130,7 +131,7 @@ class OracleGains(Agent):
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> ActionArray:  # noqa: ARG002
         """See ``Agent.act``."""
-        hidden = info["privileged"]
+        hidden = part(info, "privileged")
         return self._actions[oracle_row(hidden["levels"], hidden["previous_levels"])]
 
 

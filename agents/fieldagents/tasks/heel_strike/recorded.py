@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fieldagents.tasks.heel_strike.search import recorded
 from fieldgym import find_task
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
+from fieldgym.info import part
 from fieldmodels.machines.heel_strike.search import Walks
 from fieldmodels.machines.heel_strike.sensitivity import loss_slopes, stride_slopes
 from fieldmodels.reality import Reality
@@ -67,7 +68,7 @@ def _drawn(settings: HeelStrikeSettings, reality: Reality, seeds: range) -> dict
     env = find_task("heel_strike").make_vec(len(seeds), settings=settings, reality=reality)
     _, info = env.reset(seed=list(seeds))
     env.close()
-    found = info["privileged"]["reality"]
+    found = part(info, "privileged.reality")
     return {effect: {name: found[effect][name] for name in own} for effect, own in reality.plain().items()}
 
 

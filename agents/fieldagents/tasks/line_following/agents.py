@@ -25,6 +25,7 @@ from scipy.linalg import solve_discrete_are
 
 from fieldagents.agent import Agent, Sees
 from fieldagents.task import ReferenceAgent
+from fieldgym.info import part
 from fieldgym.line_following import WIDTH_SCALE, LineFollowingSettings
 from fieldgym.settings import read_settings
 from fieldmodels.machines.line_following.declaration import nominal_plant
@@ -290,7 +291,7 @@ class Privileged(Steering):
 
     def turn(self, observation: Floats, info: Mapping[str, Any]) -> Floats:
         """See ``Steering.turn``."""
-        truth = info["privileged"]
+        truth = part(info, "privileged")
         offset, heading = truth["offset"], truth["heading"]
         here, ahead, bias = truth["curvature"], truth["curvature_ahead"], truth["bias"]
         offset = offset + STRIDE * heading - 0.5 * here * STRIDE**2

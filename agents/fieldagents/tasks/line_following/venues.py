@@ -23,6 +23,7 @@ from fieldagents.task import Reproduction, reproduces
 from fieldagents.tasks.line_following.photographs import INK, MUTED, RED, SOURCE
 from fieldagents.tasks.line_following.search import RANGES, SETS, STEPS, random_search
 from fieldgym import TASKS
+from fieldgym.info import part
 from fieldmodels.machines.line_following.body import Hardware
 from fieldmodels.machines.line_following.parameters import TAPES, Noise
 from fieldmodels.machines.line_following.tracks import RADIUS, oval
@@ -72,7 +73,7 @@ def walk(agent: str, walks: int, **settings: Any) -> Walked:
     while going.any():
         action = one.act(observation, visible(info, one.sees, "line_following"))
         observation, _, terminated, truncated, info = envs.step(action)
-        hidden = info["privileged"]
+        hidden = part(info, "privileged")
         now = {"place": hidden["offset"], "curvature": hidden["curvature"], "lost": info["lost"]}
         for name, values in {**now, "effort": info["effort"]}.items():
             kept.setdefault(name, []).append(np.where(going, values, np.nan))

@@ -253,10 +253,10 @@ def of_each_aircraft(info: Mapping[str, Any]) -> Mapping[str, Any]:
     flown = np.repeat(info["path_length"] / count, count)  # all fly at once: about as far
     flat = {key: np.reshape(info[key], -1) for key in ("course", "radial", "leg_left")}
     return {
+        **{key: value for key, value in info.items() if key.startswith("layout.")},
         **flat,
         "place": np.reshape(info["place"], (-1, 2)),
         "path_length": flown,
-        "layout": info["layout"],
     }
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from fieldagents.tasks.uav_route.limits import NOSE, STEEP, TAIL, limits_of, steepest
+from fieldgym.info import part
 from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.parameters import Layout, World
 
@@ -75,7 +76,7 @@ def moved_goal(layout: Layout, distance: float, bearing: float) -> Layout:
 
 def layouts_of(info: Mapping[str, Any]) -> list[Layout]:
     """The layout of each episode of a batch, or of each aircraft in turn, from its ``info``."""
-    known = info["layout"]
+    known = part(info, "layout")
     starts, goals = (np.reshape(known[name], (-1, 2)) for name in ("start", "goal"))
     count = len(starts) // len(known["radars"])
     return [

@@ -67,7 +67,7 @@ class RolloutSearch(Agent):
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[np.float32]:  # noqa: ARG002
         """See ``Agent.act``."""
         self._rng = np.random.default_rng(0)  # a row does not depend on the step, nor on its neighbours
-        place, goal = np.asarray(info["place"]), np.asarray(info["layout"]["goal"])
+        place, goal = np.asarray(info["place"]), np.asarray(info["layout.goal"])
         ahead, target = goal - place, goal.copy()
         best = self._costs(info, np.zeros((len(goal), 1, 0, 2)))[:, 0]
         corners = self._first_corners(place, ahead)
@@ -117,12 +117,12 @@ class RolloutSearch(Agent):
         state = fresh.copy()
         for key, value in (
             ("place", info["place"]),
-            ("goal", info["layout"]["goal"]),
+            ("goal", info["layout.goal"]),
             ("legs", np.asarray(info["path_length"]) > 0),  # the first leg needs no turn
             ("course", np.stack([np.cos(info["course"]), np.sin(info["course"])], axis=-1)),
         ):
             state[key] = np.repeat(value, count, axis=0)
-        state["radars"][:, : self._rules.count] = np.repeat(info["layout"]["radars"], count, axis=0)
+        state["radars"][:, : self._rules.count] = np.repeat(info["layout.radars"], count, axis=0)
         flights.set_state(state)
         for k in range(legs):
             flights.fly_to(tried[:, :, k].reshape(-1, 2))

@@ -92,13 +92,12 @@ class Replanner(Planner):
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[np.float32]:
         """See ``Agent.act``."""
-        layout = info["layout"]
         seen = {
-            **layout,
-            "goal": layout["goal"] + self._bias,
-            "radars": layout["radars"] + self._site + self._bias,
+            **info,
+            "layout.goal": info["layout.goal"] + self._bias,
+            "layout.radars": info["layout.radars"] + self._site + self._bias,
         }
-        return super().act(observation, {**info, "layout": seen})
+        return super().act(observation, seen)
 
     def _tried(self, layout: Layout, world: World, heading: float | None) -> Plan:
         """The plan of the highest threshold that stays undetected; else the one that is seen least."""

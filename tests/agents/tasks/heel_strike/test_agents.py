@@ -134,7 +134,7 @@ def test_gains_out_of_range_are_taken_to_its_ends():
 
 def test_oracle_needs_what_others_must_not_see():
     oracle = OracleGains(np.full((16, 3), 0.5))
-    info = {"privileged": {}, "_privileged": np.ones(1), "error_mm": np.ones(1)}
+    info = {"privileged.levels": np.ones(1), "_privileged.levels": np.ones(1), "error_mm": np.ones(1)}
     assert not visible(info, "observation", "heel_strike")
     assert not visible(info, "model", "heel_strike")
     with pytest.raises(KeyError):
@@ -167,7 +167,7 @@ def test_regime_filter_finds_the_hidden_levels(kind, least):
         believed = agent.regimes(observation)
         np.testing.assert_allclose(believed.sum(axis=1), 1.0)
         high = [believed[:, [r for r in range(8) if r & bit]].sum(axis=1) > 0.5 for bit in (4, 2, 1)]
-        right.append(np.stack(high, axis=1) == info["privileged"]["previous_levels"])
+        right.append(np.stack(high, axis=1) == info["privileged.previous_levels"])
     assert (np.mean(right, axis=(0, 1)) > least).all()
     envs.close()
 

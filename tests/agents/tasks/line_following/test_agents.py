@@ -19,6 +19,7 @@ from fieldagents.tasks.line_following.agents import (
     walk_matrices,
 )
 from fieldagents.tasks.line_following.search import one_loss
+from fieldgym.info import part
 from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.reality import read_reality
@@ -111,7 +112,7 @@ def test_matrices_of_the_regulator_are_the_walk(latency, reality):
     plant = as_plants(read_reality(reality, model).vector(model))
     a, b, c = walk_matrices(latency, 1.0, plant)
     shift = c[0, 1] * float(plant["camera_yaw"]["angle"])
-    truth = info["privileged"]
+    truth = part(info, "privileged")
     state = np.array([truth["offset"], truth["heading"], 0.0, 0.0, 0.0, 0.0, 0.0])
     for turn in (0.01, -0.004, 0.006, 0.003, -0.005):
         assert np.isclose(
@@ -119,8 +120,8 @@ def test_matrices_of_the_regulator_are_the_walk(latency, reality):
         )  # the band's rows are not one distance
         observation, *_, info = env.step(np.array([turn / 0.15], dtype=np.float32))
         state = a @ state + b[:, 0] * turn
-        assert np.isclose(state[0], info["privileged"]["offset"], atol=2e-6)
-        assert np.isclose(state[1], info["privileged"]["heading"], atol=1e-8)
+        assert np.isclose(state[0], info["privileged.offset"], atol=2e-6)
+        assert np.isclose(state[1], info["privileged.heading"], atol=1e-8)
 
 
 def test_the_filter_learns_the_bias_that_it_is_not_told():
@@ -133,7 +134,7 @@ def test_the_filter_learns_the_bias_that_it_is_not_told():
     agent.begin_episodes(np.ones(40, dtype=bool))
     for _ in range(80):
         observation, *_, info = envs.step(agent.act(observation, {}))
-    assert np.corrcoef(agent._mean[:, 3], info["privileged"]["bias"])[0, 1] > 0.9
+    assert np.corrcoef(agent._mean[:, 3], info["privileged.bias"])[0, 1] > 0.9
 
 
 def test_pure_pursuit_goes_along_the_arc():

@@ -142,11 +142,11 @@ def test_the_solver_s_gap_and_bound_are_metrics_and_others_have_none(results) ->
 
 def test_layouts_are_read_from_info() -> None:
     told = {
-        "start": np.array([[1.0, 2.0]]),
-        "goal": np.array([[3.0, 4.0]]),
-        "radars": np.array([[[5.0, 6.0], [7.0, 8.0]]]),
+        "layout.start": np.array([[1.0, 2.0]]),
+        "layout.goal": np.array([[3.0, 4.0]]),
+        "layout.radars": np.array([[[5.0, 6.0], [7.0, 8.0]]]),
     }
-    (layout,) = layouts_of({"layout": told})
+    (layout,) = layouts_of(told)
     assert (layout.start, layout.goal, layout.radars) == ((1.0, 2.0), (3.0, 4.0), ((5.0, 6.0), (7.0, 8.0)))
 
 
