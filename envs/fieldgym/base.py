@@ -58,6 +58,7 @@ class BatchTask(ABC):
         settings: The task's settings.
         reality: What the simulation truly is.
         drawn: What of both is drawn for each episode.
+        metadata: What an environment's metadata hold of these settings, beside what all have.
         channels: Which of its model's signals it commands and measures: where stock effects can act.
         stock: The stock effects that the reality puts there; None if it names none.
         options: Names of the options that ``reset`` takes.
@@ -67,6 +68,7 @@ class BatchTask(ABC):
     settings: Any
     reality: Reality
     drawn: Drawn
+    metadata: Mapping[str, Any] = NO_OPTIONS
     channels: ClassVar[Channels] = Channels()
     stock: Stepped | None = None
     options: ClassVar[tuple[str, ...]] = ()
@@ -188,13 +190,12 @@ class BatchTask(ABC):
             return observation, reward, terminated, truncated, complete(info, len(begin))
         rows = np.flatnonzero(begin).tolist()
         self.restart(rows, [generators[i] for i in rows])
-        first = self.reset_info()
         return (
             self.observation(),
             np.where(begin, 0.0, reward),
             terminated & ~begin,
             truncated & ~begin,
-            complete(first, len(begin)) if begin.all() else merged(info, first, begin),
+            merged(info, self.reset_info(), begin),
         )
 
     @abstractmethod
@@ -246,15 +247,78 @@ def clip(actions: NDArray[Any], low: Floats, high: Floats, copy: Floats) -> bool
     return True
 
 
-class OwnLimit:
-    """An environment that ends its episodes itself, and says in its ``spec`` after how many steps at most.
+class OfTask:
+    """What a task's scalar and vector environment share.
 
-    The registry's own entry has no ``max_episode_steps``: it depends on the settings, and ``gymnasium.make``
-    would put a time limit of its own around the environment.
+    It ends its episodes itself, and says in its ``spec`` after how many steps at most: the registry's entry
+    has no ``max_episode_steps``, since that depends on the settings, and ``gymnasium.make`` would put a time
+    limit of its own around the environment.
+
+    It pickles as what it was made from and the state in which it stands, and goes on identically elsewhere;
+    what only pictures remember, such as the way so far, begins anew there.
+
+    Attributes:
+        batch_task: The task on a batch.
     """
 
+    batch_task: ClassVar[type[BatchTask]]
+    metadata: dict[str, Any]
+    render_mode: str | None
+    _generators: list[np.random.Generator]
     _task: BatchTask
+    _ready: bool
     _spec: EnvSpec | None = None
+    _window: Window | None = None
+
+    def _begin(
+        self, rows: int, settings: Any, reality: RealityLike, render_mode: str | None
+    ) -> tuple[Box, Box]:
+        """Make the task for so many rows; return its action and observation space."""
+        check_render_mode(render_mode, self.metadata)
+        self.render_mode = render_mode
+        self._rows, self._given = rows, settings
+        self._task = self._make_task(reality)
+        self.settings, self.reality = self._task.settings, self._task.reality
+        self.metadata = {**self.metadata, **self._task.metadata}
+        self._ready, self._finished = False, np.zeros(rows, dtype=np.bool_)
+        action, observation = self._task.spaces()
+        self._checked = ActionCheck(rows, action)
+        return action, observation
+
+    def _make_task(self, reality: RealityLike) -> BatchTask:
+        return type(self).batch_task(self._rows, self._given, reality, self.render_mode is not None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {key: value for key, value in vars(self).items() if key not in ("_task", "_window")}
+        return kept | {"stands": self.get_state() if self._ready else None}
+
+    def __setstate__(self, kept: Mapping[str, Any]) -> None:
+        vars(self).update(kept)
+        stands = vars(self).pop("stands")
+        self._task = self._make_task(self.reality)
+        if stands is not None:
+            self._task.restore(stands)
+
+    def get_state(self) -> dict[str, Any]:
+        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
+        return {
+            **self._task.snapshot(),
+            "generators": [generator.bit_generator.state for generator in self._generators],
+            "finished": self._finished.copy(),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a snapshot; what follows is equal to the bit.
+
+        Raises:
+            ValueError: If it is no snapshot, or one of another number of environments.
+        """
+        check_state(state, self.get_state())
+        self._task.restore(state)
+        for generator, own in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = own
+        self._finished = np.array(state["finished"], dtype=np.bool_)
+        self._ready = True
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -365,31 +429,21 @@ def check_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
         raise ValueError(f"render_mode {mode!r} is not one of {metadata['render_modes']} or None")
 
 
-class TaskEnv(OwnLimit, gym.Env[NDArray[Any], NDArray[Any]]):
+class TaskEnv(OfTask, gym.Env[NDArray[Any], NDArray[Any]]):
     """A task's scalar environment: a batch of one.
 
     Attributes:
-        batch_task: The task on a batch.
         title: Title of the window.
         window_fps: Most frames a second in a window; 0 for as many as ``metadata`` says.
     """
 
-    batch_task: ClassVar[type[BatchTask]]
-    title: ClassVar[str]
+    title: str
     window_fps: ClassVar[float] = 0.0
 
     def __init__(
         self, settings: Any = None, reality: RealityLike = None, render_mode: str | None = None
     ) -> None:
-        check_render_mode(render_mode, self.metadata)
-        self.render_mode = render_mode
-        self._task = type(self).batch_task(1, settings, reality, render_mode is not None)
-        self.settings, self.reality = self._task.settings, self._task.reality
-        self.action_space, self.observation_space = self._task.spaces()
-        self._checked = ActionCheck(1, self.action_space)
-        self._ready = False
-        self._over = False
-        self._window: Window | None = None
+        self.action_space, self.observation_space = self._begin(1, settings, reality, render_mode)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -407,7 +461,7 @@ class TaskEnv(OwnLimit, gym.Env[NDArray[Any], NDArray[Any]]):
         super().reset(seed=seed, options=options)
         fresh = (0,) if seed is not None or not self._ready else ()
         self._task.restart([0], [self.np_random], fresh, chosen)
-        self._ready, self._over = True, False
+        self._ready, self._finished[0] = True, False
         self._render_window()
         return self._task.observation()[0], row(self._task.reset_info())
 
@@ -423,13 +477,13 @@ class TaskEnv(OwnLimit, gym.Env[NDArray[Any], NDArray[Any]]):
         """
         if not self._ready:
             raise ResetNeeded("call reset before step")
-        if self._over:
+        if self._finished[0]:
             gym.logger.warn("the episode is over: call reset before the next step, whose result is undefined")
         observation, reward, ended, cut, info = self._task.step(self._checked(np.asarray(action)[None]))
         if self.render_mode == "human":
             self._render_window()
         terminated, truncated = ended.item(), cut.item()
-        self._over = terminated or truncated
+        self._finished[0] = terminated or truncated
         return observation[0], reward.item(), terminated, truncated, row(info)
 
     def render(self) -> Frame | None:
@@ -440,24 +494,9 @@ class TaskEnv(OwnLimit, gym.Env[NDArray[Any], NDArray[Any]]):
             return None
         return self._task.frame(0)
 
-    def get_state(self) -> dict[str, Any]:
-        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
-        return {
-            **self._task.snapshot(),
-            "generators": [self.np_random.bit_generator.state],
-            "finished": np.array([self._over]),
-        }
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Return to a snapshot; what follows is equal to the bit.
-
-        Raises:
-            ValueError: If it is no snapshot, or one of another number of environments.
-        """
-        check_state(state, self.get_state())
-        self._task.restore(state)
-        self.np_random.bit_generator.state = state["generators"][0]
-        self._ready, self._over = True, bool(state["finished"][0])
+    @property
+    def _generators(self) -> list[np.random.Generator]:  # type: ignore[override]
+        return [self.np_random]
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -480,11 +519,9 @@ class TaskEnv(OwnLimit, gym.Env[NDArray[Any], NDArray[Any]]):
         yield self._task.frame(0)
 
 
-class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
+class TaskVectorEnv(OfTask, VectorEnv[NDArray[Any], NDArray[np.float32], NDArray[Any]]):
     """A task's native vector environment; each row is the scalar environment to the bit.
 
-    A finished episode restarts in the next step (``AutoresetMode.NEXT_STEP``, as in Gymnasium's own vector
-    environments): that step ignores the row's action and returns its first observation and a reward of 0.
     An entry of ``info`` has shape (num_envs, ...); ``info["_key"]`` says in which rows it is valid.
     What a step returns is never written to again.
 
@@ -494,12 +531,17 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
         reality: Likewise.
         render_mode: None or ``rgb_array``: ``render`` then returns one frame for each row.
         threads: Used where steps are long: HeelStrike, Excitation, UavRoute.
+        autoreset_mode: When a row whose episode is over begins the next one, as Gymnasium's own vector
+            environments do it (https://farama.org/Vector-Autoreset-Mode). ``NEXT_STEP``: the next step
+            ignores the row's action and returns its first observation and a reward of 0. ``SAME_STEP``: the
+            step that ends the episode returns the first observation of the next one, and in
+            ``info["final_obs"]`` and ``info["final_info"]`` what was last seen and told. ``DISABLED``: by
+            ``reset`` with a ``reset_mask``, before the next step.
 
-    Attributes:
-        batch_task: The task on a batch.
+    Raises:
+        ValueError: For a mode that there is not, or less than one thread.
     """
 
-    batch_task: ClassVar[type[BatchTask]]
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
         "render_fps": 4,
@@ -513,22 +555,25 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
         reality: RealityLike = None,
         render_mode: str | None = None,
         threads: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         if threads < 1:
             raise ValueError(f"threads={threads}: one is the least")
-        check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
-        self.render_mode = render_mode
-        self._task = type(self).batch_task(num_envs, settings, reality, render_mode is not None)
-        self._task.use_threads(threads)
-        self.settings, self.reality = self._task.settings, self._task.reality
-        self.single_action_space, self.single_observation_space = self._task.spaces()
-        self._checked = ActionCheck(num_envs, self.single_action_space)
+        self._threads = threads
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.single_action_space, self.single_observation_space = self._begin(
+            num_envs, settings, reality, render_mode
+        )
+        self.metadata["autoreset_mode"] = self.autoreset_mode
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
-        self._finished = np.zeros(num_envs, dtype=np.bool_)
-        self._ready = False
+
+    def _make_task(self, reality: RealityLike) -> BatchTask:
+        task = super()._make_task(reality)
+        task.use_threads(self._threads)
+        return task
 
     def reset(
         self,
@@ -563,23 +608,49 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
         self._task.restart(rows, [self._generators[i] for i in rows], set(fresh), chosen)
         self._ready = True
         self._finished = self._finished & ~begun
-        info = self._task.reset_info()
-        if begun.all():
-            return self._task.observation(), complete(info, self.num_envs)
-        return self._task.observation(), merged({}, info, begun)
+        return self._task.observation(), merged({}, self._task.reset_info(), begun)
 
     def step(self, actions: NDArray[np.float32]) -> VectorStep:
-        """Take one step in every row, or begin the next episode where the last one is over.
+        """Take one step in every row; see ``autoreset_mode`` for those whose episode is over.
 
         Raises:
             InvalidAction: If the actions have the wrong shape or are not finite.
-            ResetNeeded: Before the first ``reset``.
+            ResetNeeded: Before the first ``reset``; and with ``AutoresetMode.DISABLED`` where a row's episode
+                is over.
         """
         if not self._ready:
             raise ResetNeeded("call reset before step")
-        stepped = self._task.advance(self._checked(actions), self._finished, self._generators)
-        self._finished = stepped[2] | stepped[3]
-        return stepped
+        checked = self._checked(actions)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            stepped = self._task.advance(checked, self._finished, self._generators)
+            self._finished = stepped[2] | stepped[3]
+            return stepped
+        if self._finished.any():
+            over = np.flatnonzero(self._finished).tolist()
+            raise ResetNeeded(f"the episodes of rows {over} are over: reset(options={{'reset_mask': ...}})")
+        observation, reward, terminated, truncated, info = self._task.step(checked)
+        ended = terminated | truncated
+        if self.autoreset_mode is AutoresetMode.DISABLED or not ended.any():
+            self._finished = ended if self.autoreset_mode is AutoresetMode.DISABLED else self._finished
+            return observation, reward, terminated, truncated, complete(info, self.num_envs)
+        rows = np.flatnonzero(ended).tolist()
+        self._task.restart(rows, [self._generators[i] for i in rows])
+        final = np.full(self.num_envs, None, dtype=object)
+        for i in rows:
+            final[i] = observation[i]
+        return (
+            self._task.observation(),
+            reward,
+            terminated,
+            truncated,
+            {
+                "final_obs": final,
+                "_final_obs": ended,
+                "final_info": merged({}, info, ended),
+                "_final_info": ended,
+                **merged(info, self._task.reset_info(), ended),
+            },
+        )
 
     def render(self) -> tuple[Frame, ...] | None:
         """One picture for each row, shape (540, 960, 3), uint8; None without ``rgb_array``."""
@@ -587,24 +658,3 @@ class TaskVectorEnv(OwnLimit, VectorEnv[NDArray[Any], NDArray[np.float32], NDArr
             gym.logger.warn("render needs a render_mode: gymnasium.make_vec(..., render_mode='rgb_array')")
             return None
         return tuple(self._task.frame(i) for i in range(self.num_envs))
-
-    def get_state(self) -> dict[str, Any]:
-        """Snapshot of all that the future depends on: arrays and plain numbers, no pickle needed."""
-        return {
-            **self._task.snapshot(),
-            "generators": [generator.bit_generator.state for generator in self._generators],
-            "finished": self._finished.copy(),
-        }
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Return to a snapshot; what follows is equal to the bit.
-
-        Raises:
-            ValueError: If it is no snapshot, or one of another number of environments.
-        """
-        check_state(state, self.get_state())
-        self._task.restore(state)
-        for generator, own in zip(self._generators, state["generators"], strict=True):
-            generator.bit_generator.state = own
-        self._finished = np.array(state["finished"], dtype=np.bool_)
-        self._ready = True

@@ -8,17 +8,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
+from fieldgym.base import (
+    BatchTask,
+    Flags,
+    Floats,
+    OfTask,
+    Outcome,
+    RealityLike,
+    TaskEnv,
+    TaskVectorEnv,
+)
 from fieldgym.randomisation import Drawn
 from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
 from fieldmodels.drivers.named import flown, model_named_in, without_followed
 from fieldmodels.machine import Machine
 from fieldmodels.model import check_instance
+from fieldmodels.model_files import is_model_file
 from fieldmodels.names import did_you_mean
 from fieldmodels.registry import get_model
 from fieldmodels.settings import Setting
@@ -56,19 +67,19 @@ class BenchSettings:
 
 
 class BenchTask(BatchTask):
-    """A batch of one machine; ``as_env`` derives a class for each machine.
+    """A batch of one machine.
 
     Attributes:
-        machine: The machine.
+        machine: The machine, in its reality.
     """
 
-    machine: Machine
-
-    def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
-        """Make a batch; see ``BatchTask``."""
+    def __init__(
+        self, batch: int, settings: Any, reality: RealityLike, drawing: bool, nominal: Machine
+    ) -> None:
+        """Make a batch of a machine; see ``BatchTask``."""
         del drawing
         self.settings, samplers = read_random_settings(settings, BenchSettings)
-        machine, self.reality = without_followed(*flown(self.machine, reality))
+        machine, self.reality = without_followed(*flown(nominal, reality))
         assert isinstance(machine, Machine)
         self.machine = machine
         self.drawn = Drawn(batch, machine, self.reality, self.settings, samplers)
@@ -146,7 +157,7 @@ class BenchTask(BatchTask):
 
     def reset_info(self) -> dict[str, Any]:
         """The info that ``reset`` returns."""
-        return {"privileged": {"states": self.driver.states.copy(), **self.drawn.info}}
+        return {"privileged.states": self.driver.states.copy(), **self.drawn.info}
 
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Hold the commands for a step, shape (batch, inputs), as shares of the largest."""
@@ -172,7 +183,8 @@ class BenchTask(BatchTask):
                 "command": actions * self.command,
                 "effort": np.mean(np.abs(actions), axis=1),
                 "escaped": escaped.astype(np.float64),
-                "privileged": {"states": self.driver.states.copy(), **self.drawn.info},
+                "privileged.states": self.driver.states.copy(),
+                **self.drawn.info,
             },
         )
 
@@ -208,12 +220,56 @@ class BenchTask(BatchTask):
         )
 
 
+class OfMachine(OfTask):
+    """An environment of a machine.
+
+    Attributes:
+        machine: The machine, or its name for ``fieldmodels.registry.get_model``.
+    """
+
+    machine: Machine | str
+
+    def __getstate__(self) -> dict[str, Any]:
+        kept = super().__getstate__()
+        if isinstance(self.machine, str) and is_model_file(self.machine):
+            kept["machine"] = type(get_model(self.machine)).file
+        return kept
+
+    def _make_task(self, reality: RealityLike) -> BenchTask:
+        found = get_model(self.machine) if isinstance(self.machine, str) else self.machine
+        if not isinstance(found, Machine):
+            raise SettingsError(f"model {found.name!r} is no Machine; only those can be stepped one by one")
+        self.title = found.name
+        return BenchTask(self._rows, self._given, reality, False, found)
+
+
+class BenchEnv(OfMachine, TaskEnv):
+    """A machine as an environment, see `as_env`."""
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012
+
+    def __init__(self, machine: Machine | str, *options: Any) -> None:
+        """Take a machine, and what a `TaskEnv` takes."""
+        self.machine = machine
+        super().__init__(*options)
+
+
+class BenchVectorEnv(OfMachine, TaskVectorEnv):
+    """Many of a machine as a vector environment, see `as_env`."""
+
+    def __init__(self, machine: Machine | str, *options: Any, **more: Any) -> None:
+        """Take a machine, and what a `TaskVectorEnv` takes."""
+        self.machine = machine
+        super().__init__(*options, **more)
+
+
 def as_env(
     machine: Machine | str,
     settings: BenchSettings | Mapping[str, Any] | None = None,
     reality: RealityLike = None,
     render_mode: str | None = None,
     num_envs: int | None = None,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
 ) -> TaskEnv | TaskVectorEnv:
     """Make an environment of any machine: its first output (or ``track``) is to follow a reference.
 
@@ -227,6 +283,7 @@ def as_env(
         reality: What the simulation truly is: effects, or an ``extended.yaml``.
         render_mode: As for ``gymnasium.make``.
         num_envs: Number of rows of a vector environment; by default a scalar environment.
+        autoreset_mode: Of a vector environment, see `TaskVectorEnv`.
 
     Returns:
         The scalar environment, or with ``num_envs`` the vector environment.
@@ -236,16 +293,9 @@ def as_env(
         ModelError: For a reality that the machine does not have, a model that is no ``Machine``, or a class.
     """
     check_instance(machine)
-    found = get_model(machine) if isinstance(machine, str) else machine
-    if not isinstance(found, Machine):
-        raise SettingsError(f"model {found.name!r} is no Machine; only those can be stepped one by one")
-    task = type("Task", (BenchTask,), {"machine": found})
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}
     if num_envs is None:
-        scalar = type("BenchEnv", (TaskEnv,), {"batch_task": task, "title": found.name, "metadata": metadata})
-        return scalar(settings, reality, render_mode)  # type: ignore[no-any-return]
-    vector = type("BenchVectorEnv", (TaskVectorEnv,), {"batch_task": task})
-    return vector(num_envs, settings, reality, render_mode)  # type: ignore[no-any-return]
+        return BenchEnv(machine, settings, reality, render_mode)
+    return BenchVectorEnv(machine, num_envs, settings, reality, render_mode, autoreset_mode=autoreset_mode)
 
 
 def make_bench(
@@ -255,6 +305,7 @@ def make_bench(
     reality: RealityLike = None,
     render_mode: str | None = None,
     num_envs: int | None = None,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
 ) -> TaskEnv | TaskVectorEnv:
     """A bench as a task, ``fieldgym/Bench-v0``: a machine, nominal or as a diagnosis has found it.
 
@@ -265,6 +316,7 @@ def make_bench(
         reality: See ``as_env``; by default what ``config`` holds.
         render_mode: As for ``gymnasium.make``.
         num_envs: As for ``gymnasium.make_vec``.
+        autoreset_mode: Likewise.
 
     Raises:
         SettingsError: As ``as_env``; also if neither a machine nor a file is given.
@@ -273,4 +325,5 @@ def make_bench(
     if not (config or machine):
         raise SettingsError('which bench? give machine="pendulum", or config="extended.yaml" of a diagnosis')
     learned = reality if reality is not None else config or None
-    return as_env(machine or model_named_in(config), settings, learned, render_mode, num_envs)
+    chosen = machine or model_named_in(config)
+    return as_env(chosen, settings, learned, render_mode, num_envs, autoreset_mode)

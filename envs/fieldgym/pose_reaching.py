@@ -49,11 +49,6 @@ class PoseReachingSettings(Rules):
     """What can be set in ``fieldgym/PoseReaching-v0``: what its robots play."""
 
 
-def real_time(settings: PoseReachingSettings) -> dict[str, int]:
-    """The entry of an environment's metadata by which its films run in real time."""
-    return {"render_fps": max(1, round(1 / settings.tick))}
-
-
 class _PoseReachingTask(BatchTask):
     """The task on a batch of robots."""
 
@@ -69,6 +64,7 @@ class _PoseReachingTask(BatchTask):
         self.reality, self.stock = truth.reality, truth.stock
         self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
         self.robots = Robots(batch, self.settings, truth.typical, possible=truth.extremes, stock=truth.stock)
+        self.metadata = {"render_fps": max(1, round(1 / self.settings.tick))}  # films run in real time
         self._tick: Tick | None = None
         self._trails: list[list[Floats]] | None = [[] for _ in range(batch)] if drawing else None
         self._commands = [(0.0, 0.0)] * batch
@@ -159,7 +155,7 @@ class _PoseReachingTask(BatchTask):
         return Info(
             NUMBERS,
             tick.numbers,
-            {"pose": tick.poses, "privileged": {"pose": tick.true_poses, **self.drawn.info}},
+            {"pose": tick.poses, "privileged.pose": tick.true_poses, **self.drawn.info},
         )
 
     def state(self) -> dict[str, Any]:
@@ -293,7 +289,7 @@ class PoseReachingEnv(TaskEnv):
     | `dubins_time` | the time that it takes at `max_speed` [s] |
     | `wall_hits` | how often the robot has driven into a wall |
     | `pose` | x, y [m] and heading [rad], what the observation is made of |
-    | `privileged` | `pose`: the same as it is, which differs where a `reality` has a faulty sensor |
+    | `privileged.pose` | the same as it is, which differs where a `reality` has a faulty sensor |
 
     ## Starting State
 
@@ -361,12 +357,6 @@ class PoseReachingEnv(TaskEnv):
     batch_task = _PoseReachingTask
     title = "pose reaching"
 
-    def __init__(
-        self, settings: Any = None, reality: RealityLike = None, render_mode: str | None = None
-    ) -> None:
-        super().__init__(settings, reality, render_mode)
-        self.metadata = self.metadata | real_time(self.settings)
-
     def show(
         self,
         memory: Sequence[ArrayLike] | None = None,
@@ -394,16 +384,6 @@ class PoseReachingVectorEnv(TaskVectorEnv):
     """Many robots in one kernel; each row is ``PoseReachingEnv`` to the bit."""
 
     batch_task = _PoseReachingTask
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        settings: Any = None,
-        reality: RealityLike = None,
-        render_mode: str | None = None,
-    ) -> None:
-        super().__init__(num_envs, settings, reality, render_mode)
-        self.metadata = self.metadata | real_time(self.settings)
 
     def show(self, memory: Sequence[ArrayLike] | None = None, chosen: ArrayLike | None = None) -> None:
         """As ``PoseReachingEnv.show``; ``chosen`` of shape (2 or more,) or (num_envs, 2 or more)."""

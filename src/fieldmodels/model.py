@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -256,6 +256,8 @@ class Model(ABC):
     measured_states: Mapping[str, str] = MappingProxyType({})
     corrected: bool = False
     whole_records: bool = False
+    file: ClassVar[str] = ""
+    """What ``load_model_file`` loaded a user's own model from, and a pickle loads it from again."""
 
     @abstractmethod
     def simulate(self, parameters: FloatArray, windows: Windows) -> FloatArray:

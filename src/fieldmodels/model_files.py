@@ -69,6 +69,7 @@ def load_model_file(name: str, call_limit: float | None = None) -> Model:
     from fieldmodels.drivers.methods import check_methods
 
     guard_model(kind, path, call_limit)
+    kind.file = f"{path.resolve()}:{kind.__name__}"
     with located(path, f"{kind.__name__}()"):
         model = kind()
         check_declarations(model, str(path))

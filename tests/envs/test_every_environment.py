@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
 import fieldgym
 import fieldgym.base
@@ -27,6 +28,8 @@ def equal(a, b):
     """Whether two nested structures of arrays are equal to the bit."""
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(equal(a[k], b[k]) for k in a)
+    if isinstance(a, np.ndarray) and a.dtype == object:
+        return b.dtype == object and len(a) == len(b) and all(map(equal, a, b))
     if isinstance(a, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     return type(a) is type(b) and (a == b or (a != a and b != b))  # NaN is equal to NaN here
@@ -340,10 +343,14 @@ def test_unknown_render_mode_is_refused(env_id):
         gym.make(env_id, render_mode="ascii")
 
 
+@pytest.mark.parametrize("mode", AutoresetMode)
 @needs_vector
-def test_native_vector_equals_scalar_environments_to_the_bit(env_id):
-    native = gym.make_vec(env_id, num_envs=3, vectorization_mode="vector_entry_point")
-    scalar = gym.make_vec(env_id, num_envs=3, vectorization_mode="sync")
+def test_native_vector_equals_scalar_environments_to_the_bit(env_id, mode):
+    native = gym.make_vec(env_id, num_envs=3, autoreset_mode=mode)
+    scalar = gym.make_vec(
+        env_id, num_envs=3, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}
+    )
+    assert native.metadata["autoreset_mode"] is mode
     assert native.action_space == scalar.action_space
     assert native.observation_space == scalar.observation_space
     assert equal(dict(enumerate(native.reset(seed=42))), dict(enumerate(scalar.reset(seed=42))))
@@ -353,6 +360,45 @@ def test_native_vector_equals_scalar_environments_to_the_bit(env_id):
         a, b = native.step(actions), scalar.step(actions)
         for ours, theirs in zip(a, b, strict=True):
             assert equal(ours, theirs)
+        ended = a[2] | a[3]
+        if mode is AutoresetMode.DISABLED and ended.any():
+            with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
+                native.step(actions)
+            mask = {"reset_mask": ended}
+            for ours, theirs in zip(
+                native.reset(options=dict(mask)), scalar.reset(options=mask), strict=True
+            ):
+                assert equal(ours, theirs)
+
+
+def form(info):
+    """Type, dtype and shape of an info's entries, none of them nested."""
+    assert not any(isinstance(value, dict) for value in info.values())
+    return {key: (type(value), np.asarray(value).dtype, np.shape(value)) for key, value in info.items()}
+
+
+@every_environment
+def test_an_entry_of_info_keeps_its_dtype_and_shape_from_reset_on(env_id):
+    """And is one number or array: what libraries that store an info beside observations can take."""
+    for env in (gym.make(env_id), gym.make_vec(env_id, num_envs=3)):
+        _, info = env.reset(seed=1)
+        first = form(info)
+        env.action_space.seed(1)
+        for _ in range(20):
+            *_, info = env.step(env.action_space.sample())
+            now = form(info)
+            assert now.keys() >= first.keys()
+            assert {key: now[key] for key in first} == first
+            first = now
+
+
+@needs_vector
+def test_a_mode_of_resets_is_told_by_name_or_refused(env_id):
+    assert (
+        gym.make_vec(env_id, autoreset_mode="SameStep").metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    )
+    with pytest.raises(ValueError, match="at once"):
+        gym.make_vec(env_id, autoreset_mode="at once")
 
 
 @needs_vector
@@ -414,7 +460,7 @@ def test_making_a_vector_environment_warns_of_nothing(env_id):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gym.make_vec(env_id, num_envs=2)
-    assert env.metadata["autoreset_mode"] is gym.vector.AutoresetMode.NEXT_STEP
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
 
 
 @needs_vector

@@ -205,6 +205,9 @@ class Once(Generic[Made]):
         self.make = make
         self.made: dict[int, tuple[weakref.ref[Recording], Made]] = {}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Once, (self.make,)
+
     def __call__(self, recording: Recording) -> Made:
         """What was made of it."""
         key = id(recording)

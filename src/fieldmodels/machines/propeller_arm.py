@@ -33,6 +33,10 @@ THRUST_CURVE = Effect(
 )
 
 
+def _no_thrust_yet(_: Recording) -> dict[float, Recording]:
+    return {}
+
+
 class PropellerArm(OneAxis):
     """An inertia under gravity that a propeller turns about a hinge: motor command in, angle out.
 
@@ -71,7 +75,7 @@ class PropellerArm(OneAxis):
         """Declare parameters and effects for an arm of these scales (default: nominal)."""
         super().__init__(scales, driven_by_measured)
         self.measured_inputs = ()  # thrust on a bench is not measured
-        self._thrusts: Once[dict[float, Recording]] = Once(lambda _: {})
+        self._thrusts: Once[dict[float, Recording]] = Once(_no_thrust_yet)
 
     def derivative(self, state: Any, input: Any, p: Any) -> Any:
         """Rates of angle and velocity."""
