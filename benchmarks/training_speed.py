@@ -13,7 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 import fieldgym
-from fieldagents.learned.vector import NativeVecEnv
+from fieldgym.sb3 import NativeVecEnv
 
 ENVIRONMENTS, STEPS, REPEATS = 64, 64, 3
 

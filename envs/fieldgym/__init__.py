@@ -1,5 +1,7 @@
 """The tasks as Gymnasium environments over the models; importing this package registers them."""
 
+from typing import TYPE_CHECKING, Any
+
 from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
@@ -7,8 +9,31 @@ from fieldgym.film import RecordVideo
 from fieldgym.settings import SettingsError
 from fieldgym.task import BENCH, Task
 from fieldgym.tasks import TASKS, find_task
+from fieldmodels.extras import needed
 
-__all__ = ["BENCH", "TASKS", "RecordVideo", "SettingsError", "Task", "find_task", "register"]
+if TYPE_CHECKING:
+    from fieldgym.sb3 import make_sb3_vec
+
+__all__ = [
+    "BENCH",
+    "TASKS",
+    "RecordVideo",
+    "SettingsError",
+    "Task",
+    "find_task",
+    "make_sb3_vec",
+    "register",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """What needs an extra is imported where it is asked for."""
+    if name == "make_sb3_vec":
+        needed("stable_baselines3")
+        from fieldgym.sb3 import make_sb3_vec
+
+        return make_sb3_vec
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def register() -> None:

@@ -153,7 +153,7 @@ def test_a_training_does_what_its_plan_counts(name, tmp_path, done, capsys):
 
     from fieldagents.learned import recorder
     from fieldagents.learned.training import train
-    from fieldagents.learned.vector import NativeVecEnv
+    from fieldgym.sb3 import NativeVecEnv
 
     counts, counted, proven = done
     counted(NativeVecEnv, "step_wait", lambda envs: {"calls": 1, "steps": envs.num_envs})
