@@ -7,7 +7,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 Report = Callable[[str, float], None]
-"""Called with what is being done and how much of the whole is done, 0 to 1."""
+"""Called with what is being done and how much of the whole is done, 0 to 1.
+
+What follows ``": "`` are numbers that belong to the stage: they alone are no new line in a log.
+"""
 
 
 @contextmanager
@@ -43,7 +46,7 @@ class _Lines:
         self._last: tuple[str, int] = ("", -1)
 
     def __call__(self, stage: str, fraction: float) -> None:
-        now = (stage, int(10 * fraction))
+        now = (stage.partition(": ")[0], int(10 * fraction))
         if now != self._last:
             self._last = now
             print(f"{100 * fraction:3.0f} %  {stage}", file=sys.stderr, flush=True)

@@ -160,7 +160,7 @@ def test_a_zip_of_stable_baselines_acts_if_it_is_trusted(tmp_path, kind):
     model = model(policy, env, seed=1, device="cpu")
     model.save(tmp_path / "model.zip")
     name = str(tmp_path / "model.zip")
-    with pytest.raises(AgentError, match="holds pickles, which run any code"):
+    with pytest.raises(AgentError, match="hold pickles, which run any code"):
         make_agent(name, TASK, {})
     (agent,) = make_agent(name, TASK, {}, trust_pickle=True).runs
     agent.fits(env.observation_space, env.action_space)

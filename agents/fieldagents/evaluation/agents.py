@@ -72,8 +72,9 @@ def known_agent(name: str, task: str) -> str:
         if not get_task(task).drives:
             return f"{name}: task {task!r} has no agent that learns from recorded drives"
         return "" if Path(name).is_file() else f"no such file: {name}"
-    if name.endswith((".zip", ".onnx")):
-        return "" if Path(name).is_file() else f"no such file: {name}"
+    if name.endswith((".zip", ".onnx", ".pkl")):
+        missing = [one for one in saved(name) if not Path(one).is_file()]
+        return f"no such file: {missing[0]}" if missing else ""
     if Path(name).is_dir():
         return "" if policies(name) else f"no policy.onnx in this folder: {name}"
     return f"there is no agent {name!r}{did_you_mean(name, agent_names(task))}"
@@ -85,12 +86,13 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
     Args:
         name: Name of a reference agent or of a zoo entry; the path of a ``policy.onnx``, of a training run's
             folder, of a folder of such runs (one participant, whose verdicts are over its runs), of a
-            ``.zip`` of Stable-Baselines3, or of recorded drives (``.csv``, ``.parquet``) that teach; or
+            ``.zip`` of Stable-Baselines3, alone or with the statistics of its ``VecNormalize``
+            (``policy.zip+vecnormalize.pkl``), or of recorded drives (``.csv``, ``.parquet``) that teach; or
             ``module:Class`` of an ``Agent`` of one's own, called with the settings.
         task: Name of the task.
         settings: The environment's settings: which tuned values or which training fits them best.
-        trust_pickle: Whether a ``.zip`` may be loaded: it holds pickles, which run whatever code their
-            author has put there.
+        trust_pickle: Whether files of Stable-Baselines3 may be loaded: they hold pickles, which run whatever
+            code their author has put there.
 
     Raises:
         AgentError: If there is no such agent, or a ``.zip`` is not trusted.
@@ -104,18 +106,24 @@ def make_agent(name: str, task: str, settings: Mapping[str, Any], trust_pickle: 
         return AgentRuns(name, (own_agent(name, settings),))
     if name.endswith(DRIVES):
         return AgentRuns(name, (keep_drives(task, Path(name), settings).agent(),))
-    if name.endswith(".zip"):
+    if name.endswith((".zip", ".pkl")):
         if not trust_pickle:
             raise AgentError(
-                f"{name}: a .zip of Stable-Baselines3 holds pickles, which run any code that their author has"
-                " put there; if you trust this file, say --trust-pickle"
+                f"{name}: files of Stable-Baselines3 hold pickles, which run any code that their author has"
+                " put there; if you trust them, say --trust-pickle"
             )
         from fieldagents.policies.sb3 import Sb3Agent
 
-        return AgentRuns(name, (Sb3Agent(Path(name)),), learned=True)
+        return AgentRuns(name, (Sb3Agent(*map(Path, saved(name))),), learned=True)
     if paths := policies(name):
         return AgentRuns(name, tuple(OnnxAgent(path, name=name) for path in paths), learned=True)
     return AgentRuns(name, zoo.get_entry(task, name).agents(settings), learned=True)
+
+
+def saved(name: str) -> list[str]:
+    """The files that a name stands for: of a policy, and of the statistics beside it if it names these."""
+    policy, plus, statistics = name.rpartition("+")
+    return [policy, statistics] if plus and statistics.endswith(".pkl") else [name]
 
 
 def keep_drives(task: str, path: Path, settings: Mapping[str, Any]) -> Drives:

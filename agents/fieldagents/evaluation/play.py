@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.agents import AgentRuns, is_import_path, make_agent, policies
+from fieldagents.evaluation.agents import AgentRuns, is_import_path, make_agent, policies, saved
 from fieldagents.evaluation.episodes import play_episodes
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.zoo import ZOO
@@ -84,7 +84,7 @@ class Player:
         """Hashes of the code and of the files that make the participant."""
         own = [self.name.partition(":")[0]] if is_import_path(self.name) else []
         own += [place.partition(":")[0] for one in self.environment.wrappers for place in one]
-        files = [path for path in (Path(self.name),) if path.is_file()]
+        files = [path for path in map(Path, saved(self.name)) if path.is_file()]
         if self.name not in get_task(self.task).agents:
             files += sorted((ZOO / self.task / self.name).rglob("*.onnx"))
         data = [*self.carried, *(path.read_bytes() for path in files)]
@@ -98,7 +98,9 @@ def player(scenario: str, name: str, task: str, environment: EnvironmentConfig, 
         AgentError: If there is no such agent, or a ``.zip`` is not trusted.
     """
     known = (
-        name in get_task(task).agents or is_import_path(name) or name.endswith((".zip", ".csv", ".parquet"))
+        name in get_task(task).agents
+        or is_import_path(name)
+        or name.endswith((".zip", ".pkl", ".csv", ".parquet"))
     )
     carried = () if known else tuple(path.read_bytes() for path in policies(name))
     if isinstance(environment.reality, str):

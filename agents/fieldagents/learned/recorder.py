@@ -6,8 +6,10 @@ import csv
 import io
 import json
 import math
+import pickle
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.run import Best, Run
 from fieldagents.learned.telling import as_trained, told_in
+from fieldagents.policies.algorithms import LIBRARIES
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.progress import Report, stages
 from fieldagents.task import get_task
@@ -56,6 +59,7 @@ class Recorder(BaseCallback):
         self._begun = run.model.num_timesteps
         self._clock, self._processor = time.monotonic(), time.process_time()
         self._metric = get_task(run.config.task).metrics[0].name
+        self._scored = math.nan
         self._columns = ("steps", "training_return", *run.logged, "validation_return")
         self._curve: list[dict[str, Any]] = []
         path = folder / "curve.csv"
@@ -110,8 +114,23 @@ class Recorder(BaseCallback):
         if last or number % config.checkpoint_every == 0:
             self._save_checkpoint()
         self.logger.dump(steps)
-        best = f"best return {self._run.best.mean_return:.4g}" if self._run.best else "training"
-        self._report(best, self._part)
+        self._scored = row.get(f"validation_{self._metric}", self._scored)
+        self._report(self._words(latest), self._part)
+
+    def _words(self, latest: float) -> str:
+        """Where training stands, as the users of Stable-Baselines3 know it."""
+        steps, seconds = self.model.num_timesteps, time.monotonic() - self._clock
+        rate = (steps - self._begun) / max(seconds, 1e-9)
+        words = [
+            f"{steps:,} steps",
+            f"{rate:,.0f} a second",
+            *([] if math.isnan(latest) else [f"return {latest:.4g}"]),
+        ]
+        if not math.isnan(self._scored):
+            words.append(f"{self._metric} {self._scored:.4g}")
+        if rate > 0.0 and steps < self._run.config.steps:
+            words.append(f"{timedelta(seconds=round((self._run.config.steps - steps) / rate))} left")
+        return "training: " + ", ".join(words)
 
     @property
     def _part(self) -> float:
@@ -141,7 +160,19 @@ class Recorder(BaseCallback):
         if run.best is None or rank > run.best.rank:
             run.best = Best(steps, mean_return, rank)
             write_bytes(self._folder / "policy.onnx", policy)
+            self._save_for_sb3()
         return {f"validation_{name}": value for name, value in scores.items()}
+
+    def _save_for_sb3(self) -> None:
+        """Keep the best policy as the library saves it, too, where that is all that it takes to act."""
+        run, library = self._run, type(self.model).__module__.partition(".")[0]
+        more = run.config.stack > 1 or run.featured is not None or told_in(run.config)
+        if library not in LIBRARIES or more:
+            return
+        saved = io.BytesIO()
+        run.model.save(saved)
+        write_bytes(self._folder / "policy.zip", saved.getvalue())
+        write_bytes(self._folder / "vecnormalize.pkl", pickle.dumps(run.normaliser))
 
     def _write_curve(self) -> None:
         stream = io.StringIO()

@@ -33,13 +33,14 @@ def train(
     """Train an agent; a finished run is not trained again.
 
     The folder holds ``config.yaml``, ``versions.json``, ``tensorboard/``, ``curve.csv`` (one row a
-    round), ``checkpoints/``, ``policy.onnx`` (the best by validation) and, when finished, ``run.json``.
+    round), ``checkpoints/``, ``policy.onnx`` (the best by validation), the same as Stable-Baselines3 saves it
+    (``policy.zip``, ``vecnormalize.pkl``) and, when finished, ``run.json``.
 
     Args:
         config: What to train.
         resume: Folder of an interrupted run of the same config: it goes on from its last checkpoint, and
-            every file but the TensorBoard log and ``run.json``'s seconds comes out as if it had never
-            been interrupted, bit for bit (same versions, same processor type).
+            every file but the TensorBoard log, ``policy.zip`` (which holds times) and ``run.json``'s seconds
+            comes out as if it had never been interrupted, bit for bit (same versions, same processor type).
         progress: Show progress on standard error.
         out: The folder of a new run; ``runs/<task>/<name>-<hash>`` unless given.
 

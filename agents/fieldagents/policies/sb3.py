@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,14 +18,26 @@ from fieldagents.policies.algorithms import algorithms
 from fieldagents.policies.policy import PolicyError
 
 
+def _normaliser(path: Path) -> Any:
+    """The normaliser that a file of statistics holds."""
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    try:
+        found = pickle.loads(path.read_bytes())
+    except Exception as error:  # a pickle may raise anything
+        raise PolicyError(f"{path}: not the statistics of a VecNormalize: {error}") from None
+    if not isinstance(found, VecNormalize):
+        raise PolicyError(f"{path}: not the statistics of a VecNormalize, but {type(found).__name__}")
+    return found
+
+
 class Sb3Agent(Agent):
     """Acts by a ``.zip`` of Stable-Baselines3 or sb3-contrib, deterministically, recurrent policies included.
 
-    The file holds no normaliser of observations (the library saves that apart), so the policy must have been
-    trained on observations as the environment gives them.
-
     Args:
         path: The file.
+        statistics: What ``VecNormalize.save`` wrote, by which observations were normalised in training; by
+            default they are given as the environment gives them.
 
     Raises:
         PolicyError: If it is not such a file.
@@ -32,7 +45,7 @@ class Sb3Agent(Agent):
 
     sees = "observation"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, statistics: Path | None = None) -> None:
         try:
             with zipfile.ZipFile(path) as archive:
                 wanted = json.loads(archive.read("data"))["policy_class"]["__module__"]
@@ -46,6 +59,7 @@ class Sb3Agent(Agent):
         if not fitting:
             raise PolicyError(f"{path}: no algorithm that is installed has policies of {wanted}")
         self._model = fitting[0].load(path, device="cpu")
+        self._normaliser = None if statistics is None else _normaliser(statistics)
         self._path, self.name, self.title = path, path.stem, "policy saved by Stable-Baselines3"
         self._state: Any = None
         self._begun = np.zeros(0, dtype=np.bool_)
@@ -69,6 +83,8 @@ class Sb3Agent(Agent):
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:  # noqa: ARG002
         """The deterministic actions for a batch of observations."""
+        if self._normaliser is not None:
+            observation = self._normaliser.normalize_obs(observation)
         begun = self._begun if len(self._begun) == len(observation) else None
         actions, self._state = self._model.predict(
             observation, self._state, episode_start=begun, deterministic=True
