@@ -484,6 +484,10 @@ class LineFollowingEnv(TaskEnv):
     batch_task = _LineFollowingTask
     title = "line following"
 
+    def get_keys_to_action(self) -> dict[str, NDArray[np.float32]]:
+        """The keys of ``gymnasium.utils.play``: a and d turn left and right, none goes straight on."""
+        return {key: np.array([turn], np.float32) for key, turn in (("", 0.0), ("a", 1.0), ("d", -1.0))}
+
     def show(self, **operator: Any) -> None:
         """Show in the picture who steers, as the operator's switch and joystick of section 3.5.2.
 

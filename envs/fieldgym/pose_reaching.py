@@ -357,6 +357,22 @@ class PoseReachingEnv(TaskEnv):
     batch_task = _PoseReachingTask
     title = "pose reaching"
 
+    def get_keys_to_action(self) -> dict[str, NDArray[np.float32]]:
+        """The keys of ``gymnasium.utils.play``: w drives, a and d turn left and right, none stands still.
+
+        With ``drive="omnidirectional"`` also s backwards, q and e to the left and to the right.
+        """
+        turns = {"": 0.0, "a": 1.0, "d": -1.0}
+        if self.action_space.shape == (2,):
+            drives: dict[str, tuple[float, ...]] = {"": (-1.0,), "w": (1.0,)}
+        else:
+            drives = {"": (0.0, 0.0), "w": (1.0, 0.0), "s": (-1.0, 0.0), "q": (0.0, 1.0), "e": (0.0, -1.0)}
+        return {
+            drive + turn: np.array([ahead, rate, *sideways], np.float32)
+            for drive, (ahead, *sideways) in drives.items()
+            for turn, rate in turns.items()
+        }
+
     def show(
         self,
         memory: Sequence[ArrayLike] | None = None,

@@ -41,6 +41,8 @@ class Task:
         module: Module of this package that holds its environments; by default the task's own name.
         settings_name: Name of the class of its settings in that module.
         model: Name of its model on the ground floor; by default the task's own name.
+        reward_threshold: Mean return of the reference agent in the environment as it is registered, over the
+            published test seeds: from there on the task counts as solved.
         operator: Whether a human operator can take over, as in the source.
         model_reads: Entries of ``info`` that follow from what was observed and from the model's constants,
             so that an agent with the right ``model`` may read them. All others are truth or scores.
@@ -56,6 +58,7 @@ class Task:
     module: str = ""
     settings_name: str = ""
     model: str = ""
+    reward_threshold: float | None = None
     operator: bool = False
     model_reads: tuple[str, ...] = ()
     turned_by: str = ""

@@ -1,16 +1,19 @@
-"""An environment says how long its episodes can be, and is filmed without further packages."""
+"""An environment says how long its episodes can be, is filmed, and is steered by keys."""
 
+import sys
 from pathlib import Path
 
+import cv2
 import gymnasium as gym
 import numpy as np
+import pygame
 import pytest
+from gymnasium.utils.play import play
 from PIL import Image
 
-import fieldgym
-from fieldgym import TASKS, RecordVideo
+from fieldgym import TASKS
 from fieldgym.bench import as_env
-from fieldgym.film import FilmError, ever_rarer, write_film
+from fieldgym.film import FilmError, check_ending, write_film
 
 LIMITS = {
     "heel_strike": {"strides": 7},
@@ -55,16 +58,51 @@ def test_a_random_limit_counts_at_its_largest():
 
 def test_films_of_episodes(tmp_path):
     env = gym.make("fieldgym/HeelStrike-v0", render_mode="rgb_array", settings={"strides": 4})
-    env = RecordVideo(env, tmp_path, episode_trigger=lambda n: n != 1)
+    env = gym.wrappers.RecordVideo(env, str(tmp_path), episode_trigger=lambda n: n != 1)
     for seed in range(3):
         env.reset(seed=seed)
         for _ in range(4 if seed < 2 else 2):  # the last one is left early
             env.step(env.action_space.sample())
     env.close()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["film-episode-0.gif", "film-episode-2.gif"]
-    with Image.open(tmp_path / "film-episode-0.gif") as film:
-        assert film.n_frames > 1
-        assert film.size == (960, 540)
+    films = sorted(path.name for path in tmp_path.iterdir())
+    assert films == ["rl-video-episode-0.mp4", "rl-video-episode-2.mp4"]
+    first = cv2.VideoCapture(str(tmp_path / films[0]))
+    assert first.get(cv2.CAP_PROP_FRAME_COUNT) == 5
+    assert first.read()[1].shape == (540, 960, 3)
+
+
+def test_wrappers_of_gymnasium_resize_and_grey_the_camera_s_images():
+    env = gym.make("fieldgym/LineFollowingPixels-v1", settings={"colour": True})
+    small = gym.wrappers.ResizeObservation(gym.wrappers.GrayscaleObservation(env), (60, 80))
+    assert small.reset(seed=0)[0].shape == (60, 80)
+
+
+@pytest.mark.parametrize(
+    ("task", "settings", "actions"),
+    [
+        ("line_following", {}, [[1.0], [0.0]]),
+        ("line_following_pixels", {}, [[1.0], [0.0]]),
+        ("pose_reaching", {}, [[-1.0, 1.0], [-1.0, 0.0]]),
+        ("pose_reaching", {"drive": "omnidirectional"}, [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]),
+    ],
+)
+def test_a_person_steers_by_gymnasium_s_own_play(task, settings, actions, monkeypatch):
+    """The key a turns left until it is let go; then the window is closed."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = gym.make(TASKS[task].env_id, settings=settings, render_mode="rgb_array")
+    taken = []
+
+    def after(_seen, _next, action, *_):
+        taken.append(np.asarray(action).tolist())
+        event = pygame.KEYUP if len(taken) == 1 else pygame.QUIT
+        pygame.event.post(pygame.event.Event(event, key=ord("a")))
+
+    pygame.init()
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=ord("a")))
+    play(env, callback=after, fps=1000, seed=0)
+    assert taken[:2] == actions
+    for action in env.unwrapped.get_keys_to_action().values():
+        assert env.action_space.contains(action)
 
 
 def test_every_ending_gives_its_film(tmp_path):
@@ -80,8 +118,11 @@ def test_every_ending_gives_its_film(tmp_path):
 def test_mp4_goes_through_ffmpeg_if_there_is_one(tmp_path, monkeypatch):
     """A script in its place says what it was given: the real one is not everywhere."""
     picture = np.zeros((2, 3, 3), dtype=np.uint8)
+    write_film(tmp_path / "real.mp4", [np.zeros((20, 30, 3), dtype=np.uint8)] * 3, 10.0)
+    assert cv2.VideoCapture(str(tmp_path / "real.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 3
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(FilmError, match=r"film.mp4: .mp4 needs the program ffmpeg.*\.webp needs nothing"):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(FilmError, match=r"film.mp4: .mp4 needs the program ffmpeg.*\[video\].*\.webp needs"):
         write_film(tmp_path / "film.mp4", [picture], 10.0)
     fake = tmp_path / "ffmpeg"
     fake.write_text('#!/bin/sh\nfor last; do :; done\n/bin/cat > "$last"; echo "$@" > "${0%/*}/said"\n')
@@ -96,12 +137,6 @@ def test_mp4_goes_through_ffmpeg_if_there_is_one(tmp_path, monkeypatch):
 
 
 def test_mistakes(tmp_path):
-    with pytest.raises(FilmError, match="render_mode='rgb_array'"):
-        RecordVideo(gym.make("fieldgym/HeelStrike-v0"), tmp_path)
     with pytest.raises(FilmError, match=r"ends in \.gif, \.webp or \.mp4"):
-        RecordVideo(gym.make("fieldgym/HeelStrike-v0", render_mode="rgb_array"), tmp_path, ending=".avi")
-    assert [n for n in range(30) if ever_rarer(n)] == [0, 1, 8, 27]
-    assert ever_rarer(2000)
-    assert not ever_rarer(1728)
-    assert fieldgym.RecordVideo is RecordVideo
+        check_ending(tmp_path / "film.avi")
     assert not [path for path in Path(tmp_path).iterdir() if path.stat().st_size]

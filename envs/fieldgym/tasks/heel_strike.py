@@ -6,4 +6,5 @@ TASK = Task(
     name="heel_strike",
     title="Heel strike",
     description="Choose a walking robot's estimator gains, stride by stride, under hidden noise.",
+    reward_threshold=-170.1,
 )
