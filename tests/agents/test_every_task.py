@@ -11,7 +11,7 @@ import fieldgym
 from fieldagents import tasks
 from fieldagents.agent import Agent
 from fieldagents.config import EnvironmentConfig
-from fieldagents.evaluation.agents import agent_names, describe_agents
+from fieldagents.evaluation.agents import agent_names, describe_agents, make_agent
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import TaskError, get_task, task_names
@@ -160,3 +160,22 @@ def test_an_agent_is_handed_the_entries_of_its_right_and_no_others(task):
     assert "privileged" in read["privileged"]
     assert read["model"] < read["privileged"]
     assert not any("error" in key or key == "privileged" for key in read["model"])
+
+
+REFERENCES = {
+    "excitation": ("frozen_weight", 40),
+    "heel_strike": ("fixed_tuned", 200),
+    "line_following": ("tuned", 200),
+    "line_following_pixels": ("memory", 100),
+    "pose_reaching": ("path_memory", 500),
+    "uav_route": ("two_legs", 200),
+}
+
+
+@every_task
+def test_a_task_is_solved_where_its_reference_agent_stands(task):
+    name, episodes = REFERENCES[task]
+    (agent,) = make_agent(name, task, {}).runs
+    played = run_episodes(agent, task, EnvironmentConfig(), TEST_SEEDS[:episodes])
+    threshold = gymnasium.spec(fieldgym.TASKS[task].env_id).reward_threshold
+    assert threshold == round(float(played["return"].mean()), 1)

@@ -1,7 +1,9 @@
 """The pages say what the programs do."""
 
 import importlib
+import importlib.util
 import re
+import sys
 from html import unescape
 from pathlib import Path
 
@@ -233,3 +235,19 @@ def test_the_reality_on_the_page_of_realities_can_be_flown():
     assert not list(wrong_environment(EnvironmentConfig(reality=reality), "line_following"))
     _, info = gymnasium.make("fieldgym/LineFollowing-v1", reality=reality).reset(seed=0)
     assert part(info, "privileged.reality")
+
+
+def test_a_library_trains_within_fifteen_lines():
+    """`make ecosystem` runs them; here, that each section is there, short, and says how it is loaded."""
+    spec = importlib.util.spec_from_file_location("ecosystem", DOCS.parent / "tests" / "ecosystem.py")
+    ecosystem = importlib.util.module_from_spec(spec)
+    sys.modules["ecosystem"] = ecosystem  # dataclasses look it up
+    spec.loader.exec_module(ecosystem)
+    found = ecosystem.sections((DOCS / "your_library.md").read_text())
+    assert len(found) == 8
+    for one in found:
+        assert 0 < one.lines <= 15, one.name
+        assert "act = " in one.load or one.name == ecosystem.EXCUSED
+        assert len(one.load.splitlines()) <= 9
+        compile(one.load, one.name, "exec")
+        assert one.packages[0].startswith("fieldgym")
