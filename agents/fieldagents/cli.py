@@ -208,6 +208,12 @@ def train(
     config: ConfigPath,
     overrides: Settings = None,
     seed: Annotated[int | None, typer.Option(help="Training seed; short for `--set seed=N`.")] = None,
+    until_plateau: Annotated[
+        bool,
+        typer.Option(
+            "--until-plateau", help="End where validation gains no more; `validation.until_plateau=true`."
+        ),
+    ] = False,
     resume: Annotated[
         Path | None,
         typer.Option(metavar="RUN", help="Go on with an interrupted run, exactly where it stopped."),
@@ -238,6 +244,7 @@ def train(
     from fieldagents.learned.training import train as run
 
     overrides = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
+    overrides += ["validation.until_plateau=true"] if until_plateau else []
     checked = self_contained(load_config(config, TrainConfig, overrides))
     _announced(plan.of_training(checked, run_folder(checked, resume, out)), dry_run, as_json)
     folder = run(checked, resume=resume, progress=not as_json, out=out)

@@ -26,6 +26,7 @@ from fieldagents.learned import training
 from fieldagents.learned.checkpoint import CheckpointError, load_checkpoint, save_checkpoint, to_arrays
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.publish import publish
+from fieldagents.learned.recorder import plateau
 from fieldagents.learned.training import TrainingError, train
 from fieldagents.policies.policy import OnnxAgent, PolicyError
 from fieldagents.policies.zoo import ZooError, list_zoo
@@ -664,3 +665,44 @@ def test_publishing_writes_an_entry_and_refuses_what_is_no_replication(finished,
 
 def test_a_commit_is_recorded_in_a_checkout():
     assert set(training.versions()) == {"python", "machine", *training.VERSIONED, "commit"}
+
+
+def test_a_plateau_is_where_the_last_third_gains_less_than_its_interval():
+    rng = np.random.default_rng(0)
+    luck = rng.normal(size=32)  # of the episodes, which are the same at each score
+
+    def scores(curve):
+        return [(100 * (k + 1), (level + luck + 0.1 * rng.normal(size=32)).tolist()) for k, level in curve]
+
+    rising = [(k, 0.1 * k) for k in range(30)]
+    flat = [(k, 0.1 * min(k, 10)) for k in range(30)]
+    assert not plateau(scores(rising))
+    assert plateau(scores(flat))
+    assert not plateau(scores(flat[:15]))  # the third before was still rising
+    assert not plateau(scores([(k, 0.0) for k in range(9)]))  # too few to say
+    assert sum(plateau(scores([(k, 0.02 * k) for k in range(12)])) for _ in range(200)) == 0
+
+
+def test_a_run_ends_at_its_plateau_and_says_so(tmp_path, monkeypatch):
+    """A policy that cannot learn, at a rate of nearly zero, ends at its tenth score; killed there, too."""
+    from fieldagents.learned import recorder
+
+    still = {"learner": {**ON_POLICY, "learning_rate": 1e-12}, "steps": 1280}
+    still["validation"] = {"every": 1, "episodes": 4, "until_plateau": True}
+    run = train(tiny(**still), progress=False, out=tmp_path / "run")
+    result = json.loads((run / "run.json").read_text())
+    assert (result["ended"], result["steps"]) == ("plateau", 640)
+    assert list(pd.read_csv(run / "curve.csv")["steps"]) == list(range(64, 641, 64))
+
+    def save_and_die(state, path):
+        save_checkpoint(state, path)
+        if path.name.endswith("640.pt"):
+            raise Killed
+
+    monkeypatch.setattr(recorder, "save_checkpoint", save_and_die)
+    with pytest.raises(Killed):
+        train(tiny(**still), progress=False, out=tmp_path / "killed")
+    monkeypatch.setattr(recorder, "save_checkpoint", save_checkpoint)
+    again = train(tiny(**still), progress=False, resume=tmp_path / "killed")
+    assert (again / "policy.onnx").read_bytes() == (run / "policy.onnx").read_bytes()
+    assert (again / "curve.csv").read_text() == (run / "curve.csv").read_text()

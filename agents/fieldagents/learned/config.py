@@ -100,6 +100,10 @@ class ValidationConfig(Config):
     by: Literal["metric", "return"] = "metric"
     """What the best policy is chosen by: the task's metrics, the first that differs; or the mean return."""
     episodes: Annotated[int, Field(ge=1, le=len(VALIDATION_SEEDS))] = 32
+    until_plateau: bool = False
+    """Whether training ends before its last step where it has come to a plateau: over the last third of what
+    has been trained, the mean return of the validation's episodes has risen by less than half its 95 %
+    interval. After ten scores at the earliest."""
 
 
 class ImitationConfig(Config):

@@ -8,7 +8,7 @@ import json
 import math
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,8 @@ from fieldagents.task import get_task
 from fieldmodels.files import write_bytes, write_text
 
 CHECKPOINTS_KEPT = 3
+LEAST_SCORES = 10
+"""Validations before a plateau is looked for."""
 
 
 class PausedError(Exception):
@@ -60,6 +62,7 @@ class Recorder(BaseCallback):
         self._clock, self._processor = time.monotonic(), time.process_time()
         self._metric = get_task(run.config.task).metrics[0].name
         self._scored = math.nan
+        self._ended = "steps"
         self._columns = ("steps", "training_return", *run.logged, "validation_return")
         self._curve: list[dict[str, Any]] = []
         path = folder / "curve.csv"
@@ -73,24 +76,28 @@ class Recorder(BaseCallback):
                 ) from None
 
     def _on_step(self) -> bool:
-        return True
+        return self._ended == "steps"
 
     def _on_rollout_start(self) -> None:
         steps = self.model.num_timesteps
-        if steps > self._begun and steps % self._run.config.round_steps == 0:
+        new = steps > self._begun and steps % self._run.config.round_steps == 0
+        if new:
             self._after_round(last=False)
-            if self._stop() or (self._until is not None and steps >= self._until):
-                self._save_checkpoint()
-                raise KeyboardInterrupt if self._stop() else PausedError
+        if self._run.config.validation.until_plateau and plateau(self._run.validated):
+            self._ended = "plateau"  # the next step says so to the learner
+        if new and (self._stop() or (self._until is not None and steps >= self._until)):
+            self._save_checkpoint()
+            raise KeyboardInterrupt if self._stop() else PausedError
         self._run.let_learn()
 
     def _on_training_end(self) -> None:
-        if self.model.num_timesteps > self._begun:
+        if self.model.num_timesteps > self._begun and self._ended == "steps":
             self._after_round(last=True)
         best = self._run.best
         assert best is not None
         result = {
-            "steps": self.model.num_timesteps,
+            "steps": int(self._curve[-1]["steps"]),
+            "ended": self._ended,
             "best_steps": best.steps,
             "validation_return": best.mean_return,
             "seconds": round(time.monotonic() - self._clock, 1),
@@ -157,6 +164,7 @@ class Recorder(BaseCallback):
         for name, value in scores.items():
             self.logger.record(f"validation/{name}", value)
         rank = [*(_ranks(episodes, config.task) if config.validation.by == "metric" else ()), mean_return]
+        run.validated.append((steps, episodes["return"].tolist()))
         if run.best is None or rank > run.best.rank:
             run.best = Best(steps, mean_return, rank)
             write_bytes(self._folder / "policy.onnx", policy)
@@ -186,6 +194,26 @@ class Recorder(BaseCallback):
         save_checkpoint(self._run.state(), folder / f"{self.model.num_timesteps:012d}.pt")
         for old in checkpoints(folder)[:-CHECKPOINTS_KEPT]:
             old.unlink()
+
+
+def plateau(validated: Sequence[tuple[int, Sequence[float]]]) -> bool:
+    """Whether training has come to a plateau, see ``ValidationConfig.until_plateau``.
+
+    The last third is compared with the third before it, episode by episode, each the mean over its scores.
+
+    Args:
+        validated: Steps of each validation, and the returns of its episodes, the same seeds each time.
+    """
+    if len(validated) < LEAST_SCORES:
+        return False
+    now = validated[-1][0]
+    later = [returns for steps, returns in validated if 3 * steps > 2 * now]
+    before = [returns for steps, returns in validated if now < 3 * steps <= 2 * now]
+    if not before:
+        return False
+    gained = np.mean(later, axis=0) - np.mean(before, axis=0)
+    half = 1.96 * float(gained.std(ddof=1)) / math.sqrt(len(gained)) if len(gained) > 1 else 0.0
+    return float(gained.mean()) < half
 
 
 def _ranks(episodes: pd.DataFrame, task: str) -> list[float]:

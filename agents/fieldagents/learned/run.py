@@ -63,6 +63,7 @@ class Run:
         featured: Takes features of what they give; None without.
         normaliser: Normalises what comes of that, after stacking it.
         best: The best validation so far; None before the first.
+        validated: Steps of every validation, and the returns of its episodes.
         logged: What the learning curve keeps of an update.
 
     Raises:
@@ -99,6 +100,7 @@ class Run:
             raise SpaceError(f"only observations of one dimension are stacked, not {space}")
         self.config, self.environment = config, environment
         self.best: Best | None = None
+        self.validated: list[tuple[int, list[float]]] = []
         self.logged = LOGGED[is_on_policy(config.kind)]
         self._stacked: VecFrameStack | None = None
         if config.stack > 1:
@@ -178,6 +180,7 @@ class Run:
             "environment": self.environment.get_state(),
             "random": random_state(),
             "best": None if self.best is None else asdict(self.best),
+            "validated": self.validated,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -207,6 +210,7 @@ class Run:
         if not self.environment.exact:
             model._last_obs = None  # the library then begins new episodes
         self.best = None if state["best"] is None else Best(**state["best"])
+        self.validated = [(int(steps), list(returns)) for steps, returns in state["validated"]]
         restore_random_state(state["random"])  # last, since building the rest draws from these streams
 
     def _attributes(self) -> dict[str, Any]:
