@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from fieldagents.agent import Agent
 from fieldagents.task import Metric, ReferenceAgent, TaskDefinition
 from fieldgym import find_task
-from fieldgym.rows import STEP_REWARD
 
-METRICS = (Metric("episode_return", "1", "return", STEP_REWARD, lower_is_better=False, over="sum"),)
+METRICS = (Metric("episode_return", "1", "return", "reward", lower_is_better=False, over="sum"),)
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 import gymnasium
 from gymnasium.envs.registration import registry
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from fieldgym.rows import RowsVectorEnv
 from fieldgym.task import Task, Wrap, wrapped
 from fieldmodels.model_files import is_model_file
 
@@ -93,9 +94,15 @@ class ForeignTask(Task):
             ) from error
         return wrapped(made, wrappers)
 
-    def make_vec(self, count: int, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
+    def make_vec(
+        self,
+        count: int,
+        wrappers: Sequence[Wrap] = (),
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> Any:
         """See ``Task.make_vec``; its rows are scalar environments, one after the other."""
-        return RowsVectorEnv([self.make(wrappers, **options) for _ in range(count)])
+        return SyncVectorEnv([partial(self.make, wrappers, **options)] * count, autoreset_mode=autoreset_mode)
 
 
 def foreign_task(name: str) -> ForeignTask:

@@ -19,7 +19,6 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from fieldgym.base import TaskVectorEnv
-from fieldgym.rows import RowsVectorEnv
 
 
 def make_sb3_vec(env_id: str, num_envs: int = 1, *, seed: int | None = None, **options: Any) -> NativeVecEnv:
@@ -49,7 +48,7 @@ class NativeVecEnv(VecEnv):
 
     Args:
         parts: Vector environments of fieldgym, or others whose rows are reset from outside
-            (``AutoresetMode.DISABLED``); of equal spaces, their rows one after the other.
+            (``AutoresetMode.DISABLED``), of equal spaces; their rows one after the other.
         seed: Of the first reset; row i is seeded with ``seed + i // twins``. None for no seed.
         twins: Rows in a group that meets the same starts, truths and noise, and is rewarded for what it does
             better than the group's mean. Where noise does not depend on actions, what luck does to all of
@@ -87,7 +86,7 @@ class NativeVecEnv(VecEnv):
             )
         ends = np.cumsum([part.num_envs for part in parts]).tolist()
         self.parts = parts
-        self.exact = not any(isinstance(part, RowsVectorEnv) for part in parts)
+        self.exact = all(hasattr(part.unwrapped, "get_state") for part in parts)
         self.rows = [slice(end - part.num_envs, end) for part, end in zip(parts, ends, strict=True)]
         self.infos: list[dict[str, Any]] = [{} for _ in parts]
         self.latest: NDArray[Any] = np.zeros(0)
@@ -185,15 +184,26 @@ class NativeVecEnv(VecEnv):
     def get_state(self) -> dict[str, Any]:
         """Everything that the next steps depend on, the environments' own state included."""
         return {
-            "parts": [part.unwrapped.get_state() for part in self.parts],  # type: ignore[attr-defined]
+            "parts": [self._state_of(part.unwrapped) for part in self.parts],
             "returns": self._returns.copy(),
             "lengths": self._lengths.copy(),
         }
 
+    def _state_of(self, part: Any) -> dict[str, Any]:
+        """All of the future of our own environments; of others' where their generators stand."""
+        if hasattr(part, "get_state"):
+            return dict(part.get_state())
+        return {"generators": [env.unwrapped.np_random.bit_generator.state for env in part.envs]}
+
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from a state that `get_state` gave."""
         for part, own in zip(self.parts, state["parts"], strict=True):
-            part.unwrapped.set_state(own)  # type: ignore[attr-defined]
+            inner: Any = part.unwrapped
+            if hasattr(inner, "set_state"):
+                inner.set_state(own)
+            else:
+                for env, generator in zip(inner.envs, own["generators"], strict=True):
+                    env.unwrapped.np_random.bit_generator.state = generator
         self._returns[:] = state["returns"]
         self._lengths[:] = state["lengths"]
         self._seed = None

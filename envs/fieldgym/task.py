@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from fieldmodels.names import class_name
 
@@ -109,18 +111,27 @@ class Task:
         """Its environment, by ``gymnasium.make`` with these options, in wrappers, the first innermost."""
         return wrapped(gymnasium.make(self.env_id, **options), wrappers)
 
-    def make_vec(self, count: int, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
+    def make_vec(
+        self,
+        count: int,
+        wrappers: Sequence[Wrap] = (),
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> Any:
         """Its native vector environment of so many rows, by ``gymnasium.make_vec`` with these options.
 
         With wrappers, which take scalar environments, so many of these one after the other.
         """
         if wrappers:
-            from fieldgym.rows import RowsVectorEnv
-
             options = {"disable_env_checker": True, **options}
-            return RowsVectorEnv([Task.make(self, wrappers, **options) for _ in range(count)])
+            one = partial(Task.make, self, wrappers, **options)
+            return SyncVectorEnv([one] * count, autoreset_mode=autoreset_mode)
         return gymnasium.make_vec(
-            self.env_id, num_envs=count, vectorization_mode="vector_entry_point", **options
+            self.env_id,
+            num_envs=count,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=autoreset_mode,
+            **options,
         )
 
 
@@ -142,6 +153,12 @@ class BenchTask(Task):
         """See ``Task.make``."""
         return super().make(wrappers, machine=self.model, **options)
 
-    def make_vec(self, count: int, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
+    def make_vec(
+        self,
+        count: int,
+        wrappers: Sequence[Wrap] = (),
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> Any:
         """See ``Task.make_vec``."""
-        return super().make_vec(count, wrappers, machine=self.model, **options)
+        return super().make_vec(count, wrappers, autoreset_mode, machine=self.model, **options)

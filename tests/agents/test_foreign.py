@@ -10,6 +10,7 @@ import onnx
 import pandas as pd
 import pytest
 import yaml
+from gymnasium.vector import AutoresetMode
 
 from fieldagents.agent import Agent
 from fieldagents.config import ConfigError, EnvironmentConfig, load_config
@@ -25,7 +26,7 @@ from fieldagents.seeds import TEST_SEEDS
 from fieldagents.watch import WatchError, watch
 from fieldgym import find_task
 from fieldgym.foreign import is_foreign
-from fieldgym.rows import RowsVectorEnv
+from fieldgym.sb3 import NativeVecEnv
 
 THEIRS = '''
 import gymnasium
@@ -303,35 +304,15 @@ def test_a_resumed_run_goes_on_with_new_episodes(tmp_path):
     assert curve["steps"].iloc[-1] == 512
 
 
-def test_rows_stand_still_after_their_end_and_are_reset_alone():
-    rows = find_task(CART).make_vec(3, settings={"most": 2})
-    assert isinstance(rows, RowsVectorEnv)
-    first, _ = rows.reset(seed=5)
-    alone = find_task(CART).make(settings={"most": 2})
-    for i in range(3):
-        np.testing.assert_array_equal(alone.reset(seed=5 + i)[0], first[i])
-    zero = np.zeros((3, 1), np.float32)
-    rows.step(zero)
-    seen, _, _, truncated, _ = rows.step(zero)
-    assert truncated.all()
-    again, reward, _, truncated, info = rows.step(zero)
-    np.testing.assert_array_equal(again, seen)
-    assert truncated.all()
-    assert (reward == 0).all()
-    assert (info["step_reward"] == 0).all()
-    begun, _ = rows.reset(options={"reset_mask": np.array([False, True, False])})
-    assert begun[1, 1] == 0
-    np.testing.assert_array_equal(begun[[0, 2]], seen[[0, 2]])
-
-
 def test_where_the_generators_stand_decides_the_next_episodes():
-    rows = find_task(CART).make_vec(2)
-    rows.reset(seed=1)
+    rows = NativeVecEnv(find_task(CART).make_vec(2, autoreset_mode=AutoresetMode.DISABLED), seed=1)
+    rows.reset()
     kept = rows.get_state()
-    wanted, _ = rows.reset()
+    wanted = rows.reset()
     rows.reset()
     rows.set_state(kept)
-    np.testing.assert_array_equal(rows.reset()[0], wanted)
+    np.testing.assert_array_equal(rows.reset(), wanted)
+    assert not rows.exact
 
 
 def test_it_is_watched_in_its_wrappers_to_its_own_end(tmp_path):

@@ -85,7 +85,7 @@ def play_episodes(
             observation, reward, terminated, truncated, info = envs.step(action)
             steps += running
             returns += np.where(running, reward, 0.0)
-            told = {**info, "agent": agent.account()}
+            told = {**info, "reward": reward, "agent": agent.account()}
             for tally in tallies:
                 tally.add(told, running)
             running &= ~(terminated | truncated)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 
@@ -55,7 +56,9 @@ def _run_training(
     set_random_seed(config.seed)
     shares = np.array_split(np.arange(config.num_envs), len(config.environments))
     parts = [
-        find_task(config.task).make_vec(len(share), **environment.options)
+        find_task(config.task).make_vec(
+            len(share), autoreset_mode=AutoresetMode.DISABLED, **environment.options
+        )
         for environment, share in zip(config.environments, shares, strict=True)
     ]
     if told := told_in(config):
