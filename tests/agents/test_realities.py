@@ -16,11 +16,12 @@ from fieldagents.record import make_recording
 from fieldagents.record.config import RecordConfig
 from fieldagents.retune import reality
 from fieldagents.retune.config import RealitiesConfig, seeds_of
-from fieldagents.retune.realities import close_loops
+from fieldagents.retune.realities import Closed, Realities, close_loops
 from fieldagents.retune.reality import drawn, recorded
-from fieldagents.retune.recovery import pooled_recovery
+from fieldagents.retune.recovery import Recovery, pooled_recovery
 from fieldagents.retune.table import tables
 from fieldagents.seeds import TEST_SEEDS, TRAINING_SEEDS
+from fieldagents.task import Metric
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.model import StrayedError
 from fieldmodels.recording import RecordingError
@@ -70,6 +71,20 @@ def test_nothing_to_recover_where_the_oracle_is_no_better_over_the_realities():
     one_loses = np.zeros((12, 20))
     one_loses[0] = 1.0  # 12 realities, drawn again, are without it in a third of cases
     assert pooled(one_loses, one_loses, np.zeros((12, 20))).outcome == "nothing to recover"
+
+
+def test_the_sentence_says_shares_in_percent_of_all_runs_and_of_each():
+    metric = Metric("error", "mm", "error of the foot", "error_mm")
+    means = {"nominal": 4.0, "retuned": 2.5, "oracle": 2.0}
+    closed = (Closed({}, "effect", {}, "", means, Recovery("measured", 0.75, (0.7, 0.8)), {}),)
+    result = Realities(
+        "name", "task", "agent", "title", ("untold", "told", "knowing"), metric, 4, "seeds",
+        Recovery("measured", 0.75, (0.7, 0.8)), (0.61, None, 0.89), closed,
+    )  # fmt: skip
+    assert result.sentence() == (
+        "error of the foot of agent over 1 drawn realities: 4 mm untold, 2.5 told, 2 knowing: 75.0 % of the"
+        " loss recovered (95 % interval 70.0 to 80.0); single training runs 61.0 to 89.0 %."
+    )
 
 
 @pytest.mark.nightly

@@ -229,6 +229,15 @@ def test_gain_of_the_force_torque_sensor_scales_the_vehicle_but_for_its_lever_ar
     np.testing.assert_allclose(found[seen], expected[seen], rtol=0.02)
 
 
+def test_the_lag_of_a_ramp_is_that_of_the_differential_equation():
+    """T y' + y = t from rest: y = t - T (1 - exp(-t / T))."""
+    time = 0.01 * np.arange(50)
+    late = np.zeros((50, 3))
+    lag_motion(np.outer(time, [1.0, -2.0, 0.5]), 0.01, 0.03, late)
+    exact = time - 0.03 * (1.0 - np.exp(-time / 0.03))
+    np.testing.assert_allclose(late, np.outer(exact, [1.0, -2.0, 0.5]), atol=1e-12)
+
+
 def test_lag_goes_on_from_decision_to_decision():
     whole, _ = arm_motion(commands(5, 1)[:, 0], 25.0)
     late = np.zeros_like(whole)
