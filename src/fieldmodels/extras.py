@@ -9,7 +9,8 @@ EXTRAS = {
     "pandas": "agents", "onnxruntime": "agents", "pygame": "render", "pymunk": "bodies", "torch": "train",
     "stable_baselines3": "train", "sb3_contrib": "train", "tensorboard": "train", "onnx": "train",
     "cma": "train", "optuna": "tune", "ray": "cluster", "filterpy": "filters", "pulp": "planning",
-    "moviepy": "video", "cv2": "video", "imageio_ffmpeg": "video", "starlette": "app", "uvicorn": "app", "anyio": "app",
+    "moviepy": "video", "cv2": "video", "imageio_ffmpeg": "video",
+    "starlette": "app", "uvicorn": "app", "anyio": "app",
     "python_calamine": "excel", "h5py": "hdf5", "rosbags": "ros", "asammdf": "mdf",
 }  # fmt: skip
 """Package to the extra of ``pip install 'fieldgym[...]'``."""

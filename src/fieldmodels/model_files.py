@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import pickle
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from fieldmodels.contract import check_declarations
 from fieldmodels.guard import guard_model, located
@@ -70,12 +72,24 @@ def load_model_file(name: str, call_limit: float | None = None) -> Model:
 
     guard_model(kind, path, call_limit)
     kind.file = f"{path.resolve()}:{kind.__name__}"
+    kind.__reduce__ = _reduced  # type: ignore[method-assign, assignment]
     with located(path, f"{kind.__name__}()"):
         model = kind()
         check_declarations(model, str(path))
         if isinstance(model, Declaration):
             check_methods(model)
     return model
+
+
+def _reduced(model: Model) -> tuple[Any, ...]:
+    """A pickle of a model from a file, which loads the file again: no module has its class."""
+    if "file" not in vars(type(model)):  # a class made of it at run time
+        raise pickle.PicklingError(f"{type(model).__name__} was made at run time; pickle what it was made of")
+    return _unpickled, (type(model).file,), model.__getstate__()
+
+
+def _unpickled(name: str) -> Model:
+    return object.__new__(type(load_model_file(name)))
 
 
 def _run(path: Path) -> ModuleType:

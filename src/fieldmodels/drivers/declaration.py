@@ -26,19 +26,6 @@ Hold = Literal["held", "interpolated"]
 """What an input does between samples."""
 
 
-CACHED = ("driver",)
-"""What a machine derives from its declarations when first asked, some of it compiled."""
-
-
-def _unpickled(kind: type[Model] | str) -> Model:
-    """A machine without its declarations, of a class or of a Python file's."""
-    if isinstance(kind, str):
-        from fieldmodels.model_files import load_model_file
-
-        kind = type(load_model_file(kind))
-    return object.__new__(kind)
-
-
 class Number:
     """A number of a machine, as it is declared; see ``number``."""
 
@@ -206,10 +193,9 @@ class Declaration(Model):
         if not self.horizons:
             self.horizons = (0.1, 0.2, 0.4)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as class and declarations; one from a Python file is loaded from there again."""
-        kept = {key: value for key, value in vars(self).items() if key not in CACHED}
-        return _unpickled, (vars(type(self)).get("file") or type(self),), kept
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: the declarations, not what was compiled of them."""
+        return {key: value for key, value in vars(self).items() if key != "driver"}
 
     def with_effects(self, extra: Sequence[Stock]) -> Self:
         """The same machine with further stock effects."""
