@@ -112,7 +112,7 @@ VERDICTS = {"better": "better", "worse": "worse", "cannot tell": "a tie"}
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->"
 LEARNERS = {"ppo": "PPO", "sac": "SAC", "AnnealedPPO": "PPO", "BranchingPPO": "PPO with trials in copies",
-            "Evolution": "CMA-ES", "Pathwise": "exact gradient, LSTM"}  # fmt: skip
+            "Pathwise": "exact gradient, LSTM"}  # fmt: skip
 
 
 def headline(summary: dict[str, Any], member: dict[str, Any]) -> str:

@@ -115,7 +115,7 @@ def test_every_kind_of_work_has_a_price():
 
 
 SMALL = {
-    "excitation/ppo": ["steps=900", "learner.n_epochs=2"],
+    "excitation/ppo": ["steps=900", "num_envs=16", "learner.batch_size=200", "learner.n_epochs=2"],
     "heel_strike/ppo": ["steps=5000", "validation.every=1", "environment.settings.strides=8"],
     "line_following/ppo": ["steps=4000", "also=[{settings: {track: s}}]", "num_envs=32"],
     "pose_reaching/sac": ["steps=1750", "round_updates=2", "validation.every=2"],
