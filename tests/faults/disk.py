@@ -18,6 +18,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 VOLATILE = (
+    "policy.zip",  # what Stable-Baselines3 pickles holds times and generators
+    "vecnormalize.pkl",
     "run.json",
     "result.json",
     "runs.csv",

@@ -39,7 +39,7 @@ def train(
     Args:
         config: What to train.
         resume: Folder of an interrupted run of the same config: it goes on from its last checkpoint, and
-            every file but the TensorBoard log, ``policy.zip`` (which holds times) and ``run.json``'s seconds
+            every file but the TensorBoard log, what Stable-Baselines3 pickles and ``run.json``'s seconds
             comes out as if it had never been interrupted, bit for bit (same versions, same processor type).
         progress: Show progress on standard error.
         out: The folder of a new run; ``runs/<task>/<name>-<hash>`` unless given.
