@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import gymnasium as gym
+import matplotlib
 import numpy as np
 import pygame
 import pytest
@@ -14,6 +15,8 @@ from PIL import Image
 from fieldgym import TASKS
 from fieldgym.bench import as_env
 from fieldgym.film import FilmError, check_ending, write_film
+
+matplotlib.use("Agg")  # importing Gymnasium's play asks for a window
 
 LIMITS = {
     "heel_strike": {"strides": 7},
