@@ -178,6 +178,20 @@ def score(
             numbers[k, i] = values[k]
 
 
+def known(shaken: Shaken) -> dict[str, Any]:
+    """What ``info`` says of the filter, the arm and the noise: what a model-based agent may read."""
+    return {
+        "estimate.mean": shaken.mean,
+        "estimate.covariance": shaken.covariance,
+        "estimate.moments": shaken.moments,
+        "estimate.noise": shaken.noise,
+        "estimate.samples": shaken.samples,
+        "arm.command": shaken.command,
+        "arm.phase": shaken.phase,
+        "variances": shaken.variances,
+    }
+
+
 class _ExcitationTask(BatchTask):
     """The task on a batch of vehicles."""
 
@@ -315,15 +329,8 @@ class _ExcitationTask(BatchTask):
         others = {
             "noise_draw": numbers[len(NUMBERS)],
             "information": shaken.bits,
-            "estimate.mean": shaken.mean,
-            "estimate.covariance": shaken.covariance,
-            "estimate.moments": shaken.moments,
-            "estimate.noise": shaken.noise,
-            "estimate.samples": shaken.samples,
-            "arm.command": shaken.command,
-            "arm.phase": shaken.phase,
+            **known(shaken),
             "base": shaken.base,
-            "variances": shaken.variances,
             "privileged.truth": truth,
             "privileged.error": shaken.mean - truth,
             **self.drawn.info,

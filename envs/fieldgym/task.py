@@ -107,9 +107,14 @@ class Task:
         found: type[Any] = resolve_name(f"fieldgym.{self.module}:{self.settings_name}")
         return found
 
+    @property
+    def own(self) -> dict[str, Any]:
+        """What ``gymnasium.make`` is given beside a user's options."""
+        return {}
+
     def make(self, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
         """Its environment, by ``gymnasium.make`` with these options, in wrappers, the first innermost."""
-        return wrapped(gymnasium.make(self.env_id, **options), wrappers)
+        return wrapped(gymnasium.make(self.env_id, **self.own, **options), wrappers)
 
     def make_vec(
         self,
@@ -124,13 +129,14 @@ class Task:
         """
         if wrappers:
             options = {"disable_env_checker": True, **options}
-            one = partial(Task.make, self, wrappers, **options)
+            one = partial(self.make, wrappers, **options)
             return SyncVectorEnv([one] * count, autoreset_mode=autoreset_mode)
         return gymnasium.make_vec(
             self.env_id,
             num_envs=count,
             vectorization_mode="vector_entry_point",
             autoreset_mode=autoreset_mode,
+            **self.own,
             **options,
         )
 
@@ -149,16 +155,7 @@ class BenchTask(Task):
         """All of its signals."""
         return None
 
-    def make(self, wrappers: Sequence[Wrap] = (), **options: Any) -> Any:
-        """See ``Task.make``."""
-        return super().make(wrappers, machine=self.model, **options)
-
-    def make_vec(
-        self,
-        count: int,
-        wrappers: Sequence[Wrap] = (),
-        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
-        **options: Any,
-    ) -> Any:
-        """See ``Task.make_vec``."""
-        return super().make_vec(count, wrappers, autoreset_mode, machine=self.model, **options)
+    @property
+    def own(self) -> dict[str, Any]:
+        """See ``Task.own``."""
+        return {"machine": self.model}

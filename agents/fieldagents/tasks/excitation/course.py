@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from gymnasium.utils.seeding import np_random
@@ -13,9 +13,9 @@ from pydantic import Field
 from fieldagents.agent import Agent
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.tasks.excitation.agents import to_command
-from fieldgym.excitation import ExcitationSettings
+from fieldgym.excitation import ExcitationSettings, known
 from fieldmodels.machines.excitation.parameters import LIMITS
-from fieldmodels.machines.excitation.shaker import Shaken, Shakers
+from fieldmodels.machines.excitation.shaker import Shakers
 
 Floats = NDArray[np.float64]
 SOURCE = "V. A. Sujan and S. Dubowsky, An optimal information method, IEEE/ASME TMech 8(2), 2003, "
@@ -80,7 +80,7 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
     agent.begin_episodes(np.ones(episodes, dtype=np.bool_))
     shaken, course, angles = shakers.observe(), [shakers.observe()], []
     for _ in range(settings.decisions):
-        action = agent.act(np.zeros((episodes, 0), dtype=np.float32), given(shaken))
+        action = agent.act(np.zeros((episodes, 0), dtype=np.float32), known(shaken))
         shaken = shakers.advance(to_command(action, limits), traces=True)
         assert shaken.motion is not None
         course.append(shaken)
@@ -93,17 +93,3 @@ def play(agent: Agent, settings: ExcitationSettings, vehicle: Floats, episodes: 
         np.array([one.command for one in course[1:]]),
         vehicle,
     )
-
-
-def given(shaken: Shaken) -> dict[str, Any]:
-    """What the environment's ``info`` gives a model-based agent."""
-    return {
-        "estimate.mean": shaken.mean,
-        "estimate.covariance": shaken.covariance,
-        "estimate.moments": shaken.moments,
-        "estimate.noise": shaken.noise,
-        "estimate.samples": shaken.samples,
-        "arm.command": shaken.command,
-        "arm.phase": shaken.phase,
-        "variances": shaken.variances,
-    }
