@@ -13,7 +13,7 @@ from fieldmodels.compiled import compiled
 from fieldmodels.machines.excitation import dynamics
 from fieldmodels.machines.excitation.declaration import as_vehicles
 from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS, advance_mode, simulate
-from fieldmodels.machines.excitation.lanes import ROOM, advance_modes
+from fieldmodels.machines.excitation.lanes import advance_modes, room_for
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import CONSTANT, arm_motion
 from fieldmodels.machines.excitation.parameters import PRESETS, SAMPLE, SOFT, TABLE1, UNKNOWNS, Arm
@@ -198,20 +198,24 @@ def test_a_new_pose_of_the_arm_ends_in_static_balance() -> None:
 
 
 @pytest.mark.parametrize("size", [0.3, 1.2])
-def test_modes_side_by_side_are_those_one_by_one(size: float) -> None:
-    """To the bit, for small turns of the vehicle and, on weak springs, for large ones."""
+@pytest.mark.parametrize(("beside", "places"), [(1, 1), (3, 5), (5, 5)])
+def test_modes_side_by_side_are_those_one_by_one(size: float, beside: int, places: int) -> None:
+    """To the bit, for small turns of the vehicle and, on weak springs, for large ones; in places left over."""
     weak = SOFT.copy()
     weak[19:22] *= 0.3
     moved = motion(commands=np.tile([size, 5.0, 0.3], (5, 1)))
-    states, signals = np.zeros((3, STATE)), np.empty((3, (len(moved) - 1) // SUBSTEPS, 24))
-    shake_all(as_vehicles([weak]), ARM.row(), moved, moved[0, 0], states, signals, np.ones(1, ROOM))
-    assert np.array_equal(signals, simulate(weak, moved, ARM.row(), SAMPLE)[0])
-    assert (np.linalg.norm(signals[:, :, ANGLE : ANGLE + 3], axis=2).max() > 0.2) == (size > 1.0)
+    vehicles, motions = np.tile(weak, (beside, 1)), np.tile(moved, (beside, 1, 1))
+    vehicles[:, 0] *= 1.0 + 0.1 * np.arange(beside)
+    states, signals = np.zeros((beside, 3, STATE)), np.empty((beside, 3, (len(moved) - 1) // SUBSTEPS, 24))
+    room = np.ones(1, room_for(places))
+    shake_all(as_vehicles(vehicles), ARM.row(), motions, moved[0, 0], states, signals, room)
+    assert np.array_equal(signals, simulate(vehicles, moved, ARM.row(), SAMPLE))
+    assert (np.linalg.norm(signals[..., ANGLE : ANGLE + 3], axis=-1).max() > 0.2) == (size > 1.0)
 
 
 @compiled
 def shake_all(vehicles, row, motion, rest, states, out, room):
-    advance_modes(vehicles[0], row, motion, rest, SAMPLE, SUBSTEPS, states, out, room[0])
+    advance_modes(vehicles, row, motion, rest, SAMPLE, SUBSTEPS, states, out, room[0])
 
 
 def run_free(x: np.ndarray, state: np.ndarray, samples: int) -> np.ndarray:

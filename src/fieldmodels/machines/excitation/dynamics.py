@@ -116,16 +116,20 @@ def pose(mode: int, angle: float) -> tuple[Vector, Vector]:
 
 
 @inlined
+def turning_series(square: float) -> float:
+    """``turning_share`` where it is small."""
+    fourth = square * square
+    share = 1.0 / 30240.0 + square * (1.0 / 1209600.0) + fourth * (1.0 / 47900160.0)
+    return 1.0 / 12.0 + square * (1.0 / 720.0) + fourth * share
+
+
+@inlined
 def turning_share(square: float) -> float:
     """What o x (o x w) counts in ``turning_excess``, by the square of o [rad2]."""
     if square < SMALL:
-        fourth = square * square
-        share = 1.0 / 30240.0 + square * (1.0 / 1209600.0) + fourth * (1.0 / 47900160.0)
-        share = 1.0 / 12.0 + square * (1.0 / 720.0) + fourth * share
-    else:
-        angle = math.sqrt(square)
-        share = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
-    return share
+        return turning_series(square)
+    angle = math.sqrt(square)
+    return (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
 
 
 @inlined

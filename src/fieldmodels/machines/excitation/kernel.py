@@ -12,7 +12,7 @@ from fieldmodels.compiled import allocation_free, allocation_free_inlined, compi
 from fieldmodels.drivers.stepped import Signals, give
 from fieldmodels.machines.excitation import lanes
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
-from fieldmodels.machines.excitation.lanes import advance_modes
+from fieldmodels.machines.excitation.lanes import BESIDE, advance_modes
 from fieldmodels.machines.excitation.motion import (
     CONSTANT,
     OFFSET,
@@ -38,13 +38,18 @@ from fieldmodels.machines.excitation.vectors import copy_to
 
 BASE = 12
 """Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
-ROOM = np.dtype([
-    ("path", np.float64, (SAMPLES * SUBSTEPS + 1, 3)),
-    ("late", np.float64, (SAMPLES * SUBSTEPS + 1, 3)),
-    ("following", np.float64, (3,)),
-    ("lanes", lanes.ROOM),
-])  # fmt: skip
-"""Room for one decision: the arm's motion as commanded and as it lags, the command that it follows."""
+
+
+def room_for(batch: int) -> np.dtype[Any]:
+    """Room for a decision: the arms' motion as commanded and as one lags, the command that is followed."""
+    beside = BESIDE if batch > 1 else 1
+    return np.dtype([
+        ("paths", np.float64, (beside, SAMPLES * SUBSTEPS + 1, 3)),
+        ("late", np.float64, (SAMPLES * SUBSTEPS + 1, 3)),
+        ("following", np.float64, (3,)),
+        ("lanes", lanes.room_for(beside)),
+    ])  # fmt: skip
+
 
 
 class Experiments(NamedTuple):
@@ -210,17 +215,20 @@ def advance(
     motion: FloatArray,
     room: NDArray[Any],
 ) -> None:
-    """Move the arms and the vehicles under them, none of which has an effect: their modes go side by side.
+    """Move the arms and the vehicles under them, none of which has an effect: several go side by side.
 
-    Fills the true signals, shape (batch, 3, 80, 24); ``room``, of dtype ``ROOM``, is overwritten.
+    Fills the true signals, shape (batch, 3, 80, 24); ``room``, of a dtype of ``room_for``, is overwritten.
     """
-    path, following, beside = room[0].path, room[0].following, room[0].lanes
-    for b in range(len(wanted)):
-        move_arm(e, b, around, wanted[b], rules[b].acceleration, path, following)
+    paths, following, beside = room[0].paths, room[0].following, room[0].lanes
+    for first in range(0, len(wanted), len(paths)):
+        end = min(first + len(paths), len(wanted))
+        for b in range(first, end):
+            move_arm(e, b, around, wanted[b], rules[b].acceleration, paths[b - first], following)
+            keep_motion(paths[b - first], b, motion)
         advance_modes(
-            e.vehicles[b], arm, path, CONSTANT[OFFSET], SAMPLE, SUBSTEPS, e.states[b], signals[b], beside
-        )
-        keep_motion(path, b, motion)
+            e.vehicles[first:end], arm, paths[: end - first], CONSTANT[OFFSET], SAMPLE, SUBSTEPS,
+            e.states[first:end], signals[first:end], beside,
+        )  # fmt: skip
 
 
 @compiled
@@ -235,7 +243,7 @@ def advance_odd(
     room: NDArray[Any],
 ) -> None:
     """``advance`` where a vehicle has an effect: each mode by itself, and an arm may lag."""
-    path, following, late = room[0].path, room[0].following, room[0].late
+    path, following, late = room[0].paths[0], room[0].following, room[0].late
     for b in range(len(wanted)):
         q, time, moved = e.vehicles[b], e.counts[b] * SAMPLE, path
         move_arm(e, b, around, wanted[b], rules[b].acceleration, path, following)
@@ -312,7 +320,7 @@ def shake(
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
     move = advance_odd if odd else advance
-    move(e, rules, arm, around, wanted, signals, motion, np.empty(1, ROOM))
+    move(e, rules, arm, around, wanted, signals, motion, np.empty(1, room_for(len(wanted))))
     if len(bodies) > 0:
         bodies[..., 0:3] = signals[..., POSITION : POSITION + 3]
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]

@@ -234,12 +234,12 @@ class Buffers(NamedTuple):
     """Room for one decision.
 
     Attributes:
-        motion: Of the arm, shape (80 * substeps + 1, 3).
-        signals: Shape (3, 80, 24).
+        motion: Of the one arm, shape (1, 80 * substeps + 1, 3).
+        signals: Of the one vehicle, shape (1, 3, 80, 24).
         features: Of one mode, shape (80, 30).
         spread: Sum of their noise's covariances, shape (30, 30).
         exact: Variances of signals without noise, shape (24,): zeros.
-        lanes: Of the modes side by side, dtype ``lanes.ROOM``, shape (1,).
+        lanes: Of the modes side by side, dtype ``lanes.room_for(1)``, shape (1,).
     """
 
     motion: FloatArray
@@ -251,10 +251,10 @@ class Buffers(NamedTuple):
 
 
 @inlined
-def _shake(q: Any, setup: Setup, state: FloatArray, buffers: Buffers) -> None:
-    """Advance all modes, state of shape (3, 24), by the decision whose motion is in the buffers."""
+def _shake(vehicle: NDArray[Any], setup: Setup, state: FloatArray, buffers: Buffers) -> None:
+    """Advance all modes, state of shape (1, 3, 24), by the decision whose motion is in the buffers."""
     advance_modes(
-        q, setup.arm, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, state, buffers.signals,
+        vehicle, setup.arm, buffers.motion, CONSTANT[OFFSET], SAMPLE, setup.substeps, state, buffers.signals,
         buffers.lanes[0],
     )  # fmt: skip
 
@@ -282,12 +282,12 @@ def add_decision(setup: Setup, sums: Sums, buffers: Buffers) -> None:
     """Add what the filter will have of the decision in the buffers to its sums."""
     gravity, y, spread = setup.arm[GRAVITY], buffers.features, buffers.spread
     if setup.running:
-        raise_variances(buffers.signals, setup.fraction * setup.fraction / 3.0, sums.variances)
+        raise_variances(buffers.signals[0], setup.fraction * setup.fraction / 3.0, sums.variances)
     for mode in range(MODES):
         spread[:, :] = 0.0
         for k in range(SAMPLES):
-            fill_features(buffers.signals[mode, k], buffers.exact, gravity, y[k])
-            add_feature_noise(buffers.signals[mode, k], sums.variances[mode], gravity, spread)
+            fill_features(buffers.signals[0, mode, k], buffers.exact, gravity, y[k])
+            add_feature_noise(buffers.signals[0, mode, k], sums.variances[mode], gravity, spread)
         accumulate(y, setup.average, sums.moments[mode])
         # Measured features carry noise, which the filter's sums will hold on average.
         accumulate_noise(spread, setup.average, sums.moments[mode])
@@ -296,15 +296,21 @@ def add_decision(setup: Setup, sums: Sums, buffers: Buffers) -> None:
 
 @inlined
 def follow(
-    q: Any, setup: Setup, wanted: FloatArray, phase: float, sums: Sums, after: FloatArray, buffers: Buffers
+    vehicle: NDArray[Any],
+    setup: Setup,
+    wanted: FloatArray,
+    phase: float,
+    sums: Sums,
+    after: FloatArray,
+    buffers: Buffers,
 ) -> None:
     """Shake a vehicle by a candidate's commands, shape (decisions, 3), from a phase [rad] on."""
     for h in range(len(wanted)):
         attainable(sums.command, phase, wanted[h], setup.acceleration, after)
-        fill_motion(sums.command, phase, after, buffers.motion)
+        fill_motion(sums.command, phase, after, buffers.motion[0])
         phase = phase_after(phase, sums.command, after)
         sums.command[:] = after
-        _shake(q, setup, sums.state, buffers)
+        _shake(vehicle, setup, sums.state, buffers)
         add_decision(setup, sums, buffers)
 
 
@@ -321,34 +327,34 @@ def _predict(
 ) -> None:
     """Fill covariances and grams after each candidate; see ``Predictor.outlook``."""
     buffers = Buffers(
-        np.empty((SAMPLES * setup.substeps + 1, 3)),
-        np.empty((MODES, SAMPLES, SIGNALS)),
+        np.empty((1, SAMPLES * setup.substeps + 1, 3)),
+        np.empty((1, MODES, SAMPLES, SIGNALS)),
         np.empty((SAMPLES, FEATURES)),
         np.empty((FEATURES, FEATURES)),
         np.zeros(SIGNALS),
         lane_room,
     )
     sums = Sums(
-        np.empty((MODES, STATE)),
+        np.empty((1, MODES, STATE)),
         np.empty_like(situation.moments[0]),
         np.empty_like(situation.noise[0]),
         np.empty((MODES, SIGNALS)),
         np.empty(3),
     )
     flat_moments, flat_noise = sums.moments.reshape((MODES, -1)), sums.noise.reshape((MODES, -1))
-    shaken, after, believed = np.empty((MODES, STATE)), np.empty(3), np.empty(UNKNOWNS)
+    shaken, after, believed = np.empty((1, MODES, STATE)), np.empty(3), np.empty(UNKNOWNS)
     for b in range(len(situation.mean)):
-        fill_past(situation.command[b], situation.phase[b], buffers.motion)
-        shaken[:, :] = 0.0
-        _shake(vehicles[b], setup, shaken, buffers)
+        fill_past(situation.command[b], situation.phase[b], buffers.motion[0])
+        shaken[:, :, :] = 0.0
+        _shake(vehicles[b : b + 1], setup, shaken, buffers)
         samples = situation.samples[b] + wanted.shape[2] * SAMPLES / setup.average
         for c in range(wanted.shape[1]):
-            sums.state[:, :] = shaken
+            sums.state[:, :, :] = shaken
             sums.moments[:, :, :] = situation.moments[b]
             sums.noise[:, :, :] = situation.noise[b]
             sums.variances[:, :] = situation.variances[b]
             sums.command[:] = situation.command[b]
-            follow(vehicles[b], setup, wanted[b, c], situation.phase[b], sums, after, buffers)
+            follow(vehicles[b : b + 1], setup, wanted[b, c], situation.phase[b], sums, after, buffers)
             grams[b, c] = 0.0
             for mode in range(MODES):
                 add_gram(setup.terms, setup.active[mode], setup.deviation, sums.moments[mode], grams[b, c])
@@ -433,6 +439,6 @@ class Predictor:
         shaken = as_vehicles(make_physical(situation.mean if vehicles is None else vehicles))
         room = room_for(UNKNOWNS, EQUATIONS)
         _predict(
-            self._setup, known, shaken, wanted, room, np.empty(1, lanes.ROOM), result.covariance, result.gram
+            self._setup, known, shaken, wanted, room, np.empty(1, lanes.room_for(1)), result.covariance, result.gram
         )
         return result

@@ -93,19 +93,23 @@ SMALL = 0.04
 
 
 @inlined
+def turned_series(square: float) -> tuple[float, float]:
+    """``turned_shares`` of a small angle."""
+    # Products with constants: a division takes as long as five of them.
+    fourth = square * square
+    s = 1.0 / 120.0 - square * (1.0 / 5040.0) + fourth * (1.0 / 362880.0)
+    s = 1.0 - square * (1.0 / 6.0) + fourth * s
+    c = 1.0 / 720.0 - square * (1.0 / 40320.0) + fourth * (1.0 / 3628800.0)
+    return s, 0.5 - square * (1.0 / 24.0) + fourth * c
+
+
+@inlined
 def turned_shares(square: float) -> tuple[float, float]:
     """Sin(t) / t and (1 - cos(t)) / t^2 of the square of an angle t [rad2]."""
     if square < SMALL:
-        # Products with constants: a division takes as long as five of them.
-        fourth = square * square
-        s = 1.0 / 120.0 - square * (1.0 / 5040.0) + fourth * (1.0 / 362880.0)
-        s = 1.0 - square * (1.0 / 6.0) + fourth * s
-        c = 1.0 / 720.0 - square * (1.0 / 40320.0) + fourth * (1.0 / 3628800.0)
-        c = 0.5 - square * (1.0 / 24.0) + fourth * c
-    else:
-        angle = math.sqrt(square)
-        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
-    return s, c
+        return turned_series(square)
+    angle = math.sqrt(square)
+    return math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
 
 
 @inlined

@@ -21,7 +21,7 @@ from fieldmodels.estimation.parameter_filter import ParameterFilters, Terms
 from fieldmodels.information import fast_bits
 from fieldmodels.machines.excitation.declaration import EFFECTS, NUMBERS, ROW, with_effects
 from fieldmodels.machines.excitation.dynamics import STATE, SUBSTEPS
-from fieldmodels.machines.excitation.kernel import BASE, ROOM, Around, Experiments, advance, shake
+from fieldmodels.machines.excitation.kernel import BASE, Around, Experiments, advance, room_for, shake
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import AMPLITUDE, CONSTANT, DECISION, FREQUENCY, OFFSET
 from fieldmodels.machines.excitation.parameters import (
@@ -210,7 +210,7 @@ def _full_scale(vehicle: tuple[float, ...], arm: Arm, rules: np.dtype[Any]) -> F
         history=np.zeros((1, MODES, 0, TURNS)),
     )
     signals, motion = np.empty((1, MODES, SAMPLES, SIGNALS)), np.empty((0, SAMPLES + 1, 3))
-    maxima, room = np.zeros(SIGNALS), np.empty(1, ROOM)
+    maxima, room = np.zeros(SIGNALS), np.empty(1, room_for(1))
     for _ in range(round(DURATION / DECISION)):
         advance(experiment, own, arm.row(), None, CONSTANT[None].copy(), signals, motion, room)
         np.maximum(maxima, np.abs(signals[0]).max(axis=(0, 1)), out=maxima)
