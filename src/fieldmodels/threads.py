@@ -24,7 +24,8 @@ def _cut(value: Any, rows: slice) -> Any:
     if isinstance(value, np.ndarray):
         return value[rows]
     if isinstance(value, tuple):
-        return type(value)(*(_cut(part, rows) for part in value))
+        parts = [_cut(part, rows) for part in value]
+        return tuple(parts) if type(value) is tuple else type(value)(*parts)
     return value
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import allocation_free, allocation_free_inlined, compiled, inlined
 from fieldmodels.drivers.stepped import Signals, give
+from fieldmodels.estimation.parameter_filter import Sums, add_chunk
 from fieldmodels.machines.excitation import lanes
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
 from fieldmodels.machines.excitation.lanes import BESIDE, advance_modes
@@ -45,11 +46,10 @@ def room_for(batch: int) -> np.dtype[Any]:
     beside = BESIDE if batch > 1 else 1
     return np.dtype([
         ("paths", np.float64, (beside, SAMPLES * SUBSTEPS + 1, 3)),
-        ("late", np.float64, (SAMPLES * SUBSTEPS + 1, 3)),
+        ("late", np.float64, (1, SAMPLES * SUBSTEPS + 1, 3)),
         ("following", np.float64, (3,)),
         ("lanes", lanes.room_for(beside)),
     ])  # fmt: skip
-
 
 
 class Experiments(NamedTuple):
@@ -182,7 +182,7 @@ def sense(
 ) -> None:
     """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features.
 
-    The last two are overwritten: signals of a sample and their noise's variances, shape (24,).
+    These are of shape (3, 80, 30), the sums of their noise's covariance of shape (3, 30, 30). The last two are overwritten: signals of a sample and their noise's variances, shape (24,).
     """
     for mode in range(MODES):
         for i in range(FEATURES):
@@ -243,7 +243,7 @@ def advance_odd(
     room: NDArray[Any],
 ) -> None:
     """``advance`` where a vehicle has an effect: each mode by itself, and an arm may lag."""
-    path, following, late = room[0].paths[0], room[0].following, room[0].late
+    path, following, late = room[0].paths[0], room[0].following, room[0].late[0]
     for b in range(len(wanted)):
         q, time, moved = e.vehicles[b], e.counts[b] * SAMPLE, path
         move_arm(e, b, around, wanted[b], rules[b].acceleration, path, following)
@@ -275,20 +275,22 @@ def show(e: Experiments, gravity: float, around: Around | None, signals: FloatAr
                 compensate(gravity, signals[b, mode])
 
 
-@allocation_free
+@compiled
 def measure(
     e: Experiments,
     rules: NDArray[Any],
     gravity: float,
     signals: FloatArray,
-    features: FloatArray,
-    noise: FloatArray,
-    room: FloatArray,
+    sums: tuple[Sums, ...],
 ) -> None:
-    """Sense what the sensors show, and count the samples; ``room``, (2, 24), is overwritten."""
+    """Sense what the sensors show, add it to the filters' sums, and count the samples."""
+    features, noise = np.empty((MODES, SAMPLES, FEATURES)), np.empty((MODES, FEATURES, FEATURES))
+    measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
     for b in range(len(signals)):
-        sense(e, b, rules[b], gravity, signals[b], features[b], noise[b], room[0], room[1])
+        sense(e, b, rules[b], gravity, signals[b], features, noise, measured, variance)
         e.counts[b] += SAMPLES
+        for one in sums:
+            add_chunk(one, b, features, noise)
 
 
 def shake(
@@ -299,8 +301,7 @@ def shake(
     odd: bool,
     wanted: FloatArray,
     signals: FloatArray,
-    features: FloatArray,
-    noise: FloatArray,
+    sums: tuple[Sums, ...],
     motion: FloatArray,
     bodies: FloatArray,
 ) -> None:
@@ -314,8 +315,7 @@ def shake(
         odd: Whether a vehicle has an effect; where none has, the modes go side by side.
         wanted: Commands that the agents want, shape (batch, 3).
         signals: Receives what is sensed without noise, shape (batch, 3, 80, 24).
-        features: Receives the features, shape (batch, 3, 80, 30).
-        noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
+        sums: Of the filters, to which what is sensed is added.
         motion: Receives f, f', f'' of the arm, shape (batch, 81, 3), or (0, 81, 3).
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
@@ -326,4 +326,4 @@ def shake(
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]
     if e.sensing.any() or (around is not None and around.senses):
         show(e, arm[GRAVITY], around, signals)
-    measure(e, rules, arm[GRAVITY], signals, features, noise, np.empty((2, SIGNALS)))
+    measure(e, rules, arm[GRAVITY], signals, sums)
