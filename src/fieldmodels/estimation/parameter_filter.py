@@ -385,14 +385,14 @@ def row_noise(
     out: FloatArray,
     total: FloatArray,
 ) -> None:
-    """Covariance of the noise of the equations F - A x of one mode, in place of ``out``, (rows, rows, beside).
+    """Covariance of the noise of the equations F - A x of one mode, in place of ``out``.
 
     Args:
         pairs: Of the mode's terms.
         second: E[z z'] of z = (x, -1), (unknowns + 1, unknowns + 1) flattened, shape (..., beside).
         noise: Covariance of the features' noise, (K, K) flattened, upper triangle, shape (..., beside).
         share: Factor of the noise, shape (beside,).
-        out: Overwritten.
+        out: Overwritten, shape (rows, rows, beside).
         total: The same flattened.
     """
     clear(total)

@@ -1,7 +1,7 @@
 """All modes of vehicles without effects side by side, as numbers of vectors, equal to the bit.
 
-A quantity is a row of an array, a mode of a vehicle a column. Loops over columns hold no call and no branch, so
-that the compiler makes vector instructions of them; several vectors fill the time that one waits for itself.
+A quantity is a row of an array, a mode of a vehicle a column. Loops over columns hold no call and no branch,
+so that the compiler makes vector instructions of them; several vectors fill the time that one waits.
 """
 
 from __future__ import annotations
