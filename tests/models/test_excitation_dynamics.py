@@ -200,7 +200,7 @@ def test_a_new_pose_of_the_arm_ends_in_static_balance() -> None:
 @pytest.mark.parametrize("size", [0.3, 1.2])
 @pytest.mark.parametrize(("beside", "places"), [(1, 1), (3, 5), (5, 5)])
 def test_modes_side_by_side_are_those_one_by_one(size: float, beside: int, places: int) -> None:
-    """To the bit, for small turns of the vehicle and, on weak springs, for large ones; in places left over."""
+    """To the bit, for small turns and, on weak springs, for large ones; places may be left over."""
     weak = SOFT.copy()
     weak[19:22] *= 0.3
     moved = motion(commands=np.tile([size, 5.0, 0.3], (5, 1)))

@@ -182,8 +182,8 @@ def sense(
 ) -> None:
     """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features.
 
-    These are of shape (3, 80, 30), the sums of their noise's covariance of shape (3, 30, 30). The last two are
-    overwritten: signals of a sample and their noise's variances, shape (24,).
+    These are of shape (3, 80, 30), the sums of their noise's covariance of shape (3, 30, 30). The last two
+    are overwritten: signals of a sample and their noise's variances, shape (24,).
     """
     for mode in range(MODES):
         for i in range(FEATURES):
