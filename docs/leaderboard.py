@@ -38,10 +38,10 @@ HEAD = """# Leaderboard
 Mean ± half the 95 % interval over episodes (of shares the interval itself; learned agents: over all training
 runs first). **Bold**: the best that see no more than the observation. *Italics*: not competitors, for they
 see hidden values or do not act. *Decision*: milliseconds by the clock for one robot's decision.
-*Training*: environment steps and processor seconds of a run, from its card in `agents/fieldagents/zoo/`;
-*clock*: the card has only the time that passed, beside other work. A learned agent's name opens its config.
-Reference agents were tuned on other seeds, as their titles say. Each task's page says what the numbers mean,
-and [Evaluation](evaluation.md) how agents are compared.
+*Training*: algorithm and teacher, environment steps and processor seconds of a run, from its card in
+`agents/fieldagents/zoo/`; *clock*: the card has only the time that passed, beside other work. A learned agent's
+name opens its config. Reference agents were tuned on other seeds, as their titles say. Each task's page says
+what the numbers mean, and [Evaluation](evaluation.md) how agents are compared.
 
 """
 
@@ -87,7 +87,7 @@ def table(summary: dict[str, Any], second: str, note: str | None) -> str:
             right,
             *values,
             _decision(summary, names, agent),
-            _training(zoo.get(agent)),
+            _training(zoo.get(agent), task),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |")
     configs = [_config(task, agent) for agent in rows if agent in zoo]
@@ -111,7 +111,7 @@ COLUMNS = ("task, metric", "reference", "best classical", "best learned", "given
 VERDICTS = {"better": "better", "worse": "worse", "cannot tell": "a tie"}
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->"
-LEARNERS = {"ppo": "PPO", "sac": "SAC", "AnnealedPPO": "PPO", "BranchingPPO": "PPO with trials in copies",
+LEARNERS = {"ppo": "PPO", "sac": "SAC", "AnnealedPPO": "PPO", "BranchingPPO": "PPO from branches",
             "Pathwise": "exact gradient, LSTM"}  # fmt: skip
 
 
@@ -133,17 +133,26 @@ def headline(summary: dict[str, Any], member: dict[str, Any]) -> str:
 
     classical = [a for a, row in rows.items() if a not in zoo and row["kind"] in ("observation", "model")]
     learned = best([a for a in rows if a in zoo])
-    card = zoo[learned].trainings[0].card
-    kind = "DAgger" if card["title"].startswith("DAgger") else LEARNERS[card["algorithm"].rpartition(":")[2]]
     knowing = [a for a, row in rows.items() if row["kind"] == "privileged"]
     cells = [
         f"[{task}](docs/leaderboard.md#{task}) `{scenario}`, {short}",
         shown(member.get("reference") or summary["baseline"]),
         shown(best(classical)),
-        f"{shown(learned)} ({kind})",
+        f"{shown(learned)} ({learned_by(zoo[learned], task)})",
         shown(best(knowing)) if knowing else "",
     ]
     return "| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |\n"
+
+
+def learned_by(entry: ZooEntry, task: str) -> str:
+    """Algorithm of a learned agent, and whom it learned from with what that one sees."""
+    card = entry.trainings[0].card
+    config, about = card["config"], {one["name"]: one["sees"] for one in describe_agents(task)}
+    algorithm = LEARNERS[card["algorithm"].rpartition(":")[2]]
+    if imitate := config.get("imitate"):
+        own = f", then {algorithm}" if card["runs"][0]["steps"] else ""
+        return f"DAgger, teacher `{imitate['teacher']}`: {SEES[about[imitate['teacher']]]}{own}"
+    return f"{algorithm}, from `{config['begin']}`" if config.get("begin") else algorithm
 
 
 def _rank(scores: dict[str, Any], agent: str, metric: Any) -> float:
@@ -182,13 +191,13 @@ def _decision(summary: dict[str, Any], names: Sequence[str], agent: str) -> str:
     return f"{float(f'{mean(alone):.2g}'):g}" if alone else ""
 
 
-def _training(entry: ZooEntry | None) -> str:
-    """Steps and time of a run, and how many runs there are for each scenario that was trained for."""
+def _training(entry: ZooEntry | None, task: str) -> str:
+    """Algorithm and teacher, steps and time of a run, and the runs for each scenario that was trained for."""
     if entry is None:
         return ""
     cards = [training.card for training in entry.trainings]
     steps, config = cards[0]["runs"][0]["steps"], cards[0]["config"]
-    parts = [f"{steps:,} steps"] if steps else []
+    parts = [learned_by(entry, task)] + ([f"{steps:,} steps"] if steps else [])
     if imitate := config.get("imitate"):
         count = imitate["rounds"] * imitate["steps"] * config["num_envs"]
         parts.append(f"{count:,} steps of imitation")
