@@ -57,8 +57,8 @@ def draw(trainings: list[Training]) -> Figure:
 def table(trainings: list[Training]) -> str:
     """What each entry took and reached: a Markdown table."""
     lines = [
-        "| entry | learner | runs | steps | seconds | test score of the runs |",
-        "|---|---|---|---|---|---|",
+        "| entry | learner | runs | steps | seconds | flat at the end | test score of the runs |",
+        "|---|---|---|---|---|---|---|",
     ]
     for training in trainings:
         config, runs = training.card["config"], training.card["runs"]
@@ -68,9 +68,10 @@ def table(trainings: list[Training]) -> str:
             learner = f"imitation of `{config['imitate']['teacher']}`" + (
                 f", {learner}" * bool(config["steps"])
             )
+        flat = [run["plateau"] for run in runs if "plateau" in run]
         lines.append(
             f"| `{training}` | {learner} | {len(runs)} | {runs[0]['steps']:,} | {spent:.0f} ({clock}) "
-            f"| {scores(training.task, runs)} |"
+            f"| {f'{sum(flat)} of {len(flat)}' if flat else ''} | {scores(training.task, runs)} |"
         )
     return "\n".join(lines)
 

@@ -98,6 +98,7 @@ class Recorder(BaseCallback):
         result = {
             "steps": int(self._curve[-1]["steps"]),
             "ended": self._ended,
+            "plateau": plateau(self._run.validated),
             "best_steps": best.steps,
             "validation_return": best.mean_return,
             "seconds": round(time.monotonic() - self._clock, 1),
@@ -205,7 +206,7 @@ def plateau(validated: Sequence[tuple[int, Sequence[float]]]) -> bool:
         validated: Steps of each validation, and the returns of its episodes, the same seeds each time.
     """
     if len(validated) < LEAST_SCORES:
-        return False
+        return False  # too early to tell
     now = validated[-1][0]
     later = [returns for steps, returns in validated if 3 * steps > 2 * now]
     before = [returns for steps, returns in validated if now < 3 * steps <= 2 * now]
