@@ -12,7 +12,7 @@ from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regi
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains, stride_errors
 from fieldmodels.machines.heel_strike.strides import Strides
 from fieldmodels.model import ModelError
-from fieldmodels.streams import gaussian, normal_quantile, symmetric
+from fieldmodels.streams import draw_gaussians, gaussian, normal_quantile, symmetric
 
 PAPER = (1.0, 1.0, 0.1, 1000 / 3)
 
@@ -31,6 +31,13 @@ def draws(count: int) -> tuple[np.ndarray, np.ndarray]:
         normal[i] = gaussian(np.uint64(7), i)
         flat[i] = symmetric(np.uint64(11), i)
     return normal, flat
+
+
+@compiled
+def drawn_ahead(first: int, count: int) -> np.ndarray:
+    normal = np.empty(count)
+    draw_gaussians(np.uint64(7), first, normal, np.empty(count), np.empty(count, dtype=np.int64))
+    return normal
 
 
 @compiled
@@ -67,6 +74,10 @@ def test_draws_have_their_distributions_and_no_memory():
     for values in (normal, flat):
         for lag in (1, 2, 500):
             assert abs(np.corrcoef(values[lag:], values[:-lag])[0, 1]) < 4 / np.sqrt(len(values))
+
+
+def test_draws_ahead_are_those_one_by_one():
+    assert drawn_ahead(5, 2000).tobytes() == draws(2005)[0][5:].tobytes()
 
 
 @pytest.mark.parametrize("change", [0.3, -0.3])
