@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 
+from fieldmodels.machines.heel_strike.lanes import FEW
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Noise, Regimes
 from fieldmodels.machines.heel_strike.recording import record_walk
@@ -51,10 +52,10 @@ def plain_python(steps: int) -> float:
     return steps / (time.process_time() - begin)
 
 
-def walking(bank: bool, reality: np.ndarray | None = None, strides: int = 100) -> float:
-    """Physics steps a second of sixteen walkers."""
-    walkers = Strides(16, noise=Regimes(), reality=reality, bank=bank)
-    for i in range(16):
+def walking(bank: bool, reality: np.ndarray | None = None, strides: int = 100, batch: int = 64) -> float:
+    """Physics steps a second of several walkers."""
+    walkers = Strides(batch, noise=Regimes(), reality=reality, bank=bank)
+    for i in range(batch):
         walkers.seed(i, np.random.default_rng(i))
     walkers.advance(PAPER)
     best = 0.0
@@ -71,6 +72,7 @@ def main() -> None:
     plain = max(plain_python(100_000) for _ in range(3))
     rows = [("plain Python: truth + noise + one estimator", plain)]
     rows.append(("truth + noise + agent + two Rangers + EKF", walking(bank=False)))
+    rows.append(("the same, so few walkers that each goes by itself", walking(bank=False, batch=FEW - 1)))
     biased = model.vector(effects={"gyro_bias": {"rate": 1e-9}})
     rows.append(("the same, all effects switched in", walking(False, biased)))
     rows.append(("the same, with the bank of eight filters", walking(bank=True, strides=30)))

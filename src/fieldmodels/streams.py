@@ -10,12 +10,15 @@ import math
 
 import numpy as np
 
-from fieldmodels.compiled import inlined
+from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import allocation_free, inlined
 
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
 _M2 = np.uint64(0x94D049BB133111EB)
 _TO_UNIT = 2.0**-53
+CENTRAL = 0.425
+"""How far from the middle the normal quantile's central part reaches."""
 
 
 def drawn_key(rng: np.random.Generator) -> np.uint64:
@@ -53,6 +56,24 @@ def gaussian(key: np.uint64, counter: int) -> float:
     return normal_quantile(uniform(key, counter))
 
 
+@allocation_free
+def draw_gaussians(key: np.uint64, first: int, out: FloatArray, flat: FloatArray, outer: IntArray) -> None:
+    """``gaussian`` of the counters from ``first`` on, side by side; ``flat`` and ``outer`` are overwritten.
+
+    All have the same shape (draws,). Those outside of the quantile's central part are gathered first: a
+    branch for each draw would be guessed wrong too often.
+    """
+    count = 0
+    for k in range(len(out)):
+        flat[k] = uniform(key, first + k)
+        out[k] = central_quantile(flat[k] - 0.5)
+    for k in range(len(out)):
+        outer[count] = k
+        count += 1 if abs(flat[k] - 0.5) > CENTRAL else 0
+    for j in range(count):
+        out[outer[j]] = normal_quantile(flat[outer[j]])
+
+
 @inlined
 def polynomial(coefficients: tuple[float, ...], x: float) -> float:
     """Evaluate a polynomial, highest power first (Horner)."""
@@ -66,15 +87,21 @@ def polynomial(coefficients: tuple[float, ...], x: float) -> float:
 def normal_quantile(p: float) -> float:
     """Inverse of the standard normal distribution: Wichura's algorithm AS 241 (PPND16, 1988)."""
     q = p - 0.5
-    if abs(q) <= 0.425:
-        r = 0.180625 - q * q
-        return q * polynomial(_A, r) / polynomial(_B, r)
+    if abs(q) <= CENTRAL:
+        return central_quantile(q)
     r = math.sqrt(-math.log(p if q < 0 else 1.0 - p))
     if r <= 5.0:
         value = polynomial(_C, r - 1.6) / polynomial(_D, r - 1.6)
     else:
         value = polynomial(_E, r - 5.0) / polynomial(_F, r - 5.0)
     return -value if q < 0 else value
+
+
+@inlined
+def central_quantile(q: float) -> float:
+    """``normal_quantile(0.5 + q)`` for at most ``CENTRAL`` to each side, without a branch."""
+    r = 0.180625 - q * q
+    return q * polynomial(_A, r) / polynomial(_B, r)
 
 
 _A = (

@@ -5,14 +5,16 @@ import pytest
 from scipy import integrate, special, stats
 
 from fieldmodels.compiled import compiled
+from fieldmodels.elementary import sine_and_cosine
 from fieldmodels.machines.heel_strike.declaration import as_plants
 from fieldmodels.machines.heel_strike.leg import leg_step, sine_near
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import SILENT, Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.search import record_walks, score_gains, stride_errors
 from fieldmodels.machines.heel_strike.strides import Strides
+from fieldmodels.machines.heel_strike.walker import Walk
 from fieldmodels.model import ModelError
-from fieldmodels.streams import gaussian, normal_quantile, symmetric
+from fieldmodels.streams import draw_gaussians, gaussian, normal_quantile, symmetric
 
 PAPER = (1.0, 1.0, 0.1, 1000 / 3)
 
@@ -34,6 +36,13 @@ def draws(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @compiled
+def drawn_ahead(first: int, count: int) -> np.ndarray:
+    normal = np.empty(count)
+    draw_gaussians(np.uint64(7), first, normal, np.empty(count), np.empty(count, dtype=np.int64))
+    return normal
+
+
+@compiled
 def quantiles(p: np.ndarray) -> np.ndarray:
     result = np.empty_like(p)
     for i in range(len(p)):
@@ -46,7 +55,8 @@ def swung(
     theta: float, omega: float, torque: float, step: float, count: int, plants: np.ndarray
 ) -> tuple[float, float]:
     for _ in range(count):
-        theta, omega = leg_step(theta, omega, torque, 0.0, step, 9.81, plants[0], False)
+        sines = sine_and_cosine(theta)
+        theta, omega = leg_step(theta, omega, torque, sines, 0.0, step, 9.81, plants[0], False)
     return theta, omega
 
 
@@ -67,6 +77,10 @@ def test_draws_have_their_distributions_and_no_memory():
     for values in (normal, flat):
         for lag in (1, 2, 500):
             assert abs(np.corrcoef(values[lag:], values[:-lag])[0, 1]) < 4 / np.sqrt(len(values))
+
+
+def test_draws_ahead_are_those_one_by_one():
+    assert drawn_ahead(5, 2000).tobytes() == draws(2005)[0][5:].tobytes()
 
 
 @pytest.mark.parametrize("change", [0.3, -0.3])
@@ -100,13 +114,29 @@ def test_silent_stride_lasts_half_a_period():
     assert np.mean(durations) == pytest.approx(half, abs=0.0002)
 
 
-def test_a_batch_of_one_is_a_row_of_a_batch_to_the_bit():
-    batch = walkers(5, Regimes(collision_kind="ar1"), seed=10, bank=True)
-    single = walkers(1, Regimes(collision_kind="ar1"), seed=13, bank=True)
+SEVERAL = (
+    Walk(regimes=Regimes(collision_kind="ar1")),
+    Walk(Leg(speed=3.0)),  # swings further than an eighth of a turn
+    Walk(Leg(limit=0.4)),  # is said to have fallen
+    Walk(regimes=Regimes(hold=0.07, envelope=0.05), cromer=False),
+)
+
+
+@pytest.mark.parametrize("batch", [3, 11])
+@pytest.mark.parametrize("bank", [False, True])
+def test_a_batch_of_one_is_a_row_of_a_batch_to_the_bit(batch, bank):
+    """Walkers go side by side, and each strikes when it does."""
+    many, *single = (walkers(n, seed=s, bank=bank) for n, s in ((batch, 0), *((1, s) for s in range(batch))))
+    for i, alone in enumerate(single):
+        many.set_walk(i, SEVERAL[i % len(SEVERAL)])
+        alone.set_walk(0, SEVERAL[i % len(SEVERAL)])
     for _ in range(5):
-        many, one = batch.advance(PAPER), single.advance(PAPER)
-    assert batch.walkers[3].tobytes() == single.walkers[0].tobytes()
-    assert many.signed_mm[3].tobytes() == one.signed_mm[0].tobytes()
+        result = many.advance(PAPER)
+        for i, alone in enumerate(single):
+            one = alone.advance(PAPER)
+            assert many.walkers[i].tobytes() == alone.walkers[0].tobytes()
+            for row, value in zip(result[:8], one[:8], strict=True):
+                assert row[i].tobytes() == value[0].tobytes()
 
 
 def test_gains_do_not_change_the_walk():

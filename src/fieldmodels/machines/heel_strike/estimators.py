@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fieldmodels.compiled import inlined
-from fieldmodels.elementary import sine_and_cosine
 
 
 @inlined
@@ -15,6 +14,7 @@ def ranger_step(theta: float, before: float, gyro: float, step: float) -> float:
 @inlined
 def observer_step(
     theta: float,
+    sine: float,
     omega: float,
     gyro: float,
     step: float,
@@ -27,6 +27,7 @@ def observer_step(
 
     Args:
         theta: Estimated angle [rad].
+        sine: Its sine.
         omega: Estimated speed [rad/s].
         gyro: The gyro's new sample [rad/s].
         step: Sampling interval [s].
@@ -35,10 +36,7 @@ def observer_step(
         decay: Filter decay S_FD [1/s].
         cromer: True for Euler-Cromer, eq (2.14); False for Euler, eq (2.9).
     """
-    faster = (
-        omega
-        + ((1.0 - sensor) * (-stiffness * sine_and_cosine(theta)[0]) + sensor * decay * (gyro - omega)) * step
-    )
+    faster = omega + ((1.0 - sensor) * (-stiffness * sine) + sensor * decay * (gyro - omega)) * step
     return theta + (faster if cromer else omega) * step, faster
 
 

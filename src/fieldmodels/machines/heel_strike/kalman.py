@@ -13,15 +13,22 @@ import math
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.compiled import inlined
-from fieldmodels.elementary import sine_and_cosine
+from fieldmodels.compiled import allocation_free_inlined, inlined
 
 ROW = 14
 
 
-@inlined
+@allocation_free_inlined
+def middle(f: FloatArray, step: float) -> float:
+    """Angle half a step on [rad], where ``predict`` needs sine and cosine."""
+    value: float = f[0] + 0.5 * step * f[1]
+    return value
+
+
+@allocation_free_inlined
 def predict(
     f: FloatArray,
+    sines: tuple[float, float],
     step: float,
     stiffness: float,
     torque_memory: float,
@@ -32,11 +39,11 @@ def predict(
     """Advance mean and covariance by one sample, in place.
 
     The pendulum moves by the leapfrog (second order: Euler-Cromer's lead of half a step is 1 mrad at
-    1 rad/s). ``*_memory`` are correlations of neighbouring samples, ``*_variance`` the driving variances.
+    1 rad/s). ``sines`` are sine and cosine of ``middle``, ``*_memory`` correlations of neighbouring samples,
+    ``*_variance`` the driving variances.
     """
     half = 0.5 * step
-    middle = f[0] + half * f[1]
-    sine, cosine = sine_and_cosine(middle)
+    sine, cosine = sines
     omega = f[1] + step * (f[2] - stiffness * sine)
     # Jacobian of the map: rows of angle and speed; torque and collision are scalar recursions.
     w0 = -step * stiffness * cosine
@@ -45,7 +52,7 @@ def predict(
     t0 = 1.0 + half * w0
     t1 = half + half * w1
     t2 = half * step
-    f[0] = middle + half * omega
+    f[0] = middle(f, step) + half * omega
     f[1] = omega
     f[2] *= torque_memory
     f[3] *= collision_memory
@@ -73,7 +80,7 @@ def predict(
     f[13] = p33 * collision_memory * collision_memory + collision_variance
 
 
-@inlined
+@allocation_free_inlined
 def correct(
     f: FloatArray, innovation: float, variance: float, h0: float, h1: float, h2: float, h3: float
 ) -> None:
@@ -96,7 +103,7 @@ def correct(
     f[13] -= h3 * h3 * inverse
 
 
-@inlined
+@allocation_free_inlined
 def update_gyro(f: FloatArray, gyro: float, envelope: float, variance: float) -> tuple[float, float]:
     """Update with a gyro sample: speed plus collision noise under its envelope, plus white noise.
 

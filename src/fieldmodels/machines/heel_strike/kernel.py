@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,27 +11,35 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
 from fieldmodels.drivers.stepped import Signals, show
+from fieldmodels.elementary import sine_and_cosine
 from fieldmodels.machines.heel_strike import kalman
-from fieldmodels.machines.heel_strike.estimators import observer_step, ranger_step, reset
-from fieldmodels.machines.heel_strike.leg import gyro_reading, leg_step, push_off, quantised, samples_late
+from fieldmodels.machines.heel_strike.estimators import reset
+from fieldmodels.machines.heel_strike.lanes import (
+    NONE,
+    draw_ahead,
+    enter,
+    follow,
+    leave,
+    move,
+    prepare,
+    swing,
+)
+from fieldmodels.machines.heel_strike.leg import gyro_reading, push_off, quantised, samples_late
 from fieldmodels.machines.heel_strike.walker import (
     AGENT,
     BANK,
-    COLLISION,
     COLLISION_NOISE,
     EKF,
     FLOOR,
-    GYRO,
     HISTORY,
     IMM,
     INNOVATION,
-    PROCESS,
     RANGER,
     RANGER_TUNED,
     SWITCH,
     TORQUE,
 )
-from fieldmodels.streams import GAMMA, gaussian, mixed, symmetric, uniform
+from fieldmodels.streams import GAMMA, mixed, uniform
 
 GYRO_SHOWN, ANGLE_SHOWN = range(2)
 """Sensors around which stock effects can act."""
@@ -93,116 +101,60 @@ def remember(features: FloatArray, position: int, square: float) -> None:
     features[position + 1] = SMOOTHING * features[position + 1] + (1.0 - SMOOTHING) * value
 
 
-class Swing(NamedTuple):
-    """What a swing from one strike to the next leaves to be scored, beside the walker's state."""
-
-    samples: int
-    struck: bool  # whether it ended with a strike
-    swung: float  # change of Ranger's angle [rad]
-    torque_square: float  # sum of the reference filter's squared torque
-    collision_square: float  # the same of its collision noise
-
-
 @inlined
-def push_all(w: Any, share: float, c: Any, levels: FloatArray, use_bank: bool) -> None:
+def push_all(w: Any, share: float, c: Any, use_bank: bool) -> None:
     """What the latest strike left to do: the reset that the agent chose, and the push-off on all."""
     w.agent_theta = reset(w.agent_theta, w.geometry, share)
     if w.stride > 0:
         w.omega = push_off(w.omega, c.speed, c.push_off)
         w.agent_omega = push_off(w.agent_omega, c.speed, c.push_off)
         w.ranger_gyro = push_off(w.ranger_gyro, c.speed, c.push_off)
-        kalman.strike(w.ekf, c.speed, c.push_off, levels[BANK, 3])
+        kalman.strike(w.ekf, c.speed, c.push_off, c.levels[BANK, 3])
         if use_bank:
             for m in range(BANK):
-                kalman.strike(w.bank[m], c.speed, c.push_off, levels[m, 3])
+                kalman.strike(w.bank[m], c.speed, c.push_off, c.levels[m, 3])
 
 
 @inlined
 def filter_gyro(f: FloatArray, gyro: float, envelope: float, own: FloatArray, c: Any) -> float:
     """Let a filter, given its own levels of noise, take in a reading; returns its log-likelihood."""
-    kalman.predict(f, c.step, c.stiffness, c.torque_memory, own[0], c.correlation, own[1])
+    sines = sine_and_cosine(kalman.middle(f, c.step))
+    kalman.predict(f, sines, c.step, c.stiffness, c.torque_memory, own[0], c.correlation, own[1])
     innovation, variance = kalman.update_gyro(f, gyro, envelope, c.gyro_variance)
     return kalman.log_likelihood(innovation, variance)
 
 
 @inlined
-def swing(
-    w: Any,
-    b: int,
-    gains: FloatArray,
-    plant: Any,
-    extended: bool,
-    sensors: Signals | None,
-    c: Any,
-    levels: FloatArray,
-    log_weights: FloatArray,
-    use_bank: bool,
-    trace: FloatArray,
-) -> Swing:
-    """Swing the leg to its next strike, read the gyro, and let all estimators follow.
+def sense(s: Any, m: int, w: Any, plant: Any, extended: bool, sensors: Signals | None) -> float:
+    """What the gyro of a lane's walker reads, with effects [rad/s]."""
+    b, sample, step = s.walker[m], s.sample[m], s.step[m]
+    gyro: float = s.omega[m]
+    if extended:
+        whole, part = samples_late(plant, step)
+        w.history[sample % HISTORY] = gyro
+        newer, older = w.history[(sample - whole) % HISTORY], w.history[(sample - whole - 1) % HISTORY]
+        gyro = gyro_reading(newer, older, part, sample * step, plant)
+    gyro += s.error[m]
+    if extended:
+        gyro = quantised(gyro, plant)
+    if sensors is not None:
+        gyro = show(sensors, b, GYRO_SHOWN, gyro, sample * step, step)
+    return gyro
 
-    Args:
-        w: The walker.
-        b: Its number.
-        gains: Of the agent's estimator, shape (4,).
-        plant: What leg and gyro truly are.
-        extended: Whether any effect is on.
-        sensors: Stock effects around all walkers' sensors, or None.
-        c: Leg and noise.
-        levels: What the filters are given, shape (9, 4).
-        log_weights: Receives the log-likelihoods of the bank's filters, shape (8,).
-        use_bank: Whether the bank runs.
-        trace: Receives the samples, shape (samples, 8), or has none.
-    """
-    stiffness, (whole, part) = c.gravity / plant.length, samples_late(plant, c.step)
-    gyro_key, collision_key, process_key = w.keys[GYRO], w.keys[COLLISION], w.keys[PROCESS]
-    process = c.process[w.process_level]
-    collision = c.collision[w.collision_level]
-    theta, omega, torque, sample = w.theta, w.omega, w.torque, w.sample
-    agent_theta, agent_omega, ranger_gyro, ekf = w.agent_theta, w.agent_omega, w.ranger_gyro, w.ekf
-    noise = c.first * symmetric(collision_key, -1 - w.stride)
-    n, struck, swung, torque_square, collision_square = 0, False, 0.0, 0.0, 0.0
-    while not struck and n < c.limit:
-        if sample % c.hold == 0:
-            torque = process * symmetric(process_key, sample // c.hold)
-        before = theta
-        theta, omega = leg_step(theta, omega, torque, sample * c.step, c.step, stiffness, plant, extended)
-        sample += 1
-        n += 1
-        noise = c.correlation * noise + c.drive * symmetric(collision_key, sample)
-        envelope = max(0.0, 1.0 - n / c.envelope)
-        gyro = omega
-        if extended:
-            w.history[sample % HISTORY] = omega
-            newer, older = w.history[(sample - whole) % HISTORY], w.history[(sample - whole - 1) % HISTORY]
-            gyro = gyro_reading(newer, older, part, sample * c.step, plant)
-        gyro += envelope * collision * noise + c.gyro * gaussian(gyro_key, sample)
-        if extended:
-            gyro = quantised(gyro, plant)
-        if sensors is not None:
-            gyro = show(sensors, b, GYRO_SHOWN, gyro, sample * c.step, c.step)
-        ratio = gains[0] if n <= c.envelope else gains[1]
-        agent_theta, agent_omega = observer_step(
-            agent_theta, agent_omega, gyro, c.step, c.stiffness, ratio, gains[3], c.cromer
-        )
-        swung = ranger_step(swung, ranger_gyro, gyro, c.step)
-        ranger_gyro = gyro
-        filter_gyro(ekf, gyro, envelope, levels[BANK], c)
-        if n <= c.envelope:
-            collision_square += ekf[3] * ekf[3]
-        else:
-            torque_square += ekf[2] * ekf[2]
-        if use_bank:
-            for m in range(BANK):
-                log_weights[m] += filter_gyro(w.bank[m], gyro, envelope, levels[m], c)
-        if len(trace) > 0:
-            row = trace[n - 1]
-            row[0], row[1], row[2], row[3] = sample * c.step, theta, omega, gyro
-            row[4], row[5], row[6], row[7] = agent_theta, w.ranger_theta + swung, ekf[0], torque
-        struck = (before < 0.0 <= theta) or (before > 0.0 >= theta)
-    w.theta, w.omega, w.torque, w.sample = theta, omega, torque, sample
-    w.agent_theta, w.agent_omega, w.ranger_gyro = agent_theta, agent_omega, ranger_gyro
-    return Swing(n, struck, swung, torque_square, collision_square)
+
+@inlined
+def follow_bank(s: Any, m: int, w: Any, c: Any, log_weights: FloatArray) -> None:
+    """Let a walker's bank of filters follow the gyro of its lane, and add up their log-likelihoods."""
+    for k in range(BANK):
+        log_weights[k] += filter_gyro(w.bank[k], s.gyro[m], s.fade[m], c.levels[k], c)
+
+
+@inlined
+def keep_sample(s: Any, m: int, w: Any, row: FloatArray) -> None:
+    """Write the sample of a lane into a row of its trace, shape (8,)."""
+    row[0], row[1], row[2], row[3] = s.sample[m] * s.step[m], s.theta[m], s.omega[m], s.gyro[m]
+    row[4], row[5] = s.agent_theta[m], w.ranger_theta + s.swung[m]
+    row[6], row[7] = s.ekf[0, m], s.torque[m]
 
 
 @inlined
@@ -214,38 +166,28 @@ def floor_error(w: Any, c: Any) -> float:
 
 
 @inlined
-def bank_estimate(
-    w: Any, geometry: float, levels: FloatArray, transition: FloatArray, log_weights: FloatArray
-) -> float:
+def bank_estimate(w: Any, geometry: float, c: Any, log_weights: FloatArray) -> float:
     """Angle that the bank of filters gives at a strike [rad]; then it takes in the geometry and mixes."""
     kalman.reweight(w.weights, log_weights)
     estimate = 0.0
     for m in range(BANK):
         estimate += w.weights[m] * w.bank[m, 0]
     for m in range(BANK):
-        innovation, variance = kalman.update_angle(w.bank[m], geometry, levels[m, 2])
+        innovation, variance = kalman.update_angle(w.bank[m], geometry, c.levels[m, 2])
         log_weights[m] = kalman.log_likelihood(innovation, variance)
     kalman.reweight(w.weights, log_weights)
-    kalman.mix(w.bank, w.weights, transition)
+    kalman.mix(w.bank, w.weights, c.transition)
     return estimate
 
 
 @inlined
 def strike(
-    w: Any,
-    b: int,
-    done: Swing,
-    sensors: Signals | None,
-    c: Any,
-    levels: FloatArray,
-    transition: FloatArray,
-    log_weights: FloatArray,
-    use_bank: bool,
-    errors: FloatArray,
-) -> float:
+    s: Any, m: int, b: int, w: Any, sensors: Signals | None, c: Any, use_bank: bool,
+    log_weights: FloatArray, errors: FloatArray,
+) -> float:  # fmt: skip
     """Score all estimators at a strike, before their reset; returns the floor's height error [rad]."""
-    w.ranger_theta += done.swung
-    w.tuned_theta += done.swung
+    w.ranger_theta += s.swung[m]
+    w.tuned_theta += s.swung[m]
     height = floor_error(w, c)
     w.geometry = w.theta + height
     if sensors is not None:
@@ -256,15 +198,15 @@ def strike(
     errors[EKF] = w.ekf[0] - w.theta
     errors[IMM] = np.nan
     if use_bank:
-        errors[IMM] = bank_estimate(w, w.geometry, levels, transition, log_weights) - w.theta
+        errors[IMM] = bank_estimate(w, w.geometry, c, log_weights) - w.theta
     for e in range(len(errors)):
         errors[e] *= c.millimetres
     w.ranger_theta = reset(w.ranger_theta, w.geometry, c.ranger_reset)
     w.tuned_theta = reset(w.tuned_theta, w.geometry, c.tuned_reset)
-    innovation, _ = kalman.update_angle(w.ekf, w.geometry, levels[BANK, 2])
+    innovation, _ = kalman.update_angle(w.ekf, w.geometry, c.levels[BANK, 2])
     remember(w.features, INNOVATION, innovation * innovation)
-    remember(w.features, TORQUE, done.torque_square / max(done.samples - c.envelope, 1))
-    remember(w.features, COLLISION_NOISE, done.collision_square / min(done.samples, c.envelope))
+    remember(w.features, TORQUE, s.torque_square[m] / max(s.taken[m] - c.envelope, 1))
+    remember(w.features, COLLISION_NOISE, s.collision_square[m] / min(s.taken[m], c.envelope))
     return height
 
 
@@ -301,27 +243,60 @@ def advance(
     fallen: NDArray[np.bool_],
     regimes: NDArray[np.int64],
     traces: FloatArray,
+    room: NDArray[Any],
 ) -> None:
     """Take every walker from just after one strike to the first sample after the next.
 
     First the agent's reset and the push-off of the latest strike are applied; then the leg swings; at the
-    next strike all estimators are scored before their reset. See ``Strides.advance`` for the arrays.
+    next strike all estimators are scored before their reset. A lane whose walker has struck takes in the next
+    one. See ``Strides.advance`` for the arrays; ``room``, which is empty, has a dtype of ``lanes.room_for``.
     """
-    log_weights = np.empty(BANK)
-    for b in range(len(walkers)):
-        w, c = walkers[b], walks[b]
-        levels = c.levels
-        read_levels(w, regimes[b, 0])
-        push_all(w, gains[b, 2], c, levels, use_bank)
-        log_weights[:] = 0.0
-        done = swing(
-            w, b, gains[b], plants[b], extended[b], sensors, c, levels, log_weights, use_bank, traces[b]
-        )
-        height = strike(w, b, done, sensors, c, levels, c.transition, log_weights, use_bank, errors[b])
-        floors[b] = height * c.millimetres
-        samples[b] = done.samples
-        duration[b] = done.samples * c.step
-        fallen[b] = not done.struck
-        switch_regimes(w, c)
-        read_levels(w, regimes[b, 1])
-        w.stride += 1
+    swings = np.zeros(1, room.dtype)
+    swings[0].walker[:] = NONE
+    lanes = len(swings[0].walker)
+    traced = traces.shape[1] > 0
+    plain = not (use_bank or traced or extended.any() or sensors is not None)
+    log_weights = np.zeros((lanes, BANK))
+    entered, left = 0, 0
+    while left < len(walkers):
+        s = swings[0]  # here, so that the array lives as long as the loop
+        for m in range(lanes):
+            b = s.walker[m]
+            if b != NONE:
+                draw_ahead(s, m, walkers[b], walks[b])
+            elif entered < len(walkers):
+                w, c = walkers[entered], walks[entered]
+                read_levels(w, regimes[entered, 0])
+                push_all(w, gains[entered, 2], c, use_bank)
+                enter(s, m, entered, w, gains[entered], plants[entered].length, c)
+                entered += 1
+        if plain:
+            swing(s, plants)
+        else:
+            prepare(s)
+            for m in range(lanes):
+                b = s.walker[m]
+                if b != NONE:
+                    move(s, m, m + 1, plants[b], extended[b])
+                    s.gyro[m] = sense(s, m, walkers[b], plants[b], extended[b], sensors)
+            follow(s)
+            for m in range(lanes):
+                b = s.walker[m]
+                if b != NONE and use_bank:
+                    follow_bank(s, m, walkers[b], walks[b], log_weights[m])
+                if b != NONE and traced:
+                    keep_sample(s, m, walkers[b], traces[b, s.taken[m] - 1])
+        for m in range(lanes):
+            b = s.walker[m]
+            if b != NONE and s.over[m] > 0:
+                w, c = walkers[b], walks[b]
+                leave(s, m, w)
+                height = strike(s, m, b, w, sensors, c, use_bank, log_weights[m], errors[b])
+                floors[b] = height * c.millimetres
+                samples[b] = s.taken[m]
+                duration[b] = s.taken[m] * c.step
+                fallen[b] = s.struck[m] == 0
+                switch_regimes(w, c)
+                read_levels(w, regimes[b, 1])
+                w.stride += 1
+                left += 1

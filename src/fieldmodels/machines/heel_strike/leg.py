@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 from fieldmodels.compiled import inlined
-from fieldmodels.elementary import sine_and_cosine
 
 CREEP = 0.01
 """Speed below which dry friction fades smoothly [rad/s] (assumed: RK4 stays accurate at the turn)."""
@@ -48,6 +47,7 @@ def leg_step(
     theta: float,
     omega: float,
     torque: float,
+    sines: tuple[float, float],
     time: float,
     step: float,
     stiffness: float,
@@ -60,6 +60,7 @@ def leg_step(
         theta: Angle [rad].
         omega: Speed [rad/s].
         torque: Process torque per inertia [rad/s2].
+        sines: Sine and cosine of the angle.
         time: Time at the step's beginning [s].
         step: Time step [s]; negative leads back.
         stiffness: g/L [1/s2].
@@ -67,7 +68,7 @@ def leg_step(
         extended: False leaves the force effects out, as if all of them were off, which is faster.
     """
     half = 0.5 * step
-    sine, cosine = sine_and_cosine(theta)
+    sine, cosine = sines
     a1 = torque - stiffness * sine
     if extended:
         a1 += effect_acceleration(omega, time, plant)

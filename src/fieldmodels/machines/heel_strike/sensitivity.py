@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
+from fieldmodels.elementary import sine_and_cosine
 from fieldmodels.machines.heel_strike.estimators import observer_step, reset
 from fieldmodels.machines.heel_strike.leg import push_off
 from fieldmodels.machines.heel_strike.search import Walks
@@ -90,7 +91,8 @@ def _stride_slopes(
             by_speed[EARLY + phase] += (decay * (measured - omega) - pull) * step
             for k in range(5):
                 by_angle[k] += by_speed[k] * step
-            theta, omega = observer_step(theta, omega, measured, step, stiffness, ratio, decay, True)
+            sine = sine_and_cosine(theta)[0]
+            theta, omega = observer_step(theta, sine, omega, measured, step, stiffness, ratio, decay, True)
         errors[s] = theta - truth[s]
         slopes[s, 0], slopes[s, 1] = by_angle, by_speed
 

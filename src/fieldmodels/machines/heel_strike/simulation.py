@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled, inlined
+from fieldmodels.elementary import sine_and_cosine
 from fieldmodels.machines.heel_strike.leg import gyro_reading, leg_step, push_off, samples_late, speed_read
 
 GYRO, ANGLE, CLOSURE, PUSH_OFF = range(4)
@@ -100,7 +101,8 @@ def _predict(
     theta, omega = state[0], begun
     speeds[history] = omega
     for j in range(history):
-        theta, omega = leg_step(theta, omega, 0.0, time[0] - j * step, -step, stiffness, plant, extended)
+        sines, moment = sine_and_cosine(theta), time[0] - j * step
+        theta, omega = leg_step(theta, omega, 0.0, sines, moment, -step, stiffness, plant, extended)
         speeds[history - j - 1] = omega
     before = 0.0
     for j in range(around):
@@ -112,7 +114,8 @@ def _predict(
         if n > 0:
             if len(disturbance) > 0:
                 torque = 0.5 * (disturbance[n - 1] + disturbance[n])
-            theta, omega = leg_step(theta, omega, torque, time[n - 1], step, stiffness, plant, extended)
+            sines, moment = sine_and_cosine(theta), time[n - 1]
+            theta, omega = leg_step(theta, omega, torque, sines, moment, step, stiffness, plant, extended)
         speeds[history + n] = omega
         gyro = reading_at(speeds, history + n, whole, part, time[n], plant)
         if n > 0:

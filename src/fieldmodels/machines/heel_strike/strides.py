@@ -14,6 +14,7 @@ from fieldmodels.declared import neutral
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.heel_strike.declaration import BASE, EFFECTS, as_plants
 from fieldmodels.machines.heel_strike.kernel import advance, read_levels, start
+from fieldmodels.machines.heel_strike.lanes import room_for
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.walker import (
     ESTIMATORS,
@@ -153,6 +154,7 @@ class Strides:
         self.plants = np.array(np.broadcast_to(plants, (batch,)))
         self.extended = np.array(np.broadcast_to(extended, (batch,)))
         self.bank = bank
+        self._room = np.empty(0, room_for(batch))  # says to the kernel how many go side by side
         self._untraced = np.empty((batch, 0, len(TRACES)))
         self.walkers: NDArray[Any] = np.zeros(batch, dtype=WALKER)
         walk = Walk(self.leg, self.regimes, cromer, ranger_reset, tuned_reset)
@@ -272,6 +274,7 @@ class Strides:
             fallen,
             levels,
             trace,
+            self._room,
         )
         if self.library is not None:
             gyro = trace[:, :, TRACES.index("gyro")]
