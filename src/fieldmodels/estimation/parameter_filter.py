@@ -330,9 +330,10 @@ def estimate(
                     for m in range(lanes):
                         room.mean[i, m] += right[k, i, m] * right[k, n, m]
             else:
-                copy_to(information[i], right[i])
                 for m in range(lanes):
                     room.mean[i, m] = right[i, n, m]
+                    for j in range(n):
+                        information[i, j, m] = right[i, j, m]
             for m in range(lanes):
                 information[i, i, m] += 1.0
         _cholesky(information)
@@ -365,7 +366,7 @@ def _put_in(
 ) -> None:  # fmt: skip
     """Let filters be columns; those that are left over repeat the last filter."""
     for m in range(room.share.shape[0]):
-        b = min(m, len(mean) - 1)
+        b = m if m < len(mean) else len(mean) - 1
         room.share[m] = 1.0 / samples[b]
         for mode in range(moments.shape[1]):
             for k in range(moments.shape[2]):
@@ -608,7 +609,7 @@ def _estimate_all(
     """``estimate`` of any number of filters."""
     beside = room[0].share.shape[0]
     for b in range(0, len(mean), beside):
-        e = min(b + beside, len(mean))
+        e = b + beside if b + beside < len(mean) else len(mean)
         estimate(
             pairs, moments[b:e], noise[b:e], samples[b:e], active, prior_mean[b:e], prior_deviation,
             compensated, passes, mean[b:e], covariance[b:e], room[0],

@@ -222,7 +222,7 @@ def advance(
     """
     paths, following, beside = room[0].paths, room[0].following, room[0].lanes
     for first in range(0, len(wanted), len(paths)):
-        end = min(first + len(paths), len(wanted))
+        end = first + len(paths) if first + len(paths) < len(wanted) else len(wanted)
         for b in range(first, end):
             move_arm(e, b, around, wanted[b], rules[b].acceleration, paths[b - first], following)
             keep_motion(paths[b - first], b, motion)
@@ -283,12 +283,17 @@ def measure(
     gravity: float,
     signals: FloatArray,
     sums: tuple[Sums, ...],
+    features: FloatArray,
+    noise: FloatArray,
+    room: FloatArray,
 ) -> None:
-    """Sense what the sensors show, add it to the filters' sums, and count the samples."""
-    features, noise = np.empty((MODES, SAMPLES, FEATURES)), np.empty((MODES, FEATURES, FEATURES))
-    measured, variance = np.empty(SIGNALS), np.empty(SIGNALS)
+    """Sense what the sensors show, add it to the filters' sums, and count the samples.
+
+    The last three, of shapes (3, 80, 30), (3, 30, 30) and (2, 24), are overwritten: arrays that a kernel
+    makes take long to compile.
+    """
     for b in range(len(signals)):
-        sense(e, b, rules[b], gravity, signals[b], features, noise, measured, variance)
+        sense(e, b, rules[b], gravity, signals[b], features, noise, room[0], room[1])
         e.counts[b] += SAMPLES
         for one in sums:
             add_chunk(one, b, features, noise)
@@ -327,4 +332,5 @@ def shake(
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]
     if e.sensing.any() or (around is not None and around.senses):
         show(e, arm[GRAVITY], around, signals)
-    measure(e, rules, arm[GRAVITY], signals, sums)
+    features, noise = np.empty((MODES, SAMPLES, FEATURES)), np.empty((MODES, FEATURES, FEATURES))
+    measure(e, rules, arm[GRAVITY], signals, sums, features, noise, np.empty((2, SIGNALS)))

@@ -168,16 +168,23 @@ def share_gravity(s: FloatArray, row: int) -> None:
 
 
 @allocation_free_inlined
+def vehicle_in(lane: int, count: int) -> int:
+    """The vehicle of a lane: of those that are left over, the last."""
+    return lane // MODES if lane < MODES * count else count - 1
+
+
+@allocation_free_inlined
 def swing_arms(s: FloatArray, arm: System, motions: FloatArray, k: int) -> None:
     """Put the arms of all modes to where they are at substep ``k``; see ``dynamics.pose``."""
-    for m in range(0, s.shape[1], MODES):
-        moved = motions[min(m // MODES, len(motions) - 1), k]
-        sine, cosine = math.sin(moved[0]), math.cos(moved[0])
-        for mode in range(min(MODES, s.shape[1] - m)):
-            s[F1, m + mode], s[F2, m + mode] = moved[1], moved[2]
-            s[ALONG, m + mode] = 0.0 if mode == 0 else (sine if mode == 1 else -sine)
-            s[ALONG + 1, m + mode] = 0.0 if mode == 1 else cosine
-            s[ALONG + 2, m + mode] = sine if mode == 0 else (cosine if mode == 1 else 0.0)
+    sine = cosine = 0.0
+    for m in range(s.shape[1]):
+        mode, moved = m % MODES, motions[vehicle_in(m, len(motions)), k]
+        if mode == 0:
+            sine, cosine = math.sin(moved[0]), math.cos(moved[0])
+        s[F1, m], s[F2, m] = moved[1], moved[2]
+        s[ALONG, m] = 0.0 if mode == 0 else (sine if mode == 1 else -sine)
+        s[ALONG + 1, m] = 0.0 if mode == 1 else cosine
+        s[ALONG + 2, m] = sine if mode == 0 else (cosine if mode == 1 else 0.0)
     for m in range(s.shape[1]):
         system = system_in(s, arm, m)
         swing = swing_along(system, read(s, AXIS, m), read(s, ALONG, m), s[F1, m], s[F2, m])
@@ -192,7 +199,7 @@ def put_in(s: FloatArray, vehicles: NDArray[Any], states: FloatArray, arm: Syste
     sine, cosine = math.sin(rest), math.cos(rest)
     along = ((0.0, cosine, sine), (sine, 0.0, cosine), (-sine, cosine, 0.0))
     for m in range(s.shape[1]):
-        b, mode = min(m // MODES, len(vehicles) - 1), m % MODES
+        b, mode = vehicle_in(m, len(vehicles)), m % MODES
         q, state = vehicles[b], states[b, mode]
         s[TOTAL, m] = q.mass + arm.mass
         for i in range(6):
