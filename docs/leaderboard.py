@@ -40,8 +40,8 @@ runs first). **Bold**: the best that see no more than the observation. *Italics*
 see hidden values or do not act. *Decision*: milliseconds by the clock for one robot's decision.
 *Training*: algorithm and teacher, environment steps and processor seconds of a run, from its card in
 `agents/fieldagents/zoo/`; *clock*: the card has only the time that passed, beside other work. A learned
-agent's name opens its config. Reference agents were tuned on other seeds, as their titles say. Each task's page says
-what the numbers mean, and [Evaluation](evaluation.md) how agents are compared.
+agent's name opens its config. Reference agents were tuned on other seeds, as their titles say. Each task's
+page says what the numbers mean, and [Evaluation](evaluation.md) how agents are compared.
 
 """
 
