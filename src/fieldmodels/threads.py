@@ -24,8 +24,7 @@ def _cut(value: Any, rows: slice) -> Any:
     if isinstance(value, np.ndarray):
         return value[rows]
     if isinstance(value, tuple):
-        parts = [_cut(part, rows) for part in value]
-        return tuple(parts) if type(value) is tuple else type(value)(*parts)
+        return type(value)(*(_cut(part, rows) for part in value))
     return value
 
 

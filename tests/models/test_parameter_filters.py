@@ -159,12 +159,11 @@ def test_the_noise_of_an_equation_is_that_of_its_parts():
     root = rng.normal(size=(5, 5))
     noise = root @ root.T
     x = np.array([0.7, -1.9])
-    second, out = np.empty((3, 3, 1)), np.empty((2, 2, 1))
-    _second_moment(x[:, None], np.zeros((2, 2, 1)), True, second)
-    shape, share = (-1, 1), np.array([0.25])
-    row_noise(pairs_of(TWO_ROWS), second.reshape(shape), noise.reshape(shape), share, out, out.reshape(shape))
+    second, out = np.empty((3, 3)), np.empty((2, 2))
+    _second_moment(x, np.zeros((2, 2)), True, second)
+    row_noise(pairs_of(TWO_ROWS), second.ravel(), noise.ravel(), 0.25, out, out.ravel())
     parts = np.array([[x[0], x[1], -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, x[1], -1.0]])
-    np.testing.assert_allclose(out[..., 0], 0.25 * parts @ noise @ parts.T, rtol=1e-12)
+    np.testing.assert_allclose(out, 0.25 * parts @ noise @ parts.T, rtol=1e-12)
 
 
 def test_the_sums_are_those_of_averaged_rows():

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 import fieldgym  # noqa: F401
-from fieldmodels.compiled import compiled
 from fieldmodels.exam.oracles import excitation as oracle
 from fieldmodels.machines.excitation.model import ExcitationModel
-from fieldmodels.machines.excitation.regression import FEATURES, fill_features
 from fieldmodels.recording import Recording
 
 Array = NDArray[np.float64]
@@ -252,13 +250,6 @@ TURNING = slice(9, 12)
 ACTIONS = np.array([[-0.3, 0.1, 0.2], [0.1, 0.3, -0.1]], dtype=np.float32)
 
 
-@compiled
-def features_of(signals: Array, features: Array) -> None:
-    for mode in range(3):
-        for k in range(signals.shape[1]):
-            fill_features(signals[mode, k], np.zeros(24), 9.81, features[mode, k])
-
-
 @cache
 def quiet(reality: str) -> tuple[Array, Array]:
     """Features of the environment without noise, shape (3, 160, 30), and the arm's commands, shape (3, 3)."""
@@ -266,12 +257,18 @@ def quiet(reality: str) -> tuple[Array, Array]:
     effects = json.loads(reality)
     env: Any = gym.make("fieldgym/Excitation-v0", settings=settings, reality=effects | {"parameters": ODD})
     _, info = env.reset(seed=0)
-    signals, caught, given = env.unwrapped._task.shakers._signals[0], [], [info["arm.command"].copy()]
+    filters = env.unwrapped._task.shakers._filters
+    caught, update = [], filters.update
+
+    def catch(features: Array, noise: Array) -> None:
+        caught.append(features[0].copy())
+        update(features, noise)
+
+    filters.update = catch
+    given = [info["arm.command"].copy()]
     for action in ACTIONS:
         info = env.step(action)[-1]
         given.append(info["arm.command"].copy())
-        caught.append(np.empty((3, signals.shape[1], FEATURES)))
-        features_of(signals, caught[-1])
     return np.concatenate(caught, axis=1), np.array(given)
 
 

@@ -129,52 +129,54 @@ the noise.
 _FLOOR = 1e-6
 # Numbers that a loop takes in one go, several of the processor's vectors.
 WIDTH = 16
-# Filters that are worked out side by side where there are as many.
-BESIDE = 8
 # Rounding of sums, relative.
 _ROUNDING = 1e-12
 
 
-def room_for(unknowns: int, rows: int, features: int, modes: int, beside: int) -> np.dtype[Any]:
-    """Room for the estimates of some filters, each number of which is a row of as many columns.
+class Room(NamedTuple):
+    """Arrays in which an estimate is worked out: kernels that create none compile faster.
 
-    Flat fields lie over those before them. Of an array in a record the compiler knows the shape.
+    Flat ones are views of those above them.
 
-    Args:
-        unknowns: Number of unknowns.
-        rows: Of equations in a mode.
-        features: Of features in a mode.
-        modes: Of modes.
-        beside: Of filters side by side.
+    Attributes:
+        second: Shape (unknowns + 1, unknowns + 1), as the next two.
+        measured: Half of [A | F]' W [A | F], then all of it.
+        free: The same without the noise's moments.
+        score: Shape (unknowns, unknowns), as the next two.
+        information: Of the estimate.
+        root: Of a triangular matrix' inverse.
+        right: Shape (unknowns, unknowns + 1).
+        weights: Of a mode's equations, shape (rows, rows), as the next two.
+        factor: Their Cholesky factor.
+        row_root: Its inverse.
     """
-    n, k = unknowns, features
-    fields: list[tuple[tuple[str, ...], tuple[int, ...]]] = [
-        (("moments",), (modes, k * k)),
-        (("noise",), (modes, k * k)),
-        (("share",), ()),  # one over the samples
-        (("prior",), (n,)),
-        (("mean",), (n,)),
-        (("covariance",), (n, n)),
-        (("second", "flat_second"), (n + 1, n + 1)),  # E[z z'] of z = (x, -1)
-        (("measured", "flat_measured"), (n + 1, n + 1)),  # half of [A | F]' W [A | F], then all of it
-        (("free", "flat_free"), (n + 1, n + 1)),  # the same without the noise's moments
-        (("score",), (n, n)),
-        (("information",), (n, n)),
-        (("root",), (n, n)),  # of a triangular matrix' inverse
-        (("right",), (n, n + 1)),
-        (("weights", "flat_weights"), (rows, rows)),  # of a mode's equations
-        (("factor",), (rows, rows)),  # their Cholesky factor
-        (("row_root",), (rows, rows)),  # its inverse
-    ]
-    names, formats, offsets, end = [], [], [], 0
-    for same, shape in fields:
-        size = math.prod(shape) * beside
-        for name, own in zip(same, (shape, (math.prod(shape),)), strict=False):
-            names.append(name)
-            formats.append((np.float64, (*own, beside)))
-            offsets.append(8 * end)
-        end += size
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": 8 * end})
+
+    second: FloatArray
+    measured: FloatArray
+    free: FloatArray
+    flat_second: FloatArray
+    flat_measured: FloatArray
+    flat_free: FloatArray
+    score: FloatArray
+    information: FloatArray
+    root: FloatArray
+    right: FloatArray
+    weights: FloatArray
+    flat_weights: FloatArray
+    factor: FloatArray
+    row_root: FloatArray
+
+
+def room_for(unknowns: int, rows: int) -> Room:
+    """Room for an estimate of so many unknowns from so many equations a mode."""
+    n = unknowns + 1
+    second, measured, free = np.empty((3, n, n))
+    score, information, root = np.empty((3, unknowns, unknowns))
+    weights, factor, row_root = np.empty((3, rows, rows))
+    return Room(
+        second, measured, free, second.reshape(-1), measured.reshape(-1), free.reshape(-1),
+        score, information, root, np.empty((unknowns, n)), weights, weights.reshape(-1), factor, row_root,
+    )  # fmt: skip
 
 
 @allocation_free_inlined
@@ -258,7 +260,7 @@ def estimate(
     pairs: Pairs,
     moments: FloatArray,
     noise: FloatArray,
-    samples: FloatArray,
+    samples: float,
     active: NDArray[np.bool_],
     prior_mean: FloatArray,
     prior_deviation: FloatArray,
@@ -266,168 +268,122 @@ def estimate(
     passes: int,
     mean: FloatArray,
     covariance: FloatArray,
-    room: Any,
+    room: Room,
 ) -> None:
-    """Estimate the unknowns of filters from their statistics, in place of the last estimates.
+    """Estimate the unknowns from the statistic, in place of the last estimate.
 
     Args:
         pairs: Of the terms of every mode.
-        moments: Sums of y y' of each mode, shape (filters, modes, K * K), upper triangles; as many filters as
-            there is room for, or fewer.
-        noise: Sums of V of each mode, of that shape.
-        samples: Number of samples (after averaging) in both sums, shape (filters,); without any, an estimate
-            stays.
+        moments: Sum of y y' of each mode, shape (modes, K * K), upper triangles.
+        noise: Sum of V of each mode, of that shape.
+        samples: Number of samples (after averaging) in both sums, positive.
         active: Which equations of each mode are used, shape (modes, rows).
-        prior_mean: Shape (filters, unknowns).
+        prior_mean: Shape (unknowns,).
         prior_deviation: Standard deviations, shape (unknowns,); 0 holds an unknown at its prior mean.
         compensated: False treats A as exact.
         passes: How often weights and estimate are found from each other.
-        mean: The last estimates, or the prior's; become the new ones; shape (filters, unknowns).
-        covariance: The same, shape (filters, unknowns, unknowns).
-        room: Of a dtype of ``room_for``; overwritten.
+        mean: The last estimate, or the prior's; becomes the new one; shape (unknowns,).
+        covariance: The same, shape (unknowns, unknowns).
+        room: Overwritten.
     """
-    n, lanes = len(prior_deviation), room.share.shape[0]
-    _put_in(moments, noise, samples, prior_mean, mean, covariance, room)
-    score, information, right = room.score, room.information, room.right
+    n = len(prior_mean)
+    second, measured, free, right = room.second, room.measured, room.free, room.right
+    score, information = room.score, room.information
     for _ in range(passes if compensated else 1):
-        _second_moment(room.mean, room.covariance, compensated, room.second)
-        clear(room.flat_measured)
-        clear(room.flat_free)
-        for mode in range(len(active)):
-            row_noise(pairs, room.flat_second, room.noise[mode], room.share, room.weights, room.flat_weights)
+        _second_moment(mean, covariance, compensated, second)
+        clear(measured)
+        clear(free)
+        for mode in range(len(moments)):
+            row_noise(pairs, room.flat_second, noise[mode], 1.0 / samples, room.weights, room.flat_weights)
             _invert(room.weights, active[mode], room.factor, room.row_root)
             _contract(
-                pairs, room.flat_weights, room.moments[mode], room.noise[mode], room.flat_measured,
-                room.flat_free,
-            )  # fmt: skip
-        add_transposed(room.measured)
-        add_transposed(room.free)
+                pairs, room.flat_weights, moments[mode], noise[mode], room.flat_measured, room.flat_free
+            )
+        add_transposed(measured)
+        add_transposed(free)
         if not compensated:
-            copy_to(room.flat_free, room.flat_measured)
+            copy_to(free, measured)
         # Scaled by the prior's deviations, around the prior's mean.
         for i in range(n):
-            for m in range(lanes):
-                right[i, n, m] = room.free[i, n, m]
+            target = free[i, n]
             for j in range(n):
+                target -= free[i, j] * prior_mean[j]
                 scale = prior_deviation[i] * prior_deviation[j]
-                for m in range(lanes):
-                    right[i, n, m] -= room.free[i, j, m] * room.prior[j, m]
-                    right[i, j, m] = room.free[i, j, m] * scale
-                    score[i, j, m] = room.measured[i, j, m] * scale
-            for m in range(lanes):
-                right[i, n, m] *= prior_deviation[i]
-                score[i, i, m] += _FLOOR + _ROUNDING * score[i, i, m]
-        # Where A is exact M = N: then M N^-1 M is N itself, and M N^-1 g is g.
+                right[i, j] = free[i, j] * scale
+                score[i, j] = measured[i, j] * scale
+            right[i, n] = target * prior_deviation[i]
+            score[i, i] += _FLOOR + _ROUNDING * score[i, i]
         if compensated:
             _cholesky(score)
             _forward(score, right)
             _gram(right, information)
+        else:
+            # M = N: then M N^-1 M is N itself, and M N^-1 g is g.
+            copy_to(information, right)
         for i in range(n):
+            information[i, i] += 1.0
+            total = 0.0
             if compensated:
-                for m in range(lanes):
-                    room.mean[i, m] = 0.0
                 for k in range(n):
-                    for m in range(lanes):
-                        room.mean[i, m] += right[k, i, m] * right[k, n, m]
+                    total += right[k, i] * right[k, n]
             else:
-                for m in range(lanes):
-                    room.mean[i, m] = right[i, n, m]
-                    for j in range(n):
-                        information[i, j, m] = right[i, j, m]
-            for m in range(lanes):
-                information[i, i, m] += 1.0
+                total = right[i, n]
+            mean[i] = total
         _cholesky(information)
         _inverse(information, score, room.root)
         for i in range(n):
-            for m in range(lanes):
-                room.second[i, n, m] = 0.0
+            total = 0.0
             for j in range(n):
-                for m in range(lanes):
-                    room.second[i, n, m] += score[i, j, m] * room.mean[j, m]
+                total += score[i, j] * mean[j]
+            second[i, n] = total
         for i in range(n):
-            for m in range(lanes):
-                room.mean[i, m] = room.prior[i, m] + prior_deviation[i] * room.second[i, n, m]
+            mean[i] = prior_mean[i] + prior_deviation[i] * second[i, n]
             for j in range(n):
-                for m in range(lanes):
-                    deviations = prior_deviation[i] * prior_deviation[j]
-                    room.covariance[i, j, m] = score[i, j, m] * deviations
-    for b in range(len(mean)):
-        if samples[b] > 0.0:
-            for i in range(n):
-                mean[b, i] = room.mean[i, b]
-                for j in range(n):
-                    covariance[b, i, j] = room.covariance[i, j, b]
-
-
-@allocation_free
-def _put_in(
-    moments: FloatArray, noise: FloatArray, samples: FloatArray, prior_mean: FloatArray, mean: FloatArray,
-    covariance: FloatArray, room: Any,
-) -> None:  # fmt: skip
-    """Let filters be columns; those that are left over repeat the last filter."""
-    for m in range(room.share.shape[0]):
-        b = m if m < len(mean) else len(mean) - 1
-        room.share[m] = 1.0 / samples[b]
-        for mode in range(moments.shape[1]):
-            for k in range(moments.shape[2]):
-                room.moments[mode, k, m], room.noise[mode, k, m] = moments[b, mode, k], noise[b, mode, k]
-        for i in range(mean.shape[1]):
-            room.prior[i, m], room.mean[i, m] = prior_mean[b, i], mean[b, i]
-            for j in range(mean.shape[1]):
-                room.covariance[i, j, m] = covariance[b, i, j]
+                covariance[i, j] = score[i, j] * (prior_deviation[i] * prior_deviation[j])
 
 
 @allocation_free
 def row_noise(
-    pairs: Pairs,
-    second: FloatArray,
-    noise: FloatArray,
-    share: FloatArray,
-    out: FloatArray,
-    total: FloatArray,
+    pairs: Pairs, second: FloatArray, noise: FloatArray, share: float, out: FloatArray, total: FloatArray
 ) -> None:
-    """Covariance of the noise of the equations F - A x of one mode, in place of ``out``.
+    """Covariance of the noise of the equations F - A x of one mode, in place of ``out``, (rows, rows).
 
     Args:
         pairs: Of the mode's terms.
-        second: E[z z'] of z = (x, -1), (unknowns + 1, unknowns + 1) flattened, shape (..., beside).
-        noise: Covariance of the features' noise, (K, K) flattened, upper triangle, shape (..., beside).
-        share: Factor of the noise, shape (beside,).
-        out: Overwritten, shape (rows, rows, beside).
+        second: E[z z'] of z = (x, -1), (unknowns + 1, unknowns + 1) flattened.
+        noise: Covariance of the features' noise, (K, K) flattened, upper triangle.
+        share: Factor of the noise.
+        out: Overwritten.
         total: The same flattened.
     """
-    clear(total)
+    clear(out)
     for p in range(len(pairs.rows)):
-        factor, r, i, k = pairs.coefficient[p], pairs.rows[p], pairs.columns[p], pairs.features[p]
-        noisy = False
-        for m in range(total.shape[1]):
-            noisy |= noise[k, m] != 0.0
-        if noisy:  # most features' noises are independent
-            for m in range(total.shape[1]):
-                total[r, m] += share[m] * factor * second[i, m] * noise[k, m]
+        moment = noise[pairs.features[p]]
+        if moment != 0.0:
+            total[pairs.rows[p]] += share * pairs.coefficient[p] * second[pairs.columns[p]] * moment
     add_transposed(out)
 
 
 @allocation_free_inlined
 def add_transposed(matrix: FloatArray) -> None:
-    """Make a square matrix the sum of itself and its transpose, in place; shape (n, n, beside)."""
+    """Make a square matrix the sum of itself and its transpose, in place."""
     for i in range(len(matrix)):
         for j in range(i + 1):
-            for m in range(matrix.shape[2]):
-                matrix[i, j, m] = matrix[j, i, m] = matrix[i, j, m] + matrix[j, i, m]
+            matrix[i, j] = matrix[j, i] = matrix[i, j] + matrix[j, i]
 
 
 @allocation_free_inlined
 def _second_moment(mean: FloatArray, covariance: FloatArray, uncertain: bool, out: FloatArray) -> None:
     """E[z z'] of z = (x, -1), widened; for the naive filter that of (0, -1), the noise of F alone."""
     n = len(mean)
-    for m in range(mean.shape[1]):
+    clear(out)
+    if uncertain:
         for i in range(n):
             for j in range(n):
-                moment = mean[i, m] * mean[j, m] + CAUTION * covariance[i, j, m]
-                out[i, j, m] = moment if uncertain else 0.0
-            out[i, n, m] = out[n, i, m] = -mean[i, m] if uncertain else 0.0
-        out[n, n, m] = 1.0
+                out[i, j] = mean[i] * mean[j] + CAUTION * covariance[i, j]
+            out[i, n] = -mean[i]
+            out[n, i] = -mean[i]
+    out[n, n] = 1.0
 
 
 @allocation_free
@@ -441,159 +397,118 @@ def _contract(
 ) -> None:
     """Add half of [A | F]' W [A | F] of one mode, as measured and freed of the noise's moments.
 
-    The other half is its transpose. All matrices are flattened, shape (..., beside).
+    The other half is its transpose. All matrices are flattened.
     """
     for p in range(len(pairs.rows)):
-        factor, r, i, k = pairs.coefficient[p], pairs.rows[p], pairs.columns[p], pairs.features[p]
-        for m in range(total.shape[1]):
-            weight = weights[r, m] * factor
-            total[i, m] += weight * seen[k, m]
-            rest[i, m] += weight * (seen[k, m] - erring[k, m])
+        weight, i, k = weights[pairs.rows[p]] * pairs.coefficient[p], pairs.columns[p], pairs.features[p]
+        total[i] += weight * seen[k]
+        rest[i] += weight * (seen[k] - erring[k])
 
 
 @allocation_free
 def _invert(matrix: FloatArray, active: NDArray[np.bool_], factor: FloatArray, root: FloatArray) -> None:
-    """Turn covariances of equations into their weights, in place; equations left out weigh nothing."""
+    """Turn the covariance of equations into their weights, in place; equations left out weigh nothing."""
     size = len(matrix)
-    for m in range(matrix.shape[2]):
-        trace = 0.0
-        for i in range(size):
-            trace += matrix[i, i, m] if active[i] else 0.0
-        # An equation without noise (a signal that never moved) stays finite: a millionth of the others'
-        # deviation, and never below 1e-9 of a newton.
-        floor = 1e-12 * trace + 1e-18
-        for i in range(size):
-            if not active[i]:
-                for k in range(size):
-                    matrix[i, k, m] = matrix[k, i, m] = 0.0
-            matrix[i, i, m] += floor
+    trace = 0.0
+    for i in range(size):
+        trace += matrix[i, i] if active[i] else 0.0
+    # An equation without noise (a signal that never moved) stays finite: a millionth of the others'
+    # deviation, and never below 1e-9 of a newton.
+    floor = 1e-12 * trace + 1e-18
+    for i in range(size):
+        if not active[i]:
             for k in range(size):
-                factor[i, k, m] = matrix[i, k, m]
+                matrix[i, k] = matrix[k, i] = 0.0
+        matrix[i, i] += floor
+    copy_to(factor, matrix)
     _cholesky(factor)
     _inverse(factor, matrix, root)
     for i in range(size):
         if not active[i]:
-            for m in range(matrix.shape[2]):
-                matrix[i, i, m] = 0.0
+            matrix[i, i] = 0.0
 
 
 @allocation_free
 def _cholesky(matrix: FloatArray) -> None:
-    """Lower Cholesky factors in place, shape (n, n, beside); the upper triangle is left as it was."""
-    size, lanes = len(matrix), matrix.shape[2]
+    """Lower Cholesky factor in place; the upper triangle is left as it was."""
+    size = len(matrix)
     for j in range(size):
-        for m in range(lanes):
-            total = matrix[j, j, m]
-            least = _ROUNDING * total
-            for k in range(j):
-                total -= matrix[j, k, m] * matrix[j, k, m]
-            matrix[j, j, m] = math.sqrt(max(total, least))
+        least = _ROUNDING * matrix[j, j]
+        for k in range(j):
+            matrix[j, j] -= matrix[j, k] * matrix[j, k]
+        root = math.sqrt(max(matrix[j, j], least))
+        matrix[j, j] = root
         for i in range(j + 1, size):
+            total = matrix[i, j]
             for k in range(j):
-                for m in range(lanes):
-                    matrix[i, j, m] -= matrix[i, k, m] * matrix[j, k, m]
-            for m in range(lanes):
-                matrix[i, j, m] /= matrix[j, j, m]
+                total -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = total / root
 
 
 @allocation_free
 def _forward(factor: FloatArray, right: FloatArray) -> None:
     """Solve L z = right in place, for each column of ``right``."""
-    columns, lanes = right.shape[1], right.shape[2]
+    columns = right.shape[1]
     for i in range(len(factor)):
+        for k in range(i):
+            value = factor[i, k]
+            if value != 0.0:
+                for c in range(columns):
+                    right[i, c] -= value * right[k, c]
+        value = 1.0 / factor[i, i]
         for c in range(columns):
-            for k in range(i):
-                for m in range(lanes):
-                    right[i, c, m] -= factor[i, k, m] * right[k, c, m]
-            for m in range(lanes):
-                right[i, c, m] *= 1.0 / factor[i, i, m]
+            right[i, c] *= value
 
 
 @allocation_free
 def _gram(z: FloatArray, out: FloatArray) -> None:
-    """The lower triangle of Z'Z of the leading squares of ``z``, in place of that of ``out``."""
-    n, lanes = len(z), z.shape[2]
-    for i in range(n):
-        for j in range(i + 1):
-            for m in range(lanes):
-                out[i, j, m] = 0.0
-            for k in range(n):
-                for m in range(lanes):
-                    out[i, j, m] += z[k, i, m] * z[k, j, m]
+    """Z'Z of the leading square of ``z``, in place of ``out``."""
+    n = len(z)
+    clear(out)
+    for k in range(n):
+        for i in range(n):
+            value = z[k, i]
+            if value != 0.0:
+                for j in range(n):
+                    out[i, j] += value * z[k, j]
 
 
 @allocation_free
 def _inverse(factor: FloatArray, out: FloatArray, root: FloatArray) -> None:
-    """(L L')^-1 in place of ``out``, exactly symmetric; L^-1 in place of the lower triangle of ``root``."""
-    size, lanes = len(factor), factor.shape[2]
+    """(L L')^-1 in place of ``out``, exactly symmetric; L^-1 in place of ``root``."""
+    size = len(factor)
+    clear(root)
     for i in range(size):
-        for c in range(i + 1):
-            for m in range(lanes):
-                root[i, c, m] = 1.0 if i == c else 0.0
-            for k in range(c, i):
-                for m in range(lanes):
-                    root[i, c, m] -= factor[i, k, m] * root[k, c, m]
-            for m in range(lanes):
-                root[i, c, m] *= 1.0 / factor[i, i, m]
-    for i in range(size):
-        for j in range(i + 1):
-            for m in range(lanes):
-                out[i, j, m] = 0.0
-            for k in range(i, size):
-                for m in range(lanes):
-                    out[i, j, m] += root[k, i, m] * root[k, j, m]
-            for m in range(lanes):
-                out[j, i, m] = out[i, j, m]
-
-
-class Sums(NamedTuple):
-    """Sums of a batch of filters before and after a chunk of samples.
-
-    Attributes:
-        average: Neighbouring samples that are averaged first.
-        last: Sums of y y' so far, shape (batch, modes, K, K), which stay as they are.
-        last_noise: Sums of V, of that shape.
-        moments: Receives the new ones.
-        noise: The same.
-        finite: Stays True where all of a filter's chunk is finite, shape (batch,).
-    """
-
-    average: int
-    last: FloatArray
-    last_noise: FloatArray
-    moments: FloatArray
-    noise: FloatArray
-    finite: NDArray[np.bool_]
-
-
-@inlined
-def add_chunk(sums: Sums, b: int, y: FloatArray, noise: FloatArray) -> None:
-    """Add a chunk to filter ``b``'s sums.
-
-    Args:
-        sums: The sums.
-        b: Its number.
-        y: Features, shape (modes, samples, K).
-        noise: V summed over the samples, shape (modes, K, K).
-    """
-    for mode in range(len(y)):
-        copy_to(sums.moments[b, mode], sums.last[b, mode])
-        copy_to(sums.noise[b, mode], sums.last_noise[b, mode])
-        accumulate(y[mode], sums.average, sums.moments[b, mode])
-        accumulate_noise(noise[mode], sums.average, sums.noise[b, mode])
-        if not (all_finite(y[mode]) and all_finite(noise[mode])):
-            sums.finite[b] = False
+        root[i, i] = 1.0
+    _forward(factor, root)
+    clear(out)
+    for k in range(size):
+        for i in range(k + 1):
+            value = root[k, i]
+            if value != 0.0:
+                for j in range(k + 1):
+                    out[i, j] += value * root[k, j]
 
 
 @compiled
-def _add_chunks(sums: Sums, y: FloatArray, noise: FloatArray) -> None:
+def _accumulate_all(
+    y: FloatArray, noise: FloatArray, average: int, last: FloatArray, last_noise: FloatArray,
+    moments: FloatArray, total: FloatArray, finite: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Sums of each filter from the last ones, which stay as they are; ``finite`` stays where a chunk is."""
     for b in range(len(y)):
-        add_chunk(sums, b, y[b], noise[b])
+        for mode in range(y.shape[1]):
+            copy_to(moments[b, mode], last[b, mode])
+            copy_to(total[b, mode], last_noise[b, mode])
+            accumulate(y[b, mode], average, moments[b, mode])
+            accumulate_noise(noise[b, mode], average, total[b, mode])
+            if not (all_finite(y[b, mode]) and all_finite(noise[b, mode])):
+                finite[b] = False
 
 
 @allocation_free
 def _estimate_all(
-    room: Any,
+    room: Room,
     pairs: Pairs,
     moments: FloatArray,
     noise: FloatArray,
@@ -606,29 +521,35 @@ def _estimate_all(
     mean: FloatArray,
     covariance: FloatArray,
 ) -> None:
-    """``estimate`` of any number of filters."""
-    beside = room[0].share.shape[0]
-    for b in range(0, len(mean), beside):
-        e = b + beside if b + beside < len(mean) else len(mean)
-        estimate(
-            pairs, moments[b:e], noise[b:e], samples[b:e], active, prior_mean[b:e], prior_deviation,
-            compensated, passes, mean[b:e], covariance[b:e], room[0],
-        )  # fmt: skip
+    for b in range(len(mean)):
+        if samples[b] > 0.0:
+            estimate(
+                pairs,
+                moments[b],
+                noise[b],
+                samples[b],
+                active,
+                prior_mean[b],
+                prior_deviation,
+                compensated,
+                passes,
+                mean[b],
+                covariance[b],
+                room,
+            )
 
 
 @lru_cache(maxsize=64)
-def _own_room(unknowns: int, rows: int, features: int, modes: int, beside: int, _thread: int) -> NDArray[Any]:
-    """A thread's room, made once; nothing in it is read before it is written, but idle columns."""
-    return np.zeros(1, room_for(unknowns, rows, features, modes, beside))
+def _own_room(unknowns: int, rows: int, _thread: int) -> Room:
+    """A thread's room, made once."""
+    return room_for(unknowns, rows)
 
 
 def _estimated(pairs: Pairs, moments: FloatArray, noise: FloatArray, *others: Any) -> None:
     """``_estimate_all`` of a share of the filters, in its thread's room."""
-    batch, modes, features = moments.shape[:3]
-    flat = (batch, modes, features * features)
+    flat = (*moments.shape[:2], moments.shape[2] * moments.shape[3])
     mean, active = others[-2], others[1]
-    beside = BESIDE if batch > 1 else 1
-    room = _own_room(mean.shape[1], active.shape[1], features, modes, beside, get_ident())
+    room = _own_room(mean.shape[1], active.shape[1], get_ident())
     _estimate_all(room, pairs, moments.reshape(flat), noise.reshape(flat), *others)
 
 
@@ -748,37 +669,23 @@ class ParameterFilters:
         for average in self._moments:
             if y.shape[2] % average:
                 raise ModelError(f"a chunk must hold a multiple of {average} samples, not {y.shape[2]}")
-        sums = self.begin()
-        for own in sums:
-            run_rows(self.threads, batch, _add_chunks, own, y, v)
-        self.finish(sums, y.shape[2])
-
-    def begin(self) -> tuple[Sums, ...]:
-        """Sums, one for each average in use, to which the caller adds a chunk of every filter."""
-        return tuple(
-            Sums(
-                average, last, self._noise[average], np.empty_like(last), np.empty_like(last),
-                np.ones(len(self), dtype=np.bool_),
-            )
-            for average, last in self._moments.items()
-        )  # fmt: skip
-
-    def finish(self, sums: Sequence[Sums], samples: int) -> None:
-        """Take in the chunk, of so many samples, that was added to the sums, and estimate anew.
-
-        Raises:
-            ModelError: If a number is not finite; nothing is taken in then.
-        """
-        if not all(one.finite.all() for one in sums):
+        finite, sums = np.ones(batch, dtype=np.bool_), {}
+        for average, last in self._moments.items():
+            sums[average] = np.empty_like(last), np.empty_like(last)
+            run_rows(
+                self.threads, batch, _accumulate_all, y, v, average, last, self._noise[average],
+                *sums[average], finite,
+            )  # fmt: skip
+        if not finite.all():
             raise ModelError("features and noise must be finite")
-        for one in sums:
-            self._moments[one.average], self._noise[one.average] = one.moments, one.noise
-        self._samples += samples
+        for average, own in sums.items():
+            self._moments[average], self._noise[average] = own
+        self._samples += y.shape[2]
         for name in self.methods:
             method = METHODS[name]
             run_rows(
                 self.threads,
-                len(self),
+                batch,
                 _estimated,
                 self._pairs,
                 self._moments[method.average],

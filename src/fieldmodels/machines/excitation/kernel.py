@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import allocation_free, allocation_free_inlined, compiled, inlined
 from fieldmodels.drivers.stepped import Signals, give
-from fieldmodels.estimation.parameter_filter import Sums, add_chunk
 from fieldmodels.machines.excitation import lanes
 from fieldmodels.machines.excitation.dynamics import GRAVITY, SUBSTEPS, advance_mode
 from fieldmodels.machines.excitation.lanes import BESIDE, advance_modes
@@ -182,8 +181,7 @@ def sense(
 ) -> None:
     """Measure a decision's signals, shape (3, 80, 24), with noise, and turn them into features.
 
-    These are of shape (3, 80, 30), the sums of their noise's covariance of shape (3, 30, 30). The last two
-    are overwritten: signals of a sample and their noise's variances, shape (24,).
+    The last two are overwritten: signals of a sample and their noise's variances, shape (24,).
     """
     for mode in range(MODES):
         for i in range(FEATURES):
@@ -276,27 +274,20 @@ def show(e: Experiments, gravity: float, around: Around | None, signals: FloatAr
                 compensate(gravity, signals[b, mode])
 
 
-@compiled
+@allocation_free
 def measure(
     e: Experiments,
     rules: NDArray[Any],
     gravity: float,
     signals: FloatArray,
-    sums: tuple[Sums, ...],
     features: FloatArray,
     noise: FloatArray,
     room: FloatArray,
 ) -> None:
-    """Sense what the sensors show, add it to the filters' sums, and count the samples.
-
-    The last three, of shapes (3, 80, 30), (3, 30, 30) and (2, 24), are overwritten: arrays that a kernel
-    makes take long to compile.
-    """
+    """Sense what the sensors show, and count the samples; ``room``, (2, 24), is overwritten."""
     for b in range(len(signals)):
-        sense(e, b, rules[b], gravity, signals[b], features, noise, room[0], room[1])
+        sense(e, b, rules[b], gravity, signals[b], features[b], noise[b], room[0], room[1])
         e.counts[b] += SAMPLES
-        for one in sums:
-            add_chunk(one, b, features, noise)
 
 
 def shake(
@@ -307,7 +298,8 @@ def shake(
     odd: bool,
     wanted: FloatArray,
     signals: FloatArray,
-    sums: tuple[Sums, ...],
+    features: FloatArray,
+    noise: FloatArray,
     motion: FloatArray,
     bodies: FloatArray,
 ) -> None:
@@ -321,7 +313,8 @@ def shake(
         odd: Whether a vehicle has an effect; where none has, the modes go side by side.
         wanted: Commands that the agents want, shape (batch, 3).
         signals: Receives what is sensed without noise, shape (batch, 3, 80, 24).
-        sums: Of the filters, to which what is sensed is added.
+        features: Receives the features, shape (batch, 3, 80, 30).
+        noise: Receives the sums of their noise's covariance, shape (batch, 3, 30, 30).
         motion: Receives f, f', f'' of the arm, shape (batch, 81, 3), or (0, 81, 3).
         bodies: Receives true dr and dtheta, shape (batch, 3, 80, 6), with ``motion``.
     """
@@ -332,5 +325,4 @@ def shake(
         bodies[..., 3:6] = signals[..., ANGLE : ANGLE + 3]
     if e.sensing.any() or (around is not None and around.senses):
         show(e, arm[GRAVITY], around, signals)
-    features, noise = np.empty((MODES, SAMPLES, FEATURES)), np.empty((MODES, FEATURES, FEATURES))
-    measure(e, rules, arm[GRAVITY], signals, sums, features, noise, np.empty((2, SIGNALS)))
+    measure(e, rules, arm[GRAVITY], signals, features, noise, np.empty((2, SIGNALS)))

@@ -20,6 +20,7 @@ from fieldmodels.compiled import compiled, inlined
 from fieldmodels.estimation.parameter_filter import (
     METHODS,
     Pairs,
+    Room,
     Terms,
     accumulate,
     accumulate_noise,
@@ -319,7 +320,7 @@ def _predict(
     situation: Known,
     vehicles: NDArray[Any],
     wanted: FloatArray,
-    room: NDArray[Any],
+    room: Room,
     lane_room: NDArray[Any],
     covariances: FloatArray,
     grams: FloatArray,
@@ -340,14 +341,13 @@ def _predict(
         np.empty((MODES, SIGNALS)),
         np.empty(3),
     )
-    flat_moments, flat_noise = sums.moments.reshape((1, MODES, -1)), sums.noise.reshape((1, MODES, -1))
-    shaken, after = np.empty((1, MODES, STATE)), np.empty(3)
-    believed, samples = np.empty((1, UNKNOWNS)), np.empty(1)
+    flat_moments, flat_noise = sums.moments.reshape((MODES, -1)), sums.noise.reshape((MODES, -1))
+    shaken, after, believed = np.empty((1, MODES, STATE)), np.empty(3), np.empty(UNKNOWNS)
     for b in range(len(situation.mean)):
         fill_past(situation.command[b], situation.phase[b], buffers.motion[0])
         shaken[:, :, :] = 0.0
         _shake(vehicles[b : b + 1], setup, shaken, buffers)
-        samples[0] = situation.samples[b] + wanted.shape[2] * SAMPLES / setup.average
+        samples = situation.samples[b] + wanted.shape[2] * SAMPLES / setup.average
         for c in range(wanted.shape[1]):
             sums.state[:, :, :] = shaken
             sums.moments[:, :, :] = situation.moments[b]
@@ -358,11 +358,11 @@ def _predict(
             grams[b, c] = 0.0
             for mode in range(MODES):
                 add_gram(setup.terms, setup.active[mode], setup.deviation, sums.moments[mode], grams[b, c])
-            believed[0] = situation.mean[b]
+            believed[:] = situation.mean[b]
             covariances[b, c] = situation.covariance[b]
             estimate(
-                setup.pairs, flat_moments, flat_noise, samples, setup.active, situation.mean[b : b + 1],
-                setup.deviation, setup.compensated, 1, believed, covariances[b, c : c + 1], room[0],
+                setup.pairs, flat_moments, flat_noise, samples, setup.active, situation.mean[b],
+                setup.deviation, setup.compensated, 1, believed, covariances[b, c], room,
             )  # fmt: skip
 
 
@@ -437,7 +437,7 @@ class Predictor:
         result = Outlook(np.empty(shape), np.empty(shape))
         known = Known(**{name: getattr(situation, name) for name in Known._fields})
         shaken = as_vehicles(make_physical(situation.mean if vehicles is None else vehicles))
-        room = np.zeros(1, room_for(UNKNOWNS, EQUATIONS, FEATURES, MODES, 1))
+        room = room_for(UNKNOWNS, EQUATIONS)
         _predict(
             self._setup,
             known,

@@ -45,7 +45,7 @@ from fieldmodels.machines.excitation.parameters import (
     Arm,
     Rules,
 )
-from fieldmodels.machines.excitation.regression import SIGNALS, TERMS
+from fieldmodels.machines.excitation.regression import FEATURES, SIGNALS, TERMS
 from fieldmodels.machines.excitation.sensor_effects import HISTORY, TURNS
 from fieldmodels.machines.excitation.sensors import (
     FULL,
@@ -344,7 +344,11 @@ class Shakers:
             stock.kept |= {"given": given, "begun": self._begun}
             self._around = Around(stock.actuators, stock.sensors, given, stock.senses)
         self._history = np.zeros((batch, MODES, HISTORY if remembering else 0, TURNS))
-        self._signals = np.empty((batch, MODES, SAMPLES, SIGNALS))
+        self._sensed = (
+            np.empty((batch, MODES, SAMPLES, SIGNALS)),
+            np.empty((batch, MODES, SAMPLES, FEATURES)),
+            np.empty((batch, MODES, FEATURES, FEATURES)),
+        )
         self._experiments = Experiments(
             vehicles=as_rows(self._vehicles, ROW),
             **{name: getattr(self, f"_{name}") for name in Experiments._fields if name != "vehicles"},
@@ -458,12 +462,12 @@ class Shakers:
             self.stock.clock[:] = self._counts * SAMPLE
             self._change(range(batch), DECISION, self.stock)
         around = self._around
-        self._filters.threads, sums = self.threads, self._filters.begin()
+        self._filters.threads = self.threads
         run_rows(
             self.threads if around is None else 1, batch, shake, self._experiments, self._records,
-            self._arm, around, self._odd, clipped, self._signals, sums, motion, bodies, whole=(2,),
+            self._arm, around, self._odd, clipped, *self._sensed, motion, bodies, whole=(2,),
         )  # fmt: skip
-        self._filters.finish(sums, SAMPLES)
+        self._filters.update(*self._sensed[1:])
         return self._shaken(motion if traces else None, bodies if traces else None)
 
     def observe(self) -> Shaken:
