@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,8 +41,12 @@ BASE = 12
 """Numbers of a measured base state: dr, dr', dtheta, w, each x, y, z."""
 
 
+@lru_cache
 def room_for(batch: int) -> np.dtype[Any]:
-    """Room for a decision: the arms' motion as commanded and as one lags, the command that is followed."""
+    """Room for a decision: the arms' motion as commanded and as one lags, the command that is followed.
+
+    Kept, since to tell a kernel's type from a new dtype takes longer than a tenth of a decision.
+    """
     beside = BESIDE if batch > 1 else 1
     return np.dtype([
         ("paths", np.float64, (beside, SAMPLES * SUBSTEPS + 1, 3)),

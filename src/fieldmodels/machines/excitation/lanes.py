@@ -7,6 +7,7 @@ so that the compiler makes vector instructions of them; several vectors fill the
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ TOTAL, INERTIA, JOINT, DAMPING, TWISTING, STIFFNESS, SPRUNG, ROWS = 86, 87, 93, 
 """Rows: places, accelerations and what is known of them, the arm, shares of series, the vehicle."""
 
 
+@lru_cache
 def room_for(vehicles: int) -> np.dtype[Any]:
     """Room for so many vehicles, in whole vectors of four numbers.
 
