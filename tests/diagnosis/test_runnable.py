@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from fieldgym.bench import as_env
 from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.runnable import runnable
+from fieldmodels.drivers.named import with_named
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -49,3 +50,39 @@ def test_a_curve_of_an_acceleration_does_not_run_and_says_why():
     effects, left = runnable(RIG, [missing("rate of velocity")], 0.2)
     assert not effects
     assert left == ("rate of velocity (rate of velocity is neither a state nor an input nor the time)",)
+
+
+def test_curves_of_one_place_and_variable_add_up():
+    """Two curves of a sensor over its own position, and one over that position's size."""
+    at = np.linspace(-0.5, 0.5, 5)
+    curves = [
+        MissingCurve("sensor", "position", over, "m", "m", np.column_stack([x, y, 0.0 * x]), 1e-9, 50.0)
+        for over, x, y in (
+            ("position", at, 0.02 * at),
+            ("position", at, [0.0, 0.01, 0.0, 0.03, 0.0]),
+            ("size of position", at[2:], -0.04 * at[2:]),
+        )
+    ]
+    force = {"force": 8.0 * np.sign(np.sin(np.arange(400) * 0.05))}
+    effects, left = runnable(RIG, curves, 0.2)
+    assert (len(effects), left) == (3, ())
+    reality = {name: {key: e.value for key, e in values.items()} for name, values in effects.items()}
+    shown, true = (
+        synthesise(RIG, r, force, rng=np.random.default_rng(0), noise=False)["position"]
+        for r in (reality, {})
+    )
+    added = 0.02 * true + np.interp(true, at, [0.0, 0.01, 0.0, 0.03, 0.0]) - 0.04 * np.abs(true)
+    assert np.ptp(true) > 0.1
+    np.testing.assert_allclose(shown, true + added, atol=1e-9)
+
+
+def test_a_second_curve_of_a_sensor_s_own_stands_beside_the_first_around_a_drive():
+    at = np.linspace(-3.0, 3.0, 5)
+    curve = MissingCurve(
+        "sensor", "heading", "heading", "rad", "rad", np.column_stack([at, 0.1 * at, 0.0 * at]), 1e-9, 50.0
+    )
+    drive = get_model("pose_reaching")
+    effects, left = runnable(drive, [curve] * 3, 0.2)
+    assert (len(effects), left) == (3, ())
+    reality = {name: {key: e.value for key, e in values.items()} for name, values in effects.items()}
+    assert {e.name for e in with_named(drive, reality).effects} >= set(effects)

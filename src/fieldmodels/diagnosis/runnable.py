@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.result import JUMP, WAVE, Estimate, MissingCurve
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.followed import followed, followed_name
-from fieldmodels.drivers.named import curve_name
+from fieldmodels.drivers.named import curve_name, one_more
 from fieldmodels.drivers.variables import CHANGE, SEGMENTS
 from fieldmodels.effects.curves import SIZE
 from fieldmodels.model import Model
@@ -38,7 +38,7 @@ def runnable(
         if isinstance(model, Declaration):
             found = _machine_effect(model, curve)
         else:
-            found = _signal_effect(model, curve)
+            found = _signal_effect(model, curve, effects)
         if isinstance(found, str):
             # A force that depends on an acceleration, which follows from it, would make no run settle.
             implicit = isinstance(model, Declaration) and "rate of " in curve.over
@@ -46,14 +46,17 @@ def runnable(
         if isinstance(found, str):
             left.append(f"{curve.direction} ({found})")
         else:
-            effects[found[0]] = dict(found[1])
+            effects[one_more(found[0], effects)] = dict(found[1])
     return effects, tuple(left)
 
 
-def _signal_effect(model: Model, curve: MissingCurve) -> tuple[str, Mapping[str, Estimate]] | str:
-    """Around a model that simulates by itself: a command's or a sensor's own curve; or why not."""
+def _signal_effect(
+    model: Model, curve: MissingCurve, taken: Collection[str]
+) -> tuple[str, Mapping[str, Estimate]] | str:
+    """Around a model that simulates by itself: one curve of a command's or a sensor's own; or why not."""
     commanded = any(p.name == curve.target and p.input == curve.over for p in model.pushes)
-    if not commanded and (curve.place != "sensor" or curve.over != curve.target):
+    own = commanded or (curve.place == "sensor" and curve.over == curve.target)
+    if not own or f"{curve.over}_curve" in taken:
         return "around a model that simulates by itself only a command's or a sensor's own curve can act"
     return f"{curve.over}_curve", _values(curve, curve.over_unit, mirrored=False)
 

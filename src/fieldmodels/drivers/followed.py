@@ -74,6 +74,11 @@ def followed_name(place: str, target: str, over: str) -> str:
     return f"{place}_on_{target}_over_{over}" if target else f"{place}_over_{over}"
 
 
+def plain(name: str) -> str:
+    """A curve's name without its number among those of one place and variable (``<name>#2``)."""
+    return name.partition("#")[0]
+
+
 def followed(model: Model, effects: Mapping[str, Any]) -> dict[str, FreeCurve]:
     """The curves among a reality's effects that can be followed around a model, by name.
 
@@ -96,8 +101,8 @@ def followed(model: Model, effects: Mapping[str, Any]) -> dict[str, FreeCurve]:
     for name, values in effects.items():
         for place, target in places:
             head = followed_name(place, target, "")
-            over = name.removeprefix(head)
-            if over != name and _is_variable(model, over):
+            over = plain(name).removeprefix(head)
+            if over != plain(name) and _is_variable(model, over):
                 knots = _knots(name, values)
                 found[name] = FreeCurve(place, target, over, knots, np.eye(len(knots)))
     return found

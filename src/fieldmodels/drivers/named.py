@@ -6,7 +6,7 @@ An effect is named by its signal: ``steering_gain``, ``gyro_bend``, ``length_ste
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +18,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.contract import ModelWarning
 from fieldmodels.drivers.around import KINDS, Surrounded
 from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.drivers.followed import Followed, followed
+from fieldmodels.drivers.followed import Followed, followed, plain
 from fieldmodels.drivers.stepped import TAKES_TIME, Channels, Stepped, make_signals, show_all
 from fieldmodels.effects import actuators, changes, sensors
 from fieldmodels.effects.curves import SIZE, Curve, curve
@@ -152,6 +152,12 @@ def curve_name(place: str, signal: str, over: str) -> str:
     return f"{place}_on_{signal}_over_{over}"
 
 
+def one_more(name: str, taken: Collection[str]) -> str:
+    """What a curve is called beside others of its place and variable, to which it adds: ``<name>#2``."""
+    count = sum(plain(other) == name for other in taken)
+    return f"{name}#{count + 1}" if count else name
+
+
 def with_curves(machine: Declaration, effects: Mapping[str, Any]) -> Declaration:
     """A machine with further curves in its equations, which a reality names.
 
@@ -175,8 +181,8 @@ def with_curves(machine: Declaration, effects: Mapping[str, Any]) -> Declaration
     }
     chosen: list[Stock] = []
     for name, values in effects.items():
-        if name in known:
-            place, signal, over = known[name]
+        if plain(name) in known:
+            place, signal, over = known[plain(name)]
             chosen += curve(place, signal, over, knots=_knots(values), name=name)
     return machine.with_effects(chosen) if chosen else machine
 
