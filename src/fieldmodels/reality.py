@@ -177,7 +177,7 @@ def parse_reality(source: Reality | Mapping[str, Any] | str | Path | None, model
             base=_with_samplers(dict(_mapping(base, "'parameters'")), None),
             effects={k: _with_samplers(v, k) for k, v in source.items() if k != "parameters"},
         )
-    return _from_file(Path(source), model)
+    return extended_reality(load_yaml(Path(source)), model, source)
 
 
 def _with_samplers(values: Any, effect: str | None) -> Any:
@@ -190,8 +190,12 @@ def _with_samplers(values: Any, effect: str | None) -> Any:
     }
 
 
-def _from_file(path: Path, model: Model) -> Reality:
-    data = load_yaml(path)
+def extended_reality(data: Any, model: Model, path: Path | str = "extended.yaml") -> Reality:
+    """As ``parse_reality``, of what an ``extended.yaml`` holds; ``path`` for messages.
+
+    Raises:
+        ModelError: If the data are none, of another schema or of another model.
+    """
     if not isinstance(data, Mapping) or "effects" not in data:
         raise ModelError(f"{path}: not an extended model (it needs the keys 'model' and 'effects')")
     if data.get("schema", SCHEMA) != SCHEMA:

@@ -70,7 +70,9 @@ def test_every_horizon_is_measured_on_test_windows_only() -> None:
     whole = problems.build(model, [recording], model.horizons[1])
     kept = whole.blocks % 4 == 3
     testing = whole.select(kept)
-    rows = by_horizon(testing, model.vector(), model.vector(), np.random.default_rng(0))["position"]
+    rows = by_horizon(testing, model.vector(), (testing, model.vector()), np.random.default_rng(0))[
+        "position"
+    ]
     # No window of the longest lies wholly inside test windows; with a test record of its own one would.
     assert [row.horizon for row in rows] == list(model.horizons[:2])
     spoilt = recording["position"].copy()
@@ -80,7 +82,9 @@ def test_every_horizon_is_measured_on_test_windows_only() -> None:
     spoilt[~inside] += 1.0  # what was used for fitting must not matter
     other = replace(recording, signals={**recording.signals, "position": spoilt})
     again = problems.build(model, [other], model.horizons[1]).select(kept)
-    repeated = by_horizon(again, model.vector(), model.vector(), np.random.default_rng(0))["position"]
+    repeated = by_horizon(again, model.vector(), (again, model.vector()), np.random.default_rng(0))[
+        "position"
+    ]
     for before, after in zip(rows, repeated, strict=True):
         # A window's start is smoothed over its neighbours, which here are spoilt.
         assert after.rmse_before == pytest.approx(before.rmse_before, rel=0.05)

@@ -114,14 +114,17 @@ def share(
 
 
 def by_horizon(
-    testing: Problem, before: FloatArray, after: FloatArray, rng: np.random.Generator
+    testing: Problem,
+    before: FloatArray,
+    extended: tuple[Problem, FloatArray],
+    rng: np.random.Generator,
 ) -> dict[str, tuple[HorizonGain, ...]]:
     """Gain of every signal at each of the model's horizons, on the same test data.
 
     Args:
         testing: Test windows at the main horizon; windows of other lengths are cut from these.
         before: Parameter vector of the refitted base.
-        after: The same with the causes added.
+        extended: The test windows with the model of the extended simulation, and its whole vector.
         rng: Source of the resampling.
     """
     model = testing.model
@@ -130,7 +133,8 @@ def by_horizon(
         problem = testing if horizon == testing.horizon else _within(testing, horizon)
         if problem is None:
             continue
-        first, last = predict(problem, before), predict(problem, after)
+        own = extended[0] if problem is testing else replace(problem, model=extended[0].model)
+        first, last = predict(problem, before), predict(own, extended[1])
         for j in np.unique(problem.outputs):
             gain = share(first, last, int(j), problem.blocks, rng)
             errors = float(first.rmse()[j]), float(last.rmse()[j])

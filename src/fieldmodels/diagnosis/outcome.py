@@ -26,11 +26,8 @@ from fieldmodels.diagnosis.result import (
     Visible,
     number,
 )
-from fieldmodels.diagnosis.use import Simulation, table
-from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.drivers.named import with_named
+from fieldmodels.diagnosis.use import Simulation, loaded, table, written
 from fieldmodels.model import Model
-from fieldmodels.reality import SCHEMA
 from fieldmodels.recording import Recording
 from fieldmodels.rounding import listed, with_error, words
 
@@ -286,12 +283,7 @@ class Diagnosis:
     @cached_property
     def simulation(self) -> Simulation:
         """The extended simulation: the model with its whole parameter vector."""
-        effects = {
-            name: {key: e.value for key, e in values.items()} for name, values in self._effects().items()
-        }
-        base = {name: e.value for name, e in self.parameters.items()}
-        model = with_named(self.machine, effects)
-        return Simulation(model, model.vector(base, effects))
+        return loaded(self.machine, self.extended())
 
     def _effects(self) -> Mapping[str, Mapping[str, Estimate]]:
         """The named effects, and the curves that the machine can be run with."""
@@ -431,14 +423,7 @@ class Diagnosis:
     def extended(self) -> dict[str, Any]:
         """The extended simulation as data: what ``extended.yaml`` holds."""
         return {
-            "schema": SCHEMA,
-            "model": self.model,
-            **({"hold": self.machine.hold} if isinstance(self.machine, Declaration) else {}),
-            "parameters": {name: e.to_json() for name, e in self.parameters.items()},
-            "effects": {
-                name: {key: e.to_json() for key, e in values.items()}
-                for name, values in self._effects().items()
-            },
+            **written(self.machine, self.parameters, self._effects()),
             **({"not_runnable": list(self.not_runnable)} if self.not_runnable else {}),
             "equations": {c.effect: {"words": c.cause, "symbols": c.equation} for c in self.causes},
         }

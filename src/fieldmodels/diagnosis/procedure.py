@@ -20,7 +20,6 @@ from fieldmodels.diagnosis.causes import (
     confirmed_elsewhere,
     path_to,
     quantisation_found,
-    refitted,
     told_from_neutral,
     with_alternatives,
 )
@@ -34,6 +33,7 @@ from fieldmodels.diagnosis.cutting import (
     split,
     start_vector,
 )
+from fieldmodels.diagnosis.delivered import Writer
 from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.extension import improving
@@ -53,14 +53,12 @@ from fieldmodels.diagnosis.result import (
     Cause,
     Verdict,
 )
-from fieldmodels.diagnosis.runnable import runnable
 from fieldmodels.diagnosis.selection import Selection, exchanged, rivals_of, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
 from fieldmodels.diagnosis.simulated import that_keep_their_promise, without_imitators
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
 from fieldmodels.diagnosis.statements import (
     above_noise,
-    base_estimates,
     bounded,
     gains,
     not_testable,
@@ -356,59 +354,65 @@ def _stated(
     model = training.model
     extension = improving(candidates, kept, found.curves, testing, found.after)
     added = extension.curves if extension else ()
-    left = found.curves[len(added) :]
+    made, left = Writer(candidates, kept, found.causes, testing, fixed).best(added)
     curves = (
         *(s.shown(found.certain) for s in added),
-        *(s.shown(found.certain, confirmed=False) for s in left),
+        *(s.shown(found.certain, confirmed=False) for s in found.curves[len(added) :]),
     )
-    whole = extension.predict(testing) if extension else found.after
     verdict: Verdict = (
         "unknown" if found.mistaken else "unrelated" if found.unrelated else verdict_of(found.causes, curves)
     )
-    final = extension.fit if extension else kept.fit
     beside = found.curves[-1].candidate if found.curves else kept
-    extended = replace(training, model=extension.model) if extension else training
-    base = base_estimates(extended, final, model, fixed)
     # A curve that is certain leaves no two names to tell apart.
     answered = (
         bool(found.mistaken) or found.unrelated or (verdict == "unknown" and bool(curves) and found.certain)
     )
-    machine = model.inner if isinstance(model, WholeRecords) else model
-    effects, not_runnable = runnable(machine, curves[: len(added)], training.horizon)
     no_better = (f"{c.direction} (it predicts the test data no better)" for c in curves if not c.confirmed)
     lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,
-        machine=machine,
+        machine=model.inner if isinstance(model, WholeRecords) else model,
         verdict=verdict,
-        causes=tuple(refitted(c, extended, final) for c in found.causes),
+        causes=made.causes,
         mistaken=found.mistaken,
         misfit=()
         if lacks("tests of the residuals")
         else failed_tests(training, selection.base, candidates.options, found.judged.beside_base),
-        gain=gains(testing, (selection.base, kept), (found.before, found.after, whole), rng),
+        gain=gains(
+            testing,
+            (selection.base, kept),
+            (found.before, found.after if made.curves else made.prediction, made.prediction),
+            (made.testing, made.loaded),
+            rng,
+        ),
         curves=curves,
         possible=found.possible,
-        curve_effects=effects,
-        not_runnable=(*not_runnable, *no_better),
+        curve_effects=made.effects,
+        not_runnable=(*left, *no_better),
         seen=visible(kept, found.judged.tried) if verdict == "consistent" else (),
         next_measurement=None
         if answered or lacks("the next measurement")
         else next_measurement(candidates, selection, verdict, rng),
-        parameters=base,
-        undetermined=poorly_known(model, base),
+        parameters=made.parameters,
+        undetermined=poorly_known(model, made.parameters),
         bounded=bounded(model, kept.fit),
         wandering={}
         if found.mistaken or found.unrelated
         else wandering_zeros(training, beside.fit, candidates.options.price),
-        above_noise=above_noise(testing, whole),
-        vector=final.parameters[: len(model.names)],
+        above_noise=above_noise(testing, made.prediction),
+        vector=made.vector,
         not_testable=not_testable(selection),
         trained_on=(),
         tested_on=(),
         windows=(len(training), len(testing)),
         seconds=0.0,
         evidence=collect(
-            training, testing, selection, kept, (found.before, whole), ranking(selection, training), rng
+            training,
+            testing,
+            selection,
+            kept,
+            (found.before, made.prediction),
+            ranking(selection, training),
+            rng,
         ),
     )

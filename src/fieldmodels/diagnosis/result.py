@@ -107,7 +107,7 @@ class HorizonGain:
     Attributes:
         horizon: Length of the predicted windows [s].
         rmse_before: With the base refitted and no effect.
-        rmse_after: With the causes.
+        rmse_after: With the extended simulation.
         gain: Reduction in percent.
         windows: Number of windows.
     """
@@ -142,7 +142,7 @@ class SignalGain:
         noise_floor: Estimated white noise of the sensor; NaN if unknown.
         rmse_with_curves: With the unlisted curves, too.
         gain_with_curves: Reduction by both, in percent.
-        horizons: Gain of the causes on shorter and longer windows of the same data, shortest first.
+        horizons: Gain of the extended simulation on shorter and longer windows, shortest first.
         unseen: The most that anything else may add to the error, white noise aside; NaN if unknown.
     """
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidate
 from fieldmodels.diagnosis.gain import Prediction, by_horizon, noise_floor, share
 from fieldmodels.diagnosis.linearisation import Fit
@@ -31,11 +32,20 @@ def gains(
     testing: Problem,
     fits: tuple[Candidate, Candidate],
     predictions: tuple[Prediction, Prediction, Prediction],
+    extended: tuple[Problem, FloatArray],
     rng: np.random.Generator,
 ) -> dict[str, SignalGain]:
-    """Gain of every signal, from the base to the named effects, and with the curves."""
+    """Gain of every signal, from the base to the named effects, and with the curves.
+
+    Args:
+        testing: Test windows.
+        fits: The base, and the named effects.
+        predictions: By the base, the named effects, and the extended simulation.
+        extended: That simulation: the test windows with its model, and its whole vector.
+        rng: Source of the resampling.
+    """
     before, after, whole = predictions
-    horizons = by_horizon(testing, fits[0].fit.parameters, fits[1].fit.parameters, rng)
+    horizons = by_horizon(testing, fits[0].fit.parameters, extended, rng)
     most = may_add(testing, whole, fits[1].fit.parameters)
     result = {}
     for j in np.unique(testing.outputs):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Estimate
+from fieldmodels.drivers.declaration import Declaration
+from fieldmodels.drivers.named import flown
 from fieldmodels.extras import needed
 from fieldmodels.model import Model, ModelError
+from fieldmodels.reality import SCHEMA, extended_reality
 from fieldmodels.recording import Recording, Windows
 
 if TYPE_CHECKING:
@@ -106,6 +109,40 @@ class Simulation:
                 table[f"{output.name}_predicted"] = run[:, :, j].ravel()
         made: pd.DataFrame = needed("pandas").DataFrame(table)
         return made
+
+
+def written(
+    model: Model, parameters: Mapping[str, Estimate], effects: Mapping[str, Mapping[str, Estimate]]
+) -> dict[str, Any]:
+    """An extended simulation as data, to the last digit: what of ``extended.yaml`` runs.
+
+    Args:
+        model: The model.
+        parameters: Base parameters.
+        effects: Its effects, and curves, by name.
+    """
+
+    def exactly(values: Mapping[str, Estimate]) -> dict[str, Any]:
+        return {name: {**e.to_json(), "value": float(e.value)} for name, e in values.items()}
+
+    return {
+        "schema": SCHEMA,
+        "model": model.name,
+        **({"hold": model.hold} if isinstance(model, Declaration) else {}),
+        "parameters": exactly(parameters),
+        "effects": {name: exactly(values) for name, values in effects.items()},
+    }
+
+
+def loaded(model: Model, data: Mapping[str, Any]) -> Simulation:
+    """The simulation that an ``extended.yaml`` holds, as everything that takes the file loads it.
+
+    Args:
+        model: The model that it extends.
+        data: See ``written``.
+    """
+    around, reality = flown(model, extended_reality(data, model))
+    return Simulation(around, reality.vector(around))
 
 
 def table(groups: Mapping[str, tuple[str, Mapping[str, Estimate]]]) -> pd.DataFrame:

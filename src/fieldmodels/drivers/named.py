@@ -204,7 +204,7 @@ def flown(
         ModelError: As ``read_reality``; also for a stock effect of a signal that the task does not have.
     """
     reality = parse_reality(source, model)
-    if reality.hold and isinstance(model, Declaration):
+    if isinstance(model, Declaration) and reality.hold not in ("", model.hold):
         model = model.held_as("interpolated" if reality.hold == "interpolated" else "held")
     around = with_named(model, reality.effects)
     if where is not None:
