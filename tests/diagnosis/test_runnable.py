@@ -86,3 +86,21 @@ def test_a_second_curve_of_a_sensor_s_own_stands_beside_the_first_around_a_drive
     assert (len(effects), left) == (3, ())
     reality = {name: {key: e.value for key, e in values.items()} for name, values in effects.items()}
     assert {e.name for e in with_named(drive, reality).effects} >= set(effects)
+
+
+def test_a_sensor_s_curve_over_a_command_is_that_of_its_own_sample():
+    """However late the actuator is: the cable picks up what is sent, as curves are sought."""
+    at = np.linspace(-8.0, 8.0, 5)
+    curve = MissingCurve(
+        "sensor", "position", "force", "N", "m", np.column_stack([at, 1e-4 * at, 0.0 * at]), 1e-9, 50.0
+    )
+    effects, _ = runnable(RIG, [curve], 0.2)
+    picked_up = {name: {key: e.value for key, e in values.items()} for name, values in effects.items()}
+    force = np.random.default_rng(0).uniform(-8.0, 8.0, 200)
+    force[0] = 0.0  # the sensor shows where the motion begins
+    for others in ({}, {"actuator_delay": {"delay": 0.013}}):
+        shown, true = (
+            synthesise(RIG, r, {"force": force}, rng=np.random.default_rng(0), noise=False)["position"]
+            for r in (picked_up | others, others)
+        )
+        np.testing.assert_allclose(shown - true, 1e-4 * force, atol=1e-9)
