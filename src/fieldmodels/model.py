@@ -207,6 +207,7 @@ class Model(ABC):
         directions: Directions of motion in which something unlisted may act, where there are several: what
             one unit of each is in the columns of ``Windows.disturbance``, then of shape (n, columns). The
             first column is the one of ``disturbance_unit``.
+        staged: Directions in which what was found in a stage by itself acts in the whole, where they differ.
         unmeasured: Signals of the simulation that no sensor measures, and on which something unlisted may
             depend (a suspension's deflection); see ``simulate_all``.
         lasting: How long what acts in a window is felt after it [s], where windows do not start anew.
@@ -241,6 +242,7 @@ class Model(ABC):
     horizons: tuple[float, ...]
     disturbance_unit: str = ""
     directions: tuple[Combination, ...] = ()
+    staged: tuple[Combination, ...] = ()
     unmeasured: tuple[Signal, ...] = ()
     lasting: float = 0.0
     sums: tuple[Combination, ...] = ()
@@ -319,6 +321,11 @@ class Model(ABC):
         whose scales are known keeps this default.
         """
         del recordings
+        return self
+
+    def sized(self, base: Mapping[str, object]) -> Model:
+        """The same model with sums and directions that suit base parameters, by name; by default itself."""
+        del base
         return self
 
     def between(self, commands: FloatArray, refine: int) -> FloatArray:

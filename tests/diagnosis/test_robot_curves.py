@@ -29,13 +29,16 @@ Motion = tuple[float, float, float]
 Fault = Callable[[Motion, Motion], Motion]
 
 
-def drive(seed: int, fault: Callable[[], Fault] | None = None, closed: bool = False) -> Recording:
+def drive(
+    seed: int, fault: Callable[[], Fault] | None = None, closed: bool = False, slips: bool = True
+) -> Recording:
     """A log of a drive: levels held for a second or so, or a heading that a controller follows.
 
     Args:
         seed: Of commands and noise.
         fault: Makes, for a new run, what becomes of (speed ahead, to the left, turn rate) at (x, y, heading).
         closed: Whether the turn rate corrects the heading that was shown.
+        slips: Whether wheels turn as they are told, whatever becomes of the motion.
     """
     rng, act = np.random.default_rng(seed), fault() if fault else None
     held = np.minimum(rng.integers(10, 30, 300).cumsum().searchsorted(np.arange(SAMPLES)), 299)
@@ -50,8 +53,9 @@ def drive(seed: int, fault: Callable[[], Fault] | None = None, closed: bool = Fa
         if closed and i >= 10:
             w = 2.0 * (wanted[i] - shown[2])
         rows[i] = v, w, *shown
-        left, right = v - TRACK / 2 * w, v + TRACK / 2 * w
         ahead, aside, turn = act((v, 0.0, w), (x, y, h)) if act else (v, 0.0, w)
+        way, change = (v, w) if slips else (ahead, turn)
+        left, right = way - TRACK / 2 * change, way + TRACK / 2 * change
         for _ in range(FINE):
             middle, dt = h + 0.5 * turn * STEP / FINE, STEP / FINE
             x += dt * (ahead * math.cos(middle) - aside * math.sin(middle))
@@ -138,6 +142,21 @@ def test_the_extended_simulation_of_a_robot_runs_and_errs_less(kind: str, tmp_pa
     assert (model.names, len(vector)) == (found.simulation.model.names, len(found.simulation.vector))
 
 
+@pytest.mark.parametrize("slips", [True, False])
+def test_a_curve_acts_in_the_stage_in_which_it_was_found(slips: bool):
+    """Behind the wheels' sensors it leaves the wheels alone; before them it does not move the pose twice."""
+    logs = [drive(seed, lambda: lambda m, _p: (m[0], m[1], m[2] / (1.0 + 0.1 * abs(m[2]))), slips=slips)
+            for seed in (1, 2)]  # fmt: skip
+    found = diagnose(get_model("pose_reaching"), logs[:1], logs[1:])
+    assert found.curve_effects
+    suffers = found.gain["heading" if slips else "left_wheel"]
+    assert suffers.rmse_with_curves < 0.7 * suffers.rmse_before
+    after = found.predict(logs[1])
+    for name, gain in found.gain.items():
+        error = np.sqrt(np.mean((after[name] - after[f"{name}_predicted"]) ** 2))
+        assert error == pytest.approx(gain.rmse_with_curves, rel=1e-3), name
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.nightly)])
 def test_noise_that_a_controller_feeds_back_is_no_curve(seed: int):
@@ -195,7 +214,7 @@ def test_a_push_moves_a_drive_ahead_and_to_its_left():
     n, turn = 30, 0.4
     signals = {name: np.zeros(n) for name in ("speed", "turn_rate", "x", "y", "heading")}
     windows = windows_of(signals, [0], n, np.zeros(n, dtype=int))
-    pushed = windows.with_disturbance(np.tile([turn, 0.5, 0.2, 0.03, -0.05], (n, 1)))
+    pushed = windows.with_disturbance(np.tile([0.3, 0.4, 0.2, 0.03, -0.05, turn - 0.3, 0.1], (n, 1)))
     model = PoseReaching()
     out = model.simulate(model.nominal, pushed)[0, 0]
     angle = turn * STEP * np.arange(n)
@@ -203,7 +222,7 @@ def test_a_push_moves_a_drive_ahead_and_to_its_left():
     way += (0.03 - 0.05j) * STEP * np.arange(n)  # the ground's own way, which does not turn with the drive
     np.testing.assert_allclose(out[:, 2], angle, atol=1e-12)
     np.testing.assert_allclose(out[:, 0] + 1j * out[:, 1], way, atol=1e-12)
-    wheels = np.array([0.5 - 0.5 * TRACK_OF * turn, 0.5 + 0.5 * TRACK_OF * turn]) / RADIUS_OF
+    wheels = np.array([0.1 - 0.05 * TRACK_OF, 0.1 + 0.05 * TRACK_OF]) / RADIUS_OF  # by the drive alone
     np.testing.assert_allclose(out[5, 3:], wheels, rtol=1e-12)
 
 
@@ -250,7 +269,7 @@ def test_a_drive_that_hunts_does_so_over_time():
     train, test = recordings(bench, [Hidden("hunting", 0.3)], Conditions(), 8001)
     found = diagnose(bench.model, [train], [test])
     assert found.unknown is not None
-    assert (found.unknown.target, found.unknown.over) == ("forward speed", "time")
+    assert (found.unknown.target, found.unknown.over) == ("forward speed of the drive", "time")
     assert f"repeats every {200 / 3 * train.step:.3g} s" in found.summary()
 
 

@@ -202,7 +202,7 @@ class Curved(Wrapper):
         """The windows with what the curves of force add along a run."""
         if not forces or not self.disturbance_unit:
             return windows
-        pushes = {push.name: push for push in self.inner.pushes}
+        pushes = {push.name: push for push in (*self.inner.staged, *self.inner.pushes)}
         columns = len(self.inner.pushes[0].weights)
         total = np.zeros((len(windows.recording), columns))
         inside = np.arange(windows.samples) < windows.lengths[:, None]

@@ -90,7 +90,7 @@ def followed(model: Model, effects: Mapping[str, Any]) -> dict[str, FreeCurve]:
         ModelError: If such a curve has no places, or they do not rise.
     """
     targets = {
-        "force": [t for p in model.pushes for t in (p.name, SHARE + p.name)]
+        "force": [t for p in (*model.pushes, *model.staged) for t in (p.name, SHARE + p.name)]
         if model.disturbance_unit
         else [],
         "sensor": [s.name for s in model.outputs if not s.event],

@@ -206,7 +206,7 @@ def flown(
     reality = parse_reality(source, model)
     if isinstance(model, Declaration) and reality.hold not in ("", model.hold):
         model = model.held_as("interpolated" if reality.hold == "interpolated" else "held")
-    around = with_named(model, reality.effects)
+    around = with_named(model.sized(reality.base), reality.effects)
     if where is not None:
         around, reality = without_followed(around, reality)
     if where is not None and isinstance(around, Surrounded):

@@ -7,7 +7,8 @@ shows in the pose, and neither hides the other. Without them the pose is predict
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -33,6 +34,8 @@ IntArray = NDArray[np.int64]
 POSE, WHEELS = ("x", "y", "heading"), ("left_wheel", "right_wheel")
 MOVING = 3.0
 """Times their noise: wheels that turn by less explain no motion (a gain would be too small by a ninth)."""
+OF_THE_DRIVE = " of the drive"
+"""After the name of a direction in which the wheels are moved, and the body by them."""
 DRIVEN_BY_WHEELS = "driven by measured wheels"
 """Signal that ``windows`` adds where the pose is to be predicted from the measured wheels."""
 
@@ -124,6 +127,16 @@ class PoseReaching(Model):
         scaled._measured_as(radius, track)
         return scaled
 
+    def sized(self, base: Mapping[str, object]) -> Self:
+        """The robot with directions and sums of the wheels that a reality states; see ``Model.sized``."""
+        result = copy(self)
+        stated = base.get("wheel_radius"), base.get("track")
+        nominal = self.wheels.radius, self.wheels.track
+        result._measured_as(
+            *(s if isinstance(s, int | float) else n for s, n in zip(stated, nominal, strict=True))
+        )
+        return result
+
     def _measured_as(self, radius: float, track: float) -> None:
         """Declare the directions of motion, and how fast a robot goes that way by itself."""
         rates = ("left rim", "right rim")
@@ -139,7 +152,7 @@ class PoseReaching(Model):
                 for n, sign in zip(rates, (-1.0, 1.0), strict=True)
             )
             names = *(signal.name for signal in self.inputs), *rates
-        self.directions = (
+        on_the_ground = (
             Combination("turn rate", "rad/s", (1.0, 0.0, 0.0, 0.0, 0.0), names[1]),
             Combination("forward speed", "m/s", (0.0, 1.0, 0.0, 0.0, 0.0), names[0]),
             Combination("sideways speed", "m/s", (0.0, 0.0, 1.0, 0.0, 0.0)),
@@ -148,17 +161,24 @@ class PoseReaching(Model):
             Combination("left wheel", "m/s", (-1.0 / track, 0.5, 0.0, 0.0, 0.0), names[2]),
             Combination("right wheel", "m/s", (1.0 / track, 0.5, 0.0, 0.0, 0.0), names[3]),
         )
+        self.directions = tuple(replace(c, weights=(*c.weights, 0.0, 0.0)) for c in on_the_ground)
+        of_the_drive = [
+            replace(c, name=c.name + OF_THE_DRIVE) for c in on_the_ground if not any(c.weights[2:])
+        ]
+        if self.compared == WHEELS:
+            self.directions = tuple(replace(c, weights=(*c.weights, 0.0, 0.0)) for c in of_the_drive)
+        self.staged = tuple(replace(c, weights=(0.0,) * 5 + c.weights[:2]) for c in of_the_drive)
 
     def stages(self, recordings: Sequence[Recording]) -> tuple[Stage, ...]:
         """Wheels to pose, and command to wheels, where both are measured; else the whole."""
         names = tuple(effect.name for effect in self.effects)
         before = tuple(name for name in names if name not in AFTER_THE_WHEELS)
         pose, wheels = (all(n in r for r in recordings for n in group) for group in (POSE, WHEELS))
+        motion, drive = (type(self)(self.wheels, compared=group) for group in (POSE, WHEELS))
         if wheels and not pose:
-            return (Stage(self, before),)
+            return (Stage(drive, before),)
         if not wheels or self.compared != POSE + WHEELS:
             return (Stage(self, names),)
-        motion, drive = (type(self)(self.wheels, compared=group) for group in (POSE, WHEELS))
         left, right = (np.concatenate([r[name] for r in recordings]) for name in WHEELS)
         noise = self.outputs[len(POSE)].noise
         # What reduces the wheels' noise, such as a slip, would be taken for a cause.
@@ -174,6 +194,12 @@ class PoseReaching(Model):
         rows = as_rows(np.atleast_2d(parameters), ROW)
         counts = np.diff(recording.bounds, axis=1)[:, 0]
         has_wheels = all(name in recording for name in WHEELS)
+        pushed = windows.pushed(7)
+        body, drive = pushed[:, :5], pushed[:, 5:]
+        if self.compared == WHEELS:  # what is sought in this stage comes first
+            drive = pushed[:, :2]
+        elif DRIVEN_BY_WHEELS not in recording:
+            body = np.column_stack([body[:, :2] + drive, body[:, 2:]])
         out = np.full((len(rows), len(windows), windows.samples, len(self.outputs)), np.nan)
         log = Log(
             commands=self._commands(recording),
@@ -183,7 +209,8 @@ class PoseReaching(Model):
             last=np.repeat(recording.bounds[:, 1] - 1, counts),
             time=np.ascontiguousarray(recording.time),
             step=recording.step,
-            disturbance=windows.pushed(5),
+            disturbance=np.ascontiguousarray(body),
+            drive=np.ascontiguousarray(drive),
         )
         simulate(
             rows,

@@ -49,8 +49,9 @@ class Log(NamedTuple):
         last: Last sample of each sample's episode, shape (n,).
         time: Sample times [s], shape (n,).
         step: Sampling interval [s].
-        disturbance: Additional turn rate [rad/s], speed ahead and to the left, and along x and y [m/s], shape
-            (n, 5), or (0, 5).
+        disturbance: Additional turn rate [rad/s], speed ahead and to the left, and along x and y [m/s] of the
+            body on the ground, shape (n, 5), or (0, 5).
+        drive: Additional turn rate [rad/s] and speed ahead [m/s] of the wheels, shape (n, 2), or (0, 2).
     """
 
     commands: FloatArray
@@ -61,6 +62,7 @@ class Log(NamedTuple):
     time: FloatArray
     step: float
     disturbance: FloatArray
+    drive: FloatArray
 
 
 @inlined
@@ -187,8 +189,9 @@ def predict_wheels(
     whole = math.ceil(late)
     part = whole - late
     for j in range(len(out)):
-        # A motion that nobody commanded shows in both stages.
-        turning, forward, _, _, _ = disturbance_at(log, start + j)
+        turning, forward = 0.0, 0.0
+        if len(log.drive) > 0:
+            turning, forward = log.drive[start + j, 0], log.drive[start + j, 1]
         extra = 0.5 * q.track * turning
         at = start + j - whole
         for side in range(2):
