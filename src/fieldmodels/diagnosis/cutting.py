@@ -84,6 +84,31 @@ def in_all(
     return without(train), without(test), notes
 
 
+def long_enough(
+    model: Model, train: Sequence[Recording], test: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording], tuple[str, ...]]:
+    """Recordings without those, among others, that are too short for a window, and a note for each."""
+    if len(train) < 2 and len(test) < 2:
+        return train, test, ()
+    scaled = model.scaled_to([*train, *test])
+    horizon = main_horizon(scaled, train)
+
+    def longer(recordings: Sequence[Recording]) -> Sequence[Recording]:
+        return [r for r in recordings if _windows(scaled, r, horizon)] or recordings
+
+    kept = longer(train), longer(test)
+    short = [r for r in (*train, *test) if not any(r is one for one in (*kept[0], *kept[1]))]
+    return *kept, tuple(f"{r.source} is left out: shorter than a window of {horizon:g} s" for r in short)
+
+
+def _windows(model: Model, recording: Recording, horizon: float) -> int:
+    """How many windows a recording holds."""
+    try:
+        return len(model.windows(recording, horizon))
+    except RecordingError:
+        return 0
+
+
 def known_values(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
     """Base parameters that are not refitted, and values that the recordings state of their machine.
 
@@ -134,18 +159,11 @@ def excerpts(model: Model, recordings: Sequence[Recording]) -> list[Recording]:
     if sum(map(len, few)) == sum(map(len, recordings)):
         return few
     scaled = model.scaled_to(few)
-    try:
-        found = sum(len(scaled.windows(one, main_horizon(scaled, few))) for one in few)
-    except RecordingError:
-        found = 0
+    found = sum(_windows(scaled, one, main_horizon(scaled, few)) for one in few)
     return few if found >= FEW * len(few) else list(recordings)
 
 
 def main_horizon(model: Model, recordings: Sequence[Recording]) -> float:
     """The model's main horizon, or the shorter one if the recordings hold few windows of it."""
     short, main = model.horizons[0], model.horizons[min(1, len(model.horizons) - 1)]
-    try:
-        count = sum(len(model.windows(r, main)) for r in recordings)
-    except RecordingError:
-        count = 0
-    return main if count >= FEW else short
+    return main if sum(_windows(model, r, main) for r in recordings) >= FEW else short

@@ -391,9 +391,10 @@ def build(
     problem = Problem(model, tuple(parts), outputs, horizon, bins, fine)
     if len(problem) < MIN_WINDOWS:
         names = ", ".join(recording.source for recording in recordings)
+        needed = MIN_WINDOWS * max(w.samples * w.recording.step for w in cut)
         raise RecordingError(
             f"{names}: only {len(problem)} windows of {horizon:g} s; a diagnosis needs {MIN_WINDOWS} "
-            f"(at least {MIN_WINDOWS * horizon:g} s of data). Record longer."
+            f"(at least {needed:.4g} s of data in one piece). Record longer."
         )
     return problem
 

@@ -29,6 +29,7 @@ from fieldmodels.diagnosis.cutting import (
     excerpts,
     in_all,
     known_values,
+    long_enough,
     main_horizon,
     split,
     start_vector,
@@ -143,6 +144,7 @@ def _diagnosed(
         raise RecordingError("no recording to diagnose; give at least one")
     check_range(model, [*train, *test])
     train, test, lacking = in_all(model, train, test)
+    train, test, short = long_enough(model, train, test)
     train, test, lost = lost_samples(model, train, test)
     fixed = {**known_values(model, [*train, *test]), **known}
     few = excerpts(model, train)
@@ -168,7 +170,10 @@ def _diagnosed(
     )
     notes = tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
     return replace(
-        whole, notes=(*said, *lacking, *lost, *notes, *whole.notes), lost=lost, stopped=time_left.words()
+        whole,
+        notes=(*said, *lacking, *short, *lost, *notes, *whole.notes),
+        lost=lost,
+        stopped=time_left.words(),
     )
 
 

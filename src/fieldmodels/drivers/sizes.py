@@ -21,6 +21,8 @@ STEPS = (8, 16, 32)
 """Samples in the shortest, the main and the longest horizon of a machine that states none, at least."""
 SHARES = (0.35, 0.7, 1.4)
 """The same as shares of twice the time in which the outputs change by their size."""
+FEWEST = 8
+"""Windows that fit into the longest recording."""
 WALKS_OFF = 2.5
 """Times the pace of a velocity that its position must take to change by its size; 1 of a swing."""
 
@@ -66,11 +68,9 @@ def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> 
         return machine.horizons
     step = recordings[0].step
     slowest = max(_pace(machine, recordings, s.name) for s in machine.outputs)
-    longest = max(len(r) for r in recordings) * step
-    found = [
-        min(max(share * 2 * slowest, n * step), longest / 8) for share, n in zip(SHARES, STEPS, strict=True)
-    ]
-    return tuple(float(f"{h:.2g}") for h in found)
+    most = max(max(len(r) for r in recordings) // FEWEST - 1, 1) * step  # a window holds both of its ends
+    found = [min(max(share * 2 * slowest, n * step), most) for share, n in zip(SHARES, STEPS, strict=True)]
+    return tuple(min(float(f"{h:.2g}"), float(f"{most:.9g}")) for h in found)
 
 
 def _pace(machine: Declaration, recordings: Sequence[Recording], name: str) -> float:

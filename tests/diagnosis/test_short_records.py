@@ -1,0 +1,74 @@
+"""Records that are short, or cut into many pieces, of a machine that states no horizons."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
+from fieldmodels.recording import Recording, RecordingError
+
+STEP, BASE = 0.05, 0.32
+
+
+class Car(Machine):
+    inputs = (Signal("speed", "m/s"), Signal("steer", "rad"))
+    states = outputs = (
+        Signal("x", "m", noise=0.02), Signal("y", "m", noise=0.02), Signal("heading", "rad", noise=0.005),
+    )  # fmt: skip
+    wheelbase = number("m", 0.3, 0.01, 10.0)
+
+    def derivative(self, state, input, p):
+        return (
+            input.speed * math.cos(state.heading),
+            input.speed * math.sin(state.heading),
+            input.speed / p.wheelbase * math.tan(input.steer),
+        )
+
+
+def log(seed: int, samples: int) -> Recording:
+    """A car on wide bends by small Euler steps: its place walks off, however fast it answers."""
+    rng = np.random.default_rng(seed)
+    held = np.minimum(rng.integers(40, 120, 99).cumsum().searchsorted(np.arange(samples)), 98)
+    speed, steer = rng.uniform(0.3, 2.0, 99)[held], rng.uniform(-0.1, 0.1, 99)[held]
+    pose, rows = np.zeros(3), np.empty((samples, 3))
+    for i in range(samples):
+        rows[i] = pose
+        for _ in range(10):
+            way = speed[i] * STEP / 10
+            pose = pose + way * np.array([math.cos(pose[2]), math.sin(pose[2]), math.tan(steer[i]) / BASE])
+    rows += rng.standard_normal(rows.shape) * (0.02, 0.02, 0.005)
+    names = ("speed", "steer", "x", "y", "heading")
+    return Recording(
+        np.arange(samples) * STEP,
+        dict(zip(names, (speed, steer, *rows.T), strict=True)),
+        source=f"drive {seed}",
+    )
+
+
+def test_a_minute_of_a_car_is_not_refused():
+    result = diagnose(Car(), [log(3, 1200)])
+    assert sum(result.windows) >= 8
+    assert result.parameters["wheelbase"].value == pytest.approx(BASE, rel=0.01)
+
+
+def test_a_short_recording_among_many_is_left_out_with_a_line():
+    result = diagnose(Car(), [*(log(seed, 120) for seed in range(20)), log(20, 8)])
+    assert result.windows[0] >= 40
+    assert [note for note in result.notes if "left out" in note] == [
+        f"drive 20 is left out: shorter than a window of {result.horizon:g} s"
+    ]
+
+
+def test_what_a_diagnosis_needs_is_more_than_there_is():
+    """Eight windows of 7.5 s hold eight samples more than 60 s."""
+
+    class Stated(Car):
+        horizons = (7.5,)
+
+    with pytest.raises(RecordingError, match=r"only 7 windows of 7.5 s; .*at least 60.4 s of data in one"):
+        diagnose(Stated(), [log(1, 1200)])
