@@ -9,11 +9,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
+from fieldmodels.diagnosis.effort import watched
+
+Result = TypeVar("Result")
 SEARCH = 0.6
 """Share of the budget for the search; the rest is for judging and measuring what it found."""
 SHOWN = 4
 """Names of what was left out that are listed."""
+
+
+class OverBudgetError(Exception):
+    """The time is over amid a step."""
 
 
 class Budget:
@@ -42,6 +50,22 @@ class Budget:
             return False
         self.left_out.append(what)
         return True
+
+    def within(self, what: str, act: Callable[[], Result], otherwise: Result) -> Result:
+        """What a step gives; where time lacks before it or runs out amid it, what stands without it."""
+        if self.seconds is None:
+            return act()
+        if self.lacks(what):
+            return otherwise
+        try:
+            with watched(lambda: self._ask(what)):
+                return act()
+        except OverBudgetError:
+            return otherwise
+
+    def _ask(self, what: str) -> None:
+        if self.lacks(what):
+            raise OverBudgetError
 
     def words(self) -> str:
         """What was left out, in a sentence; empty if nothing was."""

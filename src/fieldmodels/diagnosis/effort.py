@@ -43,8 +43,23 @@ def metered() -> Iterator[Meter]:
         _METER.reset(token)
 
 
+_WATCH: ContextVar[Callable[[], None] | None] = ContextVar("watch", default=None)
+
+
+@contextmanager
+def watched(ask: Callable[[], None]) -> Iterator[None]:
+    """Ask at every simulation inside, which what is asked may end by an exception."""
+    token = _WATCH.set(ask)
+    try:
+        yield
+    finally:
+        _WATCH.reset(token)
+
+
 def simulated(windows: int) -> None:
-    """Say that so many windows have been simulated."""
+    """Say that so many windows are simulated."""
+    if ask := _WATCH.get():
+        ask()
     meter = _METER.get()
     if meter is not None:
         meter.add(windows)

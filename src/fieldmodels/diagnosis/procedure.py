@@ -73,6 +73,7 @@ from fieldmodels.diagnosis.verdict import (
     judge,
     most_likely,
     mostly_explained,
+    unjudged,
     verdict_of,
 )
 from fieldmodels.diagnosis.wander import wander, wandering_zeros
@@ -284,7 +285,12 @@ def _found(
     selection = select(candidates, report)
     report("measuring the gain", 0.8)
     base, found = selection.base, selection.chosen
-    mistaken = mistaken_columns(candidates.problem.model, train, candidates, found.fit)
+    within = candidates.budget.within
+    mistaken = within(
+        "mistaken columns",
+        lambda: mistaken_columns(candidates.problem.model, train, candidates, found.fit),
+        "",
+    )
     fits = (base.fit, found.fit) if found.effects else (base.fit,)
     unrelated = not mistaken and is_unrelated(candidates.problem, testing, fits, candidates.options.level)
     exact = candidates.problem.is_exact(base.fit.raw)
@@ -297,11 +303,17 @@ def _found(
     path = path_to(candidates, base, chosen)
     chosen, possible = told_from_neutral(candidates, path, testing, rng)
     report("letting unlisted curves compete", 0.85)
-    judged = without_imitators(candidates, selection.base, judge(candidates, selection.base, chosen), testing)
+    judged = within("unlisted curves", lambda: judge(candidates, selection.base, chosen), None) or unjudged(
+        candidates, chosen
+    )
+    judged = within(
+        "fewer names", lambda: without_imitators(candidates, selection.base, judged, testing), judged
+    )
     path = path_to(candidates, selection.base, judged.kept)
     told = selection
     if judged.kept.effects and set(judged.kept.effects) != set(chosen.effects):
-        told = replace(selection, chosen=judged.kept, alternatives=exchanged(candidates, judged.kept))
+        same = within("alternatives", lambda: exchanged(candidates, judged.kept), ())
+        told = replace(selection, chosen=judged.kept, alternatives=same)
     causes = with_alternatives(causes_of(candidates, path, testing, rng), told, judged)
     causes = beside_the_others(causes, candidates, path, testing, rng.spawn(1)[0])
     before = predict(testing, selection.base.fit.parameters)
@@ -313,30 +325,48 @@ def _found(
         testing, steady, bool(causes), options.above
     )
     if causes and beyond_noise and not mostly_explained(testing, before, after):
-        extension = improving(candidates, judged.kept, judged.curves, testing, after)
+        extension = within(
+            "curves with the names",
+            lambda: improving(candidates, judged.kept, judged.curves, testing, after),
+            None,
+        )
         beyond_noise = extension is None or not mostly_explained(testing, before, extension.predict(testing))
     if causes and beyond_noise and not mostly_explained(testing, before, after):
         # What is missing is larger than what was found: a part of it may be imitated.
         possible, causes, after = (*possible, *causes), (), before
-        judged = judge(candidates, selection.base, selection.base)
+        alone = replace(judged, kept=selection.base, tried=judged.beside_base, curves=())
+        judged = within("unlisted curves", lambda: judge(candidates, selection.base, selection.base), alone)
     scored, certain, named = judged.curves, True, None
     if scored and not (causes or mistaken or unrelated or exact):
-        named = names_beside(candidates, judged, testing, rng.spawn(1)[0])
+        named = within(
+            "names beside a curve", lambda: names_beside(candidates, judged, testing, rng.spawn(1)[0]), None
+        )
         if named is not None:
             judged, causes, after = named.judged, named.causes, named.after
             scored = judged.curves
     if not scored and beyond_noise:
         far = far_from_noise(testing, steady, bool(causes), options.far)
-        scored, certain = most_likely(judged.tried, judged.kept, far, options), False
+        likely = within(
+            "likely curves",
+            lambda: most_likely(judged.tried, judged.kept, far, options),
+            tuple[Scored, ...](),
+        )
+        scored, certain = likely, False
     if mistaken or unrelated or exact:
         scored = ()
-    scored = that_keep_their_promise(candidates, judged, scored)
+    scored = within(
+        "other curves", lambda: that_keep_their_promise(candidates, judged, scored), tuple(scored)
+    )
     if scored and causes and named is None:  # those beside a curve have been told in the same simulation
-        kept, causes, neutral = told_together(
-            candidates, selection.base, judged.kept, causes, scored, testing, rng.spawn(1)[0]
+        kept, causes, neutral = within(
+            "names and curves together",
+            lambda: told_together(
+                candidates, selection.base, judged.kept, causes, scored, testing, rng.spawn(1)[0]
+            ),
+            (judged.kept, causes, tuple[Cause, ...]()),
         )
         if neutral:
-            same = exchanged(candidates, kept) if causes else ()
+            same = within("alternatives", lambda: exchanged(candidates, kept), ()) if causes else ()
             selection = replace(selection, chosen=kept, alternatives=same)
             judged, possible = replace(judged, kept=kept), (*possible, *neutral)
             after = predict(testing, kept.fit.parameters)
@@ -357,9 +387,13 @@ def _stated(
     """The result in words and numbers, with the extended simulation."""
     training, kept, selection = candidates.problem, found.judged.kept, found.selection
     model = training.model
-    extension = improving(candidates, kept, found.curves, testing, found.after)
+    within, lacks = candidates.budget.within, candidates.budget.lacks
+    extension = within(
+        "the fit of curves", lambda: improving(candidates, kept, found.curves, testing, found.after), None
+    )
     added = extension.curves if extension else ()
-    made, left = Writer(candidates, kept, found.causes, testing, fixed).best(added)
+    writer = Writer(candidates, kept, found.causes, testing, fixed)
+    made, left = within("curves in the extension", lambda: writer.best(added), None) or writer.best(())
     curves = (
         *(s.shown(found.certain) for s in added),
         *(s.shown(found.certain, confirmed=False) for s in found.curves[len(added) :]),
@@ -373,7 +407,6 @@ def _stated(
         bool(found.mistaken) or found.unrelated or (verdict == "unknown" and bool(curves) and found.certain)
     )
     no_better = (f"{c.direction} (it predicts the test data no better)" for c in curves if not c.confirmed)
-    lacks = candidates.budget.lacks
     return Diagnosis(
         model=model.name,
         machine=model.inner if isinstance(model, WholeRecords) else model,
@@ -394,7 +427,9 @@ def _stated(
         possible=found.possible,
         curve_effects=made.effects,
         not_runnable=(*left, *no_better),
-        seen=visible(kept, found.judged.tried) if verdict == "consistent" else (),
+        seen=within("what would have shown", lambda: visible(kept, found.judged.tried), ())
+        if verdict == "consistent"
+        else (),
         next_measurement=None
         if answered or lacks("the next measurement")
         else next_measurement(candidates, selection, verdict, rng),

@@ -52,6 +52,12 @@ class Judgement:
     unsure: Mapping[str, str] = field(default_factory=dict)
 
 
+def unjudged(candidates: Candidates, chosen: Candidate) -> Judgement:
+    """A chosen set with which there was no time for curves to compete."""
+    curves = Curves(candidates.problem, chosen.fit, candidates.options)
+    return Judgement(chosen, curves, curves)
+
+
 def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
     """Let curves compete with a chosen set: as a whole, with each member, and for what is left over.
 
