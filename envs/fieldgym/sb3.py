@@ -52,7 +52,8 @@ class NativeVecEnv(VecEnv):
         seed: Of the first reset; row i is seeded with ``seed + i // twins``. None for no seed.
         twins: Rows in a group that meets the same starts, truths and noise, and is rewarded for what it does
             better than the group's mean. Where noise does not depend on actions, what luck does to all of
-            them says nothing about any of their actions.
+            them says nothing about any of their actions. They begin episodes together: where one's ends, the
+            others' are truncated.
 
     Attributes:
         rows: Which rows each part has.
@@ -169,6 +170,9 @@ class NativeVecEnv(VecEnv):
         last, reward, terminated, truncated, info = part.step(actions)
         self.infos[i] = told = {key: value for key, value in info.items() if not isinstance(value, dict)}
         following, ended = last, np.asarray(terminated | truncated)
+        if self.twins > 1 and ended.any():  # or they would never again be in the same episode
+            together = ended.reshape(-1, self.twins).any(axis=1).repeat(self.twins)
+            truncated, ended = truncated | (together & ~ended), together
         if ended.any():
             first, begun = part.reset(options={"reset_mask": ended.copy()})
             self.infos[i] = _taken_over(told, begun, ended)

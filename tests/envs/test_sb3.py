@@ -146,6 +146,29 @@ def test_twins_meet_the_same_walk_and_are_rewarded_by_what_they_do_better():
         NativeVecEnv(make(6), seed=0, twins=4)
 
 
+def test_twins_begin_their_next_episode_together():
+    """Where one leaves the line, the others' episodes are truncated: all of them then meet the same walk."""
+    env_id = fieldgym.TASKS["line_following"].env_id
+    groups = NativeVecEnv(
+        gymnasium.make_vec(env_id, 6, vectorization_mode="vector_entry_point"), seed=4, twins=3
+    )
+    groups.reset()
+    rng = np.random.default_rng(0)
+    cut, failed, biases = 0, 0, set()
+    for _ in range(200):
+        _, _, done, infos = groups.step(rng.uniform(-1, 1, (6, 1)).astype(np.float32))
+        assert (done.reshape(2, 3).all(axis=1) == done.reshape(2, 3).any(axis=1)).all()
+        bias = part(groups.infos[0], "privileged")["bias"].reshape(2, 3)
+        np.testing.assert_array_equal(bias, bias[:, :1].repeat(3, axis=1))
+        biases |= set(bias[:, 0])
+        ends = [info for info in infos if info]
+        assert all(info["TimeLimit.truncated"] != bool(info["failed"]) for info in ends)
+        cut += sum(info["TimeLimit.truncated"] and info["episode"]["l"] < 100 for info in ends)
+        failed += sum(bool(info["failed"]) for info in ends)
+    assert cut > failed > 10
+    assert len(biases) > 10
+
+
 def test_one_call_gives_what_a_trainer_takes_and_logs_success():
     """SB3's own evaluation trusts the monitored returns, and the learner's seed begins the episodes."""
     env = fieldgym.make_sb3_vec("fieldgym/PoseReaching-v0", 4, settings={"timeout": 1.0})
