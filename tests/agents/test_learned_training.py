@@ -73,7 +73,7 @@ RUNS = {
         "network": {"hidden": [8], "more": {"lstm_hidden_size": 6, "n_lstm_layers": 2}},
     },
     "annealed": {
-        "learner": {**ON_POLICY, "stds": [0.3, 0.03]},
+        "learner": {**ON_POLICY, "stds": [0.3, 0.03], "critic": 0.5},
         "algorithm": "fieldagents.learned.annealed:AnnealedPPO",
     },
     "sac": {"learner": OFF_POLICY, "round_updates": 8},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
@@ -21,6 +22,9 @@ class AnnealedPPO(PPO):
         policy: See ``PPO``.
         env: See ``PPO``.
         stds: First and last standard deviation, in units of the action space.
+        critic: Share of the training in which a critic says what is luck. Then advantages are discounted sums
+            of rewards alone, clipped to ten times their mean size: for twins, whose rewards have little luck
+            in them. A critic's errors stay as large as they were while the distribution was wide.
         more: Further arguments of ``PPO``.
     """
 
@@ -29,9 +33,11 @@ class AnnealedPPO(PPO):
         policy: Any,
         env: VecEnv,
         stds: tuple[float, float] = (0.15, 0.01),
+        critic: float = 1.0,
         **more: Any,
     ) -> None:
         self.stds = (float(stds[0]), float(stds[1]))
+        self.critic = critic
         super().__init__(policy, env, **more)
 
     def _narrowed(self, remaining: float) -> float:
@@ -53,7 +59,18 @@ class AnnealedPPO(PPO):
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
         """See ``PPO``; sets the standard deviation with which the rollout is made."""
         self.spread_now()
-        return super().collect_rollouts(*args, **kwargs)
+        alone = 1.0 - self._current_progress_remaining >= self.critic
+        if alone:
+            self.vf_coef, self.rollout_buffer.gae_lambda = 0.0, 1.0
+            with torch.no_grad():
+                for weights in self.policy.value_net.parameters():
+                    weights.zero_()
+        going_on = super().collect_rollouts(*args, **kwargs)
+        if alone:
+            advantages = self.rollout_buffer.advantages
+            most = 10.0 * np.abs(advantages).mean()
+            np.clip(advantages, -most, most, out=advantages)
+        return going_on
 
     def train(self) -> None:
         """See ``PPO``; leaves the standard deviation as it is."""
