@@ -22,6 +22,8 @@ class Fault(Generic[P, S]):
         near: Ends of names that say the same, if a diagnosis knows more than the model lists.
         random: Whether what it adds is chance, so that no extension of a simulation can regain it.
         needs: Outputs without which it does not show, or is the same as something listed.
+        shows: Where a curve that is it acts, and over what, as ``places`` reads it; empty if no curve of the
+            machine's signals is it.
     """
 
     words: str
@@ -29,3 +31,4 @@ class Fault(Generic[P, S]):
     near: tuple[str, ...] = ()
     random: bool = False
     needs: tuple[str, ...] = ()
+    shows: tuple[str, ...] = ()
