@@ -38,6 +38,16 @@ class Scale:
 
 
 AxisFault = Fault[Axis, Scale]
+X, U = "position|angle", "force|torque|command|set point"
+"""What position and command are called on the machines."""
+OF_PLACE, OF_SPEED, OF_COMMAND = (f"force over {X}",), ("force over velocity",), (f"force over {U}",)
+OF_PLACE_AND_SPEED = (f"force over {X}*velocity",)
+OF_PAST_COMMANDS, OF_PAST_MOTION = (f"force over past of {U}",), (f"force over past of {X}|velocity",)
+BENT = (f"sensor {X} over {X}",)
+LATE = (f"sensor {X} over velocity", f"sensor {X} over past of {X}")
+"""What a late sensor shows is behind by the way since."""
+ZERO = ("force over time", f"sensor {X} over time", "parameter offset over time")
+"""On what holds an axis, a slow force is a zero that moves."""
 
 
 def _push(axis: Axis, force: Force) -> None:
@@ -258,45 +268,92 @@ def _slow_clock(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
 
 
 DEVELOP: Mapping[str, AxisFault] = {
-    "force_step": Fault("From some time on a constant force acts.", _force_step),
+    "force_step": Fault("From some time on a constant force acts.", _force_step, shows=ZERO),
     "one_sided_spring": Fault(
-        "A spring acts on one side.", _one_sided_spring, ("one_sided_spring", "elastic_stop")
+        "A spring acts on one side.", _one_sided_spring, ("one_sided_spring", "elastic_stop"), shows=OF_PLACE
     ),
-    "place_damping": Fault("Damping grows with the square of the deflection.", _place_damping),
+    "place_damping": Fault(
+        "Damping grows with the square of the deflection.",
+        _place_damping,
+        shows=OF_PLACE_AND_SPEED,
+    ),
     "gusts": Fault("Gusts of wind push.", _gusts, random=True),
-    "gear_ripple": Fault("A gear's ripple has strong harmonics.", _gear_ripple, ("cogging",)),
+    "gear_ripple": Fault("A gear's ripple has strong harmonics.", _gear_ripple, ("cogging",), shows=OF_PLACE),
     "friction_fades": Fault(
-        "Dry friction fades while the axis warms up.", _friction_fades, ("coulomb_friction",)
+        "Dry friction fades while the axis warms up.",
+        _friction_fades,
+        ("coulomb_friction",),
+        shows=("force over velocity*time", "force over velocity"),
     ),
-    "stick_zone": Fault("The axis sticks at one place.", _stick_zone),
-    "one_way_damping": Fault("It is damped more in one direction.", _one_way_damping),
-    "inertia_of_place": Fault("The inertia depends on the place.", _inertia_of_place),
-    "second_mass": Fault("The axis carries a mass on a spring.", _second_mass),
-    "magnet": Fault("A magnet pulls at one place.", _magnet),
-    "input_play": Fault("The actuator has play before it acts.", _input_play, ("play",)),
-    "place_gain": Fault("The actuator's gain depends on the place.", _place_gain),
-    "progressive_actuator": Fault("The actuator gives more than in proportion.", _progressive_actuator),
-    "sagging_supply": Fault("The supply sags after large commands.", _sagging_supply),
+    "stick_zone": Fault("The axis sticks at one place.", _stick_zone, shows=OF_PLACE_AND_SPEED),
+    "one_way_damping": Fault("It is damped more in one direction.", _one_way_damping, shows=OF_SPEED),
+    "inertia_of_place": Fault(
+        "The inertia depends on the place.",
+        _inertia_of_place,
+        shows=(f"parameter mass|inertia over {X}", f"force over {X}*rate of velocity|{U}"),
+    ),
+    "second_mass": Fault("The axis carries a mass on a spring.", _second_mass, shows=OF_PAST_MOTION),
+    "magnet": Fault("A magnet pulls at one place.", _magnet, shows=OF_PLACE),
+    "input_play": Fault(
+        "The actuator has play before it acts.", _input_play, ("play",), shows=OF_PAST_COMMANDS
+    ),
+    "place_gain": Fault(
+        "The actuator's gain depends on the place.", _place_gain, shows=(f"force over {X}*{U}",)
+    ),
+    "progressive_actuator": Fault(
+        "The actuator gives more than in proportion.", _progressive_actuator, shows=OF_COMMAND
+    ),
+    "sagging_supply": Fault("The supply sags after large commands.", _sagging_supply, shows=OF_PAST_COMMANDS),
     "ringing_actuator": Fault(
-        "The actuator overshoots.", _ringing_actuator, ("actuator_lag", "actuator_delay")
+        "The actuator overshoots.",
+        _ringing_actuator,
+        ("actuator_lag", "actuator_delay"),
+        shows=OF_PAST_COMMANDS,
     ),
-    "reversal_dead_time": Fault("The actuator pauses at each change of direction.", _reversal_dead_time),
-    "lost_commands": Fault("Commands are lost; the last one holds.", _lost_commands, random=True),
+    "reversal_dead_time": Fault(
+        "The actuator pauses at each change of direction.", _reversal_dead_time, shows=OF_PAST_COMMANDS
+    ),
+    "lost_commands": Fault(
+        "Commands are lost; the last one holds.", _lost_commands, random=True, shows=OF_PAST_COMMANDS
+    ),
     "one_sided_saturation": Fault(
-        "The actuator saturates on one side.", _one_sided_saturation, ("saturation",)
+        "The actuator saturates on one side.", _one_sided_saturation, ("saturation",), shows=OF_COMMAND
     ),
-    "sensor_hysteresis": Fault("The position sensor has play.", _sensor_hysteresis, ("backlash",)),
+    "sensor_hysteresis": Fault(
+        "The position sensor has play.", _sensor_hysteresis, ("backlash",), shows=LATE
+    ),
     "velocity_sensor_lag": Fault(
-        "The velocity sensor lags.", _velocity_sensor_lag, ("velocity_lag",), needs=("velocity",)
+        "The velocity sensor lags.",
+        _velocity_sensor_lag,
+        ("velocity_lag",),
+        needs=("velocity",),
+        shows=("sensor velocity over past of velocity", "sensor velocity over rate of velocity"),
     ),
-    "cubic_sensor": Fault("The position sensor is bent by a cubic.", _cubic_sensor, ("bend",)),
-    "eccentric_gear": Fault("The position sensor's gear is eccentric.", _eccentric_gear, ("eccentricity",)),
-    "force_crosstalk": Fault("The position sensor picks up the actuator.", _force_crosstalk),
-    "hum": Fault("The mains hum in the position sensor, aliased.", _hum, needs=("velocity",)),
-    "clipped_sensor": Fault("The position sensor ends before the axis.", _clipped_sensor, ("clipping",)),
-    "held_samples": Fault("Positions are lost; the last one is shown.", _held_samples, random=True),
-    "slow_clock": Fault("The position sensor's clock runs slow.", _slow_clock),
-    "flickering_gain": Fault("The position sensor's gain flickers.", _flickering_gain, random=True),
+    "cubic_sensor": Fault("The position sensor is bent by a cubic.", _cubic_sensor, ("bend",), shows=BENT),
+    "eccentric_gear": Fault(
+        "The position sensor's gear is eccentric.", _eccentric_gear, ("eccentricity",), shows=BENT
+    ),
+    "force_crosstalk": Fault(
+        "The position sensor picks up the actuator.", _force_crosstalk, shows=(f"sensor {X} over {U}",)
+    ),
+    "hum": Fault(
+        "The mains hum in the position sensor, aliased.",
+        _hum,
+        needs=("velocity",),
+        shows=(f"sensor {X} over time",),
+    ),
+    "clipped_sensor": Fault(
+        "The position sensor ends before the axis.", _clipped_sensor, ("clipping",), shows=BENT
+    ),
+    "held_samples": Fault(
+        "Positions are lost; the last one is shown.", _held_samples, random=True, shows=LATE
+    ),
+    "slow_clock": Fault(
+        "The position sensor's clock runs slow.", _slow_clock, shows=(*LATE, f"sensor {X} over velocity*time")
+    ),
+    "flickering_gain": Fault(
+        "The position sensor's gain flickers.", _flickering_gain, random=True, shows=BENT
+    ),
 }
 """To develop a diagnosis on."""
 
@@ -493,43 +550,84 @@ def _moving_average(axis: Axis, k: float, _s: Scale, _rng: Rng) -> None:
 
 
 REPORT: Mapping[str, AxisFault] = {
-    "fading_force": Fault("A constant force fades.", _fading_force),
-    "hard_stop": Fault("The axis hits a stop.", _hard_stop, ("elastic_stop", "one_sided_spring")),
-    "damping_drift": Fault("Damping grows with time.", _damping_drift, ("damping_drift",)),
+    "fading_force": Fault("A constant force fades.", _fading_force, shows=ZERO),
+    "hard_stop": Fault(
+        "The axis hits a stop.", _hard_stop, ("elastic_stop", "one_sided_spring"), shows=OF_PLACE
+    ),
+    "damping_drift": Fault(
+        "Damping grows with time.",
+        _damping_drift,
+        ("damping_drift",),
+        shows=("force over velocity*time", "parameter damping over time"),
+    ),
     "force_bursts": Fault("Short pushes at random times.", _force_bursts, random=True),
-    "detent": Fault("A detent pulls at one place.", _detent),
+    "detent": Fault("A detent pulls at one place.", _detent, shows=OF_PLACE),
     "saturating_friction": Fault(
-        "Friction grows with speed and saturates.", _saturating_friction, ("coulomb_friction",)
+        "Friction grows with speed and saturates.",
+        _saturating_friction,
+        ("coulomb_friction",),
+        shows=OF_SPEED,
     ),
-    "load_friction": Fault("Dry friction grows with the force.", _load_friction, ("load_friction",)),
-    "cubic_drag": Fault("Drag grows with the cube of the speed.", _cubic_drag),
-    "swept_force": Fault("A periodic force becomes faster.", _swept_force),
-    "creep": Fault("A spring and a damper in series pull.", _creep),
-    "slack_cable": Fault("A cable pulls on one side, slack on the other.", _slack_cable),
-    "stiffness_step": Fault("A spring changes at some time.", _stiffness_step, ("stiffness_step",)),
-    "sticky_valve": Fault("The actuator ignores small changes.", _sticky_valve, ("play",)),
-    "speed_gain": Fault("The actuator is weaker at speed.", _speed_gain),
-    "soft_saturation": Fault("The actuator saturates softly.", _soft_saturation, ("saturation",)),
-    "fading_gain": Fault("The actuator fades.", _fading_gain),
-    "slow_fall": Fault("The actuator falls slowly and rises at once.", _slow_fall, ("actuator_lag",)),
-    "coarse_command": Fault("The actuator knows few levels.", _coarse_command),
+    "load_friction": Fault(
+        "Dry friction grows with the force.",
+        _load_friction,
+        ("load_friction",),
+        shows=(f"force over {U}*velocity",),
+    ),
+    "cubic_drag": Fault("Drag grows with the cube of the speed.", _cubic_drag, shows=OF_SPEED),
+    "swept_force": Fault("A periodic force becomes faster.", _swept_force, shows=("force over time",)),
+    "creep": Fault("A spring and a damper in series pull.", _creep, shows=OF_PAST_MOTION),
+    "slack_cable": Fault("A cable pulls on one side, slack on the other.", _slack_cable, shows=OF_PLACE),
+    "stiffness_step": Fault(
+        "A spring changes at some time.",
+        _stiffness_step,
+        ("stiffness_step",),
+        shows=(f"force over {X}*time", "parameter stiffness|gravity moment over time"),
+    ),
+    "sticky_valve": Fault(
+        "The actuator ignores small changes.", _sticky_valve, ("play",), shows=OF_PAST_COMMANDS
+    ),
+    "speed_gain": Fault("The actuator is weaker at speed.", _speed_gain, shows=(f"force over {U}*velocity",)),
+    "soft_saturation": Fault(
+        "The actuator saturates softly.", _soft_saturation, ("saturation",), shows=OF_COMMAND
+    ),
+    "fading_gain": Fault("The actuator fades.", _fading_gain, shows=(f"force over {U}*time",)),
+    "slow_fall": Fault(
+        "The actuator falls slowly and rises at once.", _slow_fall, ("actuator_lag",), shows=OF_PAST_COMMANDS
+    ),
+    "coarse_command": Fault("The actuator knows few levels.", _coarse_command, shows=OF_COMMAND),
     "one_sided_dead_zone": Fault(
-        "The actuator has a dead zone on one side.", _one_sided_dead_zone, ("dead_zone",)
+        "The actuator has a dead zone on one side.", _one_sided_dead_zone, ("dead_zone",), shows=OF_COMMAND
     ),
-    "off_axle_marker": Fault("The position sensor is bent by a square.", _off_axle_marker, ("bend",)),
+    "off_axle_marker": Fault(
+        "The position sensor is bent by a square.", _off_axle_marker, ("bend",), shows=BENT
+    ),
     "velocity_dead_band": Fault(
-        "The velocity sensor does not see slow motion.", _velocity_dead_band, needs=("velocity",)
+        "The velocity sensor does not see slow motion.",
+        _velocity_dead_band,
+        needs=("velocity",),
+        shows=("sensor velocity over velocity",),
     ),
-    "one_sided_scale": Fault("The position sensor shows more on one side.", _one_sided_scale),
-    "dead_spot": Fault("The position sensor has a dead spot.", _dead_spot),
+    "one_sided_scale": Fault("The position sensor shows more on one side.", _one_sided_scale, shows=BENT),
+    "dead_spot": Fault("The position sensor has a dead spot.", _dead_spot, shows=BENT),
     "place_in_velocity": Fault(
-        "The velocity sensor picks up the position.", _place_in_velocity, needs=("velocity",)
+        "The velocity sensor picks up the position.",
+        _place_in_velocity,
+        needs=("velocity",),
+        shows=(f"sensor velocity over {X}",),
     ),
-    "offset_jump": Fault("The position sensor's offset jumps.", _offset_jump),
-    "flexing_mount": Fault("The position sensor's mount flexes.", _flexing_mount),
-    "time_jitter": Fault("Positions are late by random times.", _time_jitter, random=True),
+    "offset_jump": Fault("The position sensor's offset jumps.", _offset_jump, shows=ZERO),
+    "flexing_mount": Fault(
+        "The position sensor's mount flexes.",
+        _flexing_mount,
+        shows=(f"sensor {X} over rate of velocity|{U}",),
+    ),
+    "time_jitter": Fault("Positions are late by random times.", _time_jitter, random=True, shows=LATE),
     "moving_average": Fault(
-        "The position sensor shows moving averages.", _moving_average, ("sensor_delay", "position_lag")
+        "The position sensor shows moving averages.",
+        _moving_average,
+        ("sensor_delay", "position_lag"),
+        shows=LATE,
     ),
 }
 """To report on: no kind of the other set."""

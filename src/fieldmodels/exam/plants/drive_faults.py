@@ -142,6 +142,40 @@ class Scale:
 DriveFault = Fault[Drive, Scale]
 
 
+def _there(direction: str) -> str:
+    """A direction on the ground, and where wheels are measured that of the drive."""
+    return f"{direction}|{direction} of the drive"
+
+
+def shares(directions: str) -> str:
+    """Shares of directions."""
+    return "|".join(f"share of {one}" for one in directions.split("|"))
+
+
+TURN, FORWARD = _there("turn rate"), _there("forward speed")
+LEFT, RIGHT = _there("left wheel"), _there("right wheel")
+LEFT_RIM, RIGHT_RIM = "left rim|left command|left wheel", "right rim|right command|right wheel"
+TURNING = "turn rate|rate of heading"
+OF_TURN = (f"force {TURN} over {TURNING}",)
+OF_TURN_AND_SPEED = (f"force turn rate over speed*{TURNING}",)
+PAST_TURNS = (f"force {TURN} over past of turn rate",)
+PAST_COMMANDS = (
+    *PAST_TURNS, f"force {FORWARD} over past of speed", f"force {LEFT} over past of {LEFT_RIM}",
+    f"force {RIGHT} over past of {RIGHT_RIM}",
+)  # fmt: skip
+LATE_POSE = (
+    "sensor x over rate of x", "sensor y over rate of y", f"sensor heading over {TURNING}",
+    "force turn rate over past of turn rate", "force forward speed over past of speed",
+)  # fmt: skip
+"""A pose that is late is one whose motion is."""
+SCALED = ("sensor x over x", "sensor y over y")
+FADES = (
+    f"force {shares('|'.join([TURN, FORWARD, LEFT, RIGHT]))} over time", f"force {TURN} over turn rate*time",
+    f"force {FORWARD} over speed*time", f"force {LEFT} over {LEFT_RIM}*time",
+    f"force {RIGHT} over {RIGHT_RIM}*time",
+)  # fmt: skip
+
+
 def _command(drive: Drive, change: Command) -> None:
     drive.commands.append(change)
 
@@ -319,28 +353,90 @@ def _furrows(drive: Drive, k: float, s: Scale, rng: Rng) -> None:
 
 
 DEVELOP: Mapping[str, DriveFault] = {
-    "worn_wheel": Fault("One wheel becomes smaller.", _worn_wheel),
-    "heading_scale": Fault("The heading is shown too large.", _heading_scale, ("heading_gain",)),
-    "tracker_lens": Fault("The tracker's picture is stretched towards its rim.", _tracker_lens),
-    "drag": Fault("A constant share of its speed is lost either way.", _drag),
-    "side_skid": Fault("It skids to one side in turns of either sense.", _side_skid),
+    "worn_wheel": Fault(
+        "One wheel becomes smaller.",
+        _worn_wheel,
+        shows=(f"force {RIGHT}|{TURN} over {RIGHT_RIM}|speed*time", f"force {shares(RIGHT)} over time"),
+    ),
+    "heading_scale": Fault(
+        "The heading is shown too large.",
+        _heading_scale,
+        ("heading_gain",),
+        shows=("sensor heading over heading",),
+    ),
+    "tracker_lens": Fault(
+        "The tracker's picture is stretched towards its rim.",
+        _tracker_lens,
+        shows=(*SCALED, "sensor x|y over x*y"),
+    ),
+    "drag": Fault(
+        "A constant share of its speed is lost either way.", _drag, shows=("force forward speed over speed",)
+    ),
+    "side_skid": Fault(
+        "It skids to one side in turns of either sense.",
+        _side_skid,
+        shows=(f"force sideways speed over {TURNING}",),
+    ),
     "gusts": Fault("Gusts of wind turn it.", _gusts, random=True),
-    "furrows": Fault("Furrows turn it, each time it crosses one.", _furrows),
-    "weak_left": Fault("It turns less to the left than to the right.", _weak_left),
-    "surging_drive": Fault("It surges once a turn of an eccentric wheel.", _surging_drive),
-    "marker_ahead": Fault("The tracked marker is ahead of the axle.", _marker_ahead),
-    "turn_dead_zone": Fault("Small turn rates are not carried out.", _turn_dead_zone),
-    "yaw_inertia": Fault("The body turns later than its wheels.", _yaw_inertia),
-    "soft_tyres": Fault("Tyres slip the more, the faster it goes.", _soft_tyres),
-    "tracker_scale": Fault("The tracker's unit of length is wrong.", _tracker_scale),
-    "stiff_wheel": Fault("One wheel has a dead zone.", _stiff_wheel, ("dead_zone",)),
-    "slippery_patch": Fault("It slips where the ground is slippery.", _slippery_patch),
-    "lost_commands": Fault("Commands are lost; the last one holds.", _lost_commands, random=True),
-    "held_samples": Fault("Poses are lost; the last one is shown.", _held_samples, random=True),
-    "input_play": Fault("The turn rate has play.", _input_play, ("play",)),
-    "sagging_supply": Fault("The supply sags at speed.", _sagging_supply),
-    "hunting": Fault("The speed swings about the commanded one.", _hunting),
-    "patchy_grip": Fault("Of each turn a random share is lost.", _patchy_grip, random=True),
+    "furrows": Fault(
+        "Furrows turn it, each time it crosses one.", _furrows, shows=("force turn rate over x",)
+    ),
+    "weak_left": Fault("It turns less to the left than to the right.", _weak_left, shows=OF_TURN),
+    "surging_drive": Fault(
+        "It surges once a turn of an eccentric wheel.",
+        _surging_drive,
+        shows=("force share of forward speed over speed",),
+    ),
+    "marker_ahead": Fault(
+        "The tracked marker is ahead of the axle.",
+        _marker_ahead,
+        shows=("sensor x|y over heading", f"force sideways speed over {TURNING}"),
+    ),
+    "turn_dead_zone": Fault("Small turn rates are not carried out.", _turn_dead_zone, shows=OF_TURN),
+    "yaw_inertia": Fault(
+        "The body turns later than its wheels.",
+        _yaw_inertia,
+        shows=(f"force turn rate over past of {TURNING}",),
+    ),
+    "soft_tyres": Fault(
+        "Tyres slip the more, the faster it goes.", _soft_tyres, shows=("force forward speed over speed",)
+    ),
+    "tracker_scale": Fault(
+        "The tracker's unit of length is wrong.",
+        _tracker_scale,
+        shows=(*SCALED, "force forward speed over speed"),
+    ),
+    "stiff_wheel": Fault(
+        "One wheel has a dead zone.",
+        _stiff_wheel,
+        ("dead_zone",),
+        shows=(f"force {LEFT}|{TURN} over {LEFT_RIM}",),
+    ),
+    "slippery_patch": Fault(
+        "It slips where the ground is slippery.",
+        _slippery_patch,
+        shows=(
+            "force share of forward speed|share of turn rate over x",
+            "force turn rate over turn rate*x",
+            "force forward speed over speed*x",
+        ),
+    ),
+    "lost_commands": Fault(
+        "Commands are lost; the last one holds.", _lost_commands, random=True, shows=PAST_COMMANDS
+    ),
+    "held_samples": Fault(
+        "Poses are lost; the last one is shown.", _held_samples, random=True, shows=LATE_POSE
+    ),
+    "input_play": Fault("The turn rate has play.", _input_play, ("play",), shows=PAST_TURNS),
+    "sagging_supply": Fault(
+        "The supply sags at speed.",
+        _sagging_supply,
+        shows=(f"force {FORWARD} over past of speed", f"force {TURN} over turn rate*past of speed"),
+    ),
+    "hunting": Fault(
+        "The speed swings about the commanded one.", _hunting, shows=(f"force {FORWARD} over time",)
+    ),
+    "patchy_grip": Fault("Of each turn a random share is lost.", _patchy_grip, random=True, shows=OF_TURN),
 }
 
 
@@ -406,16 +502,48 @@ def _soft_saturation(drive: Drive, k: float, s: Scale, _rng: Rng) -> None:
 
 
 REPORT: Mapping[str, DriveFault] = {
-    "understeer": Fault("It turns the less, the faster it goes.", _understeer),
-    "compass": Fault("The heading's error depends on the heading (hard iron).", _compass),
-    "conveyor": Fault("The ground itself moves.", _conveyor),
-    "gyro_drift": Fault("The heading drifts.", _gyro_drift, ("heading_drift",)),
-    "scrub": Fault("It is slower in turns.", _scrub),
-    "tracker_shear": Fault("The tracker's axes are not at right angles.", _tracker_shear),
-    "pull_at_speed": Fault("It pulls to one side with the square of the speed.", _pull_at_speed),
-    "slow_fall": Fault("Wheels slow down late and speed up at once.", _slow_fall, ("actuator_lag",)),
-    "time_jitter": Fault("Poses are late by random times.", _time_jitter, random=True),
-    "coarse_command": Fault("Turn rates know few levels.", _coarse_command),
-    "fading_gain": Fault("The drive fades.", _fading_gain),
-    "soft_saturation": Fault("Wheels saturate softly.", _soft_saturation, ("saturation",)),
+    "understeer": Fault("It turns the less, the faster it goes.", _understeer, shows=OF_TURN_AND_SPEED),
+    "compass": Fault(
+        "The heading's error depends on the heading (hard iron).",
+        _compass,
+        shows=("sensor heading over heading",),
+    ),
+    "conveyor": Fault(
+        "The ground itself moves.",
+        _conveyor,
+        shows=(
+            "force ground's speed along x|ground's speed along y",
+            "sensor x|y over time",
+            "force forward speed|sideways speed over heading",
+        ),
+    ),
+    "gyro_drift": Fault(
+        "The heading drifts.", _gyro_drift, ("heading_drift",), shows=("sensor heading over time",)
+    ),
+    "scrub": Fault("It is slower in turns.", _scrub, shows=(f"force forward speed over speed*{TURNING}",)),
+    "tracker_shear": Fault(
+        "The tracker's axes are not at right angles.", _tracker_shear, shows=("sensor x over y",)
+    ),
+    "pull_at_speed": Fault(
+        "It pulls to one side with the square of the speed.",
+        _pull_at_speed,
+        shows=("force turn rate over speed",),
+    ),
+    "slow_fall": Fault(
+        "Wheels slow down late and speed up at once.", _slow_fall, ("actuator_lag",), shows=PAST_COMMANDS
+    ),
+    "time_jitter": Fault("Poses are late by random times.", _time_jitter, random=True, shows=LATE_POSE),
+    "coarse_command": Fault("Turn rates know few levels.", _coarse_command, shows=OF_TURN),
+    "fading_gain": Fault("The drive fades.", _fading_gain, shows=FADES),
+    "soft_saturation": Fault(
+        "Wheels saturate softly.",
+        _soft_saturation,
+        ("saturation",),
+        shows=(
+            f"force {LEFT} over {LEFT_RIM}",
+            f"force {RIGHT} over {RIGHT_RIM}",
+            f"force {FORWARD} over speed",
+            f"force {TURN} over turn rate*speed",
+        ),
+    ),
 }

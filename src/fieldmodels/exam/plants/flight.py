@@ -217,6 +217,10 @@ FACTORS: Mapping[str, tuple[str, str, float]] = {
 LISTED = (*PLACES, *FACTORS)
 FlightFault = Fault[Flight, float]
 """The scale of a flight is its duration [s]."""
+WIND = "wind to the north|wind to the east"
+WIND_OVER_TIME, TRACKER_OVER_TIME = (f"force {WIND} over time",), ("sensor north|east over time",)
+SECTOR = ("odds detected over north|east", "odds detected over north*east")
+BENT_GAUGE = ("sensor bank over bank",)
 
 
 def _wind_shear(flight: Flight, k: float, _s: float, rng: Rng) -> None:
@@ -287,20 +291,52 @@ def _pilot_slips(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
 
 
 DEVELOP: Mapping[str, FlightFault] = {
-    "tidal_wind": Fault("The wind swings slowly.", _tidal_wind),
-    "gauge_scale": Fault("The bank is shown too large.", _gauge_scale, ("bank_gain",)),
-    "map_lens": Fault("The tracker's map is stretched towards its rim.", _map_lens),
-    "thin_air": Fault("It is faster in the east.", _thin_air),
-    "blind_sector": Fault("The radar sees less in a sector.", _blind_sector),
-    "pilot_slips": Fault("It always flies a little to the right of its nose.", _pilot_slips),
-    "wind_shear": Fault("The wind is another one farther north.", _wind_shear),
-    "engine_fades": Fault("The engine gives less and less.", _engine_fades),
-    "slow_gauge": Fault("The bank is shown with a lag.", _slow_gauge, ("bank_lag", "bank_delay")),
-    "map_scale": Fault("The tracker's map is too large in one direction.", _map_scale, ("north_gain",)),
-    "clutter": Fault("The radar takes clutter for aircraft.", _clutter),
-    "rain": Fault("The radar sees less far into the rain.", _rain),
-    "gauge_offset": Fault("The bank is shown too large by a constant.", _gauge_offset, ("bank_bias",)),
-    "drifting_tracker": Fault("The tracker's zero drifts.", _drifting_tracker),
+    "tidal_wind": Fault("The wind swings slowly.", _tidal_wind, shows=WIND_OVER_TIME),
+    "gauge_scale": Fault("The bank is shown too large.", _gauge_scale, ("bank_gain",), shows=BENT_GAUGE),
+    "map_lens": Fault(
+        "The tracker's map is stretched towards its rim.",
+        _map_lens,
+        shows=("sensor north over north", "sensor east over east", "sensor north|east over north*east"),
+    ),
+    "thin_air": Fault(
+        "It is faster in the east.",
+        _thin_air,
+        shows=("force speed along the course over east", "parameter speed over east"),
+    ),
+    "blind_sector": Fault("The radar sees less in a sector.", _blind_sector, shows=SECTOR),
+    "pilot_slips": Fault(
+        "It always flies a little to the right of its nose.",
+        _pilot_slips,
+        shows=("force speed to the right",),
+    ),
+    "wind_shear": Fault(
+        "The wind is another one farther north.", _wind_shear, shows=(f"force {WIND} over north",)
+    ),
+    "engine_fades": Fault(
+        "The engine gives less and less.",
+        _engine_fades,
+        shows=("force speed along the course over time", "parameter speed over time"),
+    ),
+    "slow_gauge": Fault(
+        "The bank is shown with a lag.",
+        _slow_gauge,
+        ("bank_lag", "bank_delay"),
+        shows=("sensor bank over past of bank", "sensor bank over rate of bank"),
+    ),
+    "map_scale": Fault(
+        "The tracker's map is too large in one direction.",
+        _map_scale,
+        ("north_gain",),
+        shows=("sensor north over north",),
+    ),
+    "clutter": Fault(
+        "The radar takes clutter for aircraft.", _clutter, shows=("odds detected over detected",)
+    ),
+    "rain": Fault("The radar sees less far into the rain.", _rain, shows=SECTOR),
+    "gauge_offset": Fault(
+        "The bank is shown too large by a constant.", _gauge_offset, ("bank_bias",), shows=("sensor bank",)
+    ),
+    "drifting_tracker": Fault("The tracker's zero drifts.", _drifting_tracker, shows=TRACKER_OVER_TIME),
 }
 """To develop a diagnosis on."""
 
@@ -339,13 +375,22 @@ def _one_sided_bank(flight: Flight, k: float, _s: float, _rng: Rng) -> None:
 
 
 REPORT: Mapping[str, FlightFault] = {
-    "rotated_grid": Fault("The tracker's grid is turned.", _rotated_grid),
-    "gust_front": Fault("The wind turns at some time.", _gust_front),
-    "skid": Fault("The aircraft skids outwards in turns.", _skid),
-    "stale_tracker": Fault(
-        "The tracker shows part of the place before.", _stale_tracker, ("delay", "lag"),
+    "rotated_grid": Fault(
+        "The tracker's grid is turned.",
+        _rotated_grid,
+        shows=("sensor north over east", "sensor east over north"),
     ),
-    "aging_radar": Fault("The radar's range falls.", _aging_radar),
-    "one_sided_bank": Fault("It banks less to the left.", _one_sided_bank),
-}  # fmt: skip
+    "gust_front": Fault("The wind turns at some time.", _gust_front, shows=WIND_OVER_TIME),
+    "skid": Fault(
+        "The aircraft skids outwards in turns.", _skid, shows=("force speed to the right over bank",)
+    ),
+    "stale_tracker": Fault(
+        "The tracker shows part of the place before.",
+        _stale_tracker,
+        ("delay", "lag"),
+        shows=("sensor north over rate of north|past of north", "sensor east over rate of east|past of east"),
+    ),
+    "aging_radar": Fault("The radar's range falls.", _aging_radar, shows=("odds detected over time",)),
+    "one_sided_bank": Fault("It banks less to the left.", _one_sided_bank, shows=BENT_GAUGE),
+}
 """To report on: no kind of the other set."""

@@ -199,6 +199,8 @@ LISTED: Mapping[str, Callable[[Leg, Values], None]] = {
 ORDER = tuple(LISTED)
 LegFault = Fault[Leg, float]
 """The scale of a walk is its duration [s]."""
+OVER_TIME, OF_RATE, OF_ANGLE = ("force over time",), ("force over gyro",), ("force over strike angle",)
+GYRO_OVER_TIME, BENT_GYRO = ("sensor gyro over time",), ("sensor gyro over gyro",)
 
 
 def _gear_ripple(leg: Leg, k: float, _s: float, rng: Rng) -> None:
@@ -265,20 +267,31 @@ def _gyro_dead_band(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
 
 
 DEVELOP: Mapping[str, LegFault] = {
-    "gyro_square": Fault("The gyro is bent by a square.", _gyro_square, ("bend",)),
-    "fading_gyro": Fault("The gyro shows less and less.", _fading_gyro),
-    "force_step": Fault("From some time on a constant force acts.", _force_step),
-    "geometry_scale": Fault("The geometry's angle is too large.", _geometry_scale, ("strike_angle_gain",)),
-    "knee_stop": Fault("A stop resists beyond an angle.", _knee_stop),
-    "worn_bearing": Fault("Damping grows while it walks.", _worn_bearing),
-    "gyro_dead_band": Fault("The gyro does not show slow turns.", _gyro_dead_band),
-    "gear_ripple": Fault("A gear's ripple has strong harmonics.", _gear_ripple, ("cogging",)),
+    "gyro_square": Fault("The gyro is bent by a square.", _gyro_square, ("bend",), shows=BENT_GYRO),
+    "fading_gyro": Fault(
+        "The gyro shows less and less.", _fading_gyro, shows=("sensor gyro over gyro*time",)
+    ),
+    "force_step": Fault("From some time on a constant force acts.", _force_step, shows=OVER_TIME),
+    "geometry_scale": Fault(
+        "The geometry's angle is too large.",
+        _geometry_scale,
+        ("strike_angle_gain",),
+        shows=("sensor strike angle over strike angle",),
+    ),
+    "knee_stop": Fault("A stop resists beyond an angle.", _knee_stop, shows=OF_ANGLE),
+    "worn_bearing": Fault("Damping grows while it walks.", _worn_bearing, shows=("force over gyro*time",)),
+    "gyro_dead_band": Fault("The gyro does not show slow turns.", _gyro_dead_band, shows=BENT_GYRO),
+    "gear_ripple": Fault("A gear's ripple has strong harmonics.", _gear_ripple, ("cogging",), shows=OF_ANGLE),
     "gusts": Fault("Gusts of wind push.", _gusts, random=True),
-    "place_damping": Fault("Damping grows with the square of the angle.", _place_damping),
-    "one_way_damping": Fault("It is damped more in one direction.", _one_way_damping),
-    "cubic_sensor": Fault("The gyro is bent by a cubic.", _cubic_sensor, ("bend",)),
-    "clipped_sensor": Fault("The gyro cannot show fast turns.", _clipped_sensor, ("clipping",)),
-    "hum": Fault("The mains hum in the gyro, aliased.", _hum),
+    "place_damping": Fault(
+        "Damping grows with the square of the angle.", _place_damping, shows=("force over gyro*strike angle",)
+    ),
+    "one_way_damping": Fault("It is damped more in one direction.", _one_way_damping, shows=OF_RATE),
+    "cubic_sensor": Fault("The gyro is bent by a cubic.", _cubic_sensor, ("bend",), shows=BENT_GYRO),
+    "clipped_sensor": Fault(
+        "The gyro cannot show fast turns.", _clipped_sensor, ("clipping",), shows=BENT_GYRO
+    ),
+    "hum": Fault("The mains hum in the gyro, aliased.", _hum, shows=GYRO_OVER_TIME),
 }
 """To develop a diagnosis on."""
 
@@ -326,12 +339,19 @@ def _one_sided_floor(leg: Leg, k: float, _s: float, _rng: Rng) -> None:
 
 
 REPORT: Mapping[str, LegFault] = {
-    "gyro_swing": Fault("The gyro's bias swings slowly.", _gyro_swing),
-    "detent": Fault("A detent pulls at one angle.", _detent),
-    "cubic_drag": Fault("Drag grows with the cube of the rate.", _cubic_drag),
-    "swept_force": Fault("A periodic torque becomes faster.", _swept_force),
-    "one_sided_scale": Fault("The gyro shows more in one direction.", _one_sided_scale),
-    "moving_average": Fault("The gyro shows moving averages.", _moving_average, ("gyro_delay", "gyro_lag")),
-    "one_sided_floor": Fault("The geometry's angle has a bias.", _one_sided_floor, ("bias",)),
+    "gyro_swing": Fault("The gyro's bias swings slowly.", _gyro_swing, shows=GYRO_OVER_TIME),
+    "detent": Fault("A detent pulls at one angle.", _detent, shows=OF_ANGLE),
+    "cubic_drag": Fault("Drag grows with the cube of the rate.", _cubic_drag, shows=OF_RATE),
+    "swept_force": Fault("A periodic torque becomes faster.", _swept_force, shows=OVER_TIME),
+    "one_sided_scale": Fault("The gyro shows more in one direction.", _one_sided_scale, shows=BENT_GYRO),
+    "moving_average": Fault(
+        "The gyro shows moving averages.",
+        _moving_average,
+        ("gyro_delay", "gyro_lag"),
+        shows=("sensor gyro over past of gyro", "sensor gyro over rate of gyro"),
+    ),
+    "one_sided_floor": Fault(
+        "The geometry's angle has a bias.", _one_sided_floor, ("bias",), shows=("sensor strike angle",)
+    ),
 }
 """To report on: no kind of the other set."""

@@ -13,16 +13,38 @@ import numpy as np
 from scipy.signal import lfilter
 
 from fieldmodels.exam.plants.axis import Axis
-from fieldmodels.exam.plants.axis_unlisted import AxisFault, Scale
+from fieldmodels.exam.plants.axis_unlisted import (
+    LATE,
+    OF_COMMAND,
+    OF_PLACE,
+    OF_PLACE_AND_SPEED,
+    OF_SPEED,
+    ZERO,
+    AxisFault,
+    Scale,
+    U,
+    X,
+)
 from fieldmodels.exam.plants.drive import Drive, Motion, Pose
-from fieldmodels.exam.plants.drive_faults import DriveFault
+from fieldmodels.exam.plants.drive_faults import (
+    FORWARD,
+    LEFT,
+    LEFT_RIM,
+    OF_TURN_AND_SPEED,
+    PAST_TURNS,
+    TURN,
+    TURNING,
+    DriveFault,
+)
 from fieldmodels.exam.plants.drive_faults import Scale as DriveScale
 from fieldmodels.exam.plants.faults import Fault
-from fieldmodels.exam.plants.flight import Flight, FlightFault
-from fieldmodels.exam.plants.leg import Leg, LegFault
-from fieldmodels.exam.plants.walk import Walker, WalkFault
+from fieldmodels.exam.plants.flight import TRACKER_OVER_TIME, WIND, WIND_OVER_TIME, Flight, FlightFault
+from fieldmodels.exam.plants.leg import GYRO_OVER_TIME, OF_ANGLE, OF_RATE, OVER_TIME, Leg, LegFault
+from fieldmodels.exam.plants.walk import CAMERA_OVER_TIME, OF_STEERING, Walker, WalkFault
 
 Rng = np.random.Generator
+LATER = (f"force over past of {U}", f"force over past of {U}*time")
+"""Commands that come later: half of it is a delay that stays."""
 
 
 def _wandering(rng: Rng, duration: float, step: float, slow: float) -> list[float]:
@@ -131,21 +153,37 @@ def _fading_sensor(axis: Axis, k: float, s: Scale, _rng: Rng) -> None:
 
 
 AXIS: Mapping[str, AxisFault] = {
-    "blade_drag": Fault("Drag grows with the power 1.5 of the speed.", _blade_drag),
-    "one_way_drag": Fault("Drag acts in one direction.", _one_way_drag),
-    "square_spring": Fault("A spring resists with the square of the deflection.", _square_spring),
-    "fifth_power_spring": Fault("A spring resists with the fifth power.", _fifth_power_spring),
-    "friction_at_the_ends": Fault("Dry friction grows with the deflection.", _friction_at_the_ends),
-    "late_machine_next_door": Fault("From some time on a periodic force acts.", _late_machine_next_door),
-    "load_taken_up": Fault("At some time it takes up a load.", _load_taken_up),
-    "brownout": Fault("For some time the actuator gives less.", _brownout),
-    "weak_for_small": Fault("The actuator gives less for small commands.", _weak_for_small),
-    "command_square": Fault("The actuator is bent by a square.", _command_square),
-    "filling_buffer": Fault("Commands come later and later.", _filling_buffer),
-    "busy_bus": Fault("Commands come later every other while.", _busy_bus),
-    "wandering_delay": Fault("Positions are late by times that wander.", _wandering_delay, random=True),
-    "warming_zero": Fault("The position sensor's zero moves until it is warm.", _warming_zero),
-    "fading_sensor": Fault("The position sensor shows less and less.", _fading_sensor),
+    "blade_drag": Fault("Drag grows with the power 1.5 of the speed.", _blade_drag, shows=OF_SPEED),
+    "one_way_drag": Fault("Drag acts in one direction.", _one_way_drag, shows=OF_SPEED),
+    "square_spring": Fault(
+        "A spring resists with the square of the deflection.", _square_spring, shows=OF_PLACE
+    ),
+    "fifth_power_spring": Fault(
+        "A spring resists with the fifth power.", _fifth_power_spring, shows=OF_PLACE
+    ),
+    "friction_at_the_ends": Fault(
+        "Dry friction grows with the deflection.", _friction_at_the_ends, shows=OF_PLACE_AND_SPEED
+    ),
+    "late_machine_next_door": Fault(
+        "From some time on a periodic force acts.", _late_machine_next_door, shows=("force over time",)
+    ),
+    "load_taken_up": Fault(
+        "At some time it takes up a load.",
+        _load_taken_up,
+        shows=("parameter mass|inertia over time", "force over rate of velocity*time"),
+    ),
+    "brownout": Fault("For some time the actuator gives less.", _brownout, shows=(f"force over {U}*time",)),
+    "weak_for_small": Fault("The actuator gives less for small commands.", _weak_for_small, shows=OF_COMMAND),
+    "command_square": Fault("The actuator is bent by a square.", _command_square, shows=OF_COMMAND),
+    "filling_buffer": Fault("Commands come later and later.", _filling_buffer, shows=LATER),
+    "busy_bus": Fault("Commands come later every other while.", _busy_bus, shows=LATER),
+    "wandering_delay": Fault(
+        "Positions are late by times that wander.", _wandering_delay, random=True, shows=LATE
+    ),
+    "warming_zero": Fault("The position sensor's zero moves until it is warm.", _warming_zero, shows=ZERO),
+    "fading_sensor": Fault(
+        "The position sensor shows less and less.", _fading_sensor, shows=(f"sensor {X} over {X}*time",)
+    ),
 }
 
 
@@ -220,15 +258,38 @@ def _shared_battery(drive: Drive, k: float, s: DriveScale, _rng: Rng) -> None:
 
 
 DRIVE: Mapping[str, DriveFault] = {
-    "trim": Fault("While it drives it turns by a constant rate.", _trim),
-    "square_sideslip": Fault("It slides outwards with the square of the speed.", _square_sideslip),
-    "uphill": Fault("It is slower uphill and not faster downhill.", _uphill, ("slope",)),
-    "late_turns": Fault("Turns are late, speeds are not.", _late_turns),
-    "slow_left_wheel": Fault("One wheel lags.", _slow_left_wheel, ("actuator_lag",)),
-    "slips_on_the_spot": Fault("It turns too little on the spot.", _slips_on_the_spot),
-    "heading_jump": Fault("The shown heading jumps at some time.", _heading_jump),
+    "trim": Fault(
+        "While it drives it turns by a constant rate.", _trim, shows=("force turn rate over speed",)
+    ),
+    "square_sideslip": Fault(
+        "It slides outwards with the square of the speed.",
+        _square_sideslip,
+        shows=(f"force sideways speed over speed*{TURNING}",),
+    ),
+    "uphill": Fault(
+        "It is slower uphill and not faster downhill.",
+        _uphill,
+        ("slope",),
+        shows=("force share of forward speed over heading", "force forward speed over speed*heading"),
+    ),
+    "late_turns": Fault("Turns are late, speeds are not.", _late_turns, shows=PAST_TURNS),
+    "slow_left_wheel": Fault(
+        "One wheel lags.",
+        _slow_left_wheel,
+        ("actuator_lag",),
+        shows=(f"force {LEFT}|{TURN} over past of {LEFT_RIM}",),
+    ),
+    "slips_on_the_spot": Fault(
+        "It turns too little on the spot.", _slips_on_the_spot, shows=OF_TURN_AND_SPEED
+    ),
+    "heading_jump": Fault(
+        "The shown heading jumps at some time.", _heading_jump, shows=("sensor heading over time",)
+    ),
     "shared_battery": Fault(
-        "Both wheels slow down where they ask for too much.", _shared_battery, ("saturation",)
+        "Both wheels slow down where they ask for too much.",
+        _shared_battery,
+        ("saturation",),
+        shows=(f"force {FORWARD} over speed", f"force {TURN} over turn rate*speed"),
     ),
 }
 
@@ -263,12 +324,16 @@ def _late_push(leg: Leg, k: float, s: float, rng: Rng) -> None:
 
 
 LEG: Mapping[str, LegFault] = {
-    "air_drag": Fault("Drag grows with the power 1.5 of the rate.", _air_drag),
-    "spring_in_the_hip": Fault("A spring resists with the square of the angle.", _spring_in_the_hip),
-    "one_way_friction": Fault("Drag acts in one direction.", _one_way_friction),
-    "warming_gyro": Fault("The gyro's bias fades until it is warm.", _warming_gyro),
-    "gyro_knocked_twice": Fault("For some time the gyro has a bias.", _gyro_knocked_twice),
-    "late_push": Fault("From some time on a periodic torque acts.", _late_push),
+    "air_drag": Fault("Drag grows with the power 1.5 of the rate.", _air_drag, shows=OF_RATE),
+    "spring_in_the_hip": Fault(
+        "A spring resists with the square of the angle.", _spring_in_the_hip, shows=OF_ANGLE
+    ),
+    "one_way_friction": Fault("Drag acts in one direction.", _one_way_friction, shows=OF_RATE),
+    "warming_gyro": Fault("The gyro's bias fades until it is warm.", _warming_gyro, shows=GYRO_OVER_TIME),
+    "gyro_knocked_twice": Fault(
+        "For some time the gyro has a bias.", _gyro_knocked_twice, shows=GYRO_OVER_TIME
+    ),
+    "late_push": Fault("From some time on a periodic torque acts.", _late_push, shows=OVER_TIME),
 }
 
 
@@ -302,10 +367,18 @@ def _camera_turned_back(walker: Walker, k: float, n: int, rng: Rng) -> None:
 
 
 WALK: Mapping[str, WalkFault] = {
-    "late_by_half": Fault("In the second half turns come late.", _late_by_half),
-    "soft_limit": Fault("Turns saturate softly.", _soft_limit, ("saturation",)),
-    "turned_until_warm": Fault("It turns aside until it is warm.", _turned_until_warm),
-    "camera_turned_back": Fault("For some time the camera is aside.", _camera_turned_back),
+    "late_by_half": Fault(
+        "In the second half turns come late.",
+        _late_by_half,
+        shows=("force turn over past of steering*time", "force turn over past of steering"),
+    ),
+    "soft_limit": Fault("Turns saturate softly.", _soft_limit, ("saturation",), shows=OF_STEERING),
+    "turned_until_warm": Fault(
+        "It turns aside until it is warm.", _turned_until_warm, shows=("force turn over time",)
+    ),
+    "camera_turned_back": Fault(
+        "For some time the camera is aside.", _camera_turned_back, shows=CAMERA_OVER_TIME
+    ),
 }
 
 
@@ -336,11 +409,20 @@ def _tired_operator(flight: Flight, k: float, s: float, _rng: Rng) -> None:
 
 
 FLIGHT: Mapping[str, FlightFault] = {
-    "wind_by_day": Fault("The wind dies down.", _wind_by_day),
+    "wind_by_day": Fault("The wind dies down.", _wind_by_day, shows=WIND_OVER_TIME),
     "shy_of_wind": Fault(
-        "It is faster in one direction and not slower in the other.", _shy_of_wind, ("wind",)
+        "It is faster in one direction and not slower in the other.",
+        _shy_of_wind,
+        ("wind",),
+        shows=(f"force speed along the course|{WIND} over rate of north|rate of east",),
     ),
-    "tracker_jump": Fault("The tracker's zero jumps at some time.", _tracker_jump),
-    "turns_faster": Fault("It is slower in turns to one side.", _turns_faster),
-    "tired_operator": Fault("Fewer and fewer detections are reported.", _tired_operator),
+    "tracker_jump": Fault("The tracker's zero jumps at some time.", _tracker_jump, shows=TRACKER_OVER_TIME),
+    "turns_faster": Fault(
+        "It is slower in turns to one side.", _turns_faster, shows=("force speed along the course over bank",)
+    ),
+    "tired_operator": Fault(
+        "Fewer and fewer detections are reported.",
+        _tired_operator,
+        shows=("odds detected over time", "odds detected over detected*time"),
+    ),
 }

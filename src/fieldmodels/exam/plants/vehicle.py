@@ -327,6 +327,16 @@ VehicleFault = Fault[Vehicle, float]
 """The scale of a run is its duration [s]."""
 
 
+def _suspension(over: str) -> tuple[str, ...]:
+    """Curves of the suspension along and about every axis over something of its own deflection."""
+    along = [f"force suspension along {a} over {over.format(f'deflection {a}')}" for a in AXES[:3]]
+    return (*along, *(f"force suspension in {a} over {over.format(a)}" for a in AXES[3:]))
+
+
+OF_HEIGHT = ("force suspension along z over deflection z",)
+OF_ARM = ("force arm's angle|arm's way from rest over arm angle",)
+
+
 def _only(row: int, values: Any) -> FloatArray:
     result = np.zeros((6, np.shape(values)[-1]))
     result[row] = values
@@ -396,16 +406,41 @@ def _deaf_torque(vehicle: Vehicle, k: float, _s: float, _rng: Rng) -> None:
 
 
 DEVELOP: Mapping[str, VehicleFault] = {
-    "hot_dampers": Fault("The damping fades.", _hot_dampers),
-    "bump_stop": Fault("A rubber stop ends the suspension's travel.", _bump_stop),
-    "arm_scale": Fault("The arm turns too far.", _arm_scale, ("arm_angle_gain",)),
-    "drifting_tilt": Fault("The inclinometer drifts.", _drifting_tilt, ("drift",)),
-    "deaf_torque": Fault("The torque sensor does not feel small torques.", _deaf_torque),
-    "one_way_spring": Fault("The suspension is stiffer when it is pressed.", _one_way_spring),
-    "arm_cubic": Fault("The arm's angle is off by a cubic.", _arm_cubic, ("arm_angle_bend",)),
-    "tilted_accelerometer": Fault("Its axis x feels axis z.", _tilted_accelerometer),
-    "swinging_spring": Fault("The stiffness swings slowly.", _swinging_spring),
-    "bent_force_sensor": Fault("The force sensor is bent by a cubic.", _bent_force_sensor, ("bend",)),
+    "hot_dampers": Fault(
+        "The damping fades.",
+        _hot_dampers,
+        shows=(*_suspension("rate of {}*time"), *(f"parameter damping {a} over time" for a in AXES)),
+    ),
+    "bump_stop": Fault("A rubber stop ends the suspension's travel.", _bump_stop, shows=OF_HEIGHT),
+    "arm_scale": Fault("The arm turns too far.", _arm_scale, ("arm_angle_gain",), shows=OF_ARM),
+    "drifting_tilt": Fault(
+        "The inclinometer drifts.", _drifting_tilt, ("drift",), shows=("sensor pitch over time",)
+    ),
+    "deaf_torque": Fault(
+        "The torque sensor does not feel small torques.",
+        _deaf_torque,
+        shows=tuple(f"sensor torque {a} over torque {a}" for a in "xyz"),
+    ),
+    "one_way_spring": Fault(
+        "The suspension is stiffer when it is pressed.", _one_way_spring, shows=OF_HEIGHT
+    ),
+    "arm_cubic": Fault("The arm's angle is off by a cubic.", _arm_cubic, ("arm_angle_bend",), shows=OF_ARM),
+    "tilted_accelerometer": Fault(
+        "Its axis x feels axis z.",
+        _tilted_accelerometer,
+        shows=("sensor acceleration x over acceleration z",),
+    ),
+    "swinging_spring": Fault(
+        "The stiffness swings slowly.",
+        _swinging_spring,
+        shows=(*_suspension("{}*time"), *(f"parameter stiffness {a} over time" for a in AXES)),
+    ),
+    "bent_force_sensor": Fault(
+        "The force sensor is bent by a cubic.",
+        _bent_force_sensor,
+        ("bend",),
+        shows=tuple(f"sensor force {a} over force {a}" for a in "xyz"),
+    ),
 }
 """To develop a diagnosis on."""
 
@@ -444,10 +479,29 @@ def _force_crosstalk(vehicle: Vehicle, k: float, _s: float, _rng: Rng) -> None:
 
 
 REPORT: Mapping[str, VehicleFault] = {
-    "square_damping": Fault("Damping grows with the square of the speed.", _square_damping),
-    "coupled_springs": Fault("Roll pushes sideways.", _coupled_springs),
-    "arm_ripple": Fault("The arm's gear errs with its angle by a wave.", _arm_ripple),
-    "slow_accelerometer": Fault("The accelerometer lags.", _slow_accelerometer, ("lag", "delay")),
-    "felt_torque": Fault("The force sensor's x feels torque about y.", _force_crosstalk),
+    "square_damping": Fault(
+        "Damping grows with the square of the speed.", _square_damping, shows=_suspension("rate of {}")
+    ),
+    "coupled_springs": Fault(
+        "Roll pushes sideways.",
+        _coupled_springs,
+        shows=("force suspension along x over roll", "force suspension in roll over deflection x"),
+    ),
+    "arm_ripple": Fault("The arm's gear errs with its angle by a wave.", _arm_ripple, shows=OF_ARM),
+    "slow_accelerometer": Fault(
+        "The accelerometer lags.",
+        _slow_accelerometer,
+        ("lag", "delay"),
+        shows=tuple(
+            f"sensor acceleration {a} over {word} of acceleration {a}"
+            for a in "xyz"
+            for word in ("past", "rate")
+        ),
+    ),
+    "felt_torque": Fault(
+        "The force sensor's x feels torque about y.",
+        _force_crosstalk,
+        shows=("sensor force x over torque y",),
+    ),
 }
 """To report on: no kind of the other set."""

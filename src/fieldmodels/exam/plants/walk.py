@@ -209,6 +209,10 @@ LISTED: Mapping[str, Callable[[Walker, Values], None]] = {
 ORDER = tuple(LISTED)
 WalkFault = Fault[Walker, int]
 """The scale of a walk is its number of strides."""
+OF_STEERING, ASIDE = ("force turn over steering",), ("force sideways way of a stride over steering",)
+FADES = ("force share of turn over time", "force turn over steering*time")
+BENT_CAMERA, CAMERA_OVER_TIME = ("sensor line over line",), ("sensor line over time",)
+LATE_CAMERA = ("sensor line over past of line",)
 
 
 def _weak_left(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
@@ -289,20 +293,37 @@ def _sluggish_turn(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
 
 
 DEVELOP: Mapping[str, WalkFault] = {
-    "square_turn": Fault("Turns are larger to the left, the more the larger.", _square_turn),
-    "sinking_camera": Fault("The camera's scale grows while it walks.", _sinking_camera),
-    "swaying_camera": Fault("The camera sways.", _swaying_camera),
-    "camera_knocked": Fault("The camera was knocked aside at some time.", _camera_knocked),
-    "sideways_square": Fault("It slides to the side in sharp turns.", _sideways_square),
-    "sluggish_turn": Fault("Turns follow their commands slowly.", _sluggish_turn, ("lag",)),
-    "weak_left": Fault("It turns less to the left than to the right.", _weak_left),
-    "smeared_camera": Fault("The camera still shows a share of what it saw before.", _smeared_camera),
-    "limp": Fault("It limps: every other stride turns it.", _limp),
-    "sideways_slide": Fault("It slides to the side in turns.", _sideways_slide),
-    "turn_dead_zone": Fault("Small turns are not carried out.", _turn_dead_zone, ("dead_zone",)),
-    "held_samples": Fault("Places of the line are lost; the last one is shown.", _held_samples, random=True),
+    "square_turn": Fault(
+        "Turns are larger to the left, the more the larger.", _square_turn, shows=OF_STEERING
+    ),
+    "sinking_camera": Fault(
+        "The camera's scale grows while it walks.", _sinking_camera, shows=("sensor line over line*time",)
+    ),
+    "swaying_camera": Fault("The camera sways.", _swaying_camera, shows=CAMERA_OVER_TIME),
+    "camera_knocked": Fault(
+        "The camera was knocked aside at some time.", _camera_knocked, shows=CAMERA_OVER_TIME
+    ),
+    "sideways_square": Fault("It slides to the side in sharp turns.", _sideways_square, shows=ASIDE),
+    "sluggish_turn": Fault(
+        "Turns follow their commands slowly.",
+        _sluggish_turn,
+        ("lag",),
+        shows=("force turn over past of steering",),
+    ),
+    "weak_left": Fault("It turns less to the left than to the right.", _weak_left, shows=OF_STEERING),
+    "smeared_camera": Fault(
+        "The camera still shows a share of what it saw before.", _smeared_camera, shows=LATE_CAMERA
+    ),
+    "limp": Fault("It limps: every other stride turns it.", _limp, shows=("force turn over time",)),
+    "sideways_slide": Fault("It slides to the side in turns.", _sideways_slide, shows=ASIDE),
+    "turn_dead_zone": Fault(
+        "Small turns are not carried out.", _turn_dead_zone, ("dead_zone",), shows=OF_STEERING
+    ),
+    "held_samples": Fault(
+        "Places of the line are lost; the last one is shown.", _held_samples, random=True, shows=LATE_CAMERA
+    ),
     "gusts": Fault("Gusts of wind turn it.", _gusts, random=True),
-    "warming_up": Fault("Turns are too small at first.", _warming_up),
+    "warming_up": Fault("Turns are too small at first.", _warming_up, shows=FADES),
 }
 """To develop a diagnosis on."""
 
@@ -341,12 +362,16 @@ def _coarse_command(walker: Walker, k: float, _n: int, _rng: Rng) -> None:
 
 
 REPORT: Mapping[str, WalkFault] = {
-    "bent_camera": Fault("The camera's scale grows towards its edges.", _bent_camera, ("bend",)),
-    "quadratic_camera": Fault("The camera's scale is larger on one side.", _quadratic_camera, ("bend",)),
-    "one_sided_scale": Fault("The camera shows more on one side.", _one_sided_scale),
+    "bent_camera": Fault(
+        "The camera's scale grows towards its edges.", _bent_camera, ("bend",), shows=BENT_CAMERA
+    ),
+    "quadratic_camera": Fault(
+        "The camera's scale is larger on one side.", _quadratic_camera, ("bend",), shows=BENT_CAMERA
+    ),
+    "one_sided_scale": Fault("The camera shows more on one side.", _one_sided_scale, shows=BENT_CAMERA),
     "camera_wander": Fault("The camera wanders.", _camera_wander, random=True),
-    "crab": Fault("It walks askew, like a crab.", _crab),
-    "fading_gain": Fault("Turns fade while it walks.", _fading_gain),
-    "coarse_command": Fault("Turns know few levels.", _coarse_command),
+    "crab": Fault("It walks askew, like a crab.", _crab, shows=("force sideways way of a stride",)),
+    "fading_gain": Fault("Turns fade while it walks.", _fading_gain, shows=FADES),
+    "coarse_command": Fault("Turns know few levels.", _coarse_command, shows=OF_STEERING),
 }
 """To report on: no kind of the other set."""
