@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from fieldmodels.exam.benches.base import FIRST, Bench, Conditions, Hidden, Log, Set
+from fieldmodels.exam.benches.base import FIRST, FIT, TEST, THIRD, Bench, Conditions, Hidden, Log, Set
 from fieldmodels.model import ModelError
 from fieldmodels.names import did_you_mean
 
@@ -40,4 +40,7 @@ def get_bench(name: str) -> Bench:
     return benches[name]
 
 
-__all__ = ["FIRST", "Bench", "Conditions", "Hidden", "Log", "Set", "bench_names", "get_bench"]
+__all__ = [
+    "FIRST", "FIT", "TEST", "THIRD", "Bench", "Conditions", "Hidden", "Log", "Set", "bench_names",
+    "get_bench",
+]  # fmt: skip

@@ -89,17 +89,17 @@ class AxisBench(Bench):
         angle = np.random.default_rng([seed, crc32(effect.encode())]).uniform(0.0, 2.0 * math.pi)
         return TYPICAL[effect](self, size, sign, float(angle))
 
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """See ``Bench.log``."""
         base, step = self.base(seed), STEP * conditions.sampling
         n = round((conditions.duration or DURATION * conditions.sampling) / step)
         given = round(conditions.cut / step) or n
-        rng = np.random.default_rng([seed, 2 + second])
+        rng = np.random.default_rng([seed, 2 + record])
         control, largest = self.control(conditions, base, n, step, rng)
         errors = noise(conditions.noise, conditions.factor * np.array(self.noise), n, rng)
         plant = self.plant(base)
         sizes = Scale(self.sizes.x, self.sizes.v, self.sizes.f, self.sizes.u, n * step, step)
-        axis_listed.install(plant, self.hide(hidden, plant, sizes, seed, second), largest, self.linear)
+        axis_listed.install(plant, self.hide(hidden, plant, sizes, seed, record), largest, self.linear)
         if conditions.noise == "quantised":
             plant.quantum = max(plant.quantum, 2.0 * self.noise[0] * conditions.factor)
         rows = simulate(plant, control, errors, step)[:given]

@@ -21,6 +21,8 @@ from fieldmodels.registry import get_model
 Set = Literal["develop", "report"]
 FIRST = {"develop": 1_000, "report": 50_000}
 """First seed of the cases of each set; they have none in common."""
+FIT, TEST, THIRD = 0, 1, 4
+"""Records of a machine: the one to fit, the one on which a diagnosis tests, and one that it never sees."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ class Bench(ABC):
         return self.typical[effect](size, sign, float(angle))
 
     def hide(
-        self, hidden: Sequence[Hidden], plant: Any, scales: Any, seed: int, second: bool
+        self, hidden: Sequence[Hidden], plant: Any, scales: Any, seed: int, record: int
     ) -> dict[str, dict[str, float]]:
         """Let faults act on a plant; gives the values of the listed effects among what is hidden."""
         listed = {}
@@ -161,7 +163,7 @@ class Bench(ABC):
             if fault is None:
                 listed[one.name] = self.values(one.name, one.size, one.sign, seed)
             else:
-                drawn = [seed, crc32(one.name.encode()), *([int(second)] if fault.random else [])]
+                drawn = [seed, crc32(one.name.encode()), *([record] if fault.random else [])]
                 fault.act(plant, one.size, scales, np.random.default_rng(drawn))
         return listed
 
@@ -191,14 +193,14 @@ class Bench(ABC):
         return Recording(**{"time": time, "signals": signals, "units": units, "source": source, **more})
 
     @abstractmethod
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """Run the machine.
 
         Args:
             hidden: What is wrong with it.
             conditions: Of the record.
             seed: Of the machine, of what excites it and of the noise.
-            second: Whether it is the record on which gains are measured.
+            record: ``FIT``, ``TEST`` or ``THIRD``.
         """
 
     @abstractmethod

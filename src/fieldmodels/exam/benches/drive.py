@@ -73,17 +73,17 @@ class DriveBench(Bench):
             "track": 0.15 * math.exp(rng.uniform(-0.2, 0.2)),
         }
 
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """See ``Bench.log``."""
         base, step = self.base(seed), STEP * conditions.sampling
         n = round((conditions.duration or DURATION * conditions.sampling) / step)
         given = round(conditions.cut / step) or n
-        rng = np.random.default_rng([seed, 2 + second])
+        rng = np.random.default_rng([seed, 2 + record])
         control = self.control(conditions, n, step, rng)
         errors = noise(conditions.noise, conditions.factor * np.array(NOISE), n, rng)
         plant = Drive(base["wheel_radius"], base["track"])
         scale = Scale(SPEED, RATE, SPEED + 0.5 * RATE * base["track"], n * step, step)
-        drive_faults.install(plant, self.hide(hidden, plant, scale, seed, second))
+        drive_faults.install(plant, self.hide(hidden, plant, scale, seed, record))
         rows = simulate(plant, control, errors, step)[:given]
         if conditions.noise == "quantised":
             quanta = 2.0 * np.array(NOISE) * conditions.factor

@@ -64,14 +64,14 @@ class UavRoute(Bench):
         speed = 250.0 * math.exp(np.random.default_rng([seed, 1]).uniform(-0.1, 0.1))
         return {"speed": speed, "radar_north": 0.0, "radar_east": 0.0}
 
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """See ``Bench.log``."""
         n = round((conditions.duration or DURATION) / STEP)
         given = round(conditions.cut / STEP) or n
-        rng = np.random.default_rng([seed, 2 + second])
+        rng = np.random.default_rng([seed, 2 + record])
         errors = noise(conditions.noise, np.array(flight.NOISE), n, rng) * conditions.factor
         plant = flight.Flight(self.base(seed)["speed"])
-        flight.install(plant, self.hide(hidden, plant, n * STEP, seed, second))
+        flight.install(plant, self.hide(hidden, plant, n * STEP, seed, record))
         rows = flight.simulate(plant, errors, STEP, *rng.spawn(2))[:given]
         if conditions.noise == "quantised":
             quanta = 2.0 * np.array(flight.NOISE[:3]) * max(conditions.factor, 1e-12)

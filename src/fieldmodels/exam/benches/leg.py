@@ -67,16 +67,16 @@ class HeelStrike(Bench):
         """See ``Bench.base``."""
         return {"length": math.exp(np.random.default_rng([seed, 1]).uniform(-0.1, 0.1))}
 
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """See ``Bench.log``."""
         n = round((conditions.duration or DURATION) / STEP)
         given = round(conditions.cut / STEP) or n
-        rng = np.random.default_rng([seed, 2 + second])
+        rng = np.random.default_rng([seed, 2 + record])
         held = round(leg.HOLD / STEP)
         torques = np.repeat(rng.uniform(-1.0, 1.0, n // held + 1), held)[:n] * leg.TORQUE
         errors = noise(conditions.noise, np.array(leg.NOISE), n, rng) * conditions.factor
         plant = leg.Leg(self.base(seed)["length"])
-        leg.install(plant, self.hide(hidden, plant, n * STEP, seed, second))
+        leg.install(plant, self.hide(hidden, plant, n * STEP, seed, record))
         if conditions.noise == "quantised":
             plant.quantum = max(plant.quantum, 2.0 * leg.NOISE[0] * conditions.factor)
         quiet = conditions.commands == "calm"

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches.base import FIT, TEST, Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import vehicle
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.recording import Recording
@@ -65,14 +65,14 @@ class Excitation(Bench):
         }
         return {**vehicle.BODY, **drawn}
 
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """See ``Bench.log``."""
         runs = round(conditions.duration / RUN) or USUAL
         plant = vehicle.Vehicle(*_suspension(self.base(seed), runs))
-        vehicle.install(plant, self.hide(hidden, plant, RUN, seed, second))
-        rng, sizes = np.random.default_rng([seed, 4 + second]), conditions.factor * np.array(vehicle.NOISE)
+        vehicle.install(plant, self.hide(hidden, plant, RUN, seed, record))
+        rng, sizes = np.random.default_rng([seed, 4 + record]), conditions.factor * np.array(vehicle.NOISE)
         errors = np.stack([noise(conditions.noise, sizes, SAMPLES, rng) for _ in range(runs)], axis=2)
-        modes, commands = _commands(seed, second, runs)
+        modes, commands = _commands(seed, record, runs)
         shown = vehicle.simulate(plant, modes, commands, errors, STEP)
         if conditions.noise == "quantised":
             quanta = 2.0 * np.maximum(sizes, 1e-15)[:, None]
@@ -91,12 +91,12 @@ class Excitation(Bench):
         base = tuple(self.base(seed).items())
         change: FloatArray = np.zeros(len(SUSPENSION))
         if not known:
-            nominal, slopes = _nominal(base, seed, False, runs)
+            nominal, slopes = _nominal(base, seed, FIT, runs)
             off = np.nan_to_num((train.outputs - nominal) * weights)
             seen = np.isfinite(train.outputs[:1, :, None]) * slopes * weights[:, None]
             found = np.linalg.lstsq(seen.reshape(-1, len(change)), off.ravel(), rcond=None)[0]
             change = np.asarray(found, dtype=np.float64)
-        nominal, slopes = _nominal(base, seed, True, runs)
+        nominal, slopes = _nominal(base, seed, TEST, runs)
         return np.asarray(np.sqrt(np.mean((test.outputs - nominal - slopes @ change) ** 2, axis=0)))
 
     def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
@@ -130,9 +130,9 @@ def _suspension(base: Mapping[str, float], runs: int) -> tuple[FloatArray, Float
 
 
 @lru_cache(maxsize=8)
-def _commands(seed: int, second: bool, runs: int) -> tuple[FloatArray, FloatArray]:
+def _commands(seed: int, record: int, runs: int) -> tuple[FloatArray, FloatArray]:
     """Axes, and angles of the arm between the samples, where it moves smoothly (points, runs)."""
-    rng = np.random.default_rng([seed, 2 + second])
+    rng = np.random.default_rng([seed, 2 + record])
     samples = np.column_stack([vehicle.shaking(RUN, STEP, rng) for _ in range(runs)])
     grid = np.arange(float(SAMPLES))
     fine = np.arange(SAMPLES * vehicle.FINE + 1) / vehicle.FINE
@@ -142,10 +142,10 @@ def _commands(seed: int, second: bool, runs: int) -> tuple[FloatArray, FloatArra
 
 @lru_cache(maxsize=8)
 def _nominal(
-    items: tuple[tuple[str, float], ...], seed: int, second: bool, runs: int
+    items: tuple[tuple[str, float], ...], seed: int, record: int, runs: int
 ) -> tuple[FloatArray, FloatArray]:
     """Outputs of the nominal vehicle (n, 11), and their slopes by the suspension's logarithms (n, 11, 12)."""
-    modes, commands = _commands(seed, second, runs)
+    modes, commands = _commands(seed, record, runs)
     count = 1 + len(SUSPENSION)
     both = np.concatenate(_suspension(dict(items), runs))
     nudged = both[:, None] * np.exp(NUDGE * np.eye(len(SUSPENSION), count, 1))[:, :, None]

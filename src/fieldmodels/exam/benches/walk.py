@@ -55,11 +55,11 @@ class LineFollowing(Bench):
         del seed
         return {"stride": 0.7, "camera_height": 1.0}
 
-    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, second: bool) -> Log:
+    def log(self, hidden: Sequence[Hidden], conditions: Conditions, seed: int, record: int) -> Log:
         """See ``Bench.log``."""
         n = round((conditions.duration or STRIDES * STEP) / STEP)
         given = round(conditions.cut / STEP) or n
-        rng = np.random.default_rng([seed, 2 + second])
+        rng = np.random.default_rng([seed, 2 + record])
         added = EXCITATION * np.diff(rng.standard_normal(n + 1)) / math.sqrt(2.0)
         if conditions.commands == "law":
             added *= 0.0
@@ -70,7 +70,7 @@ class LineFollowing(Bench):
             noise("white", deviations[shown:], n, rng),
         ])  # fmt: skip
         plant = Walker()
-        walk.install(plant, self.hide(hidden, plant, n, seed, second))
+        walk.install(plant, self.hide(hidden, plant, n, seed, record))
         if conditions.noise == "quantised":
             plant.quantum = max(plant.quantum, 2.0 * NOISE["line"] * conditions.factor)
         rows = walk.simulate(plant, added, errors)[:given]
