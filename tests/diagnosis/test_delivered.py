@@ -90,3 +90,43 @@ def test_a_curve_that_does_not_deliver_is_neither_written_nor_stated(how: str, m
     assert (extended["effects"], one.verdict) == ({}, "unknown")
     assert gain.rmse_with_curves == gain.rmse_after == pytest.approx(gain.rmse_before)
     assert gain.rmse_with_curves == pytest.approx(delivers(one), rel=1e-9)
+
+
+COMPASS = (0.003, 0.003, 0.005)  # noise of x, y [m] and heading [rad]
+
+
+def compass(seed: int, n: int) -> Recording:
+    """A robot by Euler steps that turns on and on; soft iron makes its compass err twice a turn."""
+    rng, step, fine = np.random.default_rng(seed), 0.05, 10
+    held = np.minimum(rng.integers(10, 60, 300).cumsum().searchsorted(np.arange(n)), 299)
+    speed, rate = rng.uniform(0.1, 0.9, 300)[held], rng.uniform(-0.8, 1.2, 300)[held]
+    pose = np.zeros((n + 1, 3))
+    for i in range(n):
+        x, y, heading = pose[i]
+        for _ in range(fine):
+            x += step / fine * speed[i] * np.cos(heading)
+            y += step / fine * speed[i] * np.sin(heading)
+            heading += step / fine * rate[i]
+        pose[i + 1] = x, y, heading
+    shown = pose[:n] + rng.standard_normal((n, 3)) * COMPASS
+    shown[:, 2] += 0.12 * np.sin(2.0 * pose[:n, 2] + 0.4)
+    signals = dict(zip(("speed", "turn_rate", "x", "y", "heading"), (speed, rate, *shown.T), strict=True))
+    return Recording(
+        np.arange(n) * step, signals, source=str(seed), known={"wheel_radius": 0.03, "track": 0.15}
+    )
+
+
+def test_a_wave_is_delivered_with_its_period_and_goes_on_where_the_data_ended():
+    """The test record goes where no training data were: a table ends there, a wave does not."""
+    train, test = compass(1, 1000), compass(2, 2000)
+    assert test["heading"].max() > train["heading"].max() + np.pi
+    one = diagnose(get_model("pose_reaching"), [train], [test])
+    [curve] = [c for c in one.curves if c.found]
+    assert curve.period == pytest.approx(np.pi, rel=3e-3)
+    for name, noise in zip(("x", "y", "heading"), COMPASS, strict=True):
+        gain = one.gain[name]
+        assert gain.rmse_with_curves < 1.1 * noise, name
+        table = one.predict(test)
+        error = np.sqrt(np.mean((table[name] - table[f"{name}_predicted"]) ** 2))
+        assert error == pytest.approx(gain.rmse_with_curves, rel=1e-6)
+    assert one.gain["heading"].rmse_before > 5.0 * COMPASS[2]

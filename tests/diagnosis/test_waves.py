@@ -12,6 +12,8 @@ from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.shapes import wave
 from fieldmodels.diagnosis.waves import spectrum
+from fieldmodels.drivers.curved import FreeCurve
+from fieldmodels.effects.curves import on_curve
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -23,6 +25,21 @@ def test_spectrum_is_the_sum_of_exponentials(counts):
     counts = np.asarray(counts)
     exact = columns.T @ np.exp(2j * np.pi * np.multiply.outer(x, counts))
     assert np.abs(spectrum(x, columns, counts) - exact).max() < 1e-10 * np.abs(columns).sum(axis=0).max()
+
+
+def test_a_curve_with_a_period_goes_on_as_it_began():
+    """In a search it is given over several cycles, in a machine over one; both are the sine everywhere."""
+    period, cycle = 0.7, np.linspace(-0.2, 0.5, 65)
+    several = np.linspace(-0.2, 1.9, 193)
+    free = FreeCurve(
+        "force", "", "time", several, np.sin(2 * np.pi * several / period)[:, None], period=period
+    )
+    row = np.concatenate([[-0.2, 0.5, period], np.sin(2 * np.pi * cycle / period)])
+    x = np.linspace(-5.0, 7.0, 401)
+    exact = np.sin(2 * np.pi * x / period)
+    np.testing.assert_allclose(free.at(x, np.ones(1)), exact, atol=2e-3)
+    np.testing.assert_allclose([on_curve(one, row) for one in x], exact, atol=2e-3)
+    assert on_curve(3.0, np.array([-0.2, 0.5, 0.0, 1.0, 2.0])) == 2.0  # without one it keeps its last value
 
 
 @pytest.fixture(scope="module")

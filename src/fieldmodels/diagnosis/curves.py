@@ -123,7 +123,9 @@ class Scored:
         """The curve for a fit with the whole simulation."""
         curve = self.curve
         sizes = np.maximum(np.abs(self.coefficients), 1.0)
-        return FreeCurve(curve.place, curve.target, curve.over, curve.knots, self.basis, tuple(sizes))
+        return FreeCurve(
+            curve.place, curve.target, curve.over, curve.knots, self.basis, tuple(sizes), curve.period
+        )
 
     @property
     def continued(self) -> Scored:
@@ -148,6 +150,7 @@ class Scored:
             curve.formula,
             certain,
             confirmed,
+            curve.period,
         )
 
 
@@ -174,7 +177,7 @@ class Curves:
         self._fed_back: dict[str, bool] = {}
         self._answers: dict[tuple[str, str, str], Answers] = {}
         self._places: dict[tuple[str, str], FloatArray] = {}
-        self._wave_products: dict[tuple[str, str, str], FloatArray] = {}
+        self._wave_products: dict[tuple[object, ...], FloatArray] = {}
         self._judged: dict[int, tuple[Candidate, list[Scored]]] = {}
         self.all = tuple(self._curves())
         self._wave_places = tuple(waves.places(model, self.signals, self._shown, self._averaged))
@@ -585,7 +588,7 @@ class Curves:
 
     def wave_products(self, place: Curve, counts: FloatArray) -> FloatArray:
         """Products of what the cosine and the sine of so many cycles at a place answer, (counts, 2, 2)."""
-        key = place.place, place.target, place.over
+        key = place.place, place.target, place.over, counts.tobytes()
         if key not in self._wave_products:
             answers = self.answers(place)
             share = answers.spread(self.share_of(place))

@@ -14,11 +14,16 @@ from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.gain import Prediction, predict
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.shapes import is_table
+from fieldmodels.diagnosis.result import WAVE
+from fieldmodels.diagnosis.shapes import is_table, wave
 from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.drivers.curved import Curved
 
 STEPS = 30
+REWEIGHED = 2
+"""Times that the weights of a delivered extension follow what is left."""
+PERIODS, MOST_LONGER = 3, 0.1
+"""Steps in which a wave's period is fitted, and by how much one changes its logarithm at most."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,8 @@ def _extended(
     weights of what is left: those of what the curves explain would make nothing of it.
     """
     problem = candidates.problem
+    for k in (k for k, one in enumerate(curves) if one.curve.formula.startswith(WAVE)):
+        curves = _tuned(problem, kept, curves, whitener, k)
     made = _fitted(problem, kept, curves, whitener)
     for k in (k for k, one in enumerate(curves) if is_table(one.curve)):
         if made is None:
@@ -88,7 +95,40 @@ def _extended(
         ends = refit(extended, made.fit, own, STEPS)
         if again is not None and again.fit.cost < ends.cost - candidates.options.undecided:
             made = _fitted(problem, kept, on, whitener) or made
-    return made
+    return made if made is None or whitener is not None else _weighed(problem, made)
+
+
+def _weighed(problem: Problem, made: Extension) -> Extension:
+    """The same with the weights of what is left: those of what the curves explain look away from it."""
+    extended, fitted = replace(problem, model=made.model), made.fit
+    for _ in range(REWEIGHED):
+        fitted = refit(extended, fitted, covariance_whitener(extended, fitted), STEPS)
+    return replace(made, fit=fitted, curves=_final(made.curves, fitted, len(problem.model.names)))
+
+
+def _tuned(
+    problem: Problem, kept: Candidate, curves: Sequence[Scored], whitener: FloatArray | None, k: int
+) -> Sequence[Scored]:
+    """The same with the period of wave ``k`` fitted with the whole simulation, by Gauss and Newton."""
+    one, knots, period = curves[k], curves[k].curve.knots, curves[k].curve.period
+    weights = whitener
+    for _ in range(PERIODS):
+        values, about = one.basis @ one.coefficients, knots - knots.mean()
+        slope = -about * np.gradient(values, knots)  # by the period's logarithm
+        longer = replace(one, curve=replace(one.curve, period=0.0), basis=np.column_stack([one.basis, slope]),
+                         coefficients=np.append(one.coefficients, 0.0))  # fmt: skip
+        made = _fitted(problem, kept, [*curves[:k], longer, *curves[k + 1 :]], weights)
+        if made is None:
+            return curves
+        weights = covariance_whitener(replace(problem, model=made.model), made.fit)
+        change = made.curves[k].coefficients[-1]
+        period *= float(np.exp(np.clip(change, -MOST_LONGER, MOST_LONGER)))
+        basis = wave((knots - knots[0]) / period, 1.0)
+        first = np.linalg.lstsq(basis, made.curves[k].basis @ made.curves[k].coefficients, rcond=None)[0]
+        formula = f"{WAVE} {period:.3g} {one.curve.over_unit}"
+        one = replace(one, curve=replace(one.curve, period=period, formula=formula), basis=basis,
+                      coefficients=first, covariance=np.zeros((2, 2)))  # fmt: skip
+    return [*curves[:k], one, *curves[k + 1 :]]
 
 
 def _fitted(

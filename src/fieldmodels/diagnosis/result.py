@@ -195,6 +195,7 @@ class MissingCurve:
         formula: The known function that it is, "" if it is none.
         certain: Whether the data call for it, not merely for something.
         confirmed: Whether the test data are predicted better with it.
+        period: After which it begins anew, in units of the variable; 0 where it does not.
     """
 
     place: str
@@ -208,6 +209,7 @@ class MissingCurve:
     formula: str = ""
     certain: bool = True
     confirmed: bool = True
+    period: float = 0.0
 
     @property
     def found(self) -> bool:

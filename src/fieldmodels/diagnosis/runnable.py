@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.diagnosis.result import JUMP, WAVE, Estimate, MissingCurve
+from fieldmodels.diagnosis.result import JUMP, Estimate, MissingCurve
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.followed import followed, followed_name
 from fieldmodels.drivers.named import curve_name, one_more
@@ -16,6 +16,7 @@ from fieldmodels.effects.curves import SIZE
 from fieldmodels.model import Model
 
 KNOTS = 25  # odd, so that a curve of a size has one where the sign changes
+POINTS = 32  # of a cycle
 
 
 def runnable(
@@ -92,12 +93,12 @@ def _followed_effect(
     if over.startswith(CHANGE):
         over += f" over {horizon / SEGMENTS:.6g} s"
     name = followed_name(curve.place, curve.target, over)
-    at, value, error = curve.curve.T
+    at, value, error = _cycle(curve)
     places = {f"at_{k + 1}": Estimate(float(x), 0.0, curve.over_unit) for k, x in enumerate(at)}
     values = {
         f"value_{k + 1}": Estimate(float(v), float(e), curve.unit)
         for k, (v, e) in enumerate(zip(value, error, strict=True))
-    }
+    } | _period(curve, curve.over_unit)
     given = {key: e.value for key, e in {**places, **values}.items()}
     return (name, {**places, **values}) if followed(model, {name: given}) else None
 
@@ -111,15 +112,16 @@ def _state(machine: Declaration, variable: str) -> str:
 
 def _values(curve: MissingCurve, unit: str, mirrored: bool) -> dict[str, Estimate]:
     """Ends and equally spaced values; of a variable's size on both sides of zero."""
-    at, value, error = curve.curve.T
+    at, value, error = _cycle(curve)
     low, high = float(at[0]), float(at[-1])
     if mirrored:
         low = -high
-    knots = np.linspace(low, high, len(at) if curve.formula.startswith((WAVE, JUMP)) else KNOTS)
+    knots = np.linspace(low, high, len(at) if curve.period or curve.formula.startswith(JUMP) else KNOTS)
     places: FloatArray = np.abs(knots) if mirrored else knots
     return {
         "low": Estimate(low, 0.0, unit),
         "high": Estimate(high, 0.0, unit),
+        **_period(curve, unit),
         **{
             f"value_{k + 1}": Estimate(float(v), float(e), curve.unit)
             for k, (v, e) in enumerate(
@@ -127,3 +129,16 @@ def _values(curve: MissingCurve, unit: str, mirrored: bool) -> dict[str, Estimat
             )
         },
     }
+
+
+def _cycle(curve: MissingCurve) -> FloatArray:
+    """Variable, value and standard error of a curve, of a wave's first cycle, each of shape (points,)."""
+    at, value, error = curve.curve.T
+    if not curve.period:
+        return np.stack([at, value, error])
+    places = at[0] + curve.period * np.linspace(0.0, 1.0, POINTS + 1)
+    return np.stack([places, np.interp(places, at, value), np.interp(places, at, error)])
+
+
+def _period(curve: MissingCurve, unit: str) -> dict[str, Estimate]:
+    return {"period": Estimate(curve.period, 0.0, unit)} if curve.period else {}

@@ -72,6 +72,7 @@ class Curve:
         shapes: Each column's value there, shape (points, columns).
         formula: What it is called if it is no table but a known function of the variable.
         tried: Of how many of its kind it is the best.
+        period: Of a wave, in units of the variable; 0 for any other.
     """
 
     place: Place
@@ -84,6 +85,7 @@ class Curve:
     shapes: FloatArray
     formula: str = ""
     tried: int = 1
+    period: float = 0.0
 
     @property
     def direction(self) -> str:
@@ -160,16 +162,17 @@ def known_functions(curve: Curve, values: FloatArray) -> Iterator[Curve]:
         return
     size = float(np.abs(values).max())
     knots = np.linspace(*_wider(values), FINE)
-    scaled = {name: (size, terms) for name, terms in FUNCTIONS.items()}
+    scaled = {name: (size, 0.0, terms) for name, terms in FUNCTIONS.items()}
     if curve.over_unit == "rad":
-        scaled |= {name: (1.0, terms) for name, terms in OF_ANGLES.items()}
-    for name, (unit, terms) in scaled.items():
+        scaled |= {name: (1.0, 2.0 * np.pi, terms) for name, terms in OF_ANGLES.items()}
+    for name, (unit, period, terms) in scaled.items():
         yield replace(
             curve,
             knots=knots,
             values=np.stack([f(values / unit) for f in terms], axis=-1),
             shapes=np.stack([f(knots / unit) for f in terms], axis=-1),
             formula=name,
+            period=period,
         )
 
 

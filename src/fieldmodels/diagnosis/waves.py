@@ -22,6 +22,7 @@ from fieldmodels.model import Model
 CYCLES = 600.0  # of a wave over the whole range of its variable, at most
 VALUES = 4  # of its variable in a cycle, at least
 POINTS = 16  # of a cycle, where its table is given
+FINER = 21  # periods that are tried about the best one, twice
 
 WIDTH, SHARPNESS = 12, 2.3 * 12  # of the bell by which a sample is spread over a grid, in its points
 NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2 * WIDTH)
@@ -46,6 +47,9 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
     if not len(counts):
         return None
     count = float(counts[np.argmax(power(place, counts))])
+    for width in (0.5, 0.05):  # the period is no number of half cycles in these data
+        near = count + width * np.linspace(-1.0, 1.0, FINER)
+        count = float(near[np.argmax(power(place, near))])
     points = np.linspace(0.0, 1.0, POINTS * int(np.ceil(count)) + 1)
     return replace(
         place,
@@ -54,6 +58,7 @@ def strongest(place: Curve, power: Callable[[Curve, FloatArray], FloatArray]) ->
         shapes=wave(points, count),
         formula=f"{WAVE} {span / count:.3g} {place.over_unit}",
         tried=len(counts),
+        period=span / count,
     )
 
 

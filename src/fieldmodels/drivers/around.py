@@ -176,19 +176,21 @@ class Surrounded(Wrapper):
     def _is_on(self, place: str, signal: str, vector: FloatArray) -> bool:
         """Whether any stock effect of a signal, or its curve, is on."""
         row, curve_row = self._numbers(place, signal, vector)
-        return bool((np.array(row) != LAYOUTS[place].neutral).any() or curve_row[2:].any())
+        return bool((np.array(row) != LAYOUTS[place].neutral).any() or curve_row[3:].any())
 
     def _true(self, values: FloatArray, times: FloatArray, signal: str, vector: FloatArray) -> FloatArray:
         """The true values behind those that a sensor shows, shape (n,)."""
         row, curve_row = self._numbers("sensor", signal, vector)
+        turns = np.zeros_like(values)
         if signal in self.wrapped_outputs:
-            values = (values + np.pi) % (2.0 * np.pi) - np.pi
+            turns = 2.0 * np.pi * np.floor((values + np.pi) / (2.0 * np.pi))
+        values = values - turns
         true = np.array([sensors.inverted(v, t, 0.0, row) for v, t in zip(values, times, strict=True)])
-        if curve_row[2:].any():
+        if curve_row[3:].any():
             bent = true.copy()
             for _ in range(INVERSIONS):
                 true = bent - np.array([on_curve(x, curve_row) for x in true])
-        return true
+        return np.asarray(true + turns)
 
     def _shown(self, values: FloatArray, j: int, windows: Windows, vector: FloatArray) -> FloatArray:
         """What the sensor of output ``j`` shows of true values, shape (batch, windows, samples)."""

@@ -33,6 +33,7 @@ class FreeCurve:
         knots: Values of the variable, shape (points,).
         basis: What each coefficient adds there, shape (points, coefficients).
         sizes: Of the coefficients, by which a fit's steps go; by default one.
+        period: After which it begins anew; 0 where it does not.
     """
 
     place: str
@@ -41,9 +42,15 @@ class FreeCurve:
     knots: FloatArray
     basis: FloatArray
     sizes: tuple[float, ...] = ()
+    period: float = 0.0
 
     def at(self, variable: FloatArray, coefficients: FloatArray) -> FloatArray:
-        """The curve's values at those of its variable; constant beyond the knots."""
+        """The curve's values at those of its variable; constant beyond the knots, or as a cycle before."""
+        if self.period > 0.0:
+            low, high = self.knots[[0, -1]]
+            cycles = np.where(variable < low, np.floor((variable - low) / self.period), 0.0)
+            cycles = np.where(variable > high, np.ceil((variable - high) / self.period), cycles)
+            variable = variable - self.period * cycles
         return np.asarray(np.interp(variable, self.knots, self.basis @ coefficients))
 
 

@@ -45,7 +45,7 @@ class Followed(Curved):
         self.named = dict(named)
         self.effects = (*inner.effects, *(_effect(name, curve) for name, curve in named.items()))
         fixed = np.ones(len(inner.names), dtype=np.bool_)
-        kept = [np.repeat([False, True], len(c.knots)) for c in named.values()]
+        kept = [np.append(np.repeat([False, True], len(c.knots)), False) for c in named.values()]
         self._fitted = np.concatenate([fixed, *kept])
 
     def simulate_all(self, parameters: FloatArray, windows: Windows) -> FloatArray:
@@ -66,7 +66,8 @@ def _effect(name: str, curve: FreeCurve) -> Effect:
     values = [Parameter(f"value_{k + 1}", "1", 0.0, -LARGE, LARGE, 1.0) for k in range(len(curve.knots))]
     where: Where = "force" if curve.place == "force" else "sensor"
     words = direction_of(curve.place, curve.target, curve.over)
-    return Effect(name, f"A curve of {words}.", where, (*places, *values))
+    period = Parameter("period", curve.over, curve.period, curve.period, curve.period, 1.0, refitted=False)
+    return Effect(name, f"A curve of {words}.", where, (*places, *values, period))
 
 
 def followed_name(place: str, target: str, over: str) -> str:
@@ -103,8 +104,8 @@ def followed(model: Model, effects: Mapping[str, Any]) -> dict[str, FreeCurve]:
             head = followed_name(place, target, "")
             over = plain(name).removeprefix(head)
             if over != plain(name) and _is_variable(model, over):
-                knots = _knots(name, values)
-                found[name] = FreeCurve(place, target, over, knots, np.eye(len(knots)))
+                knots, period = _knots(name, values)
+                found[name] = FreeCurve(place, target, over, knots, np.eye(len(knots)), period=period)
     return found
 
 
@@ -123,14 +124,16 @@ def _is_variable(model: Model, over: str) -> bool:
     return over.removeprefix("size of ") in commands | outputs
 
 
-def _knots(name: str, values: Any) -> FloatArray:
-    given = values if isinstance(values, Mapping) else {}
+def _knots(name: str, values: Any) -> tuple[FloatArray, float]:
+    """Places of a curve, and its period."""
+    given, period = values if isinstance(values, Mapping) else {}, 0.0
     try:
         knots = np.array([float(given[f"at_{k + 1}"]) for k in range(len(given) // 2)])
+        period = float(given.get("period", 0.0))
     except (KeyError, TypeError, ValueError):
         knots = np.zeros(0)
     if len(knots) < 2 or not (np.diff(knots) > 0).all():
         raise ModelError(
             f"{name!r}: a curve takes places at_1, at_2, ... that rise, and a value_1, ... at each"
         )
-    return knots
+    return knots, period

@@ -1,8 +1,8 @@
 """Curves: a piecewise-linear function that a machine's model lacks, neutral where all its values are zero.
 
 A curve of one signal has ``knots`` values, equally spaced from ``low`` to ``high``, and goes on at its last
-value beyond. A table of two signals is the same over a grid, bilinear in between. It acts on an
-actuator's command, a force, a sensor, or a base parameter.
+value beyond, or begins anew after each ``period``. A table of two signals is the same over a grid, bilinear
+in between. It acts on an actuator's command, a force, a sensor, or a base parameter.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Curve(Stock):
 
     @property
     def length(self) -> int:
-        """Numbers in its row: low and high of each variable, then the values."""
-        return 2 * len(self.over) + int(self.knots ** len(self.over))
+        """Numbers in its row: low and high of each variable, the period of a single one, then the values."""
+        return (3 if len(self.over) == 1 else 4) + int(self.knots ** len(self.over))
 
 
 def curve(
@@ -108,6 +108,8 @@ def _declare(place: str, signal: str, over: tuple[str, ...], knots: int) -> Decl
                 Parameter(f"low{tag}", unit, low, -LARGE, LARGE, share, refitted=False),
                 Parameter(f"high{tag}", unit, high, -LARGE, LARGE, share, refitted=False),
             ]
+            if len(over) == 1:
+                ranges.append(Parameter("period", unit, 0.0, 0.0, LARGE, share, refitted=False))
         size = 0.1 * s.force
         values = [
             Parameter(
@@ -129,11 +131,13 @@ def _declare(place: str, signal: str, over: tuple[str, ...], knots: int) -> Decl
 
 @inlined
 def on_curve(x: float, row: FloatArray) -> float:
-    """A curve's value: linear between its knots, constant beyond."""
-    low, high, last = row[0], row[1], len(row) - 3
+    """A curve's value: linear between its knots, constant beyond; or anew after each period."""
+    low, high, period, last = row[0], row[1], row[2], len(row) - 4
+    if period > 0.0:
+        x -= period * math.floor((x - low) / period)
     at = min(max((x - low) / (high - low) * last, 0.0), float(last))
     k = min(math.floor(at), last - 1)
-    return float(row[2 + k] + (at - k) * (row[3 + k] - row[2 + k]))
+    return float(row[3 + k] + (at - k) * (row[4 + k] - row[3 + k]))
 
 
 @inlined
