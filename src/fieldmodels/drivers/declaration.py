@@ -206,10 +206,13 @@ class Declaration(Model):
         return result
 
     def _forces(self) -> tuple[Force, ...]:
-        """The declared forces, and one for each velocity that a stock force names."""
-        known = {f.velocity for f in self.forces}
+        """The declared forces, one for each velocity that a stock force names, and for each other state.
+
+        Something may act on the rate of any state, declared or not, but where it is a declared velocity.
+        """
         pushing = [e for e in self.stock if (e.where if isinstance(e, Curve) else e.place) == "force"]
-        named = dict.fromkeys(e.signal for e in pushing)
+        named = dict.fromkeys([*(e.signal for e in pushing), *(s.name for s in self.states)])
+        known = {name for f in self.forces for name in (f.velocity, f.position)}
         return (*self.forces, *(Force(name) for name in named if name not in known))
 
     def _check(self) -> None:
