@@ -21,8 +21,8 @@ STEPS = (8, 16, 32)
 """Samples in the shortest, the main and the longest horizon of a machine that states none, at least."""
 SHARES = (0.35, 0.7, 1.4)
 """The same as shares of twice the time in which the outputs change by their size."""
-FEWEST = 8
-"""Windows that fit into the longest recording."""
+FEWEST, ENOUGH = 8, 40
+"""Windows that fit into the longest recording, and into all together where the fastest output allows."""
 WALKS_OFF = 2.5
 """Times the pace of a velocity that its position must take to change by its size; 1 of a swing."""
 
@@ -63,13 +63,20 @@ def measured_states(
 
 
 def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> tuple[float, ...]:
-    """The declared horizons, or of a machine that states none, some by the pace of its outputs."""
+    """The declared horizons, or of a machine that states none, some by the pace of its outputs.
+
+    As long as the slowest one asks for, if the data then hold enough windows; else as the fastest one does.
+    """
     if type(machine).horizons:
         return machine.horizons
     step = recordings[0].step
-    slowest = max(_pace(machine, recordings, s.name) for s in machine.outputs)
+    paces = [2.0 * _pace(machine, recordings, s.name) for s in machine.outputs]
     most = max(max(len(r) for r in recordings) // FEWEST - 1, 1) * step  # a window holds both of its ends
-    found = [min(max(share * 2 * slowest, n * step), most) for share, n in zip(SHARES, STEPS, strict=True)]
+    many = sum(len(r) for r in recordings) / ENOUGH * step
+    found = [
+        min(max(min(share * max(paces), max(many, share * min(paces))), n * step), most)
+        for share, n in zip(SHARES, STEPS, strict=True)
+    ]
     return tuple(min(float(f"{h:.2g}"), float(f"{most:.9g}")) for h in found)
 
 
