@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.phrases import CHANCE
+from fieldmodels.diagnosis.phrases import CURVE as CURVE_OF
+from fieldmodels.exam.delivery import Delivery, Stated, deliver
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
@@ -32,6 +35,10 @@ class Answer:
         seen: Of each output, the largest error that a curve may add of which it says it would just be seen.
         unseen: Of each output, the most that anything may add to its error, it says.
         windows: Of each output, how long the windows are on which its error is measured [s].
+        curves: Place, target and variable of each curve that it states as missing, alone or as what a name
+            may be.
+        stated: Probability, it says, that all is missing that it states; None if it states nothing.
+        delivery: What its extended simulation does on a third record; None without one.
         seconds: Processor time of one thread.
         summary: In its own words.
     """
@@ -49,15 +56,23 @@ class Answer:
     seen: Mapping[str, float] = field(default_factory=dict)
     unseen: Mapping[str, float] = field(default_factory=dict)
     windows: Mapping[str, float] = field(default_factory=dict)
+    curves: tuple[tuple[str, str, str], ...] = ()
+    stated: float | None = None
+    delivery: Delivery | None = None
 
 
 def ask(
-    model: Model, train: Sequence[Recording], test: Sequence[Recording], fixed: Mapping[str, float]
+    model: Model,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    fixed: Mapping[str, float],
+    third: Sequence[Recording] = (),
 ) -> Answer:
-    """Diagnose, and read the result."""
+    """Diagnose, read the result, and run what is delivered on a third record."""
     began = time.process_time()  # of one thread: other work on the machine does not count
     found = diagnose(model, train, test, fixed=fixed)
-    return read(model, found, time.process_time() - began)
+    answer = read(model, found, time.process_time() - began)
+    return replace(answer, delivery=deliver(model, Stated.by(found), third)) if third else answer
 
 
 def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
@@ -90,4 +105,24 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
         },
         unseen=dict(found.unseen),
         windows={output: gain.horizon for output, gain in found.gain.items()},
+        curves=(
+            *((c.place, c.target, c.over) for c in found.curves if c.found),
+            *(_curve_of(e) for c in found.causes for e in c.alternatives if e.startswith(CURVE_OF)),
+        ),
+        stated=_stated(found),
     )
+
+
+def _curve_of(words: str) -> tuple[str, str, str]:
+    """Place, target and variable of a curve in words; see ``variables.direction_of``."""
+    over, _, where = words.removeprefix(CURVE_OF).partition(", in ")
+    for place, begins in (("sensor", "the sensor of "), ("odds", "the log-odds of "), ("force", "the ")):
+        if where.startswith(begins):
+            return place, where.removeprefix(begins), over
+    return ("parameter", where.replace(" ", "_"), over) if where else ("force", "", over)
+
+
+def _stated(found: Diagnosis) -> float | None:
+    """Probability that none of the causes and curves is there by chance alone; unknown ones count as one."""
+    chances = [c.chance for c in found.causes] + [c.p_value for c in found.curves if c.found]
+    return math.prod(1.0 - c for c in chances if math.isfinite(c)) if chances else None

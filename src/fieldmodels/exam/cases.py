@@ -108,7 +108,8 @@ def cases_of(
         kinds: Which kinds; all by default.
         count: How many at most: a sample with the shares of every kind in ``SHARES``, equally of every
             machine, as far as there are any.
-        fresh: 0 for the cases whose rates are published; another number draws others that hide the same.
+        fresh: 0 for the cases whose rates are published; another number draws others that hide the same, and
+            the numbers after it more, as far as ``count`` asks for them.
 
     Raises:
         ModelError: For a set or a kind that there is none of, or a machine that is not examined.
@@ -119,15 +120,27 @@ def cases_of(
     for kind in chosen:
         if kind not in KINDS:
             raise ModelError(f"no kind of cases {kind!r}{did_you_mean(kind, KINDS)}")
-    draw = Draw(which, FIRST[which] + APART * fresh)
-    of_kind = {
-        kind: _in_turns([_grouped(_made(kind, name, draw)) for name in dict.fromkeys(machines)])
-        for kind in chosen
-    }
+    names = list(dict.fromkeys(machines))
+    of_kind = {kind: _of_draw(which, kind, names, fresh) for kind in chosen}
     numbers = {kind: len(cases) for kind, cases in of_kind.items()}
-    if count is not None:
+    if count is None:
+        return [case for cases in of_kind.values() for case in cases]
+    if not fresh:
         numbers = _quotas(numbers, count)
+    else:
+        numbers = _quotas({kind: count if n and kind != "log" else n for kind, n in numbers.items()}, count)
+        for kind, cases in of_kind.items():
+            for more in itertools.count(fresh + 1):
+                if len(cases) >= numbers[kind]:
+                    break
+                cases += _of_draw(which, kind, names, more)
     return [case for kind, cases in of_kind.items() for case in cases[: numbers[kind]]]
+
+
+def _of_draw(which: Set, kind: str, machines: Sequence[str], number: int) -> list[Case]:
+    """Cases of a kind in a draw, of every machine in turn."""
+    draw = Draw(which, FIRST[which] + APART * number)
+    return _in_turns([_grouped(_made(kind, name, draw)) for name in machines])
 
 
 def examined() -> tuple[str, ...]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,9 +21,10 @@ from fieldmodels.exam import scoring
 from fieldmodels.exam.answers import Answer, ask
 from fieldmodels.exam.benches import Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
-from fieldmodels.exam.logs import STATEMENTS, NoDataError, Pair, failures
+from fieldmodels.exam.delivery import Delivery
+from fieldmodels.exam.logs import STATEMENTS, NoDataError, failures
 from fieldmodels.exam.plants.noise import WANDERING
-from fieldmodels.exam.sizes import LEAST_SHOWN, errors, find_size, recordings, shown
+from fieldmodels.exam.sizes import LEAST_SHOWN, errors, find_size, shown, with_third
 from fieldmodels.files import write_text
 from fieldmodels.limits import TooLongError, processor_limit
 from fieldmodels.model import Model
@@ -29,14 +32,23 @@ from fieldmodels.registry import get_model
 
 Row = dict[str, Any]
 Progress = Callable[[str, float], None]
+Ask = Callable[..., Answer]
+"""Takes what ``answers.ask`` takes."""
 LIMIT = 180.0
 """Processor time after which a diagnosis counts as failed [s]."""
+LEAST_REGAINED = -10.0
+"""What a simulation that runs away counts as having regained."""
 DATA = ("cases.py", "sizes.py", "plants", "benches")
 """Of what the data of a case depend on."""
 
 
 def run_cases(
-    cases: Sequence[Case], out: Path, *, engine: Engine = HERE, progress: Progress | None = None
+    cases: Sequence[Case],
+    out: Path,
+    *,
+    engine: Engine = HERE,
+    progress: Progress | None = None,
+    by: Ask = ask,
 ) -> list[Row]:
     """Run the cases, or what is left of them.
 
@@ -48,28 +60,34 @@ def run_cases(
         out: Folder of the results; earlier ones in it are used.
         engine: Who does them.
         progress: Called with what is being done and the share done.
+        by: Who answers: the diagnosis, or a rival of it.
 
     Returns:
         One row a case, in the order of ``cases``.
     """
     out.mkdir(parents=True, exist_ok=True)
     log, kept = out / "cases.jsonl", out / "sizes.jsonl"
-    done = {row["key"]: row for row in _current(log, answer_code())}
-    made = {row["key"]: row for row in _current(kept, data_code())}
+    done = {row["key"]: row for row in current_rows(log, answer_code(by))}
+    made = {row["key"]: row for row in current_rows(kept, data_code())}
     left = [case for case in cases if case.key not in done]
     with log.open("a", encoding="utf-8") as lines, kept.open("a", encoding="utf-8") as to:
         jobs = {
-            Job(case.key, f"{case.machine}: {case.kind}", run_case, (case, made.get(case.key))): case
+            Job(
+                case.key,
+                f"{case.machine}: {case.kind}",
+                run_case,
+                (case, made.get(case.key), out / "records", by),
+            ): case
             for case in left
         }
         for one in run_jobs(list(jobs), engine, progress or (lambda _what, _share: None)):
             case = jobs[one.job]
-            row = case.to_json() | _failed(case, one.error, 0.0) if one.error else one.result
+            row = case.to_json() | failed(case.key, one.error) if one.error else one.result
             if case.key not in made and all(name in row for name in MADE):
                 fresh = {name: row[name] for name in ("key", *MADE)}
-                _write(to, fresh | {"code": data_code()})
-            done[case.key] = row | {"code": answer_code()}
-            _write(lines, done[case.key])
+                write_row(to, fresh | {"code": data_code()})
+            done[case.key] = row | {"code": answer_code(by)}
+            write_row(lines, done[case.key])
     return [done[case.key] for case in cases]
 
 
@@ -77,12 +95,16 @@ MADE = ("sizes", "percents", "shown", "attainable")
 """What a row keeps of how a case was made."""
 
 
-def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
+def run_case(
+    case: Case, made: Mapping[str, Any] | None = None, kept: Path | None = None, by: Ask = ask
+) -> Row:
     """Hide what a case says, diagnose, and judge.
 
     Args:
         case: The case.
         made: Sizes, percentages and attainable gain, as found before.
+        kept: Folder in which records are kept, by a hash of all that they depend on; None to keep none.
+        by: Who answers.
 
     Returns:
         The case with what was hidden and the outcome, beside those of ``scoring``: ``out of reach`` if no
@@ -92,44 +114,53 @@ def run_case(case: Case, made: Mapping[str, Any] | None = None) -> Row:
     row: Row = case.to_json() | {"key": case.key}
     try:
         if case.kind == "log":
-            return row | _of_log(get_model(case.machine), case)
+            return row | _of_log(get_model(case.machine), case, by)
         bench = get_bench(case.machine)
         row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
-        return row | _examined(bench, case, row)
+        with nullcontext(kept) if kept else TemporaryDirectory() as folder:
+            return row | _examined(bench, case, row, Path(folder), by)
     except Exception as error:  # of a plant: the others go on
-        return row | _failed(case, f"{type(error).__name__}: {error}", 0.0)
+        return row | failed(case.key, f"{type(error).__name__}: {error}")
 
 
-def _examined(bench: Bench, case: Case, row: Row) -> Row:
+def _examined(bench: Bench, case: Case, row: Row, kept: Path, by: Ask) -> Row:
     """What becomes of a case whose sizes are known."""
     if None in row["sizes"] or min(row["shown"], default=LEAST_SHOWN) < LEAST_SHOWN:
         return {"outcome": "out of reach", "seconds": 0.0, "summary": _out_of_reach(case, row)}
     hidden = _hidden(case, row["sizes"])
     known = bool(bench.needs_base & set(case.hidden))
     fixed = bench.scaled(bench.base(case.seed), "", case.conditions) if known else {}
-    train, test = recordings(bench, hidden, case.conditions, case.seed)
-    answer = _answered(case, bench.model, ([train], [test]), fixed)
+    data = hashlib.sha256(f"{data_code()} {case.key} {row['sizes']}".encode()).hexdigest()[:24]
+    train, test, third = with_third(bench, hidden, case.conditions, case.seed, kept / f"{data}.npz")
+    answer = answered(case.key, by, bench.model, [train], [test], fixed, [third])
     return answer if isinstance(answer, dict) else judged(bench, case, hidden, row["attainable"], answer)
 
 
-def _answered(case: Case, model: Model, pair: Pair, fixed: Mapping[str, float]) -> Answer | Row:
-    """An answer; or why there is none: a fault of the diagnosis is a case that it did not get right."""
+def answered(key: str, by: Ask, *given: Any) -> Answer | Row:
+    """An answer; or why there is none: a fault of the diagnosis is a case that it did not get right.
+
+    Args:
+        key: Name of the case.
+        by: Who answers.
+        given: What is asked; see ``answers.ask``.
+    """
     try:
         with processor_limit(LIMIT):
-            return ask(model, *pair, fixed)
+            return by(*given)
     except Exception as error:
         seconds = LIMIT if isinstance(error, TooLongError) else 0.0
-        return _failed(case, f"{type(error).__name__}: {error}", seconds)
+        return failed(key, f"{type(error).__name__}: {error}", seconds)
 
 
-def _failed(case: Case, why: str, seconds: float) -> Row:
+def failed(key: str, why: str, seconds: float = 0.0) -> Row:
+    """A case to which there is no answer."""
     return {
-        "key": case.key, "outcome": "failed", "verdict": "failed", "named": [], "deviations": {},
-        "regained": None, "seconds": seconds, "summary": f"{case.key}: {why}",
+        "key": key, "outcome": "failed", "verdict": "failed", "named": [], "deviations": {},
+        "regained": None, "seconds": seconds, "summary": f"{key}: {why}",
     }  # fmt: skip
 
 
-def _of_log(model: Model, case: Case) -> Row:
+def _of_log(model: Model, case: Case, by: Ask) -> Row:
     """What becomes of a statement on a real log."""
     statement = STATEMENTS[case.hidden[0]]
     row: Row = {"sizes": [], "percents": [], "attainable": None, "deviations": {}, "regained": None}
@@ -137,7 +168,7 @@ def _of_log(model: Model, case: Case) -> Row:
         pair = statement.records(model)
     except NoDataError as error:
         return row | {"outcome": "skipped", "named": [], "seconds": 0.0, "summary": str(error)}
-    answer = _answered(case, model, pair, {})
+    answer = answered(case.key, by, model, *pair, {})
     if isinstance(answer, dict):
         return row | answer
     missed = failures(statement, answer)
@@ -203,11 +234,12 @@ def judged(
         }
         outcome = scoring.of_listed(answer, case.hidden)
     elif case.kind == "mixed":
-        outcome = scoring.of_mixed(answer, case.hidden[0], fault.near)
+        outcome = scoring.of_mixed(answer, case.hidden[0], fault.near, fault.shows)
     else:
-        outcome = scoring.of_unlisted(answer, fault.near)
-        if not fault.random:
-            regained = _regained(attainable, answer)
+        outcome = scoring.of_unlisted(answer, fault.near, fault.shows)
+    delivery = answer.delivery
+    if case.hidden and delivery is not None and not (fault and fault.random):
+        regained = regained_of(attainable, delivery)
     unseen = _on_windows(bench, case, hidden, attainable, answer) if outcome == "silent" else None
     return {
         "outcome": outcome,
@@ -217,6 +249,9 @@ def judged(
         "deviations": scoring.deviations(truth, answer),
         "values": truth,
         "regained": regained,
+        "stated": answer.stated,
+        **({} if delivery is None else scoring.of_delivery(delivery)),
+        "power": scoring.power(answer, unseen["output"]) if unseen else None,
         "silence": scoring.of_silence(answer, unseen),
         "silence_of_anything": scoring.of_silence(answer, unseen, True),
         "seconds": round(answer.seconds, 3),
@@ -250,13 +285,14 @@ def _attainable(bench: Bench, case: Case, hidden: Sequence[Hidden], name: str = 
     return {"output": names[output], "share": round(1.0 - float(without[output] / with_them[output]), 5)}
 
 
-def _regained(attainable: Mapping[str, Any] | None, answer: Answer) -> float | None:
-    """Share of what can be gained on the output that suffers most that an answer gains."""
-    if attainable is None or attainable["share"] <= 0.0:
+def regained_of(attainable: Mapping[str, Any] | None, delivery: Delivery) -> float | None:
+    """Share of what can be gained on the output that suffers most that the extended simulation gains."""
+    if attainable is None or attainable["share"] <= 0.0 or attainable["output"] not in delivery.before:
         return None
-    before, after = answer.errors.get(attainable["output"], (math.nan, math.nan))
-    gain = (1.0 - after / before) / attainable["share"] if before > 0.0 else math.nan
-    return round(gain, 4) if math.isfinite(gain) else None
+    before, after = (errors[attainable["output"]] for errors in (delivery.before, delivery.after))
+    if not before > 0.0:
+        return None
+    return round(max((1.0 - after / before) / attainable["share"], LEAST_REGAINED), 4)
 
 
 def _hidden(case: Case, sizes: Sequence[float]) -> list[Hidden]:
@@ -275,12 +311,13 @@ def _out_of_reach(case: Case, row: Row) -> str:
     return f"{case.machine}: no size adds as much; at most: {seen}"
 
 
-def _write(lines: Any, row: Row) -> None:
+def write_row(lines: Any, row: Row) -> None:
+    """Add a line to an open log."""
     lines.write(json.dumps(row, allow_nan=False) + "\n")
     lines.flush()
 
 
-def _current(log: Path, code: str) -> list[Row]:
+def current_rows(log: Path, code: str) -> list[Row]:
     """Rows of a log that its code still gives; the others are dropped from it."""
     rows = [row for row in read_rows(log) if row["code"] == code]
     write_text(log, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))  # whole lines only
@@ -305,19 +342,19 @@ def data_code() -> str:
     """Hash of the code on which the data of cases depend."""
     here = Path(__file__).parent
     paths = [here / name for name in DATA]
-    return _hash([file for path in paths for file in ([path] if path.is_file() else path.rglob("*.py"))])
+    return hash_of([file for path in paths for file in ([path] if path.is_file() else path.rglob("*.py"))])
 
 
 @cache
-def answer_code() -> str:
-    """Hash of the code on which outcomes depend: all of this package but the tables."""
-    package = Path(__file__).parents[1]
-    return _hash(
-        [file for file in package.rglob("*") if file.suffix in (".py", ".j2") and file.name != "table.py"]
-    )
+def answer_code(by: Ask = ask) -> str:
+    """Hash of the code on which outcomes depend: all of this package but the tables, and who answers."""
+    package, own = Path(__file__).parents[1], Path(inspect.getfile(by))
+    files = [file for file in package.rglob("*") if file.suffix in (".py", ".j2") and file.name != "table.py"]
+    return hash_of(files if own.is_relative_to(package) else [*files, own])
 
 
-def _hash(files: Sequence[Path]) -> str:
+def hash_of(files: Sequence[Path]) -> str:
+    """A hash of what some files hold."""
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(file.name.encode() + b"\0" + file.read_bytes())

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches import Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches import FIT, TEST, THIRD, Bench, Conditions, Hidden, Log
+from fieldmodels.files import replacing
 from fieldmodels.recording import Recording
 
 LEAST, MOST = 10.0, 40.0
@@ -39,7 +41,7 @@ class Found:
 
 def records(bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: int) -> tuple[Log, Log]:
     """A record to fit and one to measure gains on."""
-    return bench.log(hidden, conditions, seed, False), bench.log(hidden, conditions, seed, True)
+    return bench.log(hidden, conditions, seed, FIT), bench.log(hidden, conditions, seed, TEST)
 
 
 def recordings(
@@ -48,6 +50,23 @@ def recordings(
     """The same two as a diagnosis is given them."""
     train, test = (bench.recording(log, conditions, seed) for log in records(bench, hidden, conditions, seed))
     return train, test
+
+
+def with_third(
+    bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: int, kept: Path
+) -> list[Recording]:
+    """These and a third one, which no diagnosis is given; kept in a file, and read from it if it is there."""
+    if kept.exists():
+        with np.load(kept) as data:
+            logs = [Log(float(data["step"]), data[f"inputs_{k}"], data[f"outputs_{k}"]) for k in range(3)]
+    else:
+        logs = [*records(bench, hidden, conditions, seed), bench.log(hidden, conditions, seed, THIRD)]
+        columns = {f"inputs_{k}": log.inputs for k, log in enumerate(logs)}
+        columns |= {f"outputs_{k}": log.outputs for k, log in enumerate(logs)}
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(kept) as path, path.open("wb") as file:
+            np.savez_compressed(file, step=logs[0].step, **columns)
+    return [bench.recording(log, conditions, seed) for log in logs]
 
 
 def errors(
@@ -73,11 +92,11 @@ def shown(bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: 
     noise. A limit may be reached on the second record alone.
     """
     noise = np.array([output.noise for output in bench.model.outputs])
-    whole = bench.log(hidden, conditions, seed, False).outputs
+    whole = bench.log(hidden, conditions, seed, FIT).outputs
     noise = np.where(noise > 0.0, noise, 1.0 / MUCH)[: whole.shape[1]]  # events have none
     result = []
     for one in hidden:
-        rest = bench.log([other for other in hidden if other is not one], conditions, seed, False).outputs
+        rest = bench.log([other for other in hidden if other is not one], conditions, seed, FIT).outputs
         same = rest.shape == whole.shape
         evidence = 0.5 * float(np.nansum(((whole - rest) / noise) ** 2)) if same else MUCH
         result.append(round(min(evidence, MUCH), 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections import Counter
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.exam.run import Row
-from fieldmodels.exam.scoring import RANKS, RIGHT, WRONG
+from fieldmodels.exam.scoring import FALSE, RANKS, RIGHT, SAID, WRONG
 from fieldmodels.files import write_text
 from fieldmodels.html import page, table, text
 from fieldmodels.model import ModelError
@@ -49,6 +50,8 @@ GOALS = (
     Goal("triples right", "triple", RIGHT, 75.0, True),
     Goal("unlisted faults misnamed", "unlisted", ("misnamed",), 5.0),
     Goal("unlisted faults silent", "unlisted", ("silent",), 15.0),
+    Goal("unlisted faults: a curve at their place", "unlisted", ("curve", "near name"), None),
+    Goal("unlisted faults: a curve elsewhere", "unlisted", ("elsewhere",), None),
     Goal("beside an unlisted fault: effects named", "mixed", ("both", "in part"), None),
     Goal("beside an unlisted fault: misnamed", "mixed", ("misnamed",), None),
     Goal("nothing hidden: false names", "nothing", ("false name",), 1.0),
@@ -64,7 +67,19 @@ SILENT = {
 
 A curve, wherever the fault acts; or whatever may be missing, which is an upper limit of 95 %.
 """
-REGAINED, SECONDS = 80.0, 2.0
+SECONDS = 2.0
+REGAINED = {"single": None, "pair": None, "triple": None, "unlisted": 50.0, "mixed": None}
+"""Of which kinds it is counted how much is regained, and how often that should be most of it [%]."""
+MOST = 0.8
+"""Of what can be regained."""
+MORE, WORSE = 1.3, 1.1
+"""An error in the stated one, and in that before, beyond which an extended simulation is none."""
+CERTAIN, SEEN = 0.95, 20.0
+"""Stated probability that counts as certain; evidence [nats] with which a fault should be found."""
+BINS = (0.0, 0.5, 0.8, 0.95, 0.999, 1.0)
+"""Of stated probabilities."""
+SUREST = 0.999
+"""Probability as which a larger one counts in the log score, or one false answer would be all of it."""
 COVERAGE = ((1.0, 68.0, 4.0), (2.0, 95.0, 3.0))
 """Standard errors, how many parameters should be within them, and how exactly [%]."""
 
@@ -95,7 +110,11 @@ def goals(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for key, (name, limit) in SILENT.items() if silent else ():
         above = sum(row.get(key) is None or row[key] > 1.0 for row in silent)
         result.append(_rate(name, above, len(silent), limit, False))
-    result += _coverage(rows) + _regained(rows) + _seconds_goal(rows)
+    twice = sum(row.get("silence") is not None and row["silence"] > 2.0 for row in silent)
+    result += [_rate("silent at twice the stated power", twice, len(silent), None, False)] if silent else []
+    powers = [row["power"] for row in silent if row.get("power") is not None]
+    result += _quartiles("silent: the smallest curve stated to show, in the error", powers, "")
+    result += _coverage(rows) + _delivered(rows) + _certain(rows) + _seconds_goal(rows)
     return result
 
 
@@ -140,17 +159,85 @@ def _coverages(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-def _regained(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    shares = [
-        row["regained"] for row in rows if row["kind"] == "unlisted" and row.get("regained") is not None
-    ]
-    if not shares:
+def _delivered(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """What the extended simulations do on a third record."""
+    result = []
+    for kind, limit in REGAINED.items():
+        of_kind = [row for row in rows if row["kind"] == kind]
+        shares = [
+            row["regained"] or 0.0
+            for row in of_kind
+            if row["outcome"] == "failed" or row.get("regained") is not None
+        ]
+        if shares:
+            most = sum(share >= MOST for share in shares)
+            name = f"{kind}: delivered simulations that regain {100 * MOST:g} % of what can be"
+            result.append(_rate(name, most, len(shares), limit, True))
+            result += _quartiles(f"{kind}: regained, median (quartiles)", [100.0 * s for s in shares], "%")
+    extended = [row for row in rows if row.get("extended")]
+    for key, limit, name, goal in (
+        ("over_stated", MORE, "delivered: an output errs {:g} times as stated", 3.0),
+        ("over_before", WORSE, "delivered: an output errs {:g} times as before", 1.0),
+    ):
+        beyond = sum(row[key] is None or row[key] > limit for row in extended)
+        result += [_rate(name.format(limit), beyond, len(extended), goal, False)] if extended else []
+    broken = sum(bool(row["broken"]) for row in extended)
+    if extended:
+        result.append(_rate("delivered files that do not run", broken, len(extended), 0.0, False))
+    return result
+
+
+def _certain(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """How far stated probabilities can be trusted."""
+    answers = [row for row in rows if "stated" in row]
+    if not answers:
         return []
-    quartiles = [100.0 * float(q) for q in np.quantile(shares, [0.25, 0.5, 0.75])]
+    sure = [row for row in answers if (row["stated"] or 0.0) >= CERTAIN]
+    false = sum(row["outcome"] in FALSE for row in sure)
+    result = [_rate("falsely certain, of all cases", false, len(answers), None, False)]
+    plain = [row for row in answers if row["kind"] in REGAINED and min(row["shown"], default=0.0) >= SEEN]
+    right = sum(row in sure and row["outcome"] in SAID for row in plain)
+    if plain:
+        result.append(
+            _rate(f"certain and right, of faults with {SEEN:g} nats", right, len(plain), None, True)
+        )
+    scores = [
+        math.log(p if row["outcome"] not in FALSE else 1.0 - p)
+        for row in answers
+        if row["stated"] is not None
+        for p in [min(max(row["stated"], 1.0 - SUREST), SUREST)]
+    ]
+    return result + _quartiles("log score of stated answers, mean (quartiles)", scores, "nats", np.mean)
+
+
+def _reliability(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Of answers in bins of the stated probability, how many are not false."""
+    result = []
+    for low, high in itertools.pairwise(BINS):
+        own = [
+            row
+            for row in rows
+            if row.get("stated") is not None
+            and low <= row["stated"]
+            and (row["stated"] < high or high == 1.0)
+        ]
+        if own:
+            right = sum(row["outcome"] not in FALSE for row in own)
+            rate = _rate(f"{low:g} to {high:g}", right, len(own), None, True)
+            result.append(rate | {"stated": round(float(np.mean([row["stated"] for row in own])), 4)})
+    return result
+
+
+def _quartiles(
+    name: str, values: Sequence[float], unit: str, middle: Callable[[Sequence[float]], Any] = np.median
+) -> list[dict[str, Any]]:
+    """A row that is no rate, if there are values: the median, or another middle, with quartiles."""
+    if not values:
+        return []
     return [{
-        "name": "unlisted faults: regained of what can be, median (quartiles)", "goal": f">= {REGAINED:g} %",
-        "count": None, "cases": len(shares), "value": f"{quartiles[1]:.0f} %",
-        "ci95": [round(quartiles[0], 1), round(quartiles[2], 1)], "met": quartiles[1] >= REGAINED,
+        "name": name, "goal": "", "count": None, "cases": len(values),
+        "value": f"{float(middle(values)):.3g} {unit}".strip(),
+        "ci95": [round(float(q), 3) for q in np.quantile(values, [0.25, 0.75])], "met": None,
     }]  # fmt: skip
 
 
@@ -194,11 +281,12 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     machines = list(dict.fromkeys(row["machine"] for row in rows))
     parts = {"all": list(rows), **{name: [r for r in rows if r["machine"] == name] for name in machines}}
     return {
-        "schema": 3,
+        "schema": 4,
         "set": "+".join(sorted({row["set"] for row in rows})),
         "cases": len(rows),
         "goals": {name: goals(part) for name, part in parts.items()},
         "coverage": _coverages(rows),
+        "reliability": _reliability(rows),
         "outcomes": {name: _outcomes(part) for name, part in parts.items()},
         "hidden": _by_hidden(rows),
         "confusions": _confusions(rows),
@@ -256,6 +344,7 @@ def tables(found: Mapping[str, Any], single_cases: bool = True) -> list[Table]:
         ("All machines", *_goal_table(found["goals"]["all"])),
         ("By machine", *_machine_table(found["goals"])),
         ("Stated standard errors", *_coverage_table(found["coverage"])),
+        ("Stated probabilities", *_reliability_table(found["reliability"])),
         ("Outcomes", *_outcome_table(found["outcomes"])),
     ]
     return (
@@ -299,6 +388,12 @@ def _machine_table(found: Mapping[str, Any]) -> tuple[list[str], list[list[str]]
 def _coverage_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
     return ["by", "", *(f"within {limit:g}" for limit, _, _ in COVERAGE)], [
         [one["by"], one["part"], *map(_with_interval, one["coverage"])] for one in found
+    ]
+
+
+def _reliability_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    return ["stated", "on average", "not false"], [
+        [one["name"], f"{one['stated']:.4g}", _with_interval(one)] for one in found
     ]
 
 
