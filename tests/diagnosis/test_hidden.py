@@ -335,6 +335,7 @@ def test_what_no_listed_effect_explains_is_not_named(machine: str, fault: str, s
     bench = get_bench(machine)
     found, answer = diagnosed(bench, {fault: size}, SEED)
     assert found.verdict != "consistent", found.summary()
-    assert of_unlisted(answer, bench.fault(fault).near) in ("curve", "near name", "abstained"), (
+    hidden = bench.fault(fault)
+    assert of_unlisted(answer, hidden.near, hidden.shows) in ("curve", "near name", "abstained"), (
         found.summary()
     )

@@ -323,4 +323,4 @@ def test_scaled_to_data_it_keeps_its_slow_sensors_and_its_neutral_self():
     assert scaled.effect("first_lag").parameters[0].nominal == 0.0
     low, high = (p.nominal for p in scaled.effect("left_curve").parameters[:2])
     assert (low, high) == pytest.approx(np.quantile(5.0 * U, [0.05, 0.95]))  # where the data are
-    assert len(scaled.effect("left_curve").parameters) == 2 + 4
+    assert len(scaled.effect("left_curve").parameters) == 3 + 4

@@ -1,0 +1,131 @@
+"""The exam on all three sets, by the diagnosis or by a rival.
+
+    python tests/exam/exam.py develop|report|field|field-report [--by diagnosis|forward|sindy] [--cases N]
+        [--kind KIND ...] [--fresh NUMBER] [--workers 2] [--out FOLDER] [--publish PAGE]
+
+A line a finished case in ``cases.jsonl``: an interrupted run goes on. ``field`` is the part of the field set
+to develop on, ``field-report`` the one to report on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))  # the field set and the rivals are no package of a user's
+
+import rivals
+from field import judge
+from field.cases import FieldCase, field_cases
+from field.kinds import LATER
+from field.plants import PLANTS
+
+from fieldagents.progress import progress
+from fieldmodels.engine import Engine
+from fieldmodels.exam import run, table
+from fieldmodels.exam.answers import ask
+from fieldmodels.exam.benches import bench_names
+from fieldmodels.exam.cases import cases_of, examined
+from fieldmodels.exam.run import Row
+from fieldmodels.exam.scoring import FALSE, SAID
+
+BY = {"diagnosis": ask, "forward": rivals.forward, "sindy": rivals.sindy}
+FIELD = {"field": "develop", "field-report": "report"}
+MARK = "{} by {}"
+
+
+def run_set(
+    which: str, by: str, count: int | None, kinds: Sequence[str], fresh: int, out: Path, engine: Engine
+) -> list[Row]:
+    """Run a set, or a sample of it, or what is left of that."""
+    with progress() as report:
+        if which in FIELD:
+            cases = [c for c in field_cases(FIELD[which], kinds, fresh) if c.machine in machines_of(by)]
+            return judge.run_cases(sample(cases, count), out, engine, report, BY[by])
+        chosen = cases_of(which, machines_of(by), kinds, count, fresh)  # type: ignore[arg-type]
+        if by == "sindy":
+            chosen = [c for c in chosen if "velocity" not in c.conditions.without and c.kind != "log"]
+        return run.run_cases(chosen, out, engine=engine, progress=report, by=BY[by])
+
+
+def machines_of(by: str) -> Sequence[str]:
+    """Machines of which somebody can be asked."""
+    known = {"diagnosis": (*examined(), *PLANTS), "forward": (*bench_names(), *PLANTS)}
+    return list(dict.fromkeys(known.get(by, rivals.CAN_BE_ASKED)))
+
+
+def sample(cases: Sequence[FieldCase], count: int | None) -> Sequence[FieldCase]:
+    """Every so many, so that all kinds are among them."""
+    return cases if count is None else [cases[i * len(cases) // count] for i in range(min(count, len(cases)))]
+
+
+def by_kind(rows: Sequence[Row]) -> str:
+    """A table of the field set: of each kind, how many are right, false, silent; and the same of all."""
+    kinds: dict[str, list[Row]] = {}
+    for row in rows:
+        kinds.setdefault(row["hidden"][0], []).append(row)
+    lines = ["| kind | right | false | silent | falsely certain |", "|---|---|---|---|---|"]
+    counted = [row for name, own in kinds.items() if name not in LATER for row in own]
+    parts = [
+        *sorted(kinds.items()),
+        *(
+            (f"**all, {size}**", [r for r in counted if r["size"] == size])
+            for size in ("usual", "large", "none")
+        ),
+    ]
+    for name, own in [*parts, ("**all that count**", counted)]:
+        if own:
+            later = " (counts later)" if name in LATER else ""
+            lines.append(f"| {name}{later} | {' | '.join(_rates(own))} |")
+    return "\n".join(lines) + "\n"
+
+
+def _rates(rows: Sequence[Row]) -> list[str]:
+    right = sum(row["outcome"] in (*SAID, "consistent") for row in rows)
+    false = [row for row in rows if row["outcome"] in FALSE]
+    certain = sum((row.get("stated") or 0.0) >= table.CERTAIN for row in false)
+    silent = sum(row["outcome"] == "silent" for row in rows)
+    low, high = table.wilson(right, len(rows))
+    return [
+        f"{right}/{len(rows)} ({low:.0f} to {high:.0f} %)",
+        *(str(n) for n in (len(false), silent, certain)),
+    ]
+
+
+def main() -> None:
+    """Run a set and write its tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("set", choices=["develop", "report", *FIELD])
+    parser.add_argument("--by", choices=list(BY), default="diagnosis")
+    parser.add_argument("--cases", type=int)
+    parser.add_argument("--kind", action="append", default=[])
+    parser.add_argument("--fresh", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--publish", type=Path)
+    given = parser.parse_args()
+    name = (
+        f"exam-{given.set}"
+        + (f"-{given.fresh}" if given.fresh else "")
+        + ("" if given.by == "diagnosis" else f"-{given.by}")
+    )
+    out = given.out or Path("results") / name
+    rows = run_set(
+        given.set, given.by, given.cases, given.kind, given.fresh, out, Engine(workers=given.workers)
+    )
+    written = table.write(rows, out)
+    text = written["exam.md"].read_text(encoding="utf-8")
+    if given.set in FIELD:
+        text = by_kind(rows) + "\n" + text
+        written["exam.md"].write_text(text, encoding="utf-8")
+    print(text)
+    if given.publish:
+        table.put(text, given.publish, MARK.format(given.set, given.by))
+
+
+if __name__ == "__main__":
+    main()
