@@ -190,7 +190,8 @@ def find_sizes(kinds: Iterable[str] = (), again: bool = False) -> None:
             print(error, flush=True)
             continue
         kept |= {c.key: [float(f"{v:.5g}") for v in one] for c, one in zip(cases, found, strict=True)}
-        KEPT.write_text(json.dumps(kept, indent=0, sort_keys=True) + "\n")
+        lines = (f"{json.dumps(key)}: {json.dumps(size)}" for key, size in sorted(kept.items()))
+        KEPT.write_text("{\n" + ",\n".join(lines) + "\n}\n")
 
 
 if __name__ == "__main__":

@@ -100,7 +100,7 @@ def outcome_of(case: FieldCase, wanted: Right, answer: Answer) -> scoring.Outcom
 
 
 def _in_words(curve: tuple[str, str, str], places: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """A curve as ``answers.yaml`` has it: a force adds to the rate of a state, the only one if none is said."""
+    """A curve as ``answers.yaml`` has it: a force adds to a state's rate, the only one if none is said."""
     place, target, over = curve
     known = target.removeprefix("force on ").removeprefix("rate of ")
     only = {t for line in map(read, places) if line.place == place for t in line.targets}
