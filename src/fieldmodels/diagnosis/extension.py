@@ -124,7 +124,8 @@ def _tuned(
         change = made.curves[k].coefficients[-1]
         period *= float(np.exp(np.clip(change, -MOST_LONGER, MOST_LONGER)))
         basis = wave((knots - knots[0]) / period, 1.0)
-        first = np.linalg.lstsq(basis, made.curves[k].basis @ made.curves[k].coefficients, rcond=None)[0]
+        shown = made.curves[k].basis @ made.curves[k].coefficients
+        first = np.asarray(np.linalg.lstsq(basis, shown, rcond=None)[0], dtype=np.float64)
         formula = f"{WAVE} {period:.3g} {one.curve.over_unit}"
         one = replace(one, curve=replace(one.curve, period=period, formula=formula), basis=basis,
                       coefficients=first, covariance=np.zeros((2, 2)))  # fmt: skip

@@ -46,7 +46,7 @@ class Delivery:
     def over_stated(self) -> float:
         """The largest ratio of an output's error to the stated one.
 
-        Where the nominal simulation errs more on the third record than on the second, so may the extended one.
+        Where the nominal simulation errs more on the third record than on the second, so may this one.
         """
         harder = {name: max(self.before[name] / max(b, 1e-300), 1.0) for name, (b, _) in self.stated.items()}
         return _largest(self.after, {name: e * harder[name] for name, (_, e) in self.stated.items()})
@@ -116,7 +116,7 @@ def _predicted(
     """Error of each output on windows of its own length, and how many samples it was compared with."""
     model, names = simulation.model, [o.name for o in simulation.model.outputs]
     model = WholeRecords(model) if model.whole_records else model
-    result = {}
+    result = dict[str, tuple[float, float]]()
     for horizon in dict.fromkeys(horizons.values()):
         prediction = predict(build(model, records, horizon), simulation.vector)
         errors, counts = prediction.rmse(), prediction.counts.sum(axis=0)

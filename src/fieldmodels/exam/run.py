@@ -292,7 +292,7 @@ def regained_of(attainable: Mapping[str, Any] | None, delivery: Delivery) -> flo
     before, after = (errors[attainable["output"]] for errors in (delivery.before, delivery.after))
     if not before > 0.0:
         return None
-    return round(max((1.0 - after / before) / attainable["share"], LEAST_REGAINED), 4)
+    return round(max((1.0 - after / before) / float(attainable["share"]), LEAST_REGAINED), 4)
 
 
 def _hidden(case: Case, sizes: Sequence[float]) -> list[Hidden]:

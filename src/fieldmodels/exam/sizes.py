@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def with_third(
             logs = [Log(float(data["step"]), data[f"inputs_{k}"], data[f"outputs_{k}"]) for k in range(3)]
     else:
         logs = [*records(bench, hidden, conditions, seed), bench.log(hidden, conditions, seed, THIRD)]
-        columns = {f"inputs_{k}": log.inputs for k, log in enumerate(logs)}
+        columns: dict[str, Any] = {f"inputs_{k}": log.inputs for k, log in enumerate(logs)}
         columns |= {f"outputs_{k}": log.outputs for k, log in enumerate(logs)}
         kept.parent.mkdir(parents=True, exist_ok=True)
         with replacing(kept) as path, path.open("wb") as file:

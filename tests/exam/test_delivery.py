@@ -1,0 +1,66 @@
+"""What is handed over is written, loaded and run on a record that had no say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldmodels.diagnosis.result import Estimate
+from fieldmodels.diagnosis.use import Simulation, written
+from fieldmodels.exam.delivery import Stated, deliver
+from fieldmodels.registry import get_model
+from fieldmodels.synthesis import synthesise
+
+RIG = get_model("rig")
+TRUTH = {"coulomb_friction": {"force": 0.6}}
+NOISE = {output.name: output.noise for output in RIG.outputs}
+THIRD = synthesise(RIG, TRUTH, "mixed", duration=20.0, amplitude=8.0, rng=np.random.default_rng(5))
+
+
+def handed(effects: Mapping[str, Mapping[str, float]], errors: float = 1.0) -> Stated:
+    """A rig with these effects, whose errors are said to be so many times the noise; without any it errs thrice."""
+
+    def exactly(values: Mapping[str, float]) -> dict[str, Estimate]:
+        return {name: Estimate(value, 0.0, "1") for name, value in values.items()}
+
+    base = exactly({p.name: p.nominal for p in RIG.parameters})
+    return Stated(
+        file=written(RIG, base, {name: exactly(values) for name, values in effects.items()}),
+        errors={name: (3.0 * noise, errors * noise) for name, noise in NOISE.items()},
+        horizons=dict.fromkeys(NOISE, 0.5),
+        nominal=Simulation(RIG, RIG.nominal),
+        extended=bool(effects),
+    )
+
+
+def test_the_truth_errs_as_the_sensors_do_and_the_nominal_simulation_more():
+    found = deliver(RIG, handed(TRUTH), [THIRD])
+    for name, noise in NOISE.items():
+        assert found.after[name] == pytest.approx(noise, rel=0.1)
+        assert found.before[name] > 2.0 * noise
+    assert not found.broken
+    assert found.over_before < 0.5
+
+
+def test_an_effect_that_the_file_lost_shows_in_what_is_delivered():
+    lost = deliver(RIG, replace(handed(TRUTH), file=handed({}).file), [THIRD])
+    assert lost.over_before == pytest.approx(1.0)
+    harder = max(lost.before[name] / (3.0 * noise) for name, noise in NOISE.items())
+    assert harder > 1.0  # and so much more may be delivered than is stated
+    assert lost.over_stated == pytest.approx(3.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        ({"coulomb_fiction": {"force": 1.0}}, "coulomb_friction"),
+        ({"coulomb_friction": {"force": -1.0}}, "force"),
+    ],
+)
+def test_what_does_not_load_has_delivered_nothing(effects: Mapping[str, Mapping[str, float]], words: str):
+    found = deliver(RIG, handed(effects), [THIRD])
+    assert words in found.broken
+    assert set(found.after.values()) == {np.inf}
