@@ -104,7 +104,7 @@ HEADLINES = {
 }
 """Task to the scenario of the README and its metric in short."""
 NOTES = {
-    "excitation": "`ppo` ties with `relative_error`, which searches the model: [what binds](excitation.md).",
+    "excitation": "`ppo` and `sac` tie with `relative_error`, a search of the model: [why](excitation.md).",
 }
 """What a table does not show."""
 COLUMNS = ("task, metric", "reference", "best classical", "best learned", "given hidden values")
