@@ -64,3 +64,12 @@ def test_what_does_not_load_has_delivered_nothing(effects: Mapping[str, Mapping[
     found = deliver(RIG, handed(effects), [THIRD])
     assert words in found.broken
     assert set(found.after.values()) == {np.inf}
+
+
+def test_a_lag_of_half_a_minute_loads_as_it_was_found():
+    """Without data a machine does not know how slow it is: what was found in them must load all the same."""
+    slow = {"actuator_lag": {"time_constant": 30.0}}
+    record = synthesise(RIG, slow, "mixed", duration=20.0, amplitude=8.0, rng=np.random.default_rng(5))
+    found = deliver(RIG, handed(slow), [record])
+    assert not found.broken
+    assert found.after["velocity"] == pytest.approx(NOISE["velocity"], rel=0.2)

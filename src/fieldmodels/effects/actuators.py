@@ -360,14 +360,14 @@ def _lag(names: Names, s: Sizes) -> Effect:
         "actuator_lag", "actuator",
         f"The {names.force} follows the command with a first-order lag (motor winding, valve).",
         "T dF/dt = u - F",
-        late("time_constant", s.step, 10.0),
+        late("time_constant", s, 10.0),
     )  # fmt: skip
 
 
 def _delay(_: Names, s: Sizes) -> Effect:
     return effect(
         "actuator_delay", "actuator", "The command acts late (bus, computing time).", "F(t) = u(t - T)",
-        late("delay", s.step, 2.0),
+        late("delay", s, 2.0),
     )  # fmt: skip
 
 

@@ -219,7 +219,7 @@ def _lag(n: Names, s: Sizes) -> Effect:
     return effect(
         "sensor_lag", "sensor", f"The {n.position} sensor follows with a first-order lag (filter).",
         f"T d(shown)/dt = {n.position} - shown",
-        late("time_constant", s.step, 10.0),
+        late("time_constant", s, 10.0),
     )  # fmt: skip
 
 
@@ -227,7 +227,7 @@ def _delay(n: Names, s: Sizes) -> Effect:
     return effect(
         "sensor_delay", "sensor", f"The {n.position} is shown late (filter, bus).",
         f"{n.position} shown (t) = {n.position}(t - T)",
-        late("delay", s.step, 2.0),
+        late("delay", s, 2.0),
     )  # fmt: skip
 
 

@@ -200,13 +200,14 @@ def span(
     return Parameter(name, unit, 1.0, least, most, 0.5 * starts[0], starts=starts, twins=twins)
 
 
-def late(name: str, step: float, upper: float) -> Parameter:
+def late(name: str, s: Sizes, upper: float) -> Parameter:
     """A delay or lag [s], sought from half a sample on.
 
     Args:
         name: Its name.
-        step: Between samples [s].
-        upper: The longest [s]; of slower samples the longest in hundredths of a sample.
+        s: Typical sizes: without data it may have any length.
+        upper: The longest that is sought [s]; of slower samples the longest in hundredths of a sample.
     """
-    starts = tuple(step * k for k in (0.5, 3.0, 10.0))
-    return Parameter(name, "s", 0.0, 0.0, upper * max(1.0, 100.0 * step), step, starts=starts)
+    starts = tuple(s.step * k for k in (0.5, 3.0, 10.0))
+    longest = upper * max(1.0, 100.0 * s.step) if s.measured else LARGE
+    return Parameter(name, "s", 0.0, 0.0, longest, s.step, starts=starts)
