@@ -21,7 +21,7 @@ THIRD = synthesise(RIG, TRUTH, "mixed", duration=20.0, amplitude=8.0, rng=np.ran
 
 
 def handed(effects: Mapping[str, Mapping[str, float]], errors: float = 1.0) -> Stated:
-    """A rig with these effects, whose errors are said to be so many times the noise; without any it errs thrice."""
+    """A rig with these effects, said to err by so many times the noise, and thrice it without any."""
 
     def exactly(values: Mapping[str, float]) -> dict[str, Estimate]:
         return {name: Estimate(value, 0.0, "1") for name, value in values.items()}
