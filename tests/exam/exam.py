@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # the field set and the rivals are no package of a user's
@@ -42,18 +42,19 @@ def run_set(
     """Run a set, or a sample of it, or what is left of that."""
     with progress() as report:
         if which in FIELD:
-            cases = [c for c in field_cases(FIELD[which], kinds, fresh) if c.machine in machines_of(by)]
+            askable = machines_of(by, PLANTS)
+            cases = [c for c in field_cases(FIELD[which], kinds, fresh) if c.machine in askable]
             return judge.run_cases(sample(cases, count), out, engine, report, BY[by])
-        chosen = cases_of(which, machines_of(by), kinds, count, fresh)  # type: ignore[arg-type]
+        machines = machines_of(by, examined() if by == "diagnosis" else bench_names())
+        chosen = cases_of(which, machines, kinds, count, fresh)  # type: ignore[arg-type]
         if by == "sindy":
             chosen = [c for c in chosen if "velocity" not in c.conditions.without and c.kind != "log"]
         return run.run_cases(chosen, out, engine=engine, progress=report, by=BY[by])
 
 
-def machines_of(by: str) -> Sequence[str]:
-    """Machines of which somebody can be asked."""
-    known = {"diagnosis": (*examined(), *PLANTS), "forward": (*bench_names(), *PLANTS)}
-    return list(dict.fromkeys(known.get(by, rivals.CAN_BE_ASKED)))
+def machines_of(by: str, machines: Iterable[str]) -> list[str]:
+    """Those of some machines of which somebody can be asked."""
+    return [name for name in machines if by != "sindy" or name in rivals.CAN_BE_ASKED]
 
 
 def sample(cases: Sequence[FieldCase], count: int | None) -> Sequence[FieldCase]:
