@@ -113,6 +113,7 @@ def save_yaml(data: Any, path: str | Path) -> None:
     stream = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
+    yaml.width = 1_000_000  # a key that is broken over two lines is none
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.dump(data, stream)
     write_text(Path(path), stream.getvalue())

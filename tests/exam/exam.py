@@ -10,8 +10,10 @@ to develop on, ``field-report`` the one to report on.
 from __future__ import annotations
 
 import argparse
+import math
+import statistics
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # the field set and the rivals are no package of a user's
@@ -88,11 +90,36 @@ def _rates(rows: Sequence[Row]) -> list[str]:
     false = [row for row in rows if row["outcome"] in FALSE]
     certain = sum((row.get("stated") or 0.0) >= table.CERTAIN for row in false)
     silent = sum(row["outcome"] == "silent" for row in rows)
-    low, high = table.wilson(right, len(rows))
-    return [
-        f"{right}/{len(rows)} ({low:.0f} to {high:.0f} %)",
-        *(str(n) for n in (len(false), silent, certain)),
-    ]
+    return [_rate(right, len(rows)), *(str(n) for n in (len(false), silent, certain))]
+
+
+COLUMNS = ("right", "false", "falsely certain", "regain 80 % of what can be", "worse than before")
+
+
+def versus(answers: Mapping[str, Sequence[Row]]) -> str:
+    """A table of what several make of the same cases, a line for each of them."""
+    lines = [f"| by | {' | '.join(COLUMNS)} | processor s |", "|---" * (len(COLUMNS) + 2) + "|"]
+    for by, rows in answers.items():
+        counted = [r for r in rows if r["outcome"] not in table.NOT_COUNTED and not {*r["hidden"]} & {*LATER}]
+        false = [r for r in counted if r["outcome"] in FALSE]
+        known = (r for r in counted if r["outcome"] == "failed" or r.get("regained") is not None)
+        sought = [r for r in known if r["kind"] != "nothing"]
+        extended = [r for r in counted if r.get("extended")]
+        cells = [
+            _rate(sum(r["outcome"] in (*SAID, "consistent") for r in counted), len(counted)),
+            _rate(len(false), len(counted)),
+            _rate(sum((r.get("stated") or 0.0) >= table.CERTAIN for r in false), len(counted)),
+            _rate(sum((r["regained"] or 0.0) >= table.MOST for r in sought), len(sought)),
+            _rate(sum((r["over_before"] or math.inf) > table.WORSE for r in extended), len(extended)),
+            f"{statistics.median(r['seconds'] for r in counted):.1f}",
+        ]
+        lines.append(f"| {by} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _rate(count: int, cases: int) -> str:
+    low, high = table.wilson(count, cases)
+    return f"{count}/{cases} ({low:.0f} to {high:.0f} %)"
 
 
 def main() -> None:
@@ -121,8 +148,11 @@ def main() -> None:
     written = table.write(rows, out)
     text = written["exam.md"].read_text(encoding="utf-8")
     if given.set in FIELD:
-        text = by_kind(rows) + "\n" + text
-        written["exam.md"].write_text(text, encoding="utf-8")
+        text = by_kind(rows)
+    if given.by != "diagnosis":  # beside what the diagnosis has made of the same cases
+        keys, log = {row["key"] for row in rows}, Path("results") / f"exam-{given.set}" / "cases.jsonl"
+        own = {row["key"]: row for row in run.read_rows(log) if row["key"] in keys}
+        text = versus({"diagnosis": [*own.values()], given.by: [r for r in rows if r["key"] in own]})
     print(text)
     if given.publish:
         table.put(text, given.publish, MARK.format(given.set, given.by))

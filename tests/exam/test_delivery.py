@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from fieldmodels.diagnosis.use import Simulation, written
 from fieldmodels.exam.delivery import Stated, deliver
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
+from fieldmodels.yaml import load_yaml, save_yaml
 
 RIG = get_model("rig")
 TRUTH = {"coulomb_friction": {"force": 0.6}}
@@ -73,3 +75,11 @@ def test_a_lag_of_half_a_minute_loads_as_it_was_found():
     found = deliver(RIG, handed(slow), [record])
     assert not found.broken
     assert found.after["velocity"] == pytest.approx(NOISE["velocity"], rel=0.2)
+
+
+@pytest.mark.parametrize("words", [1, 12, 40])
+def test_a_file_holds_names_of_any_length(words: int, tmp_path: Path):
+    """A curve is named by what it depends on, which may be long."""
+    data = {"effects": {f"force_over_{' times '.join(['voltage'] * words)}": {"at_1": 0.5}}, "equations": {}}
+    save_yaml(data, tmp_path / "extended.yaml")
+    assert load_yaml(tmp_path / "extended.yaml") == data
