@@ -36,6 +36,7 @@ from fieldmodels.exam.scoring import FALSE, SAID
 BY = {"diagnosis": ask, "forward": rivals.forward, "sindy": rivals.sindy}
 FIELD = {"field": "develop", "field-report": "report"}
 MARK = "{} by {}"
+PUBLISHED = ("All machines", "Stated probabilities")
 
 
 def run_set(
@@ -48,7 +49,7 @@ def run_set(
             cases = [c for c in field_cases(FIELD[which], kinds, fresh) if c.machine in askable]
             return judge.run_cases(sample(cases, count), out, engine, report, BY[by])
         machines = machines_of(by, examined() if by == "diagnosis" else bench_names())
-        chosen = cases_of(which, machines, kinds, count, fresh)  # type: ignore[arg-type]
+        chosen = cases_of(which, machines, kinds, count, fresh)
         if by == "sindy":
             chosen = [c for c in chosen if "velocity" not in c.conditions.without and c.kind != "log"]
         return run.run_cases(chosen, out, engine=engine, progress=report, by=BY[by])
@@ -83,6 +84,14 @@ def by_kind(rows: Sequence[Row]) -> str:
             later = " (counts later)" if name in LATER else ""
             lines.append(f"| {name}{later} | {' | '.join(_rates(own))} |")
     return "\n".join(lines) + "\n"
+
+
+def published(rows: Sequence[Row]) -> str:
+    """What stands in the docs of a set: its kinds if it is of the field, rates, stated probabilities."""
+    found = table.summary(rows)
+    wanted = [one for one in table.tables(found, single_cases=False) if one[0] in PUBLISHED]
+    of_field = [by_kind(rows)] if rows[0]["set"].startswith("field") else []
+    return "\n".join([*of_field, table.of_tables(wanted)])
 
 
 def _rates(rows: Sequence[Row]) -> list[str]:
@@ -145,10 +154,8 @@ def main() -> None:
     rows = run_set(
         given.set, given.by, given.cases, given.kind, given.fresh, out, Engine(workers=given.workers)
     )
-    written = table.write(rows, out)
-    text = written["exam.md"].read_text(encoding="utf-8")
-    if given.set in FIELD:
-        text = by_kind(rows)
+    table.write(rows, out)
+    text = published(rows)
     if given.by != "diagnosis":  # beside what the diagnosis has made of the same cases
         keys, log = {row["key"] for row in rows}, Path("results") / f"exam-{given.set}" / "cases.jsonl"
         own = {row["key"]: row for row in run.read_rows(log) if row["key"] in keys}

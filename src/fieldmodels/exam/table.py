@@ -432,8 +432,14 @@ def _notes(found: Mapping[str, Any]) -> list[str]:
 
 def markdown(found: Mapping[str, Any]) -> str:
     """The rates as Markdown, without single cases."""
-    parts = ["\n".join(f"- {note}" for note in _notes(found))]
-    for title, header, rows in tables(found, single_cases=False):
+    notes = "\n".join(f"- {note}" for note in _notes(found))
+    return f"{notes}\n\n{of_tables(tables(found, single_cases=False))}"
+
+
+def of_tables(made: Sequence[Table]) -> str:
+    """Tables as Markdown."""
+    parts = []
+    for title, header, rows in made:
         lines = [f"**{title}**", "", _line(header), _line(["---"] * len(header))]
         parts.append("\n".join(lines + [_line(row) for row in rows]))
     return "\n\n".join(parts) + "\n"

@@ -37,7 +37,7 @@ def vary(number: str, by: By) -> Fault:
             setattr(other, number, getattr(p, number) * by(k, t, x, u, p))
             return rates(t, x, u, other)
 
-        return varied  # type: ignore[return-value]
+        return varied
 
     return Fault(rates=(make,))
 
@@ -51,7 +51,7 @@ def driven(by: By, channel: int = 0) -> Fault:
             u[channel] += by(k, t, x, u, p)
             return rates(t, x, u, p)
 
-        return other  # type: ignore[return-value]
+        return other
 
     return Fault(rates=(make,))
 

@@ -37,7 +37,6 @@ from .faults import (
 from .plants import NOTHING, PLANTS, Array, Fault, Plant, Size
 from .records import (
     BOTH_WAYS,
-    NONE,
     ONE_WAY,
     STAIRS,
     Form,
@@ -46,6 +45,7 @@ from .records import (
     gentle,
     levels,
     long_steps,
+    none,
     one_step,
     spikes,
     stuck_bit,
@@ -76,7 +76,7 @@ def let_go(state: int, least: float, most: float) -> Form:
         result[state] = rng.choice([-1.0, 1.0]) * rng.uniform(least, most)
         return result
 
-    return Form(rows=250, files=6, commands=(NONE, NONE), start=start, control=given, about=(0.0,))
+    return Form(rows=250, files=6, commands=(none, none), start=start, control=given, about=(0.0,))
 
 
 def stands(rng: Rng, plant: Plant, p: Numbers) -> Array:
@@ -88,7 +88,7 @@ def rims(width: float) -> Fault:
     """Small speeds of a robot's wheels are not carried out."""
     track = PLANTS["pose_reaching"].numbers["track"]
 
-    def make(k: Size):  # type: ignore[no-untyped-def]
+    def make(k: Size):
         def act(t: float, u: Array, x: Array) -> Array:
             half = 0.5 * track * u[1]
             left, right = (
@@ -167,7 +167,7 @@ def nothing(form: Form) -> tuple[Way, ...]:
     return tuple(Way(one, form=form) for one in PLANTS)
 
 
-SHORT = Form(rows=150, files=20, commands=(one_step, NONE))
+SHORT = Form(rows=150, files=20, commands=(one_step, none))
 SETTLED = Form(commands=(long_steps,))
 HAND = Form(by_hand=True, control=given, reach=0.3)
 STANDING = Form(start=stands, control=upright, reach=0.4, louder=0.3)
@@ -231,13 +231,13 @@ KINDS: Mapping[str, tuple[Way, ...]] = {
     ),
     "constant_speed_one_way": (
         Way("motor", MOTOR_DRY, Form(commands=(ONE_WAY,))),
-        Way("car", CAR_DRY, Form(commands=(ONE_WAY, NONE), about=(0.0, 0.0), reach=2.0)),
+        Way("car", CAR_DRY, Form(commands=(ONE_WAY, none), about=(0.0, 0.0), reach=2.0)),
         Way("servo", drag(1, 0.02, "inertia"), Form(1600, commands=(lambda g, n, h, s: ramps(g, n, False),))),
     ),
     "constant_speed_both_ways": (
         Way("motor", MOTOR_DRY, Form(commands=(BOTH_WAYS,))),
         Way("servo", SERVO_DRY, Form(rows=1600, commands=(lambda g, n, h, s: ramps(g, n, True),))),
-        Way("car", CAR_DRY, Form(commands=(BOTH_WAYS, NONE), about=(0.0, 0.0), reach=2.0)),
+        Way("car", CAR_DRY, Form(commands=(BOTH_WAYS, none), about=(0.0, 0.0), reach=2.0)),
     ),
     "staircase": (
         Way("motor", dead_zone(0.2), Form(commands=(STAIRS,))),
@@ -281,7 +281,7 @@ KINDS: Mapping[str, tuple[Way, ...]] = {
     "base_a_third": ways("motor tanks plate cylinder valve", faults={}, third=True),
     "base_a_third_and_fault": ways("motor tanks plate cylinder valve", third=True),
     "base_in_part": (
-        Way("car", CAR_DRY, Form(commands=(levels, NONE))),
+        Way("car", CAR_DRY, Form(commands=(levels, none))),
         Way("quadrotor", delay(0.02), Form(commands=(gentle,))),
         Way("rig", RIG_DRY, Form(commands=(lambda g, n, h, s: creeping(g, n),))),
     ),

@@ -30,7 +30,7 @@ class Motor(Machine):
         *sensor("speed", ("bias", "gain", "lag", "delay"), prefix="speed_"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         current = (input.voltage - p.resistance * state.current - p.constant * state.speed) / p.inductance
         return current, (p.constant * state.current - p.drag * state.speed) / p.inertia
 
@@ -52,7 +52,7 @@ class Tanks(Machine):
         *change("lower_outlet"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         upper = p.upper_outlet * math.sqrt(2.0 * GRAVITY * max(state.upper, 0.0))
         lower = p.lower_outlet * math.sqrt(2.0 * GRAVITY * max(state.lower, 0.0))
         return (p.flow * input.pump - upper) / p.area, (upper - lower) / p.area
@@ -73,7 +73,7 @@ class Plate(Machine):
         *change("loss"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         return (p.power * input.heater - p.loss * (state.plate - input.ambient)) / p.capacity
 
 
@@ -93,7 +93,7 @@ class Quadrotor(Machine):
         *change("hover"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         return state.climb, 9.81 * (input.thrust / p.hover - 1.0) - p.drag * state.climb
 
 
@@ -117,7 +117,7 @@ class Car(Machine):
         *sensor("speed", ("bias", "gain", "lag"), prefix="speed_"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         v = state.speed
         turn = v / p.wheelbase * math.tan(input.steer)
         return (
@@ -148,13 +148,13 @@ class Crane(Machine):
         *sensor("angle", ("bias", "gain", "delay"), prefix="angle_"),
     )
 
-    def moved(self, state, p):  # type: ignore[no-untyped-def]
+    def moved(self, state, p):
         return p.mass + p.load * math.sin(state.angle) ** 2
 
-    def swung(self, state, p):  # type: ignore[no-untyped-def]
+    def swung(self, state, p):
         return -math.cos(state.angle) / (p.cable * (p.mass + p.load * math.sin(state.angle) ** 2))
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         s, c = math.sin(state.angle), math.cos(state.angle)
         pulled = p.load * s * (p.cable * state.rate**2 + 9.81 * c)
         trolley = (input.force - p.damping * state.speed + pulled) / (p.mass + p.load * s * s)
@@ -181,7 +181,7 @@ class Cylinder(Machine):
         *sensor("pressure", ("bias", "gain", "lag"), prefix="pressure_"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         left = 1.0 - math.copysign(1.0, input.valve) * state.pressure / 6.0
         push = 1e5 * p.area * state.pressure - p.damping * state.speed - p.spring * state.position
         return state.speed, push / p.mass, p.rise * input.valve * left - p.squeeze * state.speed
@@ -203,7 +203,7 @@ class Valve(Machine):
         *change("largest"),
     )
 
-    def derivative(self, state, input, p):  # type: ignore[no-untyped-def]
+    def derivative(self, state, input, p):
         through = p.largest * math.exp(3.4 * (state.stem - 1.0))
         return (input.signal - state.stem) / p.travel, (through - state.flow) / p.fill
 

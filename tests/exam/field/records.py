@@ -40,7 +40,11 @@ def plateaus(values: Sequence[float]) -> Commands:
 ONE_WAY = plateaus((0.35, 0.5, 0.65, 0.8, 0.95, 0.75, 0.55, 0.4))
 BOTH_WAYS = plateaus((0.3, -0.3, 0.5, -0.5, 0.7, -0.7, 0.9, -0.9))
 STAIRS = plateaus((0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.7, 0.3, 0.0, -0.3, -0.6, -0.9, -0.5, -0.2))
-NONE: Commands = lambda rng, rows, hold, share: np.zeros(rows)  # noqa: E731
+
+
+def none(rng: Rng, rows: int, hold: tuple[int, int], share: float) -> Array:
+    """Nothing is commanded."""
+    return np.zeros(rows)
 
 
 def one_step(rng: Rng, rows: int, hold: tuple[int, int], share: float) -> Array:
