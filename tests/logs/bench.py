@@ -115,3 +115,54 @@ def drive(cause: str, seed: int, rate: float = 50.0, seconds: float = 60.0) -> R
     names = ("left_command", "right_command", "x", "y", "heading")
     signals = dict(zip(names, (*told, *pose.T), strict=True))
     return Run("differential_drive", cause, step * np.arange(n), signals)
+
+
+def joint(
+    cause: str, seed: int, rate: float = 100.0, seconds: float = 40.0, hold: int = 1, pace: float = 10.0
+) -> Run:
+    """A joint that a PD controller leads to set-points, at its natural frequency ``pace`` [rad/s]."""
+    rng = np.random.default_rng(seed)
+    n, step = int(rate * seconds), 1 / rate
+    told = commands(rng, n, step, 0.6)[np.arange(n) // hold * hold]
+    actuator, friction = Actuator(cause, step, 0.6), 0.05 if cause == "coulomb_friction" else 0.0
+    x = v = 0.0
+    place = np.empty(n)
+    for k in range(n):
+        place[k] = x
+        for _ in range(FINE):
+            free = v + step / FINE * ((actuator(told[k]) - x) * pace**2 - 1.4 * pace * v)
+            v = np.sign(free) * max(abs(free) - step / FINE * friction * pace**2, 0.0)
+            x += step / FINE * v
+    place += 5e-4 * rng.standard_normal(n)
+    return Run("servo", cause, step * np.arange(n), {"set_point": told, "position": place})
+
+
+def swing(seed: int, rate: float = 100.0, seconds: float = 30.0) -> Run:
+    """A pendulum that swings out from 1 rad against Coulomb friction; nothing commands it."""
+    rng = np.random.default_rng(seed)
+    n, step = int(rate * seconds), 1 / rate
+    place, x, v = np.empty(n), 1.0, 0.0
+    for k in range(n):
+        place[k] = x
+        for _ in range(FINE):
+            free = v - step / FINE * (16 * np.sin(x) + 0.02 * v)
+            v = np.sign(free) * max(abs(free) - step / FINE * 0.12, 0.0)
+            x += step / FINE * v
+    place += 1e-3 * rng.standard_normal(n)
+    return Run("pendulum", "coulomb_friction", step * np.arange(n), {"angle": place})
+
+
+def follower(
+    model: str, cause: str, told: np.ndarray, step: float, lag: float, late: float = 0.0, noise: float = 0.02
+) -> Run:
+    """What follows ``told`` with a lag [s], ``late`` seconds after it: ``command`` and ``response``."""
+    rng = np.random.default_rng(len(told))
+    rows = np.arange(len(told)) - round(late / step)
+    acted = np.where(rows < 0, told[0], told[rows.clip(0)])
+    response, share = np.empty(len(told)), -np.expm1(-step / lag)
+    state = acted[0]
+    for k, value in enumerate(acted):
+        response[k] = state
+        state += share * (value - state)
+    response += noise * rng.standard_normal(len(told))
+    return Run(model, cause, step * np.arange(len(told)), {"command": told, "response": response})

@@ -1,0 +1,98 @@
+"""What a log of the field must lead to: the truth behind it, what must be said, what its owner adds."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from bench import Run
+from foreign import Log
+
+
+@dataclass(frozen=True)
+class Told(Log):
+    """A log, the truth behind it, and all that must be told about it.
+
+    ``run.model`` is the machine that its owner has: a stock one, or the Python file beside the log.
+    ``options`` holds what the owner says and no reader can know: ``columns`` as on the command line, by
+    native names, ``rate`` [Hz], or ``input`` "none".
+
+    Attributes:
+        columns: Of each signal, and of ``t`` where there is one, ``name:unit``: the native name
+            (``message.field``; a reader may separate them otherwise) and, after the last colon, the unit
+            that the file states, nothing where it states none.
+        parts: The runs one after the other where the file holds several (rollouts, episodes, segments).
+        rows: Kind of fault -> where it stands: lines of the file from 1, of a stretch its first and last.
+        said: Regular expressions, each of which what is said must match.
+        refused: The same, of the refusal; then ``run`` and ``columns`` are those of ``remedy``.
+        remedy: What a person has who followed the refusal's advice, as the command line takes it.
+    """
+
+    columns: dict[str, str] = field(default_factory=dict)
+    parts: tuple[Run, ...] = ()
+    rows: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+    remedy: str = ""
+
+
+LOGS: dict[str, Callable[[Path], Told]] = {}
+
+
+def log(make: Callable[[Path], Told]) -> Callable[[Path], Told]:
+    """Register the maker of a log, which writes into a folder of its own and says in its docstring what."""
+    LOGS[make.__name__] = make
+    return make
+
+
+def entry(source: str | Path, run: Run, columns: str, **more: Any) -> Told:
+    """A log whose maker's docstring says what it is; columns as ``signal=name:unit; ...``."""
+    pairs = dict(one.split("=", 1) for one in columns.split("; "))
+    return Told("", str(source), run, columns=pairs, **more)
+
+
+def names(which: str) -> list[str]:
+    """The logs of a set, ``develop`` or ``report``: drawn by a hash of their names, not by hand."""
+    import formats  # noqa: F401  # its makers register themselves
+
+    return [name for name in LOGS if zlib.crc32(name.encode()) % 2 == (which == "report")]
+
+
+def made(name: str, folder: Path) -> Told:
+    """Write one log.
+
+    Raises:
+        ImportError: If the library that writes its format is missing.
+    """
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    about = (LOGS[name].__doc__ or "").partition("\n")[0].rstrip(".")
+    return replace(LOGS[name](folder / name), about=about)
+
+
+MACHINE = '''"""A first-order machine of the user's own."""
+
+from fieldmodels.effects import actuator, sensor
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
+
+
+class Mine(Machine):
+    inputs = (Signal("command", "{command}"),)
+    states = outputs = (Signal("response", "{response}", noise={noise}),)
+    gain = number("{gain}", 1.0, 1e-6, 1e6)
+    time_constant = number("s", 0.05, 1e-3, 100.0)
+    effects = actuator("command") + sensor("response")
+
+    def derivative(self, state, input, p):
+        return (p.gain * input.command - state.response) / p.time_constant
+'''
+
+
+def machine(folder: Path, command: str, response: str, gain: str, noise: float = 0.02) -> str:
+    """Write a machine of the user's own; its path, as a model's name."""
+    path = folder / "machine.py"
+    path.write_text(MACHINE.format(command=command, response=response, gain=gain, noise=noise))
+    return str(path)
