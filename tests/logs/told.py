@@ -56,7 +56,8 @@ def entry(source: str | Path, run: Run, columns: str, **more: Any) -> Told:
 
 def names(which: str) -> list[str]:
     """The logs of a set, ``develop`` or ``report``: drawn by a hash of their names, not by hand."""
-    import formats  # noqa: F401  # its makers register themselves
+    import formats  # noqa: F401  # their makers register themselves
+    import kinds  # noqa: F401
 
     return [name for name in LOGS if zlib.crc32(name.encode()) % 2 == (which == "report")]
 
