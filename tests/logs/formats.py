@@ -168,7 +168,7 @@ def ardupilot(folder: Path) -> Told:
     return entry(
         dataflash(folder / "00000017.BIN", formats, rows),
         run,
-        "t=ATT.TimeUS:s; set_point=ATT.DesRoll:deg; position=ATT.Roll:deg",
+        "t=ATT.TimeUS:us; set_point=ATT.DesRoll:deg; position=ATT.Roll:deg",
     )
 
 
@@ -180,7 +180,7 @@ def mavlink(folder: Path) -> Told:
     """
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-    run = joint("actuator_dead_zone", 204, rate=20.0, seconds=120.0, hold=2, pace=2.0)
+    run = joint("actuator_dead_zone", 204, rate=20.0, hold=2, pace=3.0)
     told, roll = signals(run)
     copter, station = (dialect.MAVLink(None, srcSystem=one) for one in (1, 255))
     rng = np.random.default_rng(204)

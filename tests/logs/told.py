@@ -39,13 +39,21 @@ class Told(Log):
     remedy: str = ""
 
 
-LOGS: dict[str, Callable[[Path], Told]] = {}
+_MAKERS: dict[str, Callable[[Path], Told]] = {}
 
 
 def log(make: Callable[[Path], Told]) -> Callable[[Path], Told]:
     """Register the maker of a log, which writes into a folder of its own and says in its docstring what."""
-    LOGS[make.__name__] = make
+    _MAKERS[make.__name__] = make
     return make
+
+
+def makers() -> dict[str, Callable[[Path], Told]]:
+    """All makers by the names of their logs."""
+    import formats  # noqa: F401  # they register themselves
+    import kinds  # noqa: F401
+
+    return _MAKERS
 
 
 def entry(source: str | Path, run: Run, columns: str, **more: Any) -> Told:
@@ -56,10 +64,7 @@ def entry(source: str | Path, run: Run, columns: str, **more: Any) -> Told:
 
 def names(which: str) -> list[str]:
     """The logs of a set, ``develop`` or ``report``: drawn by a hash of their names, not by hand."""
-    import formats  # noqa: F401  # their makers register themselves
-    import kinds  # noqa: F401
-
-    return [name for name in LOGS if zlib.crc32(name.encode()) % 2 == (which == "report")]
+    return [name for name in makers() if zlib.crc32(name.encode()) % 2 == (which == "report")]
 
 
 def made(name: str, folder: Path) -> Told:
@@ -69,8 +74,8 @@ def made(name: str, folder: Path) -> Told:
         ImportError: If the library that writes its format is missing.
     """
     (folder / name).mkdir(parents=True, exist_ok=True)
-    about = (LOGS[name].__doc__ or "").partition("\n")[0].rstrip(".")
-    return replace(LOGS[name](folder / name), about=about)
+    about = (makers()[name].__doc__ or "").partition("\n")[0].rstrip(".")
+    return replace(makers()[name](folder / name), about=about)
 
 
 MACHINE = '''"""A first-order machine of the user's own."""
