@@ -18,6 +18,7 @@ from fieldmodels.recording.files import named, recording_of
 from fieldmodels.recording.proposals import Proposal, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
+from fieldmodels.recording.units import is_unit, is_unscaled
 from fieldmodels.rounding import listed as in_words
 
 Ask = Callable[[str], bool]
@@ -82,7 +83,7 @@ class Logs:
                 return _over(bench, declared)
         needed = [s.name for s in (*self.model.inputs, *self.model.outputs) if not s.optional]
         needed += [] if self.rate else [TIME]
-        plain = all(n in declared.columns or named(n, table) in table.header for n in needed)
+        plain = all(n in declared.columns or _plainly(named(n, table), table) for n in needed)
         return declared if plain else None
 
     def _proposed(self, table: Table, declared: Bench) -> Bench:
@@ -150,6 +151,12 @@ def asked(question: str) -> bool:
     """Put a question to the user at the terminal."""
     print(question, end=" [y/N] ", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja", "o", "oui", "s", "si", "sì")
+
+
+def _plainly(column: str, table: Table) -> bool:
+    """Whether a file has a column, and what the header says of its unit, if anything, is one."""
+    unit = table.units.get(column, "")
+    return column in table.header and (not unit or is_unit(unit) or is_unscaled(unit))
 
 
 def _over(bench: Bench, declared: Bench) -> Bench:

@@ -10,11 +10,11 @@ from fieldmodels.machine import Machine, number
 from fieldmodels.model import Signal
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.bench import Bench, Channel
-from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.evidence import counts
 from fieldmodels.recording.files import load_recording
 from fieldmodels.recording.proposals import propose
 from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.words import unit_of
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fieldmodels.recording.units import is_unit
+from fieldmodels.recording.words import names_and_units
 
 Kind = Literal["number", "time", "text"]
 
 COMMENTS = ("#", "%", "//", "!")
-LETTERS = ("N", "V", "A", "s")
-"""Units of one letter that a name may end with, as in ``F_N``."""
 MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
 """Cells that say that there is no value."""
 
@@ -132,7 +130,7 @@ def sniff(text: str, encoding: str) -> Dialect:
     if not any(texts):
         said = [line for i, line in lines if i < skip and line.lstrip().startswith(COMMENTS)]
         texts = [header_cells(re.sub(r"^\s*(#|%|//|!)+", "", line), delimiter, width) for line in said[-3:]]
-    names, units = _names_and_units([t for t in texts if t], width)
+    names, units = names_and_units([t for t in texts if t], width)
     return Dialect(
         encoding=encoding,
         delimiter=delimiter,
@@ -154,24 +152,6 @@ def header_cells(line: str, delimiter: str, width: int) -> list[str]:
     if len(cells) == width - 1 and delimiter != " ":  # rows end with a separator, the header does not
         cells.append("")
     return cells if len(cells) == width and any(cells) else []
-
-
-def unit_of(name: str) -> str:
-    """The unit that a column's name states, empty for none: ``angle [deg]``, ``power/W``, ``pos_deg``."""
-    bracketed = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
-    if bracketed:
-        return bracketed[1].strip() if "[" in bracketed[0] or is_unit(bracketed[1]) else ""
-    parts = [] if name.startswith("/") else name.split("/")  # a topic has a path
-    for i in range(1, len(parts)):  # the whole of rad/s before its s
-        last = "/".join(parts[i:]).strip()
-        if parts[0].strip() and is_unit(last) and not last.isdigit():
-            return last
-    for separator in (" in ", "/", "_", " "):
-        bare, found, last = name.rpartition(separator)
-        short = len(last) > 1 or (separator == "_" and last in LETTERS)
-        if found and bare and short and is_unit(last) and not last.isdigit():
-            return last
-    return ""
 
 
 def _separators(body: Sequence[str]) -> tuple[str, tuple[str, str]]:
@@ -215,20 +195,6 @@ def _is_text(row: Sequence[str], kinds: Sequence[Kind], number: re.Pattern[str],
     if not judged:
         return not after_text or not any(c for c in row)
     return sum(judged) > 0.5 * len(judged) if after_text else any(judged)
-
-
-def _names_and_units(texts: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
-    """Which line above the data names the columns, and which states their units."""
-    units = [""] * width
-    rest = list(texts)
-    for line in reversed(texts):
-        said = [c.strip("[]() ") for c in line if c.strip("[]() ")]
-        if len(rest) > 1 and said and sum(is_unit(c) for c in said) > 0.5 * len(said):
-            units = [c.strip("[]() ") for c in line]
-            rest.remove(line)
-            break
-    names = list(rest[0 if len(rest) > 1 else -1]) if rest else [""] * width
-    return names, [unit or unit_of(name) for name, unit in zip(names, units, strict=True)]
 
 
 def _usual(widths: Sequence[int]) -> int:

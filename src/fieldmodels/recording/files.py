@@ -27,6 +27,7 @@ from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
 from fieldmodels.recording.tables import EMPTY, REMEDY, Problem, Table, write_table
 from fieldmodels.recording.units import UnitError, factor, si_unit
+from fieldmodels.recording.words import short
 
 LEAST_SCALED = 50
 """Number of rows above which the sampling rate of a recording indicates a slow bench."""
@@ -263,14 +264,10 @@ def named(signal: str, table: Table) -> str:
     if signal in table.header:
         return signal
     for wanted in (signal, *_USUAL.get(signal, ())):
-        alike = [n for n in table.header if _bare(n) == wanted]
+        alike = [n for n in table.header if short(n) == wanted]
         if len(alike) == 1:
             return alike[0]
     return signal
-
-
-def _bare(name: str) -> str:
-    return name.split("[")[0].split("(")[0].strip().lower()
 
 
 def _convert(table: Table, model: Model | None, signal: str, channel: Channel) -> _Column:

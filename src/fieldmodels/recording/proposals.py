@@ -27,7 +27,15 @@ from fieldmodels.recording.evidence import (
 )
 from fieldmodels.recording.merging import held_or_between
 from fieldmodels.recording.tables import Table
-from fieldmodels.recording.units import UnitError, factor, is_unit, zero_of
+from fieldmodels.recording.units import (
+    UnitError,
+    converts,
+    factor,
+    is_unit,
+    is_unscaled,
+    known_units,
+    zero_of,
+)
 from fieldmodels.recording.words import is_time, meanings, other_quantity, suits
 
 DECLARED = "as declared"
@@ -230,11 +238,11 @@ def _clock(table: Table, horizon: float, values: Mapping[str, FloatArray]) -> Co
     score, name, named = max(scored, key=lambda s: s[0])
     if score < 0.5:
         return None
-    unit, why = table.units.get(name, ""), "its name, and the file states its unit"
-    sure = 1.0
-    if not unit:
+    unit, why, sure = table.units.get(name, ""), "its name, and the file states its unit", 1.0
+    if not unit or not converts(unit, "s"):
+        said = f"the header says ({unit}), which is no unit of time; " if unit else ""
         unit, why = clock_unit(values[name], horizon)
-        sure = 0.95 if named else 0.9
+        why, sure = said + why, 0.8 if said else 0.95 if named else 0.9
     return ColumnProposal(TIME, name, unit, confidence=sure, evidence=(why,))
 
 
@@ -375,8 +383,8 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
                 one = replace(one, unit=signal.unit, gain=gain * one.gain, offset=offset)
                 why = f"the file states {stated}, hence the offset, which a temperature difference has not"
                 return one.doubted(0.85, why)
-            one = one.doubted(0.6, f"the file states {stated}, which is no unit of {signal.name!r}")
-        if is_unit(stated):  # of another quantity, as a current for a torque
+            one = one.doubted(0.6, _not_read(stated, one, signal))
+        if is_unit(stated) or is_unscaled(stated):  # of another quantity, as a current for a torque
             return replace(one, unit=signal.unit).doubted(0.6, f"1 {stated} is taken as 1 {signal.unit}")
     unit, exact = signal.unit, one.confidence == 1.0
     if signal.unit == "rad":
@@ -391,7 +399,20 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
             return replace(one, unit=unit).doubted(0.85, why)
         unit = unit or "rad"
     sure = SURE if exact or signal.unit == "1" else 0.8
-    return replace(one, unit=unit).doubted(sure, f"no unit is stated; {unit} is assumed")
+    why = f"{unit} is assumed" if stated else f"no unit is stated; {unit} is assumed"
+    return replace(one, unit=unit).doubted(sure, why)
+
+
+def _not_read(stated: str, one: ColumnProposal, signal: Signal) -> str:
+    """Why a stated unit is not taken for a signal, and how to say what it is."""
+    if is_unit(stated) or is_unscaled(stated):
+        size = "has no size" if is_unscaled(stated) else f"is no unit of {signal.name!r}"
+        return f"the file states {stated}, which {size}"
+    close = did_you_mean(stated, known_units()).partition(" (known")[0]
+    return (
+        f"the header says ({stated}), which is no unit that is known{close}; declare it as "
+        f"'{signal.name}={one.column}:UNIT' if it is one"
+    )
 
 
 def _turning(view: _View, found: dict[str, ColumnProposal]) -> dict[str, ColumnProposal]:

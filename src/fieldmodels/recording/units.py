@@ -43,7 +43,7 @@ class UnitError(ValueError):
 
 def canonical(unit: str) -> str:
     """Return the project's spelling of a unit ("Nm" and "N*m" are "N m")."""
-    spelled = " ".join(re.sub(r"[*·]|(?<=[A-Za-z])\.(?=[A-Za-z])", " ", unit).strip(" []()").split())
+    spelled = " ".join(re.sub(r"[*·⋅]|(?<=[A-Za-z])[.-](?=[A-Za-z])", " ", unit).strip(" []()").split())
     return _SPELLINGS.get(spelled, _SPELLINGS.get(spelled.lower(), spelled))
 
 
@@ -53,9 +53,25 @@ def known_units() -> tuple[str, ...]:
     return tuple(dict.fromkeys(u for si, others in _UNITS.items() for u in (si, *others)))
 
 
-def is_unit(text: str) -> bool:
-    """Whether a header's word is one of the usual units."""
-    return bool(text.strip()) and canonical(text) in known_units()
+def is_unit(text: str, usual: bool = False) -> bool:
+    """Whether a word is a unit of a quantity that models have; one of the usual ones, if asked so."""
+    have = canonical(text)
+    if not text.strip(" []()") or have in known_units() or usual:
+        return bool(text.strip(" []()")) and have in known_units()
+    return any(_measures(have, si) for si in _UNITS if si != "1")  # pint's numbers are bits and mils
+
+
+def is_unscaled(text: str) -> bool:
+    """Whether a header's word counts something without saying what one is worth."""
+    return canonical(text).lower() in _UNSCALED
+
+
+def converts(unit: str, wanted: str) -> bool:
+    """Whether ``factor`` knows a number."""
+    try:
+        return factor(unit, wanted) > 0
+    except UnitError:
+        return False
 
 
 def other_units(wanted: str) -> dict[str, float]:
@@ -84,16 +100,13 @@ def factor(unit: str, wanted: str) -> float:
             f"'SIGNAL={gain}COLUMN:{want}'"
         )
     allowed = ", ".join([want, *others])
-    if have.lower() in _UNSCALED:
+    if is_unscaled(unit):
         raise UnitError(
             f"unit {unit!r} has no size; state what one is worth, as in 'SIGNAL=0.0015*COLUMN:{want}', or "
             f"'SIGNAL=0.0015*COLUMN%4096:{want}' if it wraps around at 4096"
         )
-    if have not in known_units() and want in _UNITS:
-        try:
-            return _ratio(have.replace(" ", "*"), want)
-        except UnitError:
-            pass
+    if have not in known_units() and want in _UNITS and _measures(have, want):
+        return _ratio(have.replace(" ", "*"), want)
     if have in known_units():
         raise UnitError(f"unit {unit!r} does not measure a quantity in {wanted!r} (possible: {allowed})")
     raise UnitError(f"unknown unit {unit!r}{did_you_mean(have, [want, *others])}; possible: {allowed}")
@@ -118,11 +131,17 @@ def si_unit(unit: str) -> tuple[str, float]:
     if homes:
         raise UnitError(f"unit {unit!r} could mean {' or '.join(homes)}; convert the column first")
     for si in _UNITS:
-        try:
+        if _measures(have, si):
             return si, _ratio(have.replace(" ", "*"), si)
-        except UnitError:
-            continue
     raise UnitError(f"unknown unit {unit!r}{did_you_mean(have, known_units())}")
+
+
+def _measures(unit: str, si: str) -> bool:
+    """Whether pint knows a unit, and as one of an SI unit's quantity."""
+    try:
+        return _ratio(unit.replace(" ", "*"), si) > 0
+    except UnitError:
+        return False
 
 
 @cache

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 from fieldmodels.model import Model, Signal
-from fieldmodels.recording.dialect import LETTERS, unit_of
-from fieldmodels.recording.units import UnitError, canonical, factor, is_unit, si_unit, zero_of
+from fieldmodels.recording.units import UnitError, canonical, converts, is_unit, is_unscaled, si_unit, zero_of
 from fieldmodels.yaml import load_yaml
 
 _SHORT = 4  # letters from which a word counts within a longer one (Sollmoment)
@@ -28,6 +28,10 @@ _NEAR = {
     frozenset(("force", "current")): 0.5, frozenset(("current", "voltage")): 0.3,
 }  # fmt: skip
 _PLACES = ("left", "right", "x", "y")
+_LETTERS = ("N", "V", "A", "s")  # units of one letter that a name may end with, as in F_N
+_BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)")
+_INDEX = re.compile(r"[\d\s.,:;+-]*\d[\d\s.,:;+-]*")
+_ARGUMENT = re.compile(r"(?<=\w)[(\[][tkin][)\]]")  # x(t) is no number of tonnes
 
 
 @cache
@@ -41,15 +45,106 @@ def _words() -> dict[str, frozenset[str]]:
     return {word: frozenset(found) for word, found in meanings.items()}
 
 
+def unit_of(header: str) -> str:
+    """The unit that a header states, known or not; empty for none: see ``without_unit``."""
+    return without_unit(header)[1]
+
+
+@cache
+def without_unit(header: str) -> tuple[str, str]:
+    """A column's name and the unit that its header states: the one place where units are read from names.
+
+    ``angle [deg]``, ``speed (rpm) left``, ``power/W``, ``x in mm`` and ``pos_deg`` state one. An index does
+    not (``control[0]``, ``motor (5)``), nor words in brackets that describe (``W (IMU)``). What else stands
+    in brackets is given as it is, whether or not it is a unit that anybody knows.
+    """
+    header = _ARGUMENT.sub("", header)
+    found = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETS.finditer(header)]
+    told = [(match, text) for match, text in found if text and not _INDEX.fullmatch(text)]
+    known = [
+        (match, text)
+        for match, text in told
+        if _is_stated(text, header[: match.start()], match[0][0] == "[" or not _describes(text))
+    ]
+    for match, text in (known or [one for one in told if not _describes(one[1])])[-1:]:
+        return f"{header[: match.start()]} {header[match.end() :]}".strip(), text
+    parts = [] if header.startswith("/") else header.split("/")  # a topic has a path
+    ends = [("/".join(parts[:i]), "/".join(parts[i:]), 1) for i in range(1, len(parts))]  # rad/s before its s
+    ends += [(*header.rpartition(mark)[::2], least) for mark, least in ((" in ", 1), ("_", 2), (" ", 2))]
+    for name, last, least in sorted(ends, key=lambda end: -len(end[1])):
+        name, last = name.strip(), last.strip()
+        long = len(last) >= least or (last in _LETTERS and header == f"{name}_{last}")
+        if name and long and not last.isdigit() and not set(last) & set("[]()") and _is_stated(last, name):
+            return name, last
+    return header, ""
+
+
+def names_and_units(above: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
+    """Which line above the data names the columns, and which states their units.
+
+    Args:
+        above: The last lines above the data, each a cell a column.
+        width: Number of columns.
+
+    Returns:
+        Names and units, empty where there are none.
+    """
+    units, rest = [""] * width, list(above)
+    for line in reversed(above[1:] and above):
+        cells = [cell.strip("[]() ") for cell in line]
+        said = [_is_stated(cell, "", not _describes(cell)) for cell in cells if cell]
+        if sum(said) > 0.5 * len(said):
+            units = cells
+            rest.remove(line)
+            break
+    whole = (line for line in rest if all(line) and len(set(line)) == width)  # no title, no row of groups
+    names = list(next(whole, rest[-1] if rest else [""] * width))
+    return names, [unit or unit_of(name) for name, unit in zip(names, units, strict=True)]
+
+
+def short(header: str) -> str:
+    """A name in lower case up to its first bracket."""
+    return re.split(r"[\[(]", header)[0].strip().lower()
+
+
+def _is_stated(text: str, name: str, sure: bool = False) -> bool:
+    """Whether a text is a unit: a usual one, or one of pint's, which knows "act" as a small tonne.
+
+    Args:
+        text: The text.
+        name: What it ends, of whose quantity one of pint's must be.
+        sure: Unless it stands in brackets, or in a row of units, and is no other word.
+    """
+    if is_unit(text, usual=True) or is_unscaled(text):
+        return True
+    if len(text) < 2 or not (sure or quantity(meanings(name), "")) or not is_unit(text):
+        return False
+    return sure or _alike(quantity(meanings(name), ""), quantity(frozenset(), text))
+
+
+def _describes(text: str) -> bool:
+    """Whether words in brackets say what a column is ("left", "IMU"), and so state no unit."""
+    return all(word in _words() for word in re.findall(r"[a-z]+", _plain(text).lower()))
+
+
+def _plain(text: str) -> str:
+    """Without accents."""
+    letters = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
+    return "".join(c for c in letters if not unicodedata.combining(c))
+
+
+def _alike(one: str, other: str) -> bool:
+    return bool(one) and (one == other or frozenset((one, other)) in _NEAR)
+
+
+@cache
 def meanings(name: str) -> frozenset[str]:
     """What the words of a name mean, and longer ones that no list contains; its unit is left aside."""
-    stated = unit_of(name)
-    name = name[: -len(stated)] if stated and name.endswith(stated) else name
-    bare = re.sub(r"[\[(][^\])]*[\])]", " ", name)
-    plain = unicodedata.normalize("NFKD", bare.replace("ß", "ss"))
-    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    plain = _plain(without_unit(name)[0])
     parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", plain)
-    if len(parts) > 1 and (parts[-1] in (*LETTERS, "m") or (is_unit(parts[-1]) and len(parts[-1]) > 1)):
+    if len(parts) > 1 and (
+        parts[-1] in (*_LETTERS, "m") or (is_unit(parts[-1], usual=True) and len(parts[-1]) > 1)
+    ):
         parts = parts[:-1]
     found: set[str] = set()
     for part in (p.lower() for p in parts):
@@ -66,7 +161,7 @@ def meanings(name: str) -> frozenset[str]:
             found.add("measured")
         elif not inside and len(part) >= _SHORT:
             found.add(f"'{part}'")
-    return frozenset(found)
+    return frozenset(found | ({"turn"} if {"heading", "velocity"} <= found else set()))
 
 
 def quantity(found: frozenset[str], unit: str) -> str:
@@ -89,13 +184,8 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
         signal: Of the model.
         model: Tells commands from measured signals.
     """
-    convertible = True
-    if unit and canonical(unit) != canonical(signal.unit):
-        try:
-            factor(unit, signal.unit)
-        except UnitError:
-            convertible = zero_of(unit, signal.unit) is not None
-    if re.split(r"[\[(]", name)[0].strip().lower() == signal.name and convertible:
+    convertible = not is_unit(unit) or converts(unit, signal.unit) or zero_of(unit, signal.unit) is not None
+    if short(name) == signal.name and convertible:
         return 1.0
     found, wanted = meanings(name), meanings(signal.name)
     theirs = quantity(found, unit)
@@ -110,8 +200,8 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
         score = 0.6 if command and "command" in found else 0.6 if found & wanted - {"measured"} else 0.0
     if not convertible:
         score = min(score, 0.55) if theirs == "current" else 0.0
-    if "turn" in wanted or "forward" in wanted or signal.name == "speed":
-        turning = "turn" in found or _turning(unit)
+    if "turn" in wanted or signal.unit == "m/s":  # a gyro shows the one, an encoder or odometry the other
+        turning = ("turn" in found and "forward" not in found) or (unit != "" and converts(unit, "rad/s"))
         score *= 0.3 if turning != ("turn" in wanted) else 1.0
     if (command and "measured" in found) or (not command and "command" in found and "measured" not in found):
         score *= 0.4 if signal not in model.measured_inputs else 0.1
@@ -134,18 +224,6 @@ def other_quantity(signal: Signal, unit: str) -> bool:
     )
 
 
-def _turning(unit: str) -> bool:
-    try:
-        return bool(unit) and si_unit(unit)[0] == "rad/s"
-    except UnitError:
-        return False
-
-
 def is_time(name: str, unit: str) -> bool:
     """Whether a column's unit says that it holds times, or its name where no known unit is stated."""
-    if unit:
-        try:
-            return si_unit(unit)[0] == "s"
-        except UnitError:
-            pass
-    return "time" in meanings(name)
+    return converts(unit, "s") if is_unit(unit) else "time" in meanings(name)

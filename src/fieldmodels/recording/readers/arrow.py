@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
-from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.tables import LARGEST, Problem, Table, check_size, collect, readable
+from fieldmodels.recording.words import unit_of
 
 _BLOCK = 1 << 20  # bytes
 _BATCH = 1 << 17  # rows decoded at once

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.recording.data import RecordingError
-from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.tables import Series, SeriesTable, readable
-from fieldmodels.recording.units import is_unit
+from fieldmodels.recording.words import names_and_units
 
 _LARGEST = 1 << 30  # bytes of unpacked XML
 
@@ -40,19 +39,17 @@ def _columns(path: Path, rows: Sequence[Sequence[Any]]) -> dict[str, Series]:
     if first is None:
         raise RecordingError(f"{path}: no sheet holds a table of numbers")
     above = [[str(c).strip() for c in row] for row in rows[:first] if any(str(c).strip() for c in row)]
-    said = [c for c in above[-1] if c] if above else []
-    stated = len(above) > 1 and sum(is_unit(c.strip("[]()")) for c in said) > 0.5 * len(said)
-    names = above[-2 if stated else -1] if above else []
+    wide = max(len(row) for row in rows[first : first + 100])
+    names, units = names_and_units([(row + [""] * wide)[:wide] for row in above[-3:]], wide)
     result: dict[str, Series] = {}
-    for j in range(max(len(row) for row in rows[first : first + 100])):
+    for j in range(wide):
         values = [_value(row[j]) if j < len(row) else None for row in rows[first:]]
         if all(v is None for v in values):
             continue
-        name = (names[j] if j < len(names) else "") or f"column {j + 1}"
-        unit = above[-1][j].strip("[]()") if stated and j < len(above[-1]) else unit_of(name)
+        name = names[j] or f"column {j + 1}"
         timed = isinstance(next(v for v in values if v is not None), np.datetime64)
         numbers = np.array([np.datetime64("NaT") if v is None else v for v in values]) if timed else values
-        result[name] = Series.of(numbers, "s" if timed else unit)
+        result[name] = Series.of(numbers, "s" if timed else units[j])
     return result
 
 

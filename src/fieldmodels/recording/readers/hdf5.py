@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.readers.nested import flattened
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
+from fieldmodels.recording.words import unit_of
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT")
 

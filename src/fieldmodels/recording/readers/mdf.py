@@ -7,8 +7,8 @@ from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
-from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
+from fieldmodels.recording.words import unit_of
 
 
 def read(path: Path) -> SeriesTable:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.recording.dialect import unit_of
 from fieldmodels.recording.tables import Series
+from fieldmodels.recording.words import unit_of
 
 _WIDEST = 64  # more columns than these in one array are no signals
 _TIMES = ("t", "time", "timestamp", "stamp", "zeit", "temps", "tiempo", "tempo", "timestamps")
