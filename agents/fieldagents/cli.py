@@ -409,6 +409,8 @@ _MODEL = (
 )
 _TEST = "Separate recording on which the gain is measured; repeatable."
 _COLUMN = "Which column holds a signal, as in `torque=-2.5*tau:N cm`, in all files or in one; repeatable."
+_ALIGN = """Move the clocks of several files of one run until their signals agree best: an assumption, under
+which no delay can be told."""
 _HOLD = """What the inputs do between samples: `held`, as a controller commands them, or `interpolated`, as
 sampled analogue signals (default: as the model says, or fits better)."""
 _WINDOW = """`record`: run through each episode from one start, for slow processes with hidden states
@@ -446,6 +448,7 @@ def diagnose(
     accept: Annotated[
         bool, typer.Option("--accept", help="Take the columns as proposed, and keep them in a `bench.yaml`.")
     ] = False,
+    align: Annotated[bool, typer.Option("--align", help=_ALIGN)] = False,
     hold: Annotated[Literal["held", "interpolated"] | None, typer.Option(help=_HOLD)] = None,
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
@@ -499,7 +502,7 @@ def diagnose(
 
         loop = load_loop(then_retune, chosen)
     ask = asked if sys.stdin.isatty() and not as_json else None
-    logs = Logs(chosen, declared(chosen, column or []), bench, rate, accept, ask)
+    logs = Logs(chosen, declared(chosen, column or []), bench, rate, accept, align, ask)
     recordings = [logs.read(source) for source in data]
     tests = [logs.read(source) for source in test or []]
 

@@ -12,9 +12,10 @@ from fieldagents.config import ConfigError
 from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording.bench import EPISODE, NAME, TIME, Bench, Channel, beside
+from fieldmodels.recording.bench import EPISODE, NAME, OTHER_CLOCK, TIME, Bench, Channel, beside
 from fieldmodels.recording.datasets import is_public, open_recording
 from fieldmodels.recording.files import named, recording_of
+from fieldmodels.recording.merging import JoinedTable
 from fieldmodels.recording.proposals import Proposal, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
@@ -34,6 +35,7 @@ class Logs:
         bench: A bench file for all logs, None to look beside each.
         rate: Rows a second, for logs without a column of times.
         accept: Whether to take what is proposed without asking.
+        align: Whether to move the clocks of several files until signals agree, so that no delay can be told.
         ask: Puts a question to the user; None where nobody can answer.
         agreed: Benches that earlier logs have settled.
     """
@@ -43,6 +45,7 @@ class Logs:
     bench: Path | None = None
     rate: float | None = None
     accept: bool = False
+    align: bool = False
     ask: Ask | None = None
     agreed: list[Bench] = field(default_factory=list)
 
@@ -78,17 +81,17 @@ class Logs:
             return _over(bench, declared)
         found = beside(table.path, self.model.name)
         for bench in [*self.agreed, *([Bench.load(found)] if found else [])]:
-            timed = TIME in bench.columns or bench.rate or self.rate
+            timed = (TIME in bench.columns or bench.rate or self.rate) and bench.aligned >= self.align
             if bench.fits(table) and timed:
                 return _over(bench, declared)
         needed = [s.name for s in (*self.model.inputs, *self.model.outputs) if not s.optional]
         needed += [] if self.rate else [TIME]
         plain = all(n in declared.columns or _plainly(named(n, table), table) for n in needed)
-        return declared if plain else None
+        return declared if plain and not isinstance(table, JoinedTable) else None
 
     def _proposed(self, table: Table, declared: Bench) -> Bench:
         """What is proposed, with what was declared in its place, once it is sure or confirmed."""
-        proposal = propose(table, self.model, self.rate, declared.columns)
+        proposal = propose(table, self.model, self.rate, declared.columns, self.align)
         if proposal.missing:
             raise RecordingError(
                 f"{table.path}: {_needs(proposal)}; its columns are {', '.join(table.header)}: declare it by "
@@ -125,7 +128,7 @@ def declared(model: Model, texts: Sequence[str]) -> dict[str, dict[str, str]]:
         file, _, name = left.rpartition(":")
         if not column:
             problems.append(f"--column {text}: write --column signal=column or --column signal=column:unit")
-        elif name not in signals:
+        elif name not in signals and not OTHER_CLOCK.fullmatch(name):
             problems.append(
                 f"--column {text}: {model.name} has no signal {name!r}{did_you_mean(name, signals)}"
             )

@@ -1,13 +1,21 @@
 """Nothing is silently wrong at the door: units, clocks and what a column is, on generated files."""
 
+import h5py
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fieldagents.logs import Logs
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.effects import actuator, friction
+from fieldmodels.machine import Machine, number
+from fieldmodels.model import Signal
 from fieldmodels.recording import RecordingError
+from fieldmodels.recording.bench import Bench
 from fieldmodels.recording.files import recording_of
 from fieldmodels.recording.proposals import propose
 from fieldmodels.recording.reading import read_table
+from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.words import unit_of
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
@@ -28,7 +36,7 @@ def rig():
 
 
 def written(path, header, *columns):
-    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g")
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.14g")
     return path
 
 
@@ -103,3 +111,130 @@ def test_words_in_brackets_tell_what_a_column_is(tmp_path, rig):
     header = "time,force (measured),force (cmd),position"
     columns = rig["t"], rig["force"] + 0.5, rig["force"], rig["position"]
     assert known_as(written(tmp_path / "log.csv", header, *columns))[1]["force"].column == "force (cmd)"
+
+
+# Clocks
+
+
+class Motor(Machine):
+    inputs = (Signal("voltage", "V"),)
+    states = outputs = (Signal("speed", "rad/s", noise=0.005),)
+    gain = number("rad/s/V", 1.0, 0.0, 1e3)
+    time_constant = number("s", 0.1, 0.01, 10.0)
+    effects = actuator("voltage", ("delay", "dead_zone")) + friction("speed")
+
+    def derivative(self, state, input, p):
+        return (p.gain * input.voltage - state.speed) / p.time_constant
+
+
+def late(seed=1):
+    """A speed that follows a command 120 ms late and with a lag of 30 ms, at 1 kHz for 40 s."""
+    rng, n = np.random.default_rng(seed), 40_000
+    command = np.zeros(n)
+    for k in np.flatnonzero(rng.random(n) < 1.5e-3):
+        command[k:] = rng.uniform(-1, 1)
+    command = np.repeat(np.convolve(command, np.ones(200) / 200, "same")[::10], 10)  # held for 10 ms
+    speed = lfilter([1 / 30], [1, 1 / 30 - 1], np.concatenate([np.zeros(121), command])[:n])
+    return 1e-3 * np.arange(n), command, speed + 0.005 * rng.normal(size=n)
+
+
+def two_files(folder, offset=0.0, more=(), units=1.0):
+    """Command and response by two files, the second with a clock ``offset`` ahead; more columns in both."""
+    t, command, speed = late()
+    rng = np.random.default_rng(2)
+    noisy = [command + 0.01 * rng.normal(size=len(t)) for _ in range(2)]
+    files = []
+    for k, (name, values, rows) in enumerate((("voltage", command, 10), ("speed", speed, 10))):
+        path = folder / f"{('setpoint', 'attitude')[k]}.csv"
+        clock = ((t + 112.574 + k * offset) * (units if k else 1.0))[3 * k :: rows]
+        columns = [clock, values[3 * k :: rows], *(noisy[k][3 * k :: rows] for _ in more)]
+        files.append(written(path, ",".join(["time", name, *more]), *columns))
+    return f"{files[1]}+{files[0]}"
+
+
+def asked(source, **options):
+    with pytest.raises(RecordingError, match="which is not sure") as error:
+        Logs(Motor(), **options).read(source)
+    return str(error.value)
+
+
+def delayed(read):
+    """By how much the response follows, by the slope of the phase of what it makes of its command [s]."""
+    a, b = read["voltage"] - read["voltage"].mean(), read["speed"] - read["speed"].mean()
+    lags = np.arange(-500, 500)
+    return read.step * lags[np.argmax([np.roll(a, k) @ b for k in lags])]
+
+
+def test_clocks_that_agree_are_not_moved_and_the_delay_is_found(tmp_path):
+    """As in flight logs: two topics of one logger, 120 ms and a lag of 30 ms between them."""
+    with pytest.warns(match="taken to have one clock: stamps are used as they are"):
+        read = Logs(Motor()).read(two_files(tmp_path))
+    assert not read.aligned
+    assert delayed(read) == pytest.approx(0.15, abs=0.015)
+    found = diagnose(Motor(), [read])
+    (cause,) = found.causes
+    assert cause.effect == "actuator_delay"
+    assert cause.parameters["delay"].value == pytest.approx(0.12, abs=0.005)
+
+
+def test_topics_of_one_file_are_not_moved(tmp_path):
+    t, command, speed = late()
+    topics = {"command/time": t[::10], "command/voltage": command[::10],
+              "motor/time": t[3::10], "motor/speed": speed[3::10]}  # fmt: skip
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, values in topics.items():
+            file[name] = values
+    table = read_table(tmp_path / "log.h5")
+    proposal = propose(table, Motor())
+    assert [c.role for c in proposal.columns] == ["t", "voltage", "speed"]
+    assert delayed(recording_of(table, proposal.bench(), Motor())) == pytest.approx(0.15, abs=0.015)
+
+
+@pytest.mark.parametrize(
+    ("offset", "units", "why"),
+    [
+        (100.0, 1.0, "their times do not overlap"),
+        (1.7e9, 1.0, "one clock counts from 1970 and the other does not"),
+        (7.0, 1e3, "one clock is in ms, the other in s"),
+    ],
+)
+def test_two_clocks_are_put_together_when_asked_and_no_delay_is_named(tmp_path, offset, units, why):
+    source = two_files(tmp_path, offset, units=units)
+    said = asked(source)
+    assert why in said
+    assert "no delay can be told from such a shift" in said
+    with pytest.warns(match="no delay can be told"):
+        read = Logs(Motor(), accept=True).read(source)
+    assert delayed(read) == pytest.approx(0.0, abs=0.015)
+    again = Logs(Motor()).read(source)  # what was confirmed is kept, and what it rests on
+    assert again.aligned
+    assert np.array_equal(again["speed"], read["speed"])
+
+
+def test_what_is_aligned_on_request_names_no_delay(tmp_path):
+    with pytest.warns(match="as requested"):
+        read = Logs(Motor(), align=True).read(two_files(tmp_path))
+    assert read.aligned
+    found = diagnose(Motor(), [read])
+    assert "actuator_delay" in found.not_testable
+    assert not any("delay" in name for c in found.causes for name in (c.effect, *c.alternatives))
+
+
+@pytest.mark.parametrize("offset", [3.2, -0.7])
+def test_a_channel_that_both_recorded_tells_the_shift_and_leaves_the_delay(tmp_path, offset):
+    source = two_files(tmp_path, offset, more=("shunt",))
+    assert "both recorded one signal" in asked(source)
+    with pytest.warns(match="its clock was moved"):
+        read = Logs(Motor(), accept=True).read(source)
+    assert not read.aligned
+    assert delayed(read) == pytest.approx(0.15, abs=0.015)
+
+
+def test_the_shift_of_a_clock_may_be_declared(tmp_path):
+    source = two_files(tmp_path, 3.2)
+    columns = {"": {"t2": "time (setpoint)+3.2:s"}}
+    with pytest.warns(match="moved by"):
+        read = Logs(Motor(), columns, accept=True).read(source)
+    assert delayed(read) == pytest.approx(0.15, abs=0.015)
+    with pytest.raises(RecordingError, match="is the clock of no further file"):
+        recording_of(read_log(source), Bench.of({"t2": "voltage"}), Motor())

@@ -29,6 +29,7 @@ from fieldmodels import html
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import answer
 from fieldmodels.recording import RecordingError
+from fieldmodels.recording.bench import OTHER_CLOCK
 from fieldmodels.recording.proposals import Proposal
 from fieldmodels.registry import model_names
 
@@ -135,7 +136,8 @@ class Page:
             {"role": c.role, "spec": str(c.channel), "confidence": c.confidence, "why": list(c.evidence)}
             for c in found.columns
         ]
-        roles = {"t": "s", **{s.name: s.unit for s in model.signals}}
+        clocks = {c.role: c.unit for c in found.columns if OTHER_CLOCK.fullmatch(c.role)}
+        roles = {"t": "s", **clocks, **{s.name: s.unit for s in model.signals}}
         return {
             "columns": columns,
             "roles": roles,

@@ -21,6 +21,7 @@ from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording, RecordingError
 from fieldmodels.recording.bench import TIME, Bench, Channel
 from fieldmodels.recording.files import recording_of
+from fieldmodels.recording.merging import JoinedTable
 from fieldmodels.recording.proposals import Proposal, clock_of, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
@@ -53,6 +54,7 @@ class Log:
         values: All of its columns of numbers, once one was looked at.
         clock: The column of its times, None if there is none or each rate has its own.
         times: Seconds from the log's start by each clock that was asked for, None where it is no clock.
+        shifts: Seconds by which clocks of further files are moved.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Log:
     values: dict[str, FloatArray] = field(default_factory=dict)
     clock: Channel | None = None
     times: dict[Channel, FloatArray | None] = field(default_factory=dict)
+    shifts: dict[str, float] = field(default_factory=dict)
 
     def column(self, name: str) -> FloatArray:
         """Values of a column, read once, shape (n,).
@@ -117,6 +120,7 @@ class Session:
         self.model: Model | None = None
         self.specs: dict[str, str] = {}
         self.rate: float | None = None
+        self.aligned = False
         self.diagnosis: Diagnosis | None = None
         self.drawn: dict[str, Picture] = {}
         self.written: dict[str, Path] = {}
@@ -132,6 +136,10 @@ class Session:
         table = read_log(path)
         clock = clock_of(table)
         log = Log(name or Path(path).name, Path(path), table, clock=clock.channel if clock else None)
+        if isinstance(table, JoinedTable):  # drawn as would be proposed
+            first = next(iter(table.clocks.values()))
+            shifts = {other: table.shift(first, other) for other in table.other_clocks(first)}
+            log.shifts.update({other: shift.seconds for other, shift in shifts.items() if shift})
         self.logs.append(log)
         return log
 
@@ -153,7 +161,9 @@ class Session:
             RecordingError: If there is no log.
         """
         self.model_name, self.model, self.rate = model, get_model(model), rate
-        return propose(self.log(0).table, self.model, rate)
+        found = propose(self.log(0).table, self.model, rate)
+        self.aligned = found.aligned
+        return found
 
     def start(self, specs: Mapping[str, str]) -> None:
         """Diagnose the logs in the background; the second and later ones measure the gain.
@@ -181,7 +191,9 @@ class Session:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they stand in the recordings' notes
             read = [
-                recording_of(log.table, Bench.of(self.specs, log.table.header, self.rate), self.model)
+                recording_of(
+                    log.table, Bench.of(self.specs, log.table.header, self.rate, self.aligned), self.model
+                )
                 for log in self.logs
             ]
         return [replace(one, source=log.name) for one, log in zip(read, self.logs, strict=True)]
@@ -267,6 +279,7 @@ class Session:
         lines.append(f"tables = [read_log(name) for name in {[str(log.path) for log in self.logs]!r}]")
         if self.specs:
             rate = f", rate={self.rate!r}" if self.rate else ""
+            rate += ", aligned=True" if self.aligned else ""
             lines += [
                 f"columns = {self.specs!r}",
                 f"recordings = [recording_of(t, Bench.of(columns, t.header{rate}), model) for t in tables]",
@@ -301,10 +314,11 @@ class Session:
         return found, given.column
 
     def _seconds(self, log: Log, clock: Channel) -> FloatArray | None:
-        values = log.column(clock.column)
+        values = log.column(clock.column) + log.shifts.get(clock.column, 0.0)
         if not np.all(np.diff(values) >= 0):  # runs one after the other, each with times of its own
             return None
-        first = min(log.column(one)[0] for one in {clock.column, *log.table.clocks.values()})
+        clocks = {clock.column, *log.table.clocks.values()}
+        first = min(log.column(one)[0] + log.shifts.get(one, 0.0) for one in clocks)
         try:
             return np.asarray((values - first) * factor(clock.unit or "s", "s"), dtype=np.float64)
         except UnitError:

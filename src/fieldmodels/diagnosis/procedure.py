@@ -81,6 +81,10 @@ from fieldmodels.diagnosis.whole import LONGER, WholeRecords
 from fieldmodels.model import Model, check_instance
 from fieldmodels.recording import Recording, RecordingError, check_apart, check_recordings
 
+UNTOLD = (
+    "command and response were moved against each other until they agree; log both by one clock to test it"
+)
+
 
 def diagnose(
     model: Model,
@@ -147,7 +151,10 @@ def _diagnosed(
     train, test, lacking = in_all(model, train, test)
     train, test, short = long_enough(model, train, test)
     train, test, lost = lost_samples(model, train, test)
-    fixed = {**known_values(model, [*train, *test]), **known}
+    delays = {e.name: UNTOLD for e in model.effects if e.name.endswith("_delay")}
+    delays = delays if any(r.aligned for r in (*train, *test)) else {}
+    untold = {f"{name}.{p.name}": p.nominal for name in delays for p in model.effect(name).parameters}
+    fixed = {**untold, **known_values(model, [*train, *test]), **known}
     few = excerpts(model, train)
     model, said = decided(model, few, main_horizon, lambda one: start_vector(one, fixed), frozenset(fixed))
     if window == "record" or model.whole_records:
@@ -173,6 +180,7 @@ def _diagnosed(
     return replace(
         whole,
         notes=(*said, *lacking, *short, *lost, *notes, *whole.notes),
+        not_testable={**whole.not_testable, **delays},
         lost=lost,
         stopped=time_left.words(),
     )

@@ -16,6 +16,10 @@ from fieldmodels.recording.tables import Table
 from fieldmodels.yaml import YamlError, load_yaml, save_yaml
 
 TIME, EPISODE = "t", "episode"
+OTHER_CLOCK = re.compile(r"t[2-9]\d*")
+"""Names of the clocks of further files of a run, as of signals: ``t2`` is moved to ``t`` by its offset."""
+EPOCH = 1e8
+"""Times above this [s] count from 1970, and are told from the first row on."""
 NAME = "bench.yaml"
 """A bench's file beside its logs."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -90,16 +94,26 @@ class Bench:
         columns: Signal (also ``t`` and ``episode``) to its column; the others are looked up by their names.
         rate: Rows a second, for logs without a column of times; None where there is one.
         model: Name of the model that the signals belong to, empty for any.
+        aligned: Whether the clocks of several files were moved until command and response agree, so that no
+            delay can be told.
     """
 
     columns: Mapping[str, Channel] = field(default_factory=dict)
     rate: float | None = None
     model: str = ""
+    aligned: bool = False
 
     @classmethod
-    def of(cls, specs: Mapping[str, str], header: Sequence[str] = (), rate: float | None = None) -> Bench:
+    def of(
+        cls,
+        specs: Mapping[str, str],
+        header: Sequence[str] = (),
+        rate: float | None = None,
+        aligned: bool = False,
+    ) -> Bench:
         """A bench out of texts as ``Channel.parse`` reads them."""
-        return cls({signal: Channel.parse(spec, header) for signal, spec in specs.items()}, rate)
+        columns = {signal: Channel.parse(spec, header) for signal, spec in specs.items()}
+        return cls(columns, rate, aligned=aligned)
 
     @classmethod
     def load(cls, path: str | Path) -> Bench:
@@ -112,21 +126,26 @@ class Bench:
             data = load_yaml(Path(path))
         except YamlError as error:
             raise RecordingError(str(error)) from None
-        if not isinstance(data, dict) or not set(data) <= {"model", "rate", "columns"}:
-            raise RecordingError(f"{path}: holds 'columns', and perhaps 'model' and 'rate', nothing else")
+        if not isinstance(data, dict) or not set(data) <= {"model", "rate", "columns", "aligned"}:
+            raise RecordingError(
+                f"{path}: holds 'columns', and perhaps 'model', 'rate' and 'aligned', nothing else"
+            )
         columns, rate = data.get("columns") or {}, data.get("rate")
         if not isinstance(columns, dict):
             raise RecordingError(f"{path}: 'columns' maps signals to columns, as in 'torque: -tau:N cm'")
         if rate is not None and not (_is_number(rate) and rate > 0):
             raise RecordingError(f"{path}: 'rate' is a positive number of rows a second, not {rate!r}")
         channels = {str(signal): _channel(path, signal, value) for signal, value in columns.items()}
-        return cls(channels, None if rate is None else float(rate), str(data.get("model") or ""))
+        named, aligned = str(data.get("model") or ""), data.get("aligned") is True
+        return cls(channels, None if rate is None else float(rate), named, aligned)
 
     def save(self, path: str | Path) -> None:
         """Write a ``bench.yaml`` that ``load`` reads back to an equal one; whole or not at all."""
         data: dict[str, object] = {"model": self.model} if self.model else {}
         if self.rate is not None:
             data["rate"] = self.rate
+        if self.aligned:
+            data["aligned"] = True
         data["columns"] = {
             signal: {"column": c.column}
             | ({"unit": c.unit} if c.unit else {})

@@ -42,6 +42,8 @@ class Recording:
         source: Where the data come from (a path, "simulation of rig"), for messages and reports.
         known: Values of a model's base parameters that are known of this machine (a wheel's radius).
         notes: Peculiarities of the data, and changes made to them when they were read.
+        aligned: Whether command and response were moved against each other until they agree, so that no delay
+            can be told.
     """
 
     time: FloatArray
@@ -51,6 +53,7 @@ class Recording:
     source: str = "memory"
     known: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    aligned: bool = False
 
     def __post_init__(self) -> None:
         """Give a recording without episodes a single one; check that all columns have one length.

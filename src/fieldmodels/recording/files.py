@@ -13,7 +13,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, check_instance
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel, unwrapped
+from fieldmodels.recording.bench import EPISODE, EPOCH, OTHER_CLOCK, TIME, Bench, Channel, unwrapped
 from fieldmodels.recording.checks import (
     LEAST_COUNTED,
     check_episodes,
@@ -28,14 +28,13 @@ from fieldmodels.recording.resampling import evened
 from fieldmodels.recording.tables import EMPTY, REMEDY, Problem, Table, write_table
 from fieldmodels.recording.units import UnitError, factor, si_unit
 from fieldmodels.recording.words import short
+from fieldmodels.rounding import listed
 
 LEAST_SCALED = 50
 """Number of rows above which the sampling rate of a recording indicates a slow bench."""
 SPARSE = 0.2
 """Share of empty cells from which a column is taken to have a rate of its own."""
 _USUAL = {TIME: ("time", "timestamp", "seconds"), EPISODE: ("run", "trial")}
-EPOCH = 1e8
-"""Times above this [s] count from 1970, and are told from the first row on."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ def recording_of(
     if bench.rate is not None and not clock.name:
         used[TIME] = np.arange(rows) / bench.rate
     elif not single:
-        used = _on_one_clock(table, wanted, used, model)
+        used = _on_one_clock(table, wanted, used, model, bench)
     signals = {c.signal: c.si(used[c.signal]) for c in wanted if c.signal != TIME or c.name}
     time = signals.pop(TIME, used[TIME])
     episodes = signals.pop(EPISODE, None)
@@ -155,6 +154,8 @@ def recording_of(
         units={c.signal: c.unit for c in wanted if c.signal in signals and c.unit},
         episode=np.zeros(len(time), dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(table.path),
+        aligned=bench.aligned,
+        notes=_of_clocks(table, clock.name, bench),
     )
     stated = {c.signal for c in wanted if c.channel.unit or c.name in table.units}
     return _checked(table, recording, model, horizon, clock, stated)
@@ -185,16 +186,45 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     write_table(Path(path), columns, {TIME: "s", **recording.units})
 
 
+def _of_clocks(table: Table, clock: str, bench: Bench) -> tuple[str, ...]:
+    """How the clocks of several files were put together."""
+    if not isinstance(table, JoinedTable):
+        return ()
+    moved, notes = _moved(bench), []
+    for other in table.other_clocks(clock):
+        file, first = table.file_of(other), table.file_of(clock)
+        if other in moved:
+            told = "; no delay can be told from such a shift, and none is named" if bench.aligned else ""
+            notes.append(
+                f"{file}: its clock was moved by {moved[other].offset:+.6g} s to that of {first}{told}"
+            )
+        else:
+            notes.append(f"{file} and {first} are taken to have one clock: stamps are used as they are")
+    return tuple(notes)
+
+
+def _moved(bench: Bench) -> dict[str, Channel]:
+    """Clocks of further files that are moved to that of the first."""
+    return {c.column: c for signal, c in bench.columns.items() if OTHER_CLOCK.fullmatch(signal)}
+
+
 def _on_one_clock(
-    table: Table, wanted: Sequence[_Column], used: Mapping[str, FloatArray], model: Model | None
+    table: Table,
+    wanted: Sequence[_Column],
+    used: Mapping[str, FloatArray],
+    model: Model | None,
+    bench: Bench,
 ) -> dict[str, FloatArray]:
     """All signals at the times of the first output, in the unit of its clock."""
+    moved = _moved(bench)
     clock = next(c for c in wanted if c.signal == TIME)
     common = used[TIME]
     times: dict[str, FloatArray] = {}
     for c in wanted:
         own = table.clocks.get(c.name, clock.name)
         time = common if own == clock.name else table[own]
+        if own in moved:
+            time = moved[own].gain * time + moved[own].offset
         there = np.isfinite(used[c.signal]) & np.isfinite(time)
         times[c.signal] = time[there]
         if not there.all():
@@ -206,19 +236,29 @@ def _on_one_clock(
     first, last = max(t[0] for t in ranges) - slack, min(t[-1] for t in ranges) + slack
     master = master[(master >= first) & (master <= last)]
     if len(master) < 2:
-        raise table.fail([Problem("its columns have no times in common", clock.name)])
-    held = {s.name for s in model.inputs} | {EPISODE} if model else {EPISODE}
+        remedy = "; declare how far apart the clocks are, as 't2=CLOCK-3.2:s'" * isinstance(
+            table, JoinedTable
+        )
+        raise table.fail([Problem(f"its columns have no times in common{remedy}", clock.name)])
+    held = {s.name for s in model.inputs} if model and getattr(model, "hold", "held") == "held" else set()
     return {
         c.signal: master.copy()
         if c.signal == TIME
-        else held_or_between(master, times[c.signal], used[c.signal], c.signal in held)
+        else held_or_between(master, times[c.signal], used[c.signal], c.signal in {EPISODE, *held})
         for c in wanted
     }
 
 
 def _columns(table: Table, model: Model | None, bench: Bench) -> list[_Column]:
     """Decide which columns to read, with every problem of the header reported at once."""
-    header, mapping, problems = table.header, bench.columns, []
+    header, problems = table.header, []
+    mapping = {s: c for s, c in bench.columns.items() if not OTHER_CLOCK.fullmatch(s)}
+    others = table.other_clocks("") if isinstance(table, JoinedTable) else ()
+    problems += [
+        Problem(f"is the clock of no further file; these are {listed(list(others)) or 'none'}", name)
+        for name in _moved(bench)
+        if name not in others
+    ]
     required, optional = ([] if bench.rate else [TIME]), [EPISODE]
     if model is not None:
         required += [s.name for s in (*model.inputs, *model.outputs) if not s.optional]

@@ -1,131 +1,201 @@
-"""Several rates, and several files of one run, on one clock."""
+"""Several rates, and several files of one run, on one clock.
+
+Stamps of one logger are never moved against each other. Where the clocks of two files are shown to be two, or
+a channel that both recorded tells so, the shift between them is proposed, to be confirmed like a sign. That a
+response follows its command late is no evidence: that is a delay, which the user may be after.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import correlate
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.recording.bench import Channel
+from fieldmodels.recording.bench import EPOCH, Channel
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import Table
 from fieldmodels.recording.units import factor
+from fieldmodels.recording.words import meanings, without_unit
 
 ALIKE = 0.8
-"""Least correlation at which two loggers' signals tell how far apart their clocks are."""
+"""Least correlation at which signals of two loggers tell how far apart their clocks are, if these are two."""
 DISTINCT = 0.95
 """Largest correlation at another shift, as a share of the best; a periodic motion fits at many."""
+LONGEST_DELAY = 2.0
+"""Time [s] up to which a signal may follow another one late; the longest delay that is sought."""
+INNER = 0.95
+"""Share of the rows, those of least difference, in which one channel recorded twice must be the same: where
+it steps, rows that were taken at other times differ."""
+WHITE = 0.4
+"""Least variance of the change of such a difference from row to row, by twice its own: 1 for white noise,
+less where linear interpolation smooths it, next to nothing for the error of a lag."""
+EXACT = 1e-3
+"""Difference by the spread that rounding and interpolation explain."""
 _GRID = 1 << 15  # points of the common grid
 _TRIED = 8  # columns of each file
 
 
 @dataclass(frozen=True)
 class Shift:
-    """How far apart the clocks of two loggers are.
+    """How far apart the clocks of two files are.
 
     Attributes:
         seconds: To be added to the second one's times.
-        correlation: Of the two signals then, negative for reversed ones.
-        signals: Names of the two signals that tell.
+        why: What shows it.
+        told: Whether a delay can still be told: one channel, that both recorded, has shown it.
     """
 
     seconds: float
-    correlation: float
-    signals: tuple[str, str]
+    why: str
+    told: bool
 
 
 class JoinedTable(Table):
-    """The columns of several files of one run, each with its own clock."""
+    """The columns of several files of one run, each with its own clock, in seconds."""
 
     def __init__(self, tables: Sequence[Table], channels: Sequence[Channel]) -> None:
-        clocks = [channel.column for channel in channels]
         names = [name for table in tables for name in table.header]
-        self.path = tables[0].path
+        self.path, self._tables = tables[0].path, list(tables)
         self._places: dict[str, tuple[int, str]] = {}
-        self._shifts = [0.0] * len(tables)
-        self._seconds = [factor(channel.unit or "s", "s") for channel in channels]
-        self._tables = list(tables)
+        self._units = [channel.unit or "s" for channel in channels]
         units: dict[str, str] = {}
         marks: dict[str, str] = {}
-        for k, (table, clock) in enumerate(zip(tables, clocks, strict=True)):
+        for k, (table, channel) in enumerate(zip(tables, channels, strict=True)):
             new = {n: n if names.count(n) == 1 else f"{n} ({table.path.stem})" for n in table.header}
             for name in table.header:
                 self._places[new[name]] = k, name
-                marks[new[name]] = new[table.clocks.get(name) or clock]
+                marks[new[name]] = new[table.clocks.get(name) or channel.column]
                 if name in table.units:
                     units[new[name]] = table.units[name]
-            units[new[clock]] = "s"
+            units[new[channel.column]] = "s"
         self.header, self.units, self.clocks = tuple(self._places), units, marks
-        self.notes = tuple(self._aligned(k, clocks[0], clocks[k]) for k in range(1, len(tables)))
 
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:
-        """Read columns of all files; times are the first file's, in seconds."""
+        """Read columns of all files; times in seconds, as they are stamped."""
         result = {}
         for name in names:
             k, inner = self._places[name]
             result[name] = self._tables[k].read([inner], rows)[inner]
             if self.clocks[name] == name:
-                result[name] = self._seconds[k] * result[name] + self._shifts[k]
+                result[name] = factor(self._units[k], "s") * result[name]
         return result
 
     def numbers(self) -> tuple[str, ...]:
         """Columns of numbers and times."""
         return tuple(name for name, (k, inner) in self._places.items() if inner in self._tables[k].numbers())
 
-    def _aligned(self, k: int, clock: str, other: str) -> str:
-        """Put a file on the first one's clock; says how."""
-        first, second = self._tables[0], self._tables[k]
-        a = {n: first[n] for n in [clock, *[n for n in first.numbers() if n != clock][:_TRIED]]}
-        b = {n: second[n] for n in [other, *[n for n in second.numbers() if n != other][:_TRIED]]}
-        a[clock], b[other] = self._seconds[0] * a[clock], self._seconds[k] * b[other]
-        apart = b[other][0] > a[clock][-1] or a[clock][0] > b[other][-1]
-        shift = clock_shift(a.pop(clock), a, b.pop(other), b)
-        if shift is None:
-            if apart:
+    def other_clocks(self, clock: str) -> tuple[str, ...]:
+        """The clocks of the other files."""
+        return tuple(c for c in dict.fromkeys(self.clocks.values()) if c != clock)
+
+    def file_of(self, name: str) -> str:
+        """Name of the file that a column is from."""
+        return self._tables[self._places[name][0]].path.name
+
+    def shift(self, clock: str, other: str, requested: bool = False) -> Shift | None:
+        """How far apart two files' clocks are, if anything shows that they are two; None if nothing does.
+
+        Args:
+            clock: The first one's column.
+            other: The second one's.
+            requested: Whether to take the clocks for two, and what correlates best for simultaneous.
+
+        Raises:
+            RecordingError: If the clocks have no time in common and no signals tell how far apart they are.
+        """
+        first, second = self[clock], self[other]
+        two = self._two(clock, other, first, second)
+        found = [
+            (one, name, twin)
+            for name, values in self._signals(clock)
+            for twin, theirs in self._signals(other)
+            if (one := _agreement(first, values, second, theirs)) is not None
+        ]
+        kept = [f for f in found if f[0].same and self._one_channel(*f[1:])]
+        kept = kept or [f for f in found if f[0].same and (two or abs(f[0].seconds) > LONGEST_DELAY)]
+        kept = kept or [f for f in found if two or requested]
+        if not kept:
+            if two and not _overlap(first, second):
                 raise RecordingError(
-                    f"{second.path}: its times do not overlap those of {first.path}, and no signal of both "
-                    "tells how far apart their clocks are; log one signal with both"
+                    f"{self.file_of(other)}: {two}, and no signal tells how far apart its clock and that of "
+                    f"{self.file_of(clock)} are; log one signal with both, or declare it as "
+                    f"'t2={other}-3.2:s' if it is 3.2 s ahead"
                 )
-            return f"{second.path.name} and {first.path.name} are taken to have one clock; no signal tells"
-        self._shifts[k] = shift.seconds
-        return (
-            f"{second.path.name}: its clock was moved by {shift.seconds:+.6g} s to that of "
-            f"{first.path.name}, where {shift.signals[1]!r} agrees with {shift.signals[0]!r} (correlation "
-            f"{shift.correlation:.3f}); if one follows the other late, that delay cannot be told from it"
-        )
+            return None
+        one, name, twin = max(kept, key=lambda f: abs(f[0].correlation))
+        step = max(float(np.median(np.diff(first))), float(np.median(np.diff(second))))
+        if abs(one.seconds) < step and not requested:
+            return None
+        told = one.same and self._one_channel(name, twin)
+        shown = two or ("both recorded one signal" if told or not requested else "as requested")
+        why = f"{shown}: {twin!r} agrees with {name!r} then (correlation {one.correlation:.3f})"
+        untold = "" if told else "; no delay can be told from such a shift"
+        return Shift(round(one.seconds, 6), why + untold, told)
+
+    def _signals(self, clock: str) -> list[tuple[str, FloatArray]]:
+        """The first columns of a file."""
+        names = [n for n in self.numbers() if self.clocks[n] == clock and n != clock][:_TRIED]
+        return [(name, self[name]) for name in names]
+
+    def _one_channel(self, name: str, twin: str) -> bool:
+        """Whether two names are of one signal, and not of a command and what answers it."""
+        this, that = self._places[name][1], self._places[twin][1]
+        alike = without_unit(this)[0].lower() == without_unit(that)[0].lower()
+        return alike or any(word in meanings(this) & meanings(that) for word in ("command", "measured"))
+
+    def _two(self, clock: str, other: str, first: FloatArray, second: FloatArray) -> str:
+        """What shows that two clocks are two; empty if nothing does."""
+        units = [self._units[self._places[name][0]] for name in (clock, other)]
+        if (first[0] > EPOCH) != (second[0] > EPOCH):
+            return "one clock counts from 1970 and the other does not"
+        if not _overlap(first, second):
+            return "their times do not overlap"
+        return f"one clock is in {units[0]}, the other in {units[1]}" if units[0] != units[1] else ""
 
 
-def clock_shift(
-    time: FloatArray, signals: Mapping[str, FloatArray], other: FloatArray, others: Mapping[str, FloatArray]
-) -> Shift | None:
-    """Estimate the offset between two loggers' clocks by the two signals that correlate best.
+@dataclass(frozen=True)
+class _Agreement:
+    """How signals of two clocks agree best: by which shift of the second, and whether they are the same."""
 
-    Args:
-        time: Times of the first logger [s], shape (n,).
-        signals: Its columns, each of shape (n,).
-        other: Times of the second logger [s], shape (m,).
-        others: Its columns, each of shape (m,).
+    seconds: float
+    correlation: float
+    same: bool
 
-    Returns:
-        The shift, or None if no pair of signals tells it.
-    """
+
+def _overlap(first: FloatArray, second: FloatArray) -> bool:
+    return bool(first[0] <= second[-1] and second[0] <= first[-1])
+
+
+def _agreement(
+    time: FloatArray, values: FloatArray, other: FloatArray, theirs: FloatArray
+) -> _Agreement | None:
+    """At which shift two signals agree, each of shape (n,) or (m,) with its times [s]; None if at none."""
     step = max(float(np.median(np.diff(time))), float(np.median(np.diff(other))))
     step = max(step, (np.ptp(time) + np.ptp(other)) / _GRID)
     grids = [t[0] + step * np.arange(int(np.ptp(t) / step) + 1) for t in (time, other)]
-    best: Shift | None = None
-    for name, values in signals.items():
-        for second, theirs in others.items():
-            a, b = np.interp(grids[0], time, values), np.interp(grids[1], other, theirs)
-            if min(np.ptp(a), np.ptp(b)) == 0 or not np.isfinite([a.sum(), b.sum()]).all():
-                continue
-            found = _lag(a, b)
-            if found is not None and (best is None or abs(found[1]) > abs(best.correlation)):
-                seconds = float(grids[0][0] - grids[1][0] + found[0] * step)
-                best = Shift(seconds, found[1], (name, second))
-    return best
+    a, b = np.interp(grids[0], time, values), np.interp(grids[1], other, theirs)
+    if min(np.ptp(a), np.ptp(b)) == 0 or not np.isfinite([a.sum(), b.sum()]).all():
+        return None
+    found = _lag(a, b)
+    if found is None:
+        return None
+    seconds = float(grids[0][0] - grids[1][0] + found[0] * step)
+    inside = (grids[0] >= other[0] + seconds) & (grids[0] <= other[-1] + seconds)
+    return _Agreement(
+        seconds, found[1], _same(a[inside], np.interp(grids[0][inside] - seconds, other, theirs))
+    )
+
+
+def _same(values: FloatArray, others: FloatArray) -> bool:
+    """Whether two signals on one clock differ by a gain, an offset and noise alone."""
+    columns = np.column_stack([others, np.ones(len(others))])
+    left = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    inner = np.abs(left) <= np.quantile(np.abs(left), INNER)
+    size, change = float(np.std(left[inner])), np.diff(left)[inner[1:] & inner[:-1]]
+    return size < EXACT * float(np.std(values)) or float(np.std(change)) ** 2 > 2 * WHITE * size**2
 
 
 def held_or_between(time: FloatArray, source: FloatArray, values: FloatArray, held: bool) -> FloatArray:

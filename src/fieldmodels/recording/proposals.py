@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.names import did_you_mean
-from fieldmodels.recording.bench import EPISODE, TIME, Bench, Channel, unwrapped
+from fieldmodels.recording.bench import EPISODE, OTHER_CLOCK, TIME, Bench, Channel, unwrapped
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.evidence import (
     angle_unit,
@@ -25,7 +25,7 @@ from fieldmodels.recording.evidence import (
     slope,
     turns,
 )
-from fieldmodels.recording.merging import held_or_between
+from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.tables import Table
 from fieldmodels.recording.units import (
     UnitError,
@@ -94,6 +94,7 @@ class Proposal:
         unused: Columns of numbers that are left over.
         constant: Those of them that never change, and so tell of no command.
         rate: Rows a second, as it was given.
+        aligned: Whether clocks are moved by command and response alone, so that no delay can be told.
     """
 
     model: str
@@ -102,6 +103,7 @@ class Proposal:
     unused: tuple[str, ...] = ()
     constant: tuple[str, ...] = ()
     rate: float | None = None
+    aligned: bool = False
 
     @property
     def sure(self) -> bool:
@@ -111,11 +113,15 @@ class Proposal:
     def bench(self, corrections: Mapping[str, Channel] | None = None) -> Bench:
         """What is proposed as a bench, with the user's corrections (signal to channel) in its place."""
         columns = {c.role: c.channel for c in self.columns} | dict(corrections or {})
-        return Bench(columns, self.rate, self.model)
+        return Bench(columns, self.rate, self.model, self.aligned)
 
 
 def propose(
-    table: Table, model: Model, rate: float | None = None, known: Mapping[str, Channel] | None = None
+    table: Table,
+    model: Model,
+    rate: float | None = None,
+    known: Mapping[str, Channel] | None = None,
+    align: bool = False,
 ) -> Proposal:
     """Propose which column holds which signal of a model, in which unit and with which sign.
 
@@ -128,12 +134,15 @@ def propose(
         model: The model.
         rate: Rows a second, if no column holds times.
         known: Signal to column where the user has declared it: taken as it is.
+        align: Whether to move the clocks of several files until signals agree, though nothing shows that they
+            are two: no delay can be told then.
 
     Returns:
         The proposal; to be confirmed or corrected unless it is ``sure``.
     """
     values = {n: v for n, v in table.read(table.numbers(), ROWS).items() if np.isfinite(v).any()}
     stated = {role: _declared(table, model, role, channel) for role, channel in (known or {}).items()}
+    declared = {stated[r].column: stated.pop(r) for r in list(stated) if OTHER_CLOCK.fullmatch(r)}
     clock = stated.pop(TIME, None) or (
         None if rate else _clock(table, min(model.horizons, default=0.2), values)
     )
@@ -145,6 +154,9 @@ def propose(
         master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
         name = table.clocks[master]
         clock = ColumnProposal(TIME, name, table.units.get(name, "s"), evidence=(f"the clock of {master!r}",))
+    moved, aligned = _other_clocks(table, clock, declared, align)
+    for one in moved:
+        values[one.column] = one.gain * values[one.column] + one.offset
     view = _View(table, model, values, clock, rate)
     found = _by_data(view, found, rest)
     found = {role: _with_unit(view, one, found) for role, one in found.items()}
@@ -155,12 +167,30 @@ def propose(
     unused = tuple(n for n in rest if n not in {c.column for c in columns})
     return Proposal(
         model=model.name,
-        columns=(*([clock] if clock else []), *columns),
+        columns=(*([clock] if clock else []), *moved, *columns),
         missing=(*([TIME] if clock is None and not rate else []), *[n for n in needed if n not in found]),
         unused=unused,
         constant=tuple(n for n in unused if n in constant),
         rate=rate,
+        aligned=aligned,
     )
+
+
+def _other_clocks(
+    table: Table, clock: ColumnProposal | None, declared: Mapping[str, ColumnProposal], align: bool
+) -> tuple[list[ColumnProposal], bool]:
+    """Clocks of further files that are to be moved, and whether no delay can be told then."""
+    moved, aligned = [], False
+    if isinstance(table, JoinedTable) and clock is not None:
+        for number, other in enumerate(table.other_clocks(clock.column), 2):
+            if other in declared:
+                moved.append(replace(declared[other], role=f"t{number}"))
+            elif shift := table.shift(clock.column, other, align):
+                sure = 1.0 if align and not shift.told else 0.7
+                one = ColumnProposal(f"t{number}", other, "s", offset=shift.seconds, confidence=sure)
+                moved.append(replace(one, evidence=(shift.why,)))
+                aligned = aligned or not shift.told
+    return moved, aligned
 
 
 def _never_changes(table: Table, name: str, first: FloatArray) -> bool:

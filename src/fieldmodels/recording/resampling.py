@@ -106,6 +106,7 @@ def evened(recording: Recording, model: Model | None) -> Recording:
         source=recording.source,
         known=recording.known,
         notes=(*recording.notes, note),
+        aligned=recording.aligned,
     )
 
 
