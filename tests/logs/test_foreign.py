@@ -81,7 +81,8 @@ def test_two_loggers_may_count_time_in_units_of_their_own(tmp_path):
     text(drive, ["time [ms],force,encoder"], [1e3 * run.time, run["force"], run["position"]])
     text(daq, ["t,position"], [run.time + 7.0, run["position"]])
     both = read_log(f"{drive}+{daq}")
-    bench = Bench.of({"t": "t", "force": "force", "position": "position"}, both.header)
+    bench = propose(both, rig).bench()
+    assert bench.columns["t2"].offset == pytest.approx(7.0, abs=1e-3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = recording_of(both, bench, rig)
