@@ -12,6 +12,7 @@ from fieldmodels.machine import Machine, number
 from fieldmodels.model import Signal
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.bench import Bench
+from fieldmodels.recording.evidence import coding_of
 from fieldmodels.recording.files import recording_of
 from fieldmodels.recording.proposals import propose
 from fieldmodels.recording.reading import read_table
@@ -238,3 +239,136 @@ def test_the_shift_of_a_clock_may_be_declared(tmp_path):
     assert delayed(read) == pytest.approx(0.15, abs=0.015)
     with pytest.raises(RecordingError, match="is the clock of no further file"):
         recording_of(read_log(source), Bench.of({"t2": "voltage"}), Motor())
+
+
+# What a column is
+
+
+class Wheels(Machine):
+    inputs = (Signal("throttle", "1"),)
+    states = (Signal("speed", "m/s", noise=0.01), Signal("turn_rate", "rad/s", noise=0.01))
+    outputs = states
+    gain = number("m/s^2", 10.0, 0.1, 1e3)
+
+    def derivative(self, state, input, p):
+        return p.gain * input.throttle - state.speed, -state.turn_rate
+
+
+@pytest.mark.parametrize("gyro", ["W (IMU)", "imu.gyro.z", "gyro_z", "yaw_rate"])
+@pytest.mark.parametrize("encoder", ["vel encoder", "wheel speed", "odom.vel", "v"])
+def test_a_speed_is_an_encoders_and_a_turn_rate_a_gyros(tmp_path, gyro, encoder):
+    """The gyro's column stands first, and no unit is stated."""
+    t = 0.01 * np.arange(1000)
+    path = written(
+        tmp_path / "log.csv", f"time,{gyro},throttle,{encoder}", t, np.cos(3 * t), np.sin(t), np.sin(t - 0.5)
+    )
+    found = {c.role: c.column for c in propose(read_table(path), Wheels()).columns}
+    assert (found["speed"], found["turn_rate"]) == (encoder, gyro)
+
+
+def driven(seed=3):
+    """A motor's command, in steps both ways, and its speed: time, voltage, speed at 100 Hz."""
+    rng = np.random.default_rng(seed)
+    command = np.repeat(rng.uniform(-1, 1, 60), 50)
+    speed = lfilter([0.1], [1, -0.9], np.concatenate([[0.0], command[:-1]]))
+    return 0.01 * np.arange(len(command)), command, speed + 0.003 * rng.normal(size=len(command))
+
+
+@pytest.mark.parametrize("lost", ["voltage", "speed"])
+@pytest.mark.parametrize("names", ["time,duty,velocity", "t,voltage,speed"])
+def test_a_magnitude_is_said_and_no_sign_proposed_for_it(tmp_path, lost, names):
+    t, command, speed = driven()
+    sized = [t, np.abs(command), speed] if lost == "voltage" else [t, command, np.abs(speed)]
+    path = written(tmp_path / "log.csv", names, *sized)
+    found = {c.role: c for c in propose(read_table(path), Motor()).columns}
+    assert "is never negative while" in found[lost].evidence[-1]
+    assert found[lost].confidence < 0.9
+    assert found["voltage"].gain == found["speed"].gain == 1.0
+    with pytest.warns(match="a magnitude"):
+        Logs(Motor(), accept=True).read(str(path))
+
+
+def test_a_command_of_one_side_is_no_magnitude(tmp_path):
+    t, command, speed = driven()
+    path = written(tmp_path / "log.csv", "time,duty,velocity", t, command + 1.0, speed + 1.0)
+    assert "magnitude" not in str(propose(read_table(path), Motor()))
+
+
+CODINGS = {
+    "int16": lambda v: v % 65536,
+    "int12": lambda v: v % 4096,
+    "sign1024": lambda v: np.where(v < 0, 1024 - v, v),
+    "sign32768": lambda v: np.where(v < 0, 32768 - v, v),
+}
+
+
+@pytest.mark.parametrize(("coding", "size"), [(c, s) for c in CODINGS for s in (150, 900)] + [("int16", 3e4)])
+def test_signed_numbers_in_cells_without_a_sign_are_recognised(tmp_path, coding, size):
+    t, command, speed = driven()
+    counts = np.round(size * speed / np.abs(speed).max())
+    path = written(tmp_path / "log.csv", "time,voltage,velocity", t, command, CODINGS[coding](counts))
+    read, found = known_as(path, Motor())
+    assert found["speed"].coding == coding
+    assert found["speed"].confidence < 0.9
+    assert str(found["speed"].channel) == f"velocity%{coding}:rad/s"
+    np.testing.assert_array_equal(read["speed"], counts)
+    with pytest.warns(match="velocity"):  # kept, and read again from what was kept
+        Logs(Motor(), accept=True).read(str(path))
+    assert Bench.load(tmp_path / "bench.yaml").columns["speed"].coding == coding
+    plain = written(tmp_path / "plain.csv", "t,voltage,speed", t, command, CODINGS[coding](counts))
+    with pytest.warns(match=rf"declare it as 'speed=speed%{coding}'"):
+        recording_of(read_table(plain), Bench(), Motor())
+
+
+def test_plain_counts_are_not_taken_for_signed_ones(tmp_path):
+    rng = np.random.default_rng(5)
+    for cells in (
+        np.round(500 + 400 * np.sin(0.01 * np.arange(3000))),
+        rng.integers(0, 65536, 3000).astype(float),
+        np.repeat(rng.choice([0.0, 65535.0], 60), 50),
+        np.arange(30_000.0) % 4096,
+    ):
+        assert coding_of(cells) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("head", "period", "gain"), [("angle", 4096, 2 * np.pi / 4096), ("angle_deg", 360, 1)]
+)
+def test_a_counter_that_wraps_is_proposed_with_its_period(tmp_path, head, period, gain):
+    t, command, speed = driven()
+    turns = 0.5 + np.cumsum(0.01 * (speed + 1.5))
+    path = written(
+        tmp_path / "log.csv", f"time,torque_cmd,{head}", t, command, np.floor(turns * period) % period
+    )
+    one = known_as(path, get_model("pendulum"))[1]["angle"]
+    assert (one.period, one.gain) == (period, pytest.approx(gain))
+    assert one.confidence < 0.9
+    read = known_as(path, get_model("pendulum"))[0]
+    np.testing.assert_allclose(np.ptp(read["angle"]), 2 * np.pi * np.ptp(turns), rtol=1e-2)
+
+
+def lying(kind):
+    t, command, speed = driven()
+    if kind == "goes back":
+        t[700:] -= 0.015
+    elif kind == "jumps":
+        t[700:] += 3600.0
+    elif kind == "stands still":
+        t[700] = t[699]
+    return t, command, speed
+
+
+@pytest.mark.parametrize("kind", ["goes back", "jumps", "stands still"])
+def test_a_clock_that_lies_is_said_with_its_row(tmp_path, kind):
+    path = written(tmp_path / "log.csv", "t,voltage,speed", *lying(kind))
+    with pytest.warns(match=rf"column 't': the clock {kind}.* at row 702"):
+        recording_of(read_table(path), Bench(), Motor())
+
+
+def test_a_counter_that_begins_anew_is_refused_with_its_period(tmp_path):
+    t, command, speed = driven()
+    path = written(tmp_path / "log.csv", "ticks,voltage,speed", (60_000 + 1e3 * t) % 65536, command, speed)
+    with pytest.raises(RecordingError, match=r"row 556.*declare its period, as 't=COLUMN%65536:ms'"):
+        recording_of(read_table(path), Bench.of({"t": "ticks:ms"}), Motor())
+    read = recording_of(read_table(path), Bench.of({"t": "ticks%65536:ms"}, ["ticks"]), Motor())
+    assert np.ptp(read.time) == pytest.approx(np.ptp(t))

@@ -23,8 +23,9 @@ EPOCH = 1e8
 NAME = "bench.yaml"
 """A bench's file beside its logs."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_CODING = re.compile(r"(int|sign)(\d+)")
 _SPEC = re.compile(
-    rf"(?:(?P<gain>{_NUMBER})\*|(?P<minus>-))?(?P<name>.+?)(?:%(?P<period>{_NUMBER[5:]}))?"
+    rf"(?:(?P<gain>{_NUMBER})\*|(?P<minus>-))?(?P<name>.+?)(?:%(?P<period>{_NUMBER[5:]}|(?:int|sign)\d+))?"
     rf"(?P<offset>[-+]{_NUMBER[5:]})?",
     re.S,
 )
@@ -41,6 +42,8 @@ class Channel:
         offset: What is added then, in ``unit``.
         period: Of cells that wrap around, as a counter of 12 bits does at 4096: they are unwrapped first; 0
             for cells that do not.
+        coding: Of cells without a sign that hold signed numbers: "int16" for two's complement of 16 bits (-1
+            is 65535), "sign1024" for a sign in the bit that is worth 1024 (-1 is 1025); empty for others.
     """
 
     column: str
@@ -48,12 +51,14 @@ class Channel:
     gain: float = 1.0
     offset: float = 0.0
     period: float = 0.0
+    coding: str = ""
 
     @classmethod
     def parse(cls, spec: str, header: Sequence[str] = ()) -> Channel:
         """Read ``[GAIN*]COLUMN[%PERIOD][+OFFSET][:UNIT]``.
 
-        Examples are ``-2.5*tau:N cm``, ``-tau``, ``0.1*adc-12:deg`` and ``-count%4096``, which wraps.
+        Examples are ``-2.5*tau:N cm``, ``-tau``, ``0.1*adc-12:deg``, ``-count%4096``, which wraps, and
+        ``speed%int16`` or ``load%sign1024``, which are signed (see ``coding``).
 
         Args:
             spec: The text; a column of the header that is really named so is taken whole.
@@ -76,13 +81,16 @@ class Channel:
                 name, period, offset = name + tail + offset, "", ""
         if not header and not match["gain"] and not match["minus"] and not period:
             name, offset = body, ""
-        return cls(name, unit, gain, float(offset or 0.0), float(period or 0.0))
+        coding = period if _CODING.fullmatch(period) else ""
+        return cls(
+            name, unit, gain, float(offset or 0.0), float(period or 0.0) if not coding else 0.0, coding
+        )
 
     def __str__(self) -> str:
         """The text that ``parse`` reads."""
         gain = "" if self.gain == 1 else "-" if self.gain == -1 else f"{self.gain:.12g}*"
         offset = f"{self.offset:+.12g}" if self.offset else ""
-        period = f"%{self.period:.12g}" if self.period else ""
+        period = f"%{self.coding or format(self.period, '.12g')}" if self.coding or self.period else ""
         return f"{gain}{self.column}{period}{offset}" + (f":{self.unit}" if self.unit else "")
 
 
@@ -152,6 +160,7 @@ class Bench:
             | ({"gain": c.gain} if c.gain != 1 else {})
             | ({"offset": c.offset} if c.offset else {})
             | ({"period": c.period} if c.period else {})
+            | ({"coding": c.coding} if c.coding else {})
             for signal, c in self.columns.items()
         }
         save_yaml(data, Path(path))
@@ -159,6 +168,17 @@ class Bench:
     def fits(self, table: Table) -> bool:
         """Whether a log has all of its columns."""
         return all(channel.column in table.header for channel in self.columns.values())
+
+
+def decoded(values: FloatArray, channel: Channel, episode: FloatArray | None = None) -> FloatArray:
+    """Cells as the numbers that they stand for; see ``Channel.coding`` and ``unwrapped``."""
+    if coding := _CODING.fullmatch(channel.coding):
+        if coding[1] == "sign":
+            bit = float(coding[2])
+            return np.where(values >= bit, bit - values, values)
+        period = 2.0 ** int(coding[2])
+        return np.where(values >= period / 2, values - period, values)
+    return unwrapped(values, channel.period, episode) if channel.period else values
 
 
 def unwrapped(values: FloatArray, period: float, episode: FloatArray | None = None) -> FloatArray:
@@ -188,14 +208,17 @@ def beside(path: Path, model: str) -> Path | None:
 def _channel(path: str | Path, signal: object, value: object) -> Channel:
     if isinstance(value, str):
         return Channel.parse(value)
-    known = {"column", "unit", "gain", "offset", "period"}
+    known = {"column", "unit", "gain", "offset", "period", "coding"}
     if isinstance(value, dict) and "column" in value and set(value) <= known:
         numbers = [value.get("gain", 1.0), value.get("offset", 0.0), value.get("period", 0.0)]
-        if all(map(_is_number, numbers)) and numbers[0] != 0 and numbers[2] >= 0:
-            return Channel(str(value["column"]), str(value.get("unit") or ""), *map(float, numbers))
+        coding = str(value.get("coding") or "")
+        said = not coding or _CODING.fullmatch(coding)
+        if all(map(_is_number, numbers)) and numbers[0] != 0 and numbers[2] >= 0 and said:
+            gain, offset, period = map(float, numbers)
+            return Channel(str(value["column"]), str(value.get("unit") or ""), gain, offset, period, coding)
     raise RecordingError(
         f"{path}: {signal!r} needs 'column', and perhaps 'unit', 'gain', 'offset' and 'period' (numbers), "
-        f"not {value!r}"
+        f"and 'coding' (int16, sign1024), not {value!r}"
     )
 
 

@@ -11,7 +11,7 @@ from fieldmodels.model import Model, Signal
 from fieldmodels.recording import Recording
 from fieldmodels.recording.clipping import saturated_rows, wraps
 from fieldmodels.recording.data import GAP, MAX_JITTER
-from fieldmodels.recording.evidence import DEGREES, clock_unit, slope, spins, turns
+from fieldmodels.recording.evidence import DEGREES, clock_unit, magnitude, slope, spins, turns, without_sign
 from fieldmodels.recording.tables import SHOWN, Problem
 from fieldmodels.recording.units import STANDARD_GRAVITY, other_units
 from fieldmodels.recording.windows import MIN_SAMPLES, longer_windows
@@ -20,6 +20,12 @@ REST = 0.1
 """Largest distance from 1 of the median of an accelerometer that is suspected to be in g."""
 LEAST_COUNTED = 0.5
 """Smallest time step [s] that is suspected to be in a fraction of a second."""
+LEAP = 5.5
+"""A time step of more than this many usual ones is a jump, after which a new episode starts."""
+COARSE = 0.2
+"""Share of repeated stamps above which a clock is coarse."""
+WRAPS = {0.065536: "65536:us", 65.536: "65536:ms", 4294.967296: "4294967296:us", 4294967.296: "4294967296:ms"}
+"""Times [s] after which counters of 16 and 32 bits begin anew, and their periods."""
 _BLOCK = 1_000_000  # rows examined together
 
 
@@ -53,6 +59,17 @@ def check_time(recording: Recording) -> list[Problem]:
     if len(time) > 1 and np.ptp(time) == 0 and len(recording.bounds) < len(time):
         return [Problem(f"time stands still at {time[0]:.9g} s; is this the clock's column?")]
     return []
+
+
+def clock_faults(recording: Recording) -> list[tuple[str, list[int]]]:
+    """What a clock does that times do not do, each with the data rows; a coarse one stands still often."""
+    steps = np.where(np.diff(recording.episode) == 0, np.diff(recording.time), recording.step)
+    jumps = np.flatnonzero(steps > LEAP * recording.step) + 1
+    still = np.flatnonzero(steps == 0) + 1
+    most = f"jumps by up to {steps.max(initial=0.0):.4g} s"
+    found = [("goes back", np.flatnonzero(steps < 0) + 1), (most, jumps)]
+    found += [("stands still", still)] if len(still) < COARSE * len(steps) else []
+    return [(what, rows.tolist()) for what, rows in found if len(rows)]
 
 
 def is_even(recording: Recording) -> bool:
@@ -109,6 +126,9 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
             )
         return found
     signals = [s for s in (*model.inputs, *model.outputs) if s.name in recording]
+    for one, other in (magnitude(recording, model, s.name) for s in model.inputs if s.name in recording):
+        if one:
+            found.append(f"column {one!r} {without_sign(other)}")
     for signal in signals:
         values = recording[signal.name]
         span = float(np.ptp(values))
@@ -161,8 +181,12 @@ def _more(rows: list[int], what: str) -> list[Problem]:
 
 def _backward(time: FloatArray, row: int) -> Problem:
     restart = time[row] <= time[0] + 0.01 * (time[row - 1] - time[0])
+    fall = time[row - 1] - time[row]
+    wrap = next((text for period, text in WRAPS.items() if abs(fall / period - 1) < 0.01), "")
     remedy = (
-        "a new run? number the runs in a column 'episode'"
+        f"a counter that begins anew? declare its period, as 't=COLUMN%{wrap}'"
+        if wrap
+        else "a new run? number the runs in a column 'episode'"
         if restart
         else "sort the rows by time, and drop repeated ones"
     )

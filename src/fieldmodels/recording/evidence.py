@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.model import Model
+from fieldmodels.recording.bench import Channel, decoded
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.units import other_units
 from fieldmodels.recording.windows import Windows
@@ -19,6 +20,8 @@ CLEARLY = 0.02
 """Correlation by which a model must answer better in one unit than in another."""
 _ROWS = 20_000  # that suffice to tell a unit
 _WINDOWS = 400  # windows that suffice to tell a sign
+_LONG = 1_000_000  # rows that suffice to tell how numbers are coded
+_LEVELS = 5  # of either sign: a switch between two values has none
 _LATEST = 10  # steps by which a response is looked for late
 
 
@@ -58,6 +61,75 @@ def counts(values: FloatArray) -> bool:
     """Whether a column only numbers the rows: it advances by one step, though it may begin anew at times."""
     steps = np.diff(values[np.isfinite(values)])
     return bool(len(steps) > 2 and np.median(steps) != 0 and np.mean(steps == np.median(steps)) > 0.9)
+
+
+def coding_of(values: FloatArray) -> tuple[str, str]:
+    """How whole numbers without a sign hold signed ones (see ``Channel.coding``), and in words; or nothing.
+
+    Where such a signal passes zero its cells jump by the whole range of the number, and decoded they do not,
+    or nothing lies between what is positive and what is negative.
+    """
+    cells = values[np.isfinite(values)][:_LONG]
+    if len(cells) < _WINDOWS // 8 or cells.min() < 0 or np.any(cells != np.round(cells)):
+        return "", ""
+    best, chosen = 0.25, ("", "")
+    for bits in (*range(8, 17), 24, 32):
+        said = f"what look like signed numbers in {bits} bits without a sign (-1 is {2**bits - 1})"
+        sign = f"what look like numbers with their sign in the bit worth {2 ** (bits - 1)}"
+        for coding, size, why in (
+            (f"int{bits}", 2.0**bits, said),
+            (f"sign{2 ** (bits - 1)}", 2.0 ** (bits - 1), sign),
+        ):
+            signed = decoded(cells, Channel("", coding=coding))
+            levels = [len(np.unique(part)) for part in (signed[signed < 0], signed[signed > 0])]
+            inside = cells.max() < (size if coding.startswith("int") else 2 * size)
+            jumps = np.sum(np.abs(np.diff(cells)) > 0.5 * size)
+            if not inside or jumps < 2 or min(levels) < _LEVELS:
+                continue
+            rough = float(np.abs(np.diff(signed)).max()) / size
+            rough = rough if np.abs(signed).max() > 0.3 * size else 0.4 * rough  # nothing lies between
+            if rough < best:
+                best, chosen = rough, (coding, why)
+    return chosen
+
+
+def magnitude(recording: Recording, model: Model, command: str, against: bool = False) -> tuple[str, str]:
+    """A command or a rate that has lost its sign, and what has one still; empty if none has.
+
+    It is never negative while the other goes both ways, and goes better with the other's size.
+
+    Args:
+        recording: Signals in SI units.
+        model: Says which they are.
+        command: Name of the input.
+        against: Whether the response is known to go against the command, which then needs no size.
+    """
+    rates = [s.name for s in model.outputs if s.unit.endswith("/s") and s.name in recording]
+    first = next((s.name for s in model.outputs if s.name in recording), "")
+    sides = {name: recording[name] for name in rates} or {first: np.gradient(recording[first])}
+    values = recording[command]
+    for name, rate in sides.items():
+        for one, other, pair in ((command, name, (values, rate)), (name, command, (rate, values))):
+            if min(map(np.ptp, pair)) == 0 or not (_one_sided(pair[0]) and _both_sided(pair[1])):
+                continue
+            sized, signed = (abs(float(np.corrcoef(pair[0], p)[0, 1])) for p in (np.abs(pair[1]), pair[1]))
+            if (against and one == command) or (sized > 0.3 and sized > signed + 0.1):
+                return one, other
+    return "", ""
+
+
+def without_sign(other: str) -> str:
+    """What is said of a magnitude, with the signal that has a sign still."""
+    return f"is never negative while {other!r} goes both ways: a magnitude? log it with its sign"
+
+
+def _one_sided(values: FloatArray) -> bool:
+    return bool(values.min() >= -0.02 * values.max() and values.max() > 0)
+
+
+def _both_sided(values: FloatArray) -> bool:
+    low, high = np.quantile(values, [0.05, 0.95])
+    return bool(min(-low, high) > 0.1 * max(-low, high))
 
 
 def clock_unit(values: FloatArray, horizon: float) -> tuple[str, str]:

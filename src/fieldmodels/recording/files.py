@@ -13,22 +13,24 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, check_instance
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording.bench import EPISODE, EPOCH, OTHER_CLOCK, TIME, Bench, Channel, unwrapped
+from fieldmodels.recording.bench import EPISODE, EPOCH, OTHER_CLOCK, TIME, Bench, Channel, decoded
 from fieldmodels.recording.checks import (
     LEAST_COUNTED,
     check_episodes,
     check_length,
     check_time,
+    clock_faults,
     is_even,
     suspicions,
 )
+from fieldmodels.recording.evidence import coding_of
 from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
-from fieldmodels.recording.tables import EMPTY, REMEDY, Problem, Table, write_table
+from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, write_table
 from fieldmodels.recording.units import UnitError, factor, si_unit
 from fieldmodels.recording.words import short
-from fieldmodels.rounding import listed
+from fieldmodels.rounding import listed as in_words
 
 LEAST_SCALED = 50
 """Number of rows above which the sampling rate of a recording indicates a slow bench."""
@@ -136,9 +138,16 @@ def recording_of(
         raise table.fail([Problem(what, clock.name)])
     used = {c.signal: values[c.name] if single else values[c.name].copy() for c in wanted if c.name}
     runs = used.get(EPISODE) if single else None
-    for c in wanted:
-        if c.channel.period:  # before values are interpolated
-            used[c.signal] = unwrapped(used[c.signal], c.channel.period, runs)
+    signed = [
+        f"column {c.name!r} holds {why}; declare it as '{c.signal}={c.name}%{coding}'"
+        for c in wanted
+        if c.signal not in (TIME, EPISODE) and not c.channel.period and not c.channel.coding and c.name
+        for coding, why in [coding_of(used[c.signal])]
+        if coding
+    ]
+    for c in wanted:  # before values are interpolated
+        if c.name:
+            used[c.signal] = decoded(used[c.signal], c.channel, runs)
     if bench.rate is not None and not clock.name:
         used[TIME] = np.arange(rows) / bench.rate
     elif not single:
@@ -155,10 +164,10 @@ def recording_of(
         episode=np.zeros(len(time), dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(table.path),
         aligned=bench.aligned,
-        notes=_of_clocks(table, clock.name, bench),
+        notes=(*_of_clocks(table, clock.name, bench), *signed),
     )
     stated = {c.signal for c in wanted if c.channel.unit or c.name in table.units}
-    return _checked(table, recording, model, horizon, clock, stated)
+    return _checked(table, recording, model, horizon, clock, stated, single)
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -255,7 +264,7 @@ def _columns(table: Table, model: Model | None, bench: Bench) -> list[_Column]:
     mapping = {s: c for s, c in bench.columns.items() if not OTHER_CLOCK.fullmatch(s)}
     others = table.other_clocks("") if isinstance(table, JoinedTable) else ()
     problems += [
-        Problem(f"is the clock of no further file; these are {listed(list(others)) or 'none'}", name)
+        Problem(f"is the clock of no further file; these are {in_words(list(others)) or 'none'}", name)
         for name in _moved(bench)
         if name not in others
     ]
@@ -337,6 +346,17 @@ def _missing(signal: str, name: str, table: Table, model: Model | None) -> Probl
                    f"add it, or declare another one as '{signal}=NAME:UNIT'{rate}")  # fmt: skip
 
 
+def _lying(table: Table, recording: Recording, clock: str) -> tuple[str, ...]:
+    """Where a clock goes back, stands still or jumps, by the first rows of each."""
+    notes = []
+    for what, rows in clock_faults(recording):
+        shown = table.rows_shown(rows[:SHOWN])
+        more = [f"{len(rows) - SHOWN:,} more"] if len(rows) > SHOWN else []
+        places = in_words([*(str(shown[row]) for row in rows[:SHOWN]), *more])
+        notes.append(f"column {clock!r}: the clock {what} at row{'s' if len(rows) > 1 else ''} {places}")
+    return tuple(notes)
+
+
 def _checked(
     table: Table,
     recording: Recording,
@@ -344,8 +364,9 @@ def _checked(
     horizon: float | None,
     clock: _Column,
     stated: Set[str],
+    rows: bool,
 ) -> Recording:
-    """The recording on an even grid, with its suspicious columns warned of.
+    """The recording on an even grid, with its suspicious columns warned of; ``rows`` are the file's.
 
     Raises:
         RecordingError: If its time cannot be used, or it is too short or too coarse.
@@ -353,7 +374,8 @@ def _checked(
     problems = [Problem(p.message, p.column or clock.name, p.row) for p in check_time(recording)]
     if not problems:
         if not is_even(recording):
-            recording = evened(recording, model)
+            lying = _lying(table, recording, clock.name) if rows and clock.name else ()
+            recording = evened(replace(recording, notes=(*recording.notes, *lying)), model)
         if horizon is None and model is not None and model.horizons:
             # A slow bench is predicted over longer times; but a clock in ms looks like a very slow one.
             horizon = min(model.horizons)

@@ -13,17 +13,21 @@ from scipy.optimize import linear_sum_assignment
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.names import did_you_mean
-from fieldmodels.recording.bench import EPISODE, OTHER_CLOCK, TIME, Bench, Channel, unwrapped
+from fieldmodels.recording.bench import EPISODE, OTHER_CLOCK, TIME, Bench, Channel, decoded
+from fieldmodels.recording.clipping import wraps
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.evidence import (
     angle_unit,
     clock_unit,
+    coding_of,
     counts,
     is_clock,
+    magnitude,
     rate_of,
     response,
     slope,
     turns,
+    without_sign,
 )
 from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.tables import Table
@@ -41,6 +45,9 @@ from fieldmodels.recording.words import is_time, meanings, other_quantity, suits
 DECLARED = "as declared"
 SURE = 0.9
 """Confidence from which a proposal is used without asking."""
+COUNTS = tuple(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 17, 18, 20, 24, 32))
+PERIODS = (360.0, 2 * np.pi, *COUNTS)
+"""Ranges at which angles and counters wrap around."""
 ROWS = 20_000
 """Rows of a log that are looked at."""
 _NAMED, _NAMED_OPTIONAL = 0.3, 0.6  # least that a name must suit a signal
@@ -58,6 +65,7 @@ class ColumnProposal:
         gain: A scale or a sign; negative where the sign seems reversed.
         offset: Added then, in ``unit``.
         period: Of cells that wrap around, as of ``Channel``.
+        coding: Of cells without a sign, as of ``Channel``.
         confidence: 0 to 1; from ``SURE`` on it needs no confirmation.
         evidence: Why, in plain words.
     """
@@ -70,11 +78,12 @@ class ColumnProposal:
     period: float = 0.0
     confidence: float = 1.0
     evidence: tuple[str, ...] = ()
+    coding: str = ""
 
     @property
     def channel(self) -> Channel:
         """The same for a bench file."""
-        return Channel(self.column, self.unit, self.gain, self.offset, self.period)
+        return Channel(self.column, self.unit, self.gain, self.offset, self.period, self.coding)
 
     def doubted(self, most: float, why: str, gain: float | None = None) -> ColumnProposal:
         """The same with less confidence, for one more reason."""
@@ -159,6 +168,7 @@ def propose(
         values[one.column] = one.gain * values[one.column] + one.offset
     view = _View(table, model, values, clock, rate)
     found = _by_data(view, found, rest)
+    found = {role: _with_coding(view, one) for role, one in found.items()}
     found = {role: _with_unit(view, one, found) for role, one in found.items()}
     found = _with_signs(view, _turning(view, found))
     roles = [s.name for s in model.signals]
@@ -246,7 +256,7 @@ class _View:
         for role, one in found.items():
             if role != EPISODE:
                 values = self.column(one.column)
-                values = one.gain * (unwrapped(values, one.period) if one.period else values) + one.offset
+                values = one.gain * decoded(values, one.channel) + one.offset
                 signals[role] = values * factor(one.unit, self.signals[role].unit)
         count = min(map(len, signals.values()))
         signals = {role: values[:count] for role, values in signals.items()}
@@ -285,7 +295,15 @@ def _declared(table: Table, model: Model, role: str, channel: Channel) -> Column
     unit = channel.unit or table.units.get(channel.column, "")
     unit = unit or next((s.unit for s in model.signals if s.name == role), "s" if role == TIME else "")
     return ColumnProposal(
-        role, channel.column, unit, channel.gain, channel.offset, channel.period, evidence=(DECLARED,)
+        role,
+        channel.column,
+        unit,
+        channel.gain,
+        channel.offset,
+        channel.period,
+        1.0,
+        (DECLARED,),
+        channel.coding,
     )
 
 
@@ -398,6 +416,33 @@ def _roughness(values: FloatArray) -> float:
     return float(np.diff(values, 2).std()) / spread if spread > 0 else 0.0
 
 
+def _with_coding(view: _View, one: ColumnProposal) -> ColumnProposal:
+    """The column as signed numbers, or unwrapped, where its cells look so."""
+    if one.role == EPISODE or DECLARED in one.evidence:
+        return one
+    values, signal, stated = (
+        view.column(one.column),
+        view.signals[one.role],
+        view.table.units.get(one.column, ""),
+    )
+    coding, why = coding_of(values)
+    if coding:
+        return replace(one, coding=coding).doubted(0.85, f"holds {why}")
+    if signal not in view.model.outputs or signal.name in view.model.wrapped_outputs:
+        return one
+    wrap = wraps(Recording(np.arange(float(len(values))), {one.role: values}), one.role)
+    period = next((p for p in PERIODS if wrap and abs(wrap[0] / p - 1) < 0.02), 0.0)
+    if not period:
+        return one
+    one = replace(one, period=period).doubted(
+        0.85, f"jumps by about {period:g}, as what wraps around there does"
+    )
+    if signal.unit == "rad" and period in COUNTS and (not stated or is_unscaled(stated)):
+        why = f"a turn is taken to have {period:g} counts"
+        return replace(one, unit="rad", gain=one.gain * 2 * np.pi / period).doubted(0.7, why)
+    return replace(one, unit="deg") if period == 360.0 and signal.unit == "rad" and not stated else one
+
+
 def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnProposal]) -> ColumnProposal:
     """The unit that the file states, else the one that the numbers suggest."""
     if one.role == EPISODE or one.unit:
@@ -470,7 +515,12 @@ def _with_signs(view: _View, found: dict[str, ColumnProposal]) -> dict[str, Colu
             if rate.unit == f"{signal.unit}/s" and {signal.name, rate.name} <= set(found):
                 found = _consistent(view, found, signal.name, rate.name)
         for command in model.inputs:
-            answer = response(model, view.recording(found), command.name, delays=True)
+            recording = view.recording(found)
+            answer = response(model, recording, command.name, delays=True)
+            lost, other = magnitude(recording, model, command.name, answer is not None and answer.reversed)
+            if lost:
+                found[lost] = found[lost].doubted(0.6, f"{found[lost].column!r} {without_sign(other)}")
+                continue
             if answer is None:
                 continue
             one = found[command.name]
