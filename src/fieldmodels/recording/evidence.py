@@ -80,11 +80,11 @@ def coding_of(values: FloatArray) -> tuple[str, str]:
             (f"int{bits}", 2.0**bits, said),
             (f"sign{2 ** (bits - 1)}", 2.0 ** (bits - 1), sign),
         ):
-            signed = decoded(cells, Channel("", coding=coding))
-            levels = [len(np.unique(part)) for part in (signed[signed < 0], signed[signed > 0])]
             inside = cells.max() < (size if coding.startswith("int") else 2 * size)
-            jumps = np.sum(np.abs(np.diff(cells)) > 0.5 * size)
-            if not inside or jumps < 2 or min(levels) < _LEVELS:
+            if not inside or np.sum(np.abs(np.diff(cells)) > 0.5 * size) < 2:
+                continue
+            signed = decoded(cells, Channel("", coding=coding))
+            if min(len(np.unique(part)) for part in (signed[signed < 0], signed[signed > 0])) < _LEVELS:
                 continue
             rough = float(np.abs(np.diff(signed)).max()) / size
             rough = rough if np.abs(signed).max() > 0.3 * size else 0.4 * rough  # nothing lies between
