@@ -1,5 +1,7 @@
 """Nothing is silently wrong at the door: units, clocks and what a column is, on generated files."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -216,7 +218,8 @@ def test_what_is_aligned_on_request_names_no_delay(tmp_path):
     with pytest.warns(match="as requested"):
         read = Logs(Motor(), align=True).read(two_files(tmp_path))
     assert read.aligned
-    found = diagnose(Motor(), [read])
+    plain = Logs(Motor()).read(two_files(tmp_path))
+    found = diagnose(Motor(), [replace(plain, aligned=True)])  # even where a delay is there to be seen
     assert "actuator_delay" in found.not_testable
     assert not any("delay" in name for c in found.causes for name in (c.effect, *c.alternatives))
 
@@ -288,10 +291,13 @@ def test_a_magnitude_is_said_and_no_sign_proposed_for_it(tmp_path, lost, names):
         Logs(Motor(), accept=True).read(str(path))
 
 
-def test_a_command_of_one_side_is_no_magnitude(tmp_path):
-    t, command, speed = driven()
-    path = written(tmp_path / "log.csv", "time,duty,velocity", t, command + 1.0, speed + 1.0)
-    assert "magnitude" not in str(propose(read_table(path), Motor()))
+def test_a_command_of_one_side_is_no_magnitude(tmp_path, rig):
+    """A force that only pushes, against a spring: the carriage goes both ways nevertheless."""
+    moved = rig["force"] + 2 * np.abs(rig["force"]).max()
+    path = written(
+        tmp_path / "log.csv", "time,f_cmd,pos,vel", rig["t"], moved, rig["position"], rig["velocity"]
+    )
+    assert "magnitude" not in str(propose(read_table(path), RIG))
 
 
 CODINGS = {
