@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.engine import HERE, Engine, Job, run_jobs
 from fieldmodels.exam import scoring
 from fieldmodels.exam.answers import Answer, ask
-from fieldmodels.exam.benches import Bench, Hidden, get_bench
+from fieldmodels.exam.benches import TEST, THIRD, Bench, Hidden, get_bench
 from fieldmodels.exam.cases import Case
 from fieldmodels.exam.delivery import Delivery
 from fieldmodels.exam.logs import STATEMENTS, NoDataError, failures
@@ -188,7 +189,7 @@ def make(bench: Bench, case: Case) -> Row:
     Returns:
         ``sizes`` and ``percents`` of what is hidden; ``shown``: evidence for each in the record to fit
         [nats]; ``attainable``: the output to whose error it adds most, the share of that error which an
-        extension could remove.
+        extension could remove on the second record, and on the third.
     """
     reference = case.conditions
     if reference.cut:  # one fault in records of growing length
@@ -276,23 +277,31 @@ def _on_windows(
 def _attainable(bench: Bench, case: Case, hidden: Sequence[Hidden], name: str = "") -> dict[str, Any] | None:
     """The output that suffers most, or a given one, and the share of its error that is what is hidden's."""
     known = bool(bench.needs_base & set(case.hidden))
-    without = errors(bench, (), case.conditions, case.seed, known)
-    with_them = errors(bench, hidden, case.conditions, case.seed, known)
-    if not np.isfinite(np.nanmax(with_them)):
+
+    def ratios(record: int) -> FloatArray:
+        """Errors with what is hidden over those without it."""
+        with_them, without = (
+            errors(bench, what, case.conditions, case.seed, known, record) for what in (hidden, ())
+        )
+        return with_them / without
+
+    second, third = ratios(TEST), ratios(THIRD)
+    if not np.isfinite(np.nanmax(second)):
         return None
     names = [output.name for output in bench.model.outputs]
-    output = names.index(name) if name else int(np.nanargmax(with_them / without))
-    return {"output": names[output], "share": round(1.0 - float(without[output] / with_them[output]), 5)}
+    output = names.index(name) if name else int(np.nanargmax(second))
+    shares = {"share": second, "third": third}
+    return {"output": names[output]} | {k: round(1.0 - 1.0 / float(r[output]), 5) for k, r in shares.items()}
 
 
 def regained_of(attainable: Mapping[str, Any] | None, delivery: Delivery) -> float | None:
     """Share of what can be gained on the output that suffers most that the extended simulation gains."""
-    if attainable is None or attainable["share"] <= 0.0 or attainable["output"] not in delivery.before:
+    if attainable is None or attainable["third"] <= 0.0 or attainable["output"] not in delivery.before:
         return None
     before, after = (errors[attainable["output"]] for errors in (delivery.before, delivery.after))
     if not before > 0.0:
         return None
-    return round(max((1.0 - after / before) / float(attainable["share"]), LEAST_REGAINED), 4)
+    return round(max((1.0 - after / before) / float(attainable["third"]), LEAST_REGAINED), 4)
 
 
 def _hidden(case: Case, sizes: Sequence[float]) -> list[Hidden]:

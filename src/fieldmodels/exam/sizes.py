@@ -71,10 +71,15 @@ def with_third(
 
 
 def errors(
-    bench: Bench, hidden: Sequence[Hidden], conditions: Conditions, seed: int, known: bool
+    bench: Bench,
+    hidden: Sequence[Hidden],
+    conditions: Conditions,
+    seed: int,
+    known: bool,
+    record: int = TEST,
 ) -> FloatArray:
-    """Held-out error of each output of the refitted nominal machine; infinite if it runs away."""
-    pair = records(bench, hidden, conditions, seed)
+    """Error on another record of each output of the refitted nominal machine; infinite if it runs away."""
+    pair = [bench.log(hidden, conditions, seed, which) for which in (FIT, record)]
     if not all(log.finite for log in pair):
         return np.full(pair[0].outputs.shape[1], np.inf)
     return bench.errors(*pair, conditions, seed, known)

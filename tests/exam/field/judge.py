@@ -65,7 +65,7 @@ def judged(case: FieldCase, wanted: Right, possible: Mapping[str, float], answer
     regained, delivery = None, answer.delivery
     if case.size != "none" and delivery is not None and not wanted.unexplained:
         name = max(delivery.before, key=lambda n: delivery.before[n] / possible[n])
-        attainable = {"output": name, "share": 1.0 - possible[name] / delivery.before[name]}
+        attainable = {"output": name, "third": 1.0 - possible[name] / delivery.before[name]}
         regained = regained_of(attainable, delivery)
     return {
         "outcome": outcome_of(case, wanted, answer),

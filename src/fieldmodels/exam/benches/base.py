@@ -99,11 +99,13 @@ class Log:
         step: Sampling interval [s].
         inputs: Shape (n, inputs).
         outputs: In the order of the model's; NaN where nothing is measured, shape (n, outputs).
+        record: Which of a machine's records it is.
     """
 
     step: float
     inputs: FloatArray
     outputs: FloatArray
+    record: int = FIT
 
     @property
     def finite(self) -> bool:
@@ -205,7 +207,7 @@ class Bench(ABC):
 
     @abstractmethod
     def errors(self, train: Log, test: Log, conditions: Conditions, seed: int, known: bool) -> FloatArray:
-        """Error of each output of the nominal machine on the second record, NaN where nothing is measured.
+        """Error of each output of the nominal machine on another record, NaN where nothing is measured.
 
         Args:
             train: Record to which base parameters are fitted.

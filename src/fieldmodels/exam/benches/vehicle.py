@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.exam.benches.base import FIT, TEST, Bench, Conditions, Hidden, Log
+from fieldmodels.exam.benches.base import Bench, Conditions, Hidden, Log
 from fieldmodels.exam.plants import vehicle
 from fieldmodels.exam.plants.noise import NOISES, noise
 from fieldmodels.recording import Recording
@@ -81,7 +81,7 @@ class Excitation(Bench):
         given = round(conditions.cut / STEP) or len(outputs)
         angles = commands[: -1 : vehicle.FINE].T.ravel()
         inputs = np.column_stack([angles, np.repeat(modes + 1.0, SAMPLES)])
-        return Log(STEP, inputs[:given], outputs[:given])
+        return Log(STEP, inputs[:given], outputs[:given], record)
 
     def errors(self, train: Log, test: Log, conditions: Conditions, seed: int, known: bool) -> FloatArray:
         """See ``Bench.errors``: the suspension is fitted by the slopes at its true values."""
@@ -91,12 +91,12 @@ class Excitation(Bench):
         base = tuple(self.base(seed).items())
         change: FloatArray = np.zeros(len(SUSPENSION))
         if not known:
-            nominal, slopes = _nominal(base, seed, FIT, runs)
+            nominal, slopes = _nominal(base, seed, train.record, runs)
             off = np.nan_to_num((train.outputs - nominal) * weights)
             seen = np.isfinite(train.outputs[:1, :, None]) * slopes * weights[:, None]
             found = np.linalg.lstsq(seen.reshape(-1, len(change)), off.ravel(), rcond=None)[0]
             change = np.asarray(found, dtype=np.float64)
-        nominal, slopes = _nominal(base, seed, TEST, runs)
+        nominal, slopes = _nominal(base, seed, test.record, runs)
         return np.asarray(np.sqrt(np.mean((test.outputs - nominal - slopes @ change) ** 2, axis=0)))
 
     def recording(self, log: Log, conditions: Conditions, seed: int) -> Recording:
