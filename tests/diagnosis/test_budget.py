@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fieldmodels.diagnosis import diagnose, procedure
-from fieldmodels.diagnosis.budget import SEARCH, Budget
+from fieldmodels.diagnosis.budget import JUDGED, SEARCH, Budget
+from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.effort import simulated
 from fieldmodels.model import Effect, Model, Parameter, Signal
 from fieldmodels.recording import Recording
@@ -62,11 +63,13 @@ def as_data(diagnosis):
 
 
 def test_the_best_so_far_is_given_and_what_was_not_tried_is_said(monkeypatch):
-    """The clock is looked at when it starts, before each single effect, and then before each pair."""
-    ticking(monkeypatch, 1000)
-    short = diagnose(Cart(), [record(1)], budget=2.5 / SEARCH)
+    """The clock moves a second with each effect that is fitted; search and judging end after two."""
+    fitted, extended = [], Candidates._extended
+    monkeypatch.setattr(Candidates, "_extended", lambda *given: (extended(*given), fitted.append(1))[0])
+    monkeypatch.setattr(procedure, "Budget", lambda seconds: Budget(seconds, clock=lambda: len(fitted)))
+    short = diagnose(Cart(), [record(1)], budget=1.9 / JUDGED)
     assert [c.effect for c in short.causes] == ["drag"]
-    assert "not tried: drag + slope, slope + drag, mistaken columns, unlisted curves and" in short.stopped
+    assert "not tried: drag + slope, slope + drag, mistaken columns, which effects" in short.stopped
     assert short.stopped in short.summary()
     assert short.to_json()["stopped"] == short.stopped
 
@@ -99,7 +102,7 @@ def test_what_is_left_out_is_shortened():
 
 def test_a_step_that_outlasts_the_time_ends_amid_it_and_what_stood_before_stays():
     """The clock moves a second at each look: one before the step, one at each simulation in it."""
-    budget = Budget(4.0, clock=iter(range(20)).__next__)
+    budget = Budget(4.0 / JUDGED, clock=iter(range(20)).__next__)
     done = []
 
     def step():

@@ -14,8 +14,8 @@ from typing import TypeVar
 from fieldmodels.diagnosis.effort import watched
 
 Result = TypeVar("Result")
-SEARCH = 0.6
-"""Share of the budget for the search; the rest is for judging and measuring what it found."""
+SEARCH, JUDGED = 0.6, 0.85
+"""Shares of the budget at which the search and the judging end; the rest is for measuring what they found."""
 SHOWN = 4
 """Names of what was left out that are listed."""
 
@@ -51,21 +51,23 @@ class Budget:
         self.left_out.append(what)
         return True
 
-    def within(self, what: str, act: Callable[[], Result], otherwise: Result) -> Result:
+    def within(
+        self, what: str, act: Callable[[], Result], otherwise: Result, share: float = JUDGED
+    ) -> Result:
         """What a step gives; where time lacks before it or runs out amid it, what stands without it."""
         if self.seconds is None:
             return act()
-        if self.lacks(what):
-            return otherwise
+
+        def ask() -> None:
+            if self.lacks(what, share):
+                raise OverBudgetError
+
         try:
-            with watched(lambda: self._ask(what)):
+            with watched(ask):
+                ask()
                 return act()
         except OverBudgetError:
             return otherwise
-
-    def _ask(self, what: str) -> None:
-        if self.lacks(what):
-            raise OverBudgetError
 
     def words(self) -> str:
         """What was left out, in a sentence; empty if nothing was."""

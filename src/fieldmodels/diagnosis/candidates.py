@@ -203,8 +203,9 @@ class Candidates:
 
     def extend(self, parent: Candidate, name: str) -> Candidate | None:
         """Add an effect to a fitted set; None if no start gives a finite cost, or the time is over."""
-        if self.budget.lacks(" + ".join((*parent.effects, name)), SEARCH):
-            return None
+        return self._in_time(parent, name, lambda: self._extended(parent, name), None)
+
+    def _extended(self, parent: Candidate, name: str) -> Candidate | None:
         self.tried.add((frozenset(parent.effects), name))
         effect = self.problem.model.effect(name)
         starts, good = self.screened(parent, effect)[1], self.promised(parent, name)
@@ -279,8 +280,16 @@ class Candidates:
         return candidate
 
     def score_test(self, parent: Candidate, name: str) -> float:
-        """Improvement [nats] by an effect from its best start, predicted to first order (a score test)."""
-        return self.screened(parent, self.problem.model.effect(name))[0]
+        """Improvement [nats] by an effect from its best start, predicted to first order (a score test).
+
+        None is promised where the time for the search is over.
+        """
+        effect = self.problem.model.effect(name)
+        return self._in_time(parent, name, lambda: self.screened(parent, effect)[0], -np.inf)
+
+    def _in_time(self, parent: Candidate, name: str, act: Callable[[], Result], otherwise: Result) -> Result:
+        """What a step of the search for an effect beside a parent gives, if there is time for it."""
+        return self.budget.within(" + ".join((*parent.effects, name)), act, otherwise, SEARCH)
 
     def twins(self, name: str) -> set[str]:
         """Simpler effects that an effect equals at bounds of its parameters."""
@@ -443,6 +452,9 @@ class Candidates:
 
     def identifiable(self, parent: Candidate, name: str) -> bool:
         """Whether an effect is identifiable beside the base, by an exact rank test at its start."""
+        return self._in_time(parent, name, lambda: self._identifiable(parent, name), True)
+
+    def _identifiable(self, parent: Candidate, name: str) -> bool:
         effect = self.problem.model.effect(name)
         predicted, starts = self.screened(parent, effect)
         if self.problem.observations is not None and predicted > CLEAR:

@@ -27,6 +27,7 @@ def collect(
     predictions: tuple[Prediction, Prediction],
     ranking: tuple[tuple[str, float, float, str], ...],
     rng: np.random.Generator,
+    brief: bool = False,
 ) -> Evidence:
     """Collect the data for the figures.
 
@@ -38,12 +39,13 @@ def collect(
         predictions: Of the test windows, by the base and by the extended simulation.
         ranking: Rows as in ``Evidence.ranking``.
         rng: Source of randomness.
+        brief: Whether residuals and correlations are left out, which take as long as all the rest.
     """
     before, after = selection.base.fit.parameters, chosen.fit.parameters
     return Evidence(
         traces=_traces(testing, *predictions),
-        residuals=_residuals(training, before, after),
-        correlations=correlations(testing, after, *predictions, rng),
+        residuals={} if brief else _residuals(training, before, after),
+        correlations=() if brief else correlations(testing, after, *predictions, rng),
         calibration=_calibration(testing, *predictions),
         ranking=ranking,
         base=before[: len(training.model.names)],

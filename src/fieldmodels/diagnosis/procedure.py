@@ -309,10 +309,16 @@ def _found(
         same = rivals_of(chosen, selection.seldom, candidates.problem.blocks, candidates.options)
         selection = replace(selection, chosen=chosen, alternatives=same)
     path = path_to(candidates, base, chosen)
-    chosen, possible = told_from_neutral(candidates, path, testing, rng)
+    possible = tuple[Cause, ...]()
+    if chosen.effects:
+        chosen, possible = within(
+            "which effects differ from none",
+            lambda: told_from_neutral(candidates, path, testing, rng),
+            (chosen, possible),
+        )
     report("letting unlisted curves compete", 0.85)
     judged = within("unlisted curves", lambda: judge(candidates, selection.base, chosen), None) or unjudged(
-        candidates, chosen
+        candidates, selection.base, chosen
     )
     judged = within(
         "fewer names", lambda: without_imitators(candidates, selection.base, judged, testing), judged
@@ -421,9 +427,11 @@ def _stated(
         verdict=verdict,
         causes=made.causes,
         mistaken=found.mistaken,
-        misfit=()
-        if lacks("tests of the residuals")
-        else failed_tests(training, selection.base, candidates.options, found.judged.beside_base),
+        misfit=within(
+            "tests of the residuals",
+            lambda: failed_tests(training, selection.base, candidates.options, found.judged.beside_base),
+            (),
+        ),
         gain=gains(
             testing,
             (selection.base, kept),
@@ -462,5 +470,6 @@ def _stated(
             (found.before, made.prediction),
             ranking(selection, training),
             rng,
+            brief=lacks("figures of the residuals"),
         ),
     )

@@ -52,10 +52,11 @@ class Judgement:
     unsure: Mapping[str, str] = field(default_factory=dict)
 
 
-def unjudged(candidates: Candidates, chosen: Candidate) -> Judgement:
+def unjudged(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
     """A chosen set with which there was no time for curves to compete."""
-    curves = Curves(candidates.problem, chosen.fit, candidates.options)
-    return Judgement(chosen, curves, curves)
+    beside = Curves(candidates.problem, base.fit, candidates.options)
+    tried = Curves(candidates.problem, chosen.fit, candidates.options) if chosen.effects else beside
+    return Judgement(chosen, tried, beside)
 
 
 def judge(candidates: Candidates, base: Candidate, chosen: Candidate) -> Judgement:
