@@ -74,12 +74,10 @@ def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> 
     # A window holds both of its ends.
     most = max(max(len(r) for r in recordings) // FEWEST - 1, 1)
     many = sum(map(len, recordings)) // ENOUGH - 1
-    limits = [min(max(many, n), most) * step for n in STEPS]
-    found = [
-        min(max(share * slowest, n * step), limit)
-        for share, n, limit in zip(SHARES, STEPS, limits, strict=True)
-    ]
-    return tuple(min(float(f"{h:.2g}"), float(f"{m:.9g}")) for h, m in zip(found, limits, strict=True))
+    return tuple(
+        min(float(f"{max(share * slowest, n * step):.2g}"), float(f"{min(max(many, n), most) * step:.9g}"))
+        for share, n in zip(SHARES, STEPS, strict=True)
+    )
 
 
 def _pace(machine: Declaration, recordings: Sequence[Recording], name: str) -> float:
