@@ -79,10 +79,10 @@ def errors(
     record: int = TEST,
 ) -> FloatArray:
     """Error on another record of each output of the refitted nominal machine; infinite if it runs away."""
-    pair = [bench.log(hidden, conditions, seed, which) for which in (FIT, record)]
-    if not all(log.finite for log in pair):
-        return np.full(pair[0].outputs.shape[1], np.inf)
-    return bench.errors(*pair, conditions, seed, known)
+    train, other = (bench.log(hidden, conditions, seed, which) for which in (FIT, record))
+    if not (train.finite and other.finite):
+        return np.full(train.outputs.shape[1], np.inf)
+    return bench.errors(train, other, conditions, seed, known)
 
 
 def added(with_fault: FloatArray, without: FloatArray) -> float:
