@@ -208,6 +208,7 @@ class Model(ABC):
             one unit of each is in the columns of ``Windows.disturbance``, then of shape (n, columns). The
             first column is the one of ``disturbance_unit``.
         staged: Directions in which what was found in a stage by itself acts in the whole, where they differ.
+        rates: States that no output measures, each with the output whose rate of change it is.
         unmeasured: Signals of the simulation that no sensor measures, and on which something unlisted may
             depend (a suspension's deflection); see ``simulate_all``.
         lasting: How long what acts in a window is felt after it [s], where windows do not start anew.
@@ -244,6 +245,7 @@ class Model(ABC):
     directions: tuple[Combination, ...] = ()
     staged: tuple[Combination, ...] = ()
     unmeasured: tuple[Signal, ...] = ()
+    rates: Mapping[str, str] = MappingProxyType({})
     lasting: float = 0.0
     sums: tuple[Combination, ...] = ()
     random_force: bool = False

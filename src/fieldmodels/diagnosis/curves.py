@@ -245,7 +245,10 @@ class Curves:
         Then it hardly depends on what that was a moment before, when a path or a set-point moved it, too.
         """
         curve, model = scored.curve, self.problem.model
-        told = curve.over.startswith("rate of ") or curve.over in {s.name for s in model.inputs}
+        told = curve.over.startswith("rate of ") or curve.over in {
+            *model.rates,
+            *(s.name for s in model.inputs),
+        }
         if curve.place != "sensor" or not told or model.random_force:
             return False
         if curve.target not in self._fed_back:
@@ -657,7 +660,8 @@ class Curves:
             if model.random_force or signal.event or not self._is_told(j, 1):
                 continue  # random forces drive the rates, so that these do not reveal what forces depend on
             if f"{signal.unit}/s" not in units:
-                yield f"rate of {signal.name}", f"{signal.unit}/s"
+                states = (state for state, output in model.rates.items() if output == signal.name)
+                yield next(states, f"rate of {signal.name}"), f"{signal.unit}/s"
             if signal.name not in model.unbounded_outputs and all(signal.name in one for one in recorded):
                 for name in remembering(signal.name, duration, float(np.nanstd(np.concatenate(values)))):
                     yield name, signal.unit

@@ -192,6 +192,7 @@ class Declaration(Model):
             )
         if not self.horizons:
             self.horizons = (0.1, 0.2, 0.4)
+        self.rates = self._rates()
 
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the declarations, not what was compiled of them."""
@@ -214,6 +215,22 @@ class Declaration(Model):
         named = dict.fromkeys([*(e.signal for e in pushing), *(s.name for s in self.states)])
         known = {name for f in self.forces for name in (f.velocity, f.position)}
         return (*self.forces, *(Force(name) for name in named if name not in known))
+
+    def _rates(self) -> dict[str, str]:
+        """States that are rates of outputs by the machine's equation, seen at two points of its own."""
+        names = [s.name for s in self.states]
+        shown = [s.name for s in self.outputs if s.name in names]
+        points = np.random.default_rng(0).uniform(0.1, 0.9, (2, len(names))).tolist()
+        slopes = [slopes_at(self, point) for point in points]
+        if not all(slopes):
+            return {}
+        return {
+            rate: output
+            for output in shown
+            for k, rate in enumerate(names)
+            if rate not in {s.name for s in self.outputs}
+            and all(s[names.index(output)] == point[k] for s, point in zip(slopes, points, strict=True))
+        }
 
     def _check(self) -> None:
         """Whether all that is named exists.
@@ -355,6 +372,21 @@ class Declaration(Model):
         n = len(commands)
         at = np.minimum(np.arange(n * refine) / refine, n - 1)
         return np.column_stack([np.interp(at, np.arange(n), column) for column in commands.T])
+
+
+def slopes_at(machine: Declaration, point: Sequence[float]) -> list[float]:
+    """Rates of all states at one point and half of every command; none of a machine of steps."""
+    own: Any = type(machine).derivative
+    if own is None:
+        return []
+    given = [s.name for s in type(machine).inputs]
+    p = named("Params", param_names(machine), params_of(machine, machine.nominal))
+    command = named("Input", given, [0.5] * len(given))
+    state = named("State", [s.name for s in machine.states], list(point))
+    try:
+        return [float(rate) for rate in np.atleast_1d(own(None, state, command, p))]
+    except Exception:  # a root of less than nothing, or what only a compiler understands
+        return []
 
 
 def takes_state(method: Callable[..., Any]) -> bool:

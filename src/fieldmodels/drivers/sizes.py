@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.declaration import Declaration, Force, named, param_names, params_of
+from fieldmodels.drivers.declaration import Declaration, Force, slopes_at
 from fieldmodels.drivers.rates import centred, pace, rate_size, rms, white_noise
 from fieldmodels.drivers.windows import without_noise
 from fieldmodels.effects.curves import SIZE, Curve
@@ -96,22 +95,9 @@ def _pace(machine: Declaration, recordings: Sequence[Recording], name: str) -> f
 
 def _turns_freely(machine: Declaration, position: str) -> bool:
     """Whether a machine's rates are the same wherever it is."""
-    own: Any = getattr(type(machine), "derivative", None)
-    names, given = [s.name for s in machine.states], [s.name for s in type(machine).inputs]
-    if own is None or position not in names:
-        return False
-    p = named("Params", param_names(machine), params_of(machine, machine.nominal))
-    command = named("Input", given, [0.5] * len(given))
-
-    def rates(at: float) -> list[float]:
-        return list(
-            own(None, named("State", names, [at if n == position else 0.3 for n in names]), command, p)
-        )
-
-    try:
-        return bool(np.array_equal(rates(0.1), rates(1.3)))
-    except (ArithmeticError, ValueError):  # a root of less than nothing
-        return False
+    names = [s.name for s in machine.states]
+    here, there = (slopes_at(machine, [at if n == position else 0.3 for n in names]) for at in (0.1, 1.3))
+    return position in names and bool(here) and here == there
 
 
 def _sizes(machine: Declaration, e: Stock, recordings: Sequence[Recording]) -> Sizes:

@@ -75,6 +75,8 @@ def variable(model: Model, windows: Windows, out: FloatArray, over: str) -> Floa
     names, recording = [s.name for s in (*model.outputs, *model.unmeasured)], windows.recording
     if over in names:
         return out[:, :, names.index(over)]
+    if over in model.rates:
+        over = f"rate of {model.rates[over]}"
     if over.startswith("rate of "):
         return np.gradient(out[:, :, names.index(over.removeprefix("rate of "))], recording.step, axis=1)
     rows = rows_of(windows)
