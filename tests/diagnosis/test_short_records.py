@@ -89,3 +89,30 @@ def test_what_a_diagnosis_needs_is_more_than_there_is():
 
     with pytest.raises(RecordingError, match=r"only 7 windows of 7.5 s; .*at least 60.4 s of data in one"):
         diagnose(Stated(), [log(1, 1200)])
+
+
+class Mass(Machine):
+    inputs, outputs = (Signal("push", "N"),), (Signal("place", "m", noise=1e-3),)
+    states = (Signal("place", "m"), Signal("speed", "m/s"))
+    drag = number("1/s", 0.5, 0.0, 10.0)
+
+    def derivative(self, state, input, p):
+        return state.speed, input.push - p.drag * state.speed
+
+
+def test_a_hidden_state_is_called_by_its_name_and_what_depends_on_it_runs():
+    """A drag by the square of a speed that nobody measured, of a machine that declares no force."""
+    rng, place, speed = np.random.default_rng(1), 0.0, 0.0
+    rows = []
+    for push in np.repeat(rng.uniform(-3.0, 3.0, 100), 20):
+        rows.append((push, place + 1e-3 * rng.standard_normal()))
+        for _ in range(10):
+            speed += 0.002 * (push - 0.5 * speed - 0.8 * speed * abs(speed))
+            place += 0.002 * speed
+    columns = dict(zip(("push", "place"), np.transpose(rows), strict=True))
+    result = diagnose(Mass(), [Recording(0.02 * np.arange(2000), columns)])
+    [curve] = result.curves
+    assert Mass().rates == {"speed": "place"}
+    assert curve.over == "speed"
+    assert result.curve_effects
+    assert result.gain["place"].rmse_with_curves < 1.2e-3 < 1.2 * result.gain["place"].rmse_before
