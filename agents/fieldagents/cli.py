@@ -503,8 +503,8 @@ def diagnose(
         loop = load_loop(then_retune, chosen)
     ask = asked if sys.stdin.isatty() and not as_json else None
     logs = Logs(chosen, declared(chosen, column or []), bench, rate, accept, align, ask)
-    recordings = [logs.read(source) for source in data]
-    tests = [logs.read(source) for source in test or []]
+    read = logs.read_all([*data, *(test or [])])
+    recordings, tests = read[: len(data)], read[len(data) :]
 
     from fieldmodels.diagnosis import diagnose as run
     from fieldmodels.diagnosis.answer import in_words

@@ -11,7 +11,7 @@ from pathlib import Path
 from fieldagents.config import ConfigError
 from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
-from fieldmodels.recording import Recording, RecordingError, RecordingWarning
+from fieldmodels.recording import Recording, RecordingError, RecordingWarning, once
 from fieldmodels.recording.bench import EPISODE, NAME, OTHER_CLOCK, TIME, Bench, Channel, beside
 from fieldmodels.recording.datasets import is_public, open_recording
 from fieldmodels.recording.files import named, recording_of
@@ -48,6 +48,17 @@ class Logs:
     align: bool = False
     ask: Ask | None = None
     agreed: list[Bench] = field(default_factory=list)
+
+    def read_all(self, sources: Sequence[str]) -> list[Recording]:
+        """Read several logs, each as ``read`` does; what is true of many is said once."""
+        caught: list[warnings.WarningMessage] = []
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", RecordingWarning)
+                return [self.read(source) for source in sources]
+        finally:
+            for text in once(str(w.message) for w in caught):
+                warnings.warn(text, RecordingWarning, stacklevel=2)
 
     def read(self, source: str) -> Recording:
         """Read one log, or several files of one run (``a.csv+b.csv``) on one clock.

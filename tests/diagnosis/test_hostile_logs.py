@@ -123,7 +123,7 @@ FILES = {
         "t,force,position\n" + GOOD.replace("0.05,", "10:00:05,", 1),
         "column 't', row 7: '10:00:05' is not a number",
     ),
-    "NaN": ("t,force,position\n" + GOOD + "4.00,nan,0\n", "'force', row 402: the cell is empty or NaN"),
+    "NaN": ("t,force,position\n" + GOOD + "nan,0,0\n", "'t', row 402: the cell is empty or NaN"),
     "very short": (
         "t,force,position\n" + rows(np.random.default_rng(0).standard_normal((12, 2))),
         "shorter than",

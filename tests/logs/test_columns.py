@@ -143,20 +143,26 @@ def test_missing_cells_are_counted_and_their_rows_given(tmp_path, run, kind):
     else:
         pq.write_table(pa.table(columns), path)
     first = 2 if kind == "csv" else 1  # a text's header is row 1
-    with pytest.raises(RecordingError) as error:
-        load_recording(path, PENDULUM)
-    said = str(error.value)
+    with pytest.warns(match="lost") as warned:
+        read = load_recording(path, PENDULUM)
+    said = next(str(w.message) for w in warned if "lost" in str(w.message))
     rows = f"rows {first + 4}, {first + 8} to {first + 11} and {first + 40} (6 rows)"
-    assert f"column 'torque', {rows}: the cell is empty or NaN" in said
+    assert f"column 'torque': empty in {rows}, where the command before is held" in said
     few = ", ".join(str(first + row) for row in range(100, 200, 20))
-    assert f"column 'angle', rows {few} and 6 more stretches up to row {first + 1099} (110 rows)" in said
+    assert (
+        f"column 'angle': empty in rows {few} and 6 more stretches up to row {first + 1099} (110 rows)"
+        in said
+    )
+    assert np.array_equal(np.flatnonzero(read.lost["angle"]), [*range(100, 300, 20), *range(1000, 1100)])
+    assert read["torque"][8:12] == pytest.approx(read["torque"][7])
+    assert "torque" not in read.lost
 
 
 def test_leaving_the_rows_out_is_a_remedy(tmp_path, run):
     """As the message says: a gap of four is filled, a longer one begins a new episode."""
     bad = np.zeros(1500, dtype=bool)
     bad[[300, 301, 302, 303, *range(800, 860)]] = True
-    path = written(tmp_path / "log.csv", t=run["t"], torque=run["u"], angle=np.where(bad, np.nan, run["y"]))
+    path = written(tmp_path / "log.csv", t=np.where(bad, np.nan, run["t"]), torque=run["u"], angle=run["y"])
     with pytest.raises(RecordingError, match=r"leave such rows out .gaps of up to four are then filled"):
         load_recording(path, PENDULUM)
     written(path, t=run["t"][~bad], torque=run["u"][~bad], angle=run["y"][~bad])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,12 +70,7 @@ def first_stretch(recording: Recording, horizon: float) -> Recording:
     bounds = recording.bounds
     begin, end = (int(x) for x in bounds[np.argmax(bounds[:, 1] - bounds[:, 0])])
     part = slice(begin, min(end, begin + round(LONGEST * horizon / recording.step) + 1))
-    return replace(
-        recording,
-        time=recording.time[part],
-        signals={name: values[part] for name, values in recording.signals.items()},
-        episode=recording.episode[part],
-    )
+    return recording.rows(part)
 
 
 def free_run(recording: Recording, before: Simulation, after: Simulation, horizon: float) -> FreeRun:

@@ -352,7 +352,8 @@ def build(
     Raises:
         RecordingError: If there are too few windows.
     """
-    cut = [model.windows(recording, horizon) for recording in recordings]
+    names = tuple(o.name for o in model.outputs)
+    cut = [model.windows(recording, horizon).without_lost(names) for recording in recordings]
     common = np.array([all(o.name in w.recording for w in cut) for o in model.outputs])
     if like:
         common &= np.isin(np.arange(len(model.outputs)), like.outputs)
@@ -380,20 +381,20 @@ def build(
         if not whole.any():
             continue
         kept = windows.select(whole)
-        measured = np.nan_to_num(kept.measured(tuple(o.name for o in model.outputs)))
+        measured = kept.measured(names)
         slots, counts = slots[whole], counts[whole]
         way = np.abs(np.diff(measured, axis=1, append=measured[:, -1:]))
-        features, passed = _compress(np.stack([measured, way]), slots, counts)
+        features, passed = _compress(np.nan_to_num(np.stack([measured, way])), slots, counts)
         steps = np.array([rounding(windows.recording[o.name]) if o.name in windows.recording else 0.0
                           for o in model.outputs])  # fmt: skip
         rounded = of_averages(steps[outputs], passed * counts, counts)
         parts.append(Part(kept, slots, counts, features, _blocks(kept, block), rounding=rounded))
     problem = Problem(model, tuple(parts), outputs, horizon, bins, fine)
     if len(problem) < MIN_WINDOWS:
-        names = ", ".join(recording.source for recording in recordings)
+        sources = ", ".join(recording.source for recording in recordings)
         needed = MIN_WINDOWS * max(w.samples * w.recording.step for w in cut)
         raise RecordingError(
-            f"{names}: only {len(problem)} windows of {horizon:g} s; a diagnosis needs {MIN_WINDOWS} "
+            f"{sources}: only {len(problem)} windows of {horizon:g} s; a diagnosis needs {MIN_WINDOWS} "
             f"(at least {needed:.4g} s of data in one piece). Record longer."
         )
     return problem

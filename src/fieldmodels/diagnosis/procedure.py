@@ -79,7 +79,7 @@ from fieldmodels.diagnosis.verdict import (
 from fieldmodels.diagnosis.wander import wander, wandering_zeros
 from fieldmodels.diagnosis.whole import LONGER, WholeRecords
 from fieldmodels.model import Model, check_instance
-from fieldmodels.recording import Recording, RecordingError, check_apart, check_recordings
+from fieldmodels.recording import Recording, RecordingError, check_apart, check_recordings, once
 
 UNTOLD = (
     "command and response were moved against each other until they agree; log both by one clock to test it"
@@ -176,7 +176,7 @@ def _diagnosed(
             for number, stage in enumerate(stages)
         ],
     )
-    notes = tuple(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
+    notes = once(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
     return replace(
         whole,
         notes=(*said, *lacking, *short, *lost, *notes, *whole.notes),

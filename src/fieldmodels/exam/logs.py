@@ -106,9 +106,7 @@ def _joint(name: str) -> Callable[[Path, Model], Pair]:
 
 def cut(recording: Recording, first: int, count: int) -> Recording:
     """Some samples of a recording."""
-    rows = slice(first, first + count)
-    signals = {name: values[rows] for name, values in recording.signals.items()}
-    return replace(recording, time=recording.time[rows], signals=signals, episode=recording.episode[rows])
+    return recording.rows(slice(first, first + count))
 
 
 def _public(collection: str, train: Sequence[str], test: str = "") -> Callable[[Path, Model], Pair]:

@@ -6,6 +6,7 @@ from fieldmodels.recording.data import (
     RecordingWarning,
     check_apart,
     check_recordings,
+    once,
 )
 from fieldmodels.recording.windows import Windows, uniform_windows
 
@@ -16,5 +17,6 @@ __all__ = [
     "Windows",
     "check_apart",
     "check_recordings",
+    "once",
     "uniform_windows",
 ]

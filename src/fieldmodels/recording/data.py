@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 
 MAX_JITTER = 0.01
 """Largest standard deviation of the time step, as a fraction of its median, that counts as even."""
@@ -44,6 +45,8 @@ class Recording:
         notes: Peculiarities of the data, and changes made to them when they were read.
         aligned: Whether command and response were moved against each other until they agree, so that no delay
             can be told.
+        lost: Column name to which of its samples were lost, shape (n,): no fit and no error counts them, and
+            what stands in their place lies between the others. A column that lost none is left out.
     """
 
     time: FloatArray
@@ -54,6 +57,7 @@ class Recording:
     known: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     aligned: bool = False
+    lost: Mapping[str, BoolArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Give a recording without episodes a single one; check that all columns have one length.
@@ -63,7 +67,8 @@ class Recording:
         """
         if len(self.episode) == 0:
             object.__setattr__(self, "episode", np.zeros(len(self.time), dtype=np.int64))
-        for name, values in {**self.signals, "episode": self.episode}.items():
+        columns = [*self.signals.items(), *self.lost.items(), ("episode", self.episode)]
+        for name, values in columns:
             if len(values) != len(self.time):
                 raise RecordingError(
                     f"{self.source}: column {name!r} has {len(values)} rows, 't' has {len(self.time)}"
@@ -113,6 +118,16 @@ class Recording:
         edges = np.concatenate([[0], changes, [len(self)]])
         return np.column_stack([edges[:-1], edges[1:]]).astype(np.int64)
 
+    def rows(self, which: slice | IntArray) -> Recording:
+        """Some of its rows."""
+        return replace(
+            self,
+            time=self.time[which],
+            signals={name: values[which] for name, values in self.signals.items()},
+            episode=self.episode[which],
+            lost={name: gone[which] for name, gone in self.lost.items()},
+        )
+
     def excerpt(self, rows: int) -> Recording:
         """Stretches spread evenly over a long recording, as episodes of their own; a short one as it is.
 
@@ -129,12 +144,27 @@ class Recording:
         begins[1:] = np.maximum(begins[1:], ends[:-1])  # long enough, and no row is there twice
         kept = np.concatenate([np.arange(a, b) for a, b in zip(begins, ends, strict=True)])
         number = np.repeat(np.arange(len(begins)), ends - begins)
-        return replace(
-            self,
-            time=self.time[kept],
-            signals={name: values[kept] for name, values in self.signals.items()},
-            episode=number,
+        return replace(self.rows(kept), episode=number)
+
+
+def once(said: Iterable[str]) -> tuple[str, ...]:
+    """Notes that begin with their file: those that differ in it and in numbers alone are one.
+
+    A note that names rows stays by itself.
+    """
+    groups: dict[str, dict[str, str]] = {}
+    for text in said:
+        source, _, what = text.partition(": ")
+        kind = text if re.search(r"rows? \d", what) else re.sub(r"\d[\d.]*(e[-+]?\d+)?", "#", what)
+        groups.setdefault(kind, {}).setdefault(source, text)
+    result = []
+    for group in groups.values():
+        (first, *others), [text, *_] = group, group.values()
+        more = (
+            f" and {len(others)} more file{'s' * (len(others) > 1)} ({', '.join(others)})" if others else ""
         )
+        result.append(first + more + text.removeprefix(first))
+    return tuple(result)
 
 
 def check_recordings(given: Iterable[Any], name: str) -> None:

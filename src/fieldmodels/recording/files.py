@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray
-from fieldmodels.model import Model, check_instance
+from fieldmodels.arrays import BoolArray, FloatArray, IntArray
+from fieldmodels.model import Model, Signal, check_instance
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
 from fieldmodels.recording.bench import EPISODE, EPOCH, OTHER_CLOCK, TIME, Bench, Channel, decoded
@@ -24,10 +24,11 @@ from fieldmodels.recording.checks import (
     suspicions,
 )
 from fieldmodels.recording.evidence import coding_of
+from fieldmodels.recording.lost import Sensor, filled, held_over, lost_in, rows_read_once
 from fieldmodels.recording.merging import JoinedTable, held_or_between
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
-from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, write_table
+from fieldmodels.recording.tables import EMPTY, REMEDY, Problem, Table, write_table
 from fieldmodels.recording.units import UnitError, factor, si_unit
 from fieldmodels.recording.words import short
 from fieldmodels.rounding import listed as in_words
@@ -54,6 +55,11 @@ class _Column:
     @property
     def name(self) -> str:
         return self.channel.column
+
+    @property
+    def scale(self) -> float:
+        """SI units in a cell's unit."""
+        return self.channel.gain * self.factor
 
     def si(self, values: FloatArray) -> FloatArray:
         """Values in the SI unit, in place."""
@@ -124,10 +130,12 @@ def recording_of(
         )
     clocks = {c.name: table.clocks.get(c.name, "") for c in wanted if c.name}
     sparse = {n for n, v in values.items() if len(v) and SPARSE < np.isnan(v).mean() < 1}
+    held = {s.name for s in model.inputs} if model else set()
     problems = [
-        Problem(f"{EMPTY}; {REMEDY}", name, int(bad[0]), tuple(bad.tolist()))
-        for name, column in values.items()
-        if name not in sparse and len(bad := np.flatnonzero(~np.isfinite(column)))
+        Problem(f"{EMPTY}; {REMEDY}", c.name, int(bad[0]), tuple(bad.tolist()))
+        for c in wanted
+        if c.name and c.name not in sparse
+        if len(bad := np.flatnonzero(_unusable(values[c.name], c.signal, held, model)))
     ]
     if problems:
         raise table.fail(problems)
@@ -137,6 +145,15 @@ def recording_of(
         what = f"times of several files are read in seconds, not {clock.channel.unit}; declare no unit"
         raise table.fail([Problem(what, clock.name)])
     used = {c.signal: values[c.name] if single else values[c.name].copy() for c in wanted if c.name}
+    kept: IntArray | None = None
+    notes: list[str] = []
+    if single:
+        kept = np.arange(rows)
+        if clock.name and len(kept := rows_read_once([*used.values()], used[TIME], used.get(EPISODE))) < rows:
+            again = np.setdiff1d(np.arange(rows), kept)
+            used = {signal: column[kept] for signal, column in used.items()}
+            notes.append(f"repeats of earlier rows are left out: {table.place(again.tolist(), clock.name)}")
+        rows = len(kept)
     runs = used.get(EPISODE) if single else None
     signed = [
         f"column {c.name!r} holds {why}; declare it as '{c.signal}={c.name}%{coding}'"
@@ -150,13 +167,17 @@ def recording_of(
             used[c.signal] = decoded(used[c.signal], c.channel, runs)
     if bench.rate is not None and not clock.name:
         used[TIME] = np.arange(rows) / bench.rate
-    elif not single:
-        used = _on_one_clock(table, wanted, used, model, bench)
+    lost: dict[str, BoolArray] = {}
+    if model is not None:
+        lost, said = _without_lost(table, wanted, used, model, kept)
+        notes += said
+    if kept is None and not (bench.rate is not None and not clock.name):
+        used, lost = _on_one_clock(table, wanted, used, model, bench, lost)
     signals = {c.signal: c.si(used[c.signal]) for c in wanted if c.signal != TIME or c.name}
     time = signals.pop(TIME, used[TIME])
     episodes = signals.pop(EPISODE, None)
     if episodes is not None and (problems := check_episodes(episodes)):
-        raise table.fail(problems)
+        raise table.fail(_in_file(problems, clock.name, kept))
     recording = Recording(
         time=time - time[0] if time[0] > EPOCH else time,
         signals=signals,
@@ -164,10 +185,11 @@ def recording_of(
         episode=np.zeros(len(time), dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(table.path),
         aligned=bench.aligned,
-        notes=(*_of_clocks(table, clock.name, bench), *signed),
+        notes=(*_of_clocks(table, clock.name, bench), *notes, *signed),
+        lost=lost,
     )
     stated = {c.signal for c in wanted if c.channel.unit or c.name in table.units}
-    return _checked(table, recording, model, horizon, clock, stated, single)
+    return _checked(table, recording, model, horizon, clock, stated, kept)
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -217,18 +239,83 @@ def _moved(bench: Bench) -> dict[str, Channel]:
     return {c.column: c for signal, c in bench.columns.items() if OTHER_CLOCK.fullmatch(signal)}
 
 
+def _sensors(model: Model | None) -> dict[str, Signal]:
+    """The signals whose samples may be lost, by name."""
+    return {s.name: s for s in (*model.outputs, *model.measured_inputs) if not s.event} if model else {}
+
+
+def _unusable(values: FloatArray, signal: str, held: Set[str], model: Model | None) -> BoolArray:
+    """Cells for which nothing stands in, shape (n,): a sensor loses them, a command stays as it was."""
+    if np.isnan(values).all() or signal not in {*held, *_sensors(model)}:
+        return ~np.isfinite(values)
+    return np.isinf(values) if signal in held else np.zeros(len(values), dtype=np.bool_)
+
+
+def _without_lost(
+    table: Table, wanted: Sequence[_Column], used: dict[str, FloatArray], model: Model, kept: IntArray | None
+) -> tuple[dict[str, BoolArray], list[str]]:
+    """Put other values in the place of what sensors have lost, and the last command where a cell is empty.
+
+    Args:
+        table: The log.
+        wanted: Its columns.
+        used: Their cells by signal, which are replaced.
+        model: Says which are sensors, and which commands.
+        kept: The file's row of each of theirs, if all are on the same ones; None if not.
+
+    Returns:
+        Which samples each sensor has lost, by signal, and what to say of it.
+    """
+    columns = {c.signal: c for c in wanted if c.name}
+    lost: dict[str, BoolArray] = {}
+    said: dict[str, list[str]] = {}
+
+    def place(name: str, rows: IntArray) -> str:
+        own = rows if kept is None else kept[rows]
+        return table.place(own.tolist(), columns[name].name)
+
+    commands = [s.name for s in model.inputs if s.name in columns and kept is not None]
+    for name in commands:
+        if len(empty := np.flatnonzero(np.isnan(used[name]))):
+            said[name] = [f"empty in {place(name, empty)}, where the command before is held"]
+            used[name] = held_over(used[name])
+    states = {s.unit for s in model.states}
+    whole = used if kept is not None else {}
+    sensors = {
+        name: Sensor(
+            used[name],
+            whole.get(TIME, np.arange(len(used[name]), dtype=np.float64)),
+            whole.get(EPISODE, np.zeros(len(used[name]))),
+            s.unit in states,
+            2 * np.pi / abs(columns[name].scale) if s.angle or name in model.wrapped_outputs else 0.0,
+        )
+        for name, s in _sensors(model).items()
+        if name in columns
+    }
+    for name, kinds in lost_in(sensors, [used[c] for c in commands], kept is not None).items():
+        lost[name] = np.zeros(len(used[name]), dtype=np.bool_)
+        for rows in kinds.values():
+            lost[name][rows] = True
+        said[name] = [f"{kind} in {place(name, rows)}" for kind, rows in kinds.items()]
+        used[name] = filled(sensors[name], lost[name])
+    what = "; ".join(f"column {columns[name].name!r}: {in_words(parts)}" for name, parts in said.items())
+    return lost, [f"samples were lost, and are counted nowhere: {what}"] if lost else [what] if what else []
+
+
 def _on_one_clock(
     table: Table,
     wanted: Sequence[_Column],
     used: Mapping[str, FloatArray],
     model: Model | None,
     bench: Bench,
-) -> dict[str, FloatArray]:
-    """All signals at the times of the first output, in the unit of its clock."""
+    lost: Mapping[str, BoolArray],
+) -> tuple[dict[str, FloatArray], dict[str, BoolArray]]:
+    """All signals at the times of the first output, in the unit of its clock, and which samples are lost."""
     moved = _moved(bench)
     clock = next(c for c in wanted if c.signal == TIME)
     common = used[TIME]
     times: dict[str, FloatArray] = {}
+    gone: dict[str, FloatArray] = {}
     for c in wanted:
         own = table.clocks.get(c.name, clock.name)
         time = common if own == clock.name else table[own]
@@ -236,6 +323,8 @@ def _on_one_clock(
             time = moved[own].gain * time + moved[own].offset
         there = np.isfinite(used[c.signal]) & np.isfinite(time)
         times[c.signal] = time[there]
+        if c.signal in lost:
+            gone[c.signal] = lost[c.signal][there].astype(np.float64)
         if not there.all():
             used = {**used, c.signal: used[c.signal][there]}
     outputs = [s.name for s in model.outputs if s.name in used] if model else [n for n in used if n != TIME]
@@ -255,7 +344,7 @@ def _on_one_clock(
         if c.signal == TIME
         else held_or_between(master, times[c.signal], used[c.signal], c.signal in {EPISODE, *held})
         for c in wanted
-    }
+    }, {name: held_or_between(master, times[name], flags, False) > 0.0 for name, flags in gone.items()}
 
 
 def _columns(table: Table, model: Model | None, bench: Bench) -> list[_Column]:
@@ -346,15 +435,20 @@ def _missing(signal: str, name: str, table: Table, model: Model | None) -> Probl
                    f"add it, or declare another one as '{signal}=NAME:UNIT'{rate}")  # fmt: skip
 
 
-def _lying(table: Table, recording: Recording, clock: str) -> tuple[str, ...]:
-    """Where a clock goes back, stands still or jumps, by the first rows of each."""
-    notes = []
-    for what, rows in clock_faults(recording):
-        shown = table.rows_shown(rows[:SHOWN])
-        more = [f"{len(rows) - SHOWN:,} more"] if len(rows) > SHOWN else []
-        places = in_words([*(str(shown[row]) for row in rows[:SHOWN]), *more])
-        notes.append(f"column {clock!r}: the clock {what} at row{'s' if len(rows) > 1 else ''} {places}")
-    return tuple(notes)
+def _lying(table: Table, recording: Recording, clock: str, kept: IntArray) -> tuple[str, ...]:
+    """Where a clock goes back, stands still or jumps, by the file's rows."""
+    return tuple(
+        f"column {clock!r}: the clock {what} at {table.place(kept[rows].tolist(), clock)}"
+        for what, rows in clock_faults(recording)
+    )
+
+
+def _in_file(problems: Sequence[Problem], clock: str, kept: IntArray | None) -> list[Problem]:
+    """Problems of a recording's rows by those of its file, and of no column by that of its clock."""
+    return [
+        replace(p, column=p.column or clock, row=p.row if p.row is None or kept is None else int(kept[p.row]))
+        for p in problems
+    ]
 
 
 def _checked(
@@ -364,17 +458,17 @@ def _checked(
     horizon: float | None,
     clock: _Column,
     stated: Set[str],
-    rows: bool,
+    kept: IntArray | None,
 ) -> Recording:
-    """The recording on an even grid, with its suspicious columns warned of; ``rows`` are the file's.
+    """The recording on an even grid, with its suspicious columns warned of; ``kept`` are the file's rows.
 
     Raises:
         RecordingError: If its time cannot be used, or it is too short or too coarse.
     """
-    problems = [Problem(p.message, p.column or clock.name, p.row) for p in check_time(recording)]
+    problems = _in_file(check_time(recording), clock.name, kept)
     if not problems:
         if not is_even(recording):
-            lying = _lying(table, recording, clock.name) if rows and clock.name else ()
+            lying = () if kept is None or not clock.name else _lying(table, recording, clock.name, kept)
             recording = evened(replace(recording, notes=(*recording.notes, *lying)), model)
         if horizon is None and model is not None and model.horizons:
             # A slow bench is predicted over longer times; but a clock in ms looks like a very slow one.

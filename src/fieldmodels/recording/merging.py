@@ -83,6 +83,11 @@ class JoinedTable(Table):
                 result[name] = factor(self._units[k], "s") * result[name]
         return result
 
+    def place(self, rows: Sequence[int], column: str) -> str:
+        """Where some rows of a column are, in its own file."""
+        k, inner = self._places[column]
+        return f"{self._tables[k].place(rows, inner)} of {self._tables[k].path.name}"
+
     def numbers(self) -> tuple[str, ...]:
         """Columns of numbers and times."""
         return tuple(name for name, (k, inner) in self._places.items() if inner in self._tables[k].numbers())

@@ -13,10 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.arrays import FloatArray
 from fieldmodels.compiled import compiled
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.recording.lost import COARSE
 
 LONGEST_FILL = 5
 """A gap of more steps starts a new episode; a shorter one is filled."""
@@ -24,8 +25,6 @@ MOST_FILLED = 0.25
 """Largest share of rows that may be missing."""
 MOST_JITTER = 0.6
 """Largest standard deviation of the time step, as a share of the step."""
-COARSE = 0.2
-"""Share of repeated stamps above which the clock is taken to be coarse."""
 
 _NEIGHBOURS = 8  # rows to which a local cubic is fitted
 _EXAMINED = 20_000  # rows on which the two hypotheses are compared and the step is measured
@@ -53,7 +52,7 @@ def evened(recording: Recording, model: Model | None) -> Recording:
     Raises:
         RecordingError: If too many rows are missing, or their times vary too much.
     """
-    parts = [_ordered(_rows(recording, np.arange(a, b))) for a, b in recording.bounds]
+    parts = [_ordered(recording.rows(slice(a, b))) for a, b in recording.bounds]
     dropped = len(recording) - sum(map(len, parts))
     steps = np.concatenate([np.diff(part.time) for part in parts])
     coarse = float(np.mean(steps <= 0)) > COARSE
@@ -107,30 +106,22 @@ def evened(recording: Recording, model: Model | None) -> Recording:
         known=recording.known,
         notes=(*recording.notes, note),
         aligned=recording.aligned,
-    )
-
-
-def _rows(recording: Recording, rows: IntArray) -> Recording:
-    return replace(
-        recording,
-        time=recording.time[rows],
-        signals={name: values[rows] for name, values in recording.signals.items()},
-        episode=recording.episode[rows],
+        lost={n: np.concatenate([g.lost[n] for g in grids]) for n in recording.lost},
     )
 
 
 def _ordered(part: Recording) -> Recording:
     """Rows sorted by time, without exact repetitions of the row before."""
-    part = _rows(part, np.argsort(part.time, kind="stable"))
+    part = part.rows(np.argsort(part.time, kind="stable"))
     columns = np.column_stack([part.time, *part.signals.values()])
     again = np.concatenate([[False], (columns[1:] == columns[:-1]).all(axis=1)])
-    return _rows(part, np.flatnonzero(~again)) if again.any() else part
+    return part.rows(np.flatnonzero(~again)) if again.any() else part
 
 
 def _merged(part: Recording) -> Recording:
     """One row per stamp: of several the last, which is the newest."""
     last = np.concatenate([np.diff(part.time) > 0, [True]])
-    return _rows(part, np.flatnonzero(last))
+    return part.rows(np.flatnonzero(last))
 
 
 def _usual(times: Sequence[FloatArray]) -> tuple[float, float]:
@@ -197,7 +188,7 @@ def _split(part: Recording, time: FloatArray, step: float) -> list[tuple[Recordi
     """Pieces between long gaps; pieces too short for a cubic are left out."""
     edges = np.flatnonzero(np.diff(time) > (LONGEST_FILL + 0.5) * step) + 1
     pieces = np.split(np.arange(len(time)), edges)
-    return [(_rows(part, rows), time[rows]) for rows in pieces if len(rows) >= _NEIGHBOURS]
+    return [(part.rows(rows), time[rows]) for rows in pieces if len(rows) >= _NEIGHBOURS]
 
 
 def _resampled(part: Recording, time: FloatArray, step: float, model: Model | None) -> Recording:
@@ -211,7 +202,8 @@ def _resampled(part: Recording, time: FloatArray, step: float, model: Model | No
         else _moved(_continuous(values, name, model), time, grid, step)
         for name, values in part.signals.items()
     }
-    return replace(part, time=grid, signals=signals, episode=np.zeros(count, dtype=np.int64))
+    lost = {name: np.interp(grid, time, gone) > 0.5 for name, gone in part.lost.items()}
+    return replace(part, time=grid, signals=signals, episode=np.zeros(count, dtype=np.int64), lost=lost)
 
 
 def _continuous(values: FloatArray, name: str, model: Model | None) -> FloatArray:

@@ -98,6 +98,13 @@ class Table(ABC):
         """Row numbers as in an editor, from data row indices."""
         return {row: row + 1 for row in rows}
 
+    def place(self, rows: Sequence[int], column: str) -> str:
+        """Where some rows of a column are, in words: "rows 5, 9 to 12 and 40 (6 rows)"."""
+        del column  # of several files each has its own rows
+        found = _ranges(rows)
+        ends = {row for pair in (*found[:SHOWN], found[-1]) for row in pair}
+        return _rows(found, self.rows_shown(ends), len(rows))
+
     def fail(self, problems: Sequence[Problem]) -> RecordingError:
         """Make one error of all problems."""
         ranges = {p: _ranges(p.more) for p in problems if p.more}

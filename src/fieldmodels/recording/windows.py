@@ -50,6 +50,17 @@ class Windows:
         """First sample and end of every piece that simulations look at, shape (pieces, 2)."""
         return self.recording.bounds if self.needed is None else self.needed
 
+    def without_lost(self, outputs: tuple[str, ...]) -> Windows:
+        """The same windows, which use no sample that its sensor has lost."""
+        lost = {j: self.recording.lost[name] for j, name in enumerate(outputs) if name in self.recording.lost}
+        if not lost:
+            return self
+        rows = np.minimum(self.starts[:, None] + np.arange(self.samples), len(self.recording) - 1)
+        observed = self.observed.copy()
+        for j, gone in lost.items():
+            observed[:, :, j] &= ~gone[rows]
+        return replace(self, observed=observed)
+
     def select(self, which: BoolArray | IntArray) -> Windows:
         """Keep some of the windows."""
         return replace(
