@@ -411,6 +411,7 @@ _TEST = "Separate recording on which the gain is measured; repeatable."
 _COLUMN = "Which column holds a signal, as in `torque=-2.5*tau:N cm`, in all files or in one; repeatable."
 _ALIGN = """Move the clocks of several files of one run until their signals agree best: an assumption, under
 which no delay can be told."""
+_INPUT = "`none`: nothing was commanded, all inputs are zero (a ring-down, a coast-down)."
 _HOLD = """What the inputs do between samples: `held`, as a controller commands them, or `interpolated`, as
 sampled analogue signals (default: as the model says, or fits better)."""
 _WINDOW = """`record`: run through each episode from one start, for slow processes with hidden states
@@ -449,6 +450,7 @@ def diagnose(
         bool, typer.Option("--accept", help="Take the columns as proposed, and keep them in a `bench.yaml`.")
     ] = False,
     align: Annotated[bool, typer.Option("--align", help=_ALIGN)] = False,
+    input_: Annotated[Literal["none"] | None, typer.Option("--input", help=_INPUT)] = None,
     hold: Annotated[Literal["held", "interpolated"] | None, typer.Option(help=_HOLD)] = None,
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
@@ -479,6 +481,8 @@ def diagnose(
 
         fieldgym diagnose messung.xlsx --model pendulum --accept
 
+        fieldgym diagnose swings_out.csv --model pendulum --input none
+
         fieldgym diagnose dfki_simple_pendulum/ddp --model pendulum
 
         fieldgym diagnose walk.csv --model heel_strike --then-retune configs/heel_strike/retune.yaml
@@ -502,7 +506,8 @@ def diagnose(
 
         loop = load_loop(then_retune, chosen)
     ask = asked if sys.stdin.isatty() and not as_json else None
-    logs = Logs(chosen, declared(chosen, column or []), bench, rate, accept, align, ask)
+    silent = input_ == "none"
+    logs = Logs(chosen, declared(chosen, column or []), bench, rate, accept, align, ask, commanded=not silent)
     read = logs.read_all([*data, *(test or [])])
     recordings, tests = read[: len(data)], read[len(data) :]
 

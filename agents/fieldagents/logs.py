@@ -12,7 +12,7 @@ from fieldagents.config import ConfigError
 from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning, once
-from fieldmodels.recording.bench import EPISODE, NAME, OTHER_CLOCK, TIME, Bench, Channel, beside
+from fieldmodels.recording.bench import EPISODE, NAME, NO_COMMAND, OTHER_CLOCK, TIME, Bench, Channel, beside
 from fieldmodels.recording.datasets import is_public, open_recording
 from fieldmodels.recording.files import named, recording_of
 from fieldmodels.recording.merging import JoinedTable
@@ -38,6 +38,7 @@ class Logs:
         align: Whether to move the clocks of several files until signals agree, so that no delay can be told.
         ask: Puts a question to the user; None where nobody can answer.
         agreed: Benches that earlier logs have settled.
+        commanded: Whether there is a command; else all inputs are zero.
     """
 
     model: Model
@@ -48,6 +49,7 @@ class Logs:
     align: bool = False
     ask: Ask | None = None
     agreed: list[Bench] = field(default_factory=list)
+    commanded: bool = True
 
     def read_all(self, sources: Sequence[str]) -> list[Recording]:
         """Read several logs, each as ``read`` does; what is true of many is said once."""
@@ -66,7 +68,8 @@ class Logs:
         Raises:
             RecordingError: If it cannot be used, or what its columns are needs to be confirmed.
         """
-        specs = {**self.columns.get("", {}), **self._own(source)}
+        none = {} if self.commanded else {s.name: NO_COMMAND for s in self.model.inputs}
+        specs = {**none, **self.columns.get("", {}), **self._own(source)}
         if is_public(source):
             return open_recording(source, self.model, specs)
         table = read_log(source)
@@ -103,10 +106,13 @@ class Logs:
     def _proposed(self, table: Table, declared: Bench) -> Bench:
         """What is proposed, with what was declared in its place, once it is sure or confirmed."""
         proposal = propose(table, self.model, self.rate, declared.columns, self.align)
+        inputs = {s.name for s in self.model.inputs}
         if proposal.missing:
             raise RecordingError(
                 f"{table.path}: {_needs(proposal)}; its columns are {', '.join(table.header)}: declare it by "
-                f"--column {proposal.missing[0]}=NAME:UNIT" + (" or --rate HZ" * (TIME in proposal.missing))
+                f"--column {proposal.missing[0]}=NAME:UNIT"
+                + " or --rate HZ" * (TIME in proposal.missing)
+                + ", or --input none if nothing was commanded" * any(n in inputs for n in proposal.missing)
             )
         bench, said = proposal.bench(), f"{table.path}: its columns are read as\n{listed(proposal)}"
         if proposal.sure:

@@ -85,6 +85,7 @@ def source_of_model(machine: Declaration, vector: FloatArray) -> str:
         "{effects}": active or "no effect",
         "{inputs}": ", ".join(f'"{s.name}": {s.name}' for s in machine.inputs),
         "{start}": ", ".join(f'"{s.name}": 0.0' for s in machine.states),
+        "{rows}": "" if machine.inputs else ", rows=1000",
     }.items():
         head = head.replace(field, words)
     main = 'if __name__ == "__main__":\n    main(*sys.argv[1:])\n'

@@ -213,6 +213,8 @@ class Model(ABC):
             depend (a suspension's deflection); see ``simulate_all``.
         lasting: How long what acts in a window is felt after it [s], where windows do not start anew.
         sums: Sums of the inputs on which something unlisted may depend (both wheels' commands: a speed).
+        scale_parameter: Base parameter to which, without a command, all others are in proportion: it is not
+            refitted then. Empty for none.
         measured_inputs: Signals that measure the actual response to each input, if a recording has them; see
             ``stages``.
         random_force: True if random forces drive the real machine, so that errors far above the sensors'
@@ -255,6 +257,7 @@ class Model(ABC):
     windows_apart: bool = True
     stock_names: tuple[str, ...] = ()
     unbounded_outputs: tuple[str, ...] = ()
+    scale_parameter: str = ""
     measured_inputs: tuple[Signal, ...] = ()
     wrapped_outputs: tuple[str, ...] = ()
     measured_states: Mapping[str, str] = MappingProxyType({})

@@ -12,6 +12,7 @@ from fieldmodels.diagnosis import problem as problems
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.rounding import words
 
 FEW = 16  # windows; with fewer at the main horizon the shorter one is used
 EXCERPT = 120_000  # rows of all recordings in which a first look is taken
@@ -109,13 +110,45 @@ def _windows(model: Model, recording: Recording, horizon: float) -> int:
         return 0
 
 
+def commanded(model: Model, recordings: Sequence[Recording]) -> bool:
+    """Whether any input is anything but zero."""
+    names = [s.name for s in (*model.inputs, *model.measured_inputs)]
+    return any(np.any(r[name] != 0.0) for r in recordings for name in names if name in r)
+
+
+def without_command(
+    model: Model, recordings: Sequence[Recording], given: Mapping[str, float]
+) -> tuple[str, ...]:
+    """What is said where no input is anything but zero.
+
+    Args:
+        model: The model.
+        recordings: The measured data.
+        given: Values that the user has fixed.
+    """
+    if not model.inputs or commanded(model, recordings):
+        return ()
+    said = f"nothing is commanded: {' and '.join(s.name for s in model.inputs)} = 0 throughout"
+    for p in model.parameters:
+        if p.name == model.scale_parameter and p.name not in given:
+            said += (
+                f"; all else is in proportion to the {words(p.name)}, taken as {p.nominal:g} {p.unit}: state "
+                f"yours by --set {p.name}=VALUE"
+            )
+    return (said,)
+
+
 def known_values(model: Model, recordings: Sequence[Recording]) -> dict[str, float]:
     """Base parameters that are not refitted, and values that the recordings state of their machine.
+
+    Without a command the one is not refitted, either, to which all others are then in proportion.
 
     Raises:
         RecordingError: If two recordings are of different machines.
     """
     known = {p.name: p.nominal for p in model.parameters if not p.refitted}
+    if recordings and model.inputs and not commanded(model, recordings):
+        known |= {p.name: p.nominal for p in model.parameters if p.name == model.scale_parameter}
     names = {p.name for p in model.parameters}
     stated: dict[str, float] = {}
     for recording in recordings:

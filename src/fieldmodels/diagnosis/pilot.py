@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fieldmodels.diagnosis.candidates import SINGULAR, Candidates
-from fieldmodels.diagnosis.cutting import check_range, excerpts, in_all, known_values, split, start_vector
+from fieldmodels.diagnosis.cutting import (
+    check_range,
+    excerpts,
+    in_all,
+    known_values,
+    split,
+    start_vector,
+    without_command,
+)
 from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.linearisation import stacked
 from fieldmodels.model import Model
@@ -46,7 +54,8 @@ def identifiable(model: Model, train: Sequence[Recording], fixed: Mapping[str, f
     unclear = [name for name, one in zip(names, mixed, strict=True) if one]
     clear = [name for name in names if name not in unclear]
     hidden = [name for name in pilot.names() if not pilot.identifiable(base, name)]
-    told = [f"can be told: {', '.join(clear) or 'no base parameter'}"]
+    told = [*without_command(model, train, fixed)]
+    told += [f"can be told: {', '.join(clear) or 'no base parameter'}"]
     if unclear:
         told.append(f"cannot be told apart: {', '.join(unclear)}; --set one that you know")
     if hidden:

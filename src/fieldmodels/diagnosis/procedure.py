@@ -33,6 +33,7 @@ from fieldmodels.diagnosis.cutting import (
     main_horizon,
     split,
     start_vector,
+    without_command,
 )
 from fieldmodels.diagnosis.delivered import Writer
 from fieldmodels.diagnosis.effort import metered
@@ -151,6 +152,7 @@ def _diagnosed(
     train, test, lacking = in_all(model, train, test)
     train, test, short = long_enough(model, train, test)
     train, test, lost = lost_samples(model, train, test)
+    silent = without_command(model, [*train, *test], known)
     delays = {e.name: UNTOLD for e in model.effects if e.name.endswith("_delay")}
     delays = delays if any(r.aligned for r in (*train, *test)) else {}
     untold = {f"{name}.{p.name}": p.nominal for name in delays for p in model.effect(name).parameters}
@@ -177,10 +179,14 @@ def _diagnosed(
         ],
     )
     notes = once(f"{r.source}: {note}" for r in (*train, *test) for note in r.notes)
+    reasons = {**whole.not_testable, **delays}
+    if silent:
+        idle = {e.name for e in model.effects if e.where == "actuator"}
+        reasons = {name: "nothing is commanded" if name in idle else why for name, why in reasons.items()}
     return replace(
         whole,
-        notes=(*said, *lacking, *short, *lost, *notes, *whole.notes),
-        not_testable={**whole.not_testable, **delays},
+        not_testable=reasons,
+        notes=(*silent, *said, *lacking, *short, *lost, *notes, *whole.notes),
         lost=lost,
         stopped=time_left.words(),
     )

@@ -28,7 +28,7 @@ from fieldmodels.model_files import is_model_file
 from fieldmodels.names import did_you_mean
 from fieldmodels.reality import Reality, parse_reality, read_reality
 from fieldmodels.recording import Windows
-from fieldmodels.registry import get_model
+from fieldmodels.registry import get_model, model_names
 from fieldmodels.yaml import load_yaml
 
 
@@ -256,9 +256,12 @@ def extended_model(path: str | Path, model: str = "") -> tuple[Model, FloatArray
         model: Name or file of the model; by default the file names it.
 
     Raises:
-        ModelError: As ``flown``; also if the file names no model.
+        ModelError: As ``flown``; also if the file names no model, or one of the user's own.
     """
-    around, reality = flown(get_model(model or model_named_in(path)), path)
+    name = model or model_named_in(path)
+    if not (model or name in model_names()):
+        raise ModelError(f"{path}: is of {name!r}, a model of your own; give its file, too: --model FILE.py")
+    around, reality = flown(get_model(name), path)
     return around, reality.vector(around)
 
 

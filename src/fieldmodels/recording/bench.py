@@ -22,6 +22,8 @@ EPOCH = 1e8
 """Times above this [s] count from 1970, and are told from the first row on."""
 NAME = "bench.yaml"
 """A bench's file beside its logs."""
+NO_COMMAND = "none"
+"""Stands for the column of a command that was none."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _CODING = re.compile(r"(int|sign)(\d+)")
 _SPEC = re.compile(
@@ -36,7 +38,7 @@ class Channel:
     """A column, and what its numbers mean: ``gain * cell + offset``, in ``unit``; cells may wrap around.
 
     Attributes:
-        column: Its name in the file.
+        column: Its name in the file; empty for a command that was none, zero throughout.
         unit: Unit of the result; empty for what the file states, else the model's.
         gain: A scale or a sign.
         offset: What is added then, in ``unit``.
@@ -58,14 +60,15 @@ class Channel:
         """Read ``[GAIN*]COLUMN[%PERIOD][+OFFSET][:UNIT]``.
 
         Examples are ``-2.5*tau:N cm``, ``-tau``, ``0.1*adc-12:deg``, ``-count%4096``, which wraps, and
-        ``speed%int16`` or ``load%sign1024``, which are signed (see ``coding``).
+        ``speed%int16`` or ``load%sign1024``, which are signed (see ``coding``); ``none`` is for a command
+        that was none.
 
         Args:
             spec: The text; a column of the header that is really named so is taken whole.
             header: The file's columns.
         """
-        if spec in header:
-            return cls(spec)
+        if spec in header or spec == NO_COMMAND:
+            return cls(spec if spec in header else "")
         body, colon, unit = spec.rpartition(":")
         body, unit = (body, unit) if colon else (spec, "")
         match = None if body in header else _SPEC.fullmatch(body)
@@ -88,6 +91,8 @@ class Channel:
 
     def __str__(self) -> str:
         """The text that ``parse`` reads."""
+        if not self.column:
+            return NO_COMMAND
         gain = "" if self.gain == 1 else "-" if self.gain == -1 else f"{self.gain:.12g}*"
         offset = f"{self.offset:+.12g}" if self.offset else ""
         period = f"%{self.coding or format(self.period, '.12g')}" if self.coding or self.period else ""
@@ -155,7 +160,9 @@ class Bench:
         if self.aligned:
             data["aligned"] = True
         data["columns"] = {
-            signal: {"column": c.column}
+            signal: NO_COMMAND
+            if not c.column
+            else {"column": c.column}
             | ({"unit": c.unit} if c.unit else {})
             | ({"gain": c.gain} if c.gain != 1 else {})
             | ({"offset": c.offset} if c.offset else {})
@@ -167,7 +174,7 @@ class Bench:
 
     def fits(self, table: Table) -> bool:
         """Whether a log has all of its columns."""
-        return all(channel.column in table.header for channel in self.columns.values())
+        return all(c.column in table.header for c in self.columns.values() if c.column)
 
 
 def decoded(values: FloatArray, channel: Channel, episode: FloatArray | None = None) -> FloatArray:

@@ -160,9 +160,7 @@ def once(said: Iterable[str]) -> tuple[str, ...]:
     result = []
     for group in groups.values():
         (first, *others), [text, *_] = group, group.values()
-        more = (
-            f" and {len(others)} more file{'s' * (len(others) > 1)} ({', '.join(others)})" if others else ""
-        )
+        more = f" and {len(others)} more file{'s' * (len(others) > 1)}" if others else ""
         result.append(first + more + text.removeprefix(first))
     return tuple(result)
 

@@ -13,7 +13,16 @@ from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 from fieldmodels.model import Model, Signal, check_instance
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning
-from fieldmodels.recording.bench import EPISODE, EPOCH, OTHER_CLOCK, TIME, Bench, Channel, decoded
+from fieldmodels.recording.bench import (
+    EPISODE,
+    EPOCH,
+    NO_COMMAND,
+    OTHER_CLOCK,
+    TIME,
+    Bench,
+    Channel,
+    decoded,
+)
 from fieldmodels.recording.checks import (
     LEAST_COUNTED,
     check_episodes,
@@ -78,6 +87,7 @@ def load_recording(
     columns: Mapping[str, str] | None = None,
     horizon: float | None = None,
     rate: float | None = None,
+    commanded: bool = True,
 ) -> Recording:
     """Load and check a recording from a log of any format, keeping only the required columns in memory.
 
@@ -91,6 +101,7 @@ def load_recording(
             and a unit if need be, as ``Channel.parse`` reads them: ``{"torque": "-2.5*tau:N cm"}``.
         horizon: Prediction horizon [s] that must fit; None takes the model's shortest.
         rate: Rows a second, for a file without times.
+        commanded: False for a log without a command: all inputs of the model are zero throughout.
 
     Raises:
         ModelError: For a class in place of a model.
@@ -103,7 +114,8 @@ def load_recording(
     """
     check_instance(model)
     table = read_table(path)
-    bench = Bench.of(columns or {}, table.header, rate)
+    none = {s.name: NO_COMMAND for s in model.inputs} if model is not None and not commanded else {}
+    bench = Bench.of({**none, **(columns or {})}, table.header, rate)
     return recording_of(table, bench, model, horizon)
 
 
@@ -122,8 +134,10 @@ def recording_of(
         horizon: As in ``load_recording``.
     """
     wanted = _columns(table, model, bench)
+    if not any(c.name for c in wanted):
+        raise table.fail([Problem("no column is read from it")])
     values = table.read(list(dict.fromkeys(c.name for c in wanted if c.name)))
-    rows = len(values[wanted[0].name or wanted[-1].name])
+    rows = len(next(iter(values.values())))
     if rows < 2:
         raise table.fail(
             [Problem(f"{'one data row' if rows else 'no data rows'}; record at least a few hundred")]
@@ -173,8 +187,12 @@ def recording_of(
         notes += said
     if kept is None and not (bench.rate is not None and not clock.name):
         used, lost = _on_one_clock(table, wanted, used, model, bench, lost)
-    signals = {c.signal: c.si(used[c.signal]) for c in wanted if c.signal != TIME or c.name}
+    signals = {c.signal: c.si(used[c.signal]) for c in wanted if c.name}
     time = signals.pop(TIME, used[TIME])
+    if silent := [c.signal for c in wanted if not c.name and c.signal != TIME]:
+        signals |= {name: np.zeros(len(time)) for name in silent}
+        are = "is" if len(silent) == 1 else "are"
+        notes.append(f"no command: {in_words(list(map(repr, silent)))} {are} zero throughout")
     episodes = signals.pop(EPISODE, None)
     if episodes is not None and (problems := check_episodes(episodes)):
         raise table.fail(_in_file(problems, clock.name, kept))
@@ -316,6 +334,7 @@ def _on_one_clock(
     common = used[TIME]
     times: dict[str, FloatArray] = {}
     gone: dict[str, FloatArray] = {}
+    wanted = [c for c in wanted if c.name]
     for c in wanted:
         own = table.clocks.get(c.name, clock.name)
         time = common if own == clock.name else table[own]
@@ -380,6 +399,9 @@ def _columns(table: Table, model: Model | None, bench: Bench) -> list[_Column]:
         if signal == TIME and bench.rate and TIME not in mapping:
             continue
         channel = mapping.get(signal) or Channel(named(signal, table))
+        if not channel.column and model is not None and signal in {s.name for s in model.inputs}:
+            found.append(_Column(signal, channel, 1.0, channel.unit))
+            continue
         if channel.column not in header:
             if signal in required or signal in mapping:
                 problems.append(_missing(signal, channel.column, table, model))

@@ -50,6 +50,8 @@ PERIODS = (360.0, 2 * np.pi, *COUNTS)
 """Ranges at which angles and counters wrap around."""
 ROWS = 20_000
 """Rows of a log that are looked at."""
+LESS = 0.8
+"""Of its motion in the first quarter of a record, to which a motion must have died away in the last one."""
 _NAMED, _NAMED_OPTIONAL = 0.3, 0.6  # least that a name must suit a signal
 _MOST_TRIED = 5  # columns without a telling name that are tried in each other's places
 
@@ -150,7 +152,12 @@ def propose(
         The proposal; to be confirmed or corrected unless it is ``sure``.
     """
     values = {n: v for n, v in table.read(table.numbers(), ROWS).items() if np.isfinite(v).any()}
-    stated = {role: _declared(table, model, role, channel) for role, channel in (known or {}).items()}
+    silent = {role for role, channel in (known or {}).items() if not channel.column}
+    stated = {
+        role: _declared(table, model, role, channel)
+        for role, channel in (known or {}).items()
+        if role not in silent
+    }
     declared = {stated[r].column: stated.pop(r) for r in list(stated) if OTHER_CLOCK.fullmatch(r)}
     clock = stated.pop(TIME, None) or (
         None if rate else _clock(table, min(model.horizons, default=0.2), values)
@@ -158,7 +165,7 @@ def propose(
     taken = {clock and clock.column, *table.clocks.values(), *(c.column for c in stated.values())}
     rest = {n: v for n, v in values.items() if n not in taken}
     constant = {name for name, column in rest.items() if _never_changes(table, name, column)}
-    found = _by_names(table, model, rest, set(stated), constant) | stated
+    found = _by_names(table, model, rest, set(stated) | silent, constant) | stated
     if clock is None and table.clocks and found:
         master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
         name = table.clocks[master]
@@ -167,10 +174,12 @@ def propose(
     for one in moved:
         values[one.column] = one.gain * values[one.column] + one.offset
     view = _View(table, model, values, clock, rate)
-    found = _by_data(view, found, rest)
+    found = found if silent else _by_data(view, found, rest)
     found = {role: _with_coding(view, one) for role, one in found.items()}
     found = {role: _with_unit(view, one, found) for role, one in found.items()}
     found = _with_signs(view, _turning(view, found))
+    found |= {role: ColumnProposal(role, "", "", evidence=(DECLARED,)) for role in silent}
+    found |= _no_command(model, found, rest, constant)
     roles = [s.name for s in model.signals]
     columns = sorted(found.values(), key=lambda c: roles.index(c.role) if c.role in roles else -1)
     needed = [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
@@ -201,6 +210,29 @@ def _other_clocks(
                 moved.append(replace(one, evidence=(shift.why,)))
                 aligned = aligned or not shift.told
     return moved, aligned
+
+
+def _no_command(
+    model: Model, found: Mapping[str, ColumnProposal], rest: Mapping[str, FloatArray], constant: Set[str]
+) -> dict[str, ColumnProposal]:
+    """Inputs as none, where no column moves that could be a command, and what moves dies away."""
+    inputs = [s.name for s in model.inputs if not s.optional]
+    needed = {s.name for s in model.outputs if not s.optional}
+    left = set(rest) - {c.column for c in found.values()}
+    moving = any(n not in constant and not counts(rest[n]) for n in left)
+    held = any(np.nanmax(np.abs(rest[n])) > 0.0 for n in left & constant)
+    if set(inputs) & set(found) or not needed <= set(found) or moving or held:
+        return {}
+    if not all(_dies_away(rest[found[name].column]) for name in needed):
+        return {}
+    why = "no column looks like a command, and the motion dies away"
+    return {name: ColumnProposal(name, "", "", confidence=0.7, evidence=(why,)) for name in inputs}
+
+
+def _dies_away(values: FloatArray) -> bool:
+    """Whether a signal moves less and less, as what is let go does."""
+    parts = [p.mean() for p in np.array_split(np.abs(np.diff(values[np.isfinite(values)])), 4)]
+    return bool(np.all(np.diff(parts) < 0.0) and parts[-1] < LESS * parts[0])
 
 
 def _never_changes(table: Table, name: str, first: FloatArray) -> bool:

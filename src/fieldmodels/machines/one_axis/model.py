@@ -53,6 +53,7 @@ class OneAxis(Machine):
             driven_by_measured: True to predict the motion from the measured force.
         """
         self.scales = scales or self.nominal_scales
+        self.scale_parameter = self.numbers[0].name
         self.command = self.inputs[0].name
         self.measured_inputs = (measured_counterpart(self.inputs[0]),)
         self.driven_by_measured = driven_by_measured

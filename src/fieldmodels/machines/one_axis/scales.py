@@ -104,9 +104,12 @@ def measure_scales(
     high = np.quantile(np.abs(force), [0.995, 0.97, 0.9, 0.7])
     forms = _forms(recordings, command, position, rotary, hold, size / speed)
     base, frequencies = _regress(forms, damped, noise, nominal)
+    if not force.any():  # as large as what accelerates it
+        usual = base[0] * speed**2 / size
+        force, high = np.array([usual]), usual * np.array([2.0, 1.7, 1.4, 1.0])
     return Scales(
         base=base,
-        force=float(np.sqrt(np.mean(force**2))) or nominal.force,
+        force=float(np.sqrt(np.mean(force**2))),
         high_forces=tuple(float(f) for f in high) if (high > 0).all() else nominal.high_forces,
         rate=rate or nominal.rate,
         position=size,
@@ -237,11 +240,18 @@ def _regress(
     size[size == 0] = 1.0
     # Noise in the columns would draw the estimates towards zero: its share of the normal matrix is
     # known, and is taken off (bias-compensated least squares).
-    square = sum(
-        form.columns.T @ form.columns - 0.9 * len(form.times) * noise**2 * form.noise for form in forms
+    square = np.sum(
+        [form.columns.T @ form.columns - 0.9 * len(form.times) * noise**2 * form.noise for form in forms],
+        axis=0,
     )
     right = sum(form.columns.T @ form.forces for form in forms)
-    solution = np.linalg.lstsq(square / np.outer(size, size), right / size, rcond=1e-9)[0] / size
+    free = slice(None)
+    solution = np.zeros(len(size))
+    if not any(np.any(form.forces) for form in forms):  # without a command, for the nominal inertia
+        free, solution[0] = slice(1, None), nominal.base[0]
+        right = -square[:, 0] * solution[0]
+    equations = (square / np.outer(size, size))[free, free]
+    solution[free] = np.linalg.lstsq(equations, (right / size)[free], rcond=1e-9)[0] / size[free]
     chosen = solution[:3] if damped else solution[[0, 2]]
     base = tuple(
         float(c) if np.isfinite(c) and c > 0 else f for c, f in zip(chosen, nominal.base, strict=True)
