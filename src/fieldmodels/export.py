@@ -62,6 +62,7 @@ def source_of_model(machine: Declaration, vector: FloatArray) -> str:
         "STATES": [s.name for s in machine.states],
         "INPUTS": [s.name for s in machine.inputs],
         "OUTPUTS": [s.name for s in machine.outputs],
+        "AHEAD": machine.ahead,
         "INTERPOLATED": machine.hold == "interpolated",
         "PARAMETERS": {name: float(value) for name, value in zip(machine.names, vector, strict=True)},
         "FASTEST": [FAST * speed for speed in machine.speeds()],

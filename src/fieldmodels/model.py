@@ -90,7 +90,7 @@ class Signal:
 
     Attributes:
         name: Column name in a recording.
-        unit: SI unit of the column.
+        unit: SI unit of the column; empty for any, as the file states it.
         noise: Standard deviation of the sensor's white noise in that unit (0 for an input).
         optional: True for an output that a recording may lack.
         angle: True for an angle in radians (so that a column in degrees can be suspected).

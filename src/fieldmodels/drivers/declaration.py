@@ -120,6 +120,7 @@ class Declaration(Model):
         hold_said: Whether a user has said so; otherwise a diagnosis tries both.
         stock: The stock effects that were declared.
         sizes: Typical sizes for each of them.
+        ahead: Whether an input shows in its own row, as in a map, instead of over the time after it.
         substeps: Least number of integration steps within a sampling interval.
     """
 
@@ -128,6 +129,7 @@ class Declaration(Model):
     forces: tuple[Force, ...] = ()
     hold: Hold = "held"
     hold_said: bool = False
+    ahead: bool = False
     stock: tuple[Stock, ...] = ()
     numbers: ClassVar[tuple[Number, ...]] = ()
     own_effects: tuple[Effect | Stock, ...] = ()
@@ -354,9 +356,9 @@ class Declaration(Model):
             recording: The measured data.
             last: Last sample of each sample's episode, shape (n,).
         """
-        del last
         columns = [recording[s.name] for s in self.inputs] or [np.zeros(len(recording))]
-        return np.column_stack(columns).astype(np.float64)
+        given = np.column_stack(columns).astype(np.float64)
+        return given[np.minimum(np.arange(len(given)) + 1, last)] if self.ahead else given
 
     def held_as(self, hold: Hold) -> Self:
         """The same machine with inputs that are held or interpolated between samples."""

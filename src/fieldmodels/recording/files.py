@@ -438,7 +438,7 @@ def _convert(table: Table, model: Model | None, signal: str, channel: Channel) -
     if signal == TIME:
         return _Column(signal, channel, factor(stated, "s") if stated else 1.0, stated)
     if model is not None:
-        wanted = next(s.unit for s in model.signals if s.name == signal)
+        wanted = next(s.unit for s in model.signals if s.name == signal) or stated
     elif channel.unit:
         wanted = si_unit(channel.unit)[0]
     else:
@@ -495,7 +495,12 @@ def _checked(
         if horizon is None and model is not None and model.horizons:
             # A slow bench is predicted over longer times; but a clock in ms looks like a very slow one.
             horizon = min(model.horizons)
-            sure = clock.unit or (recording.step < LEAST_COUNTED and check_length(recording, horizon))
+            timeless = getattr(model, "ahead", False)
+            sure = (
+                timeless
+                or clock.unit
+                or (recording.step < LEAST_COUNTED and check_length(recording, horizon))
+            )
             if sure and len(recording) >= LEAST_SCALED:
                 horizon = min(model.scaled_to([recording]).horizons)
         if horizon is not None:

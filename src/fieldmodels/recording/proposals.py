@@ -289,7 +289,7 @@ class _View:
             if role != EPISODE:
                 values = self.column(one.column)
                 values = one.gain * decoded(values, one.channel) + one.offset
-                signals[role] = values * factor(one.unit, self.signals[role].unit)
+                signals[role] = values * factor(one.unit, self.signals[role].unit or one.unit)
         count = min(map(len, signals.values()))
         signals = {role: values[:count] for role, values in signals.items()}
         return Recording(np.asarray(np.arange(count) * self.step, dtype=np.float64), signals)
@@ -480,6 +480,8 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
     if one.role == EPISODE or one.unit:
         return one
     signal, stated = view.signals[one.role], view.table.units.get(one.column, "")
+    if not signal.unit:
+        return replace(one, unit=stated)
     if stated:
         try:
             factor(stated, signal.unit)

@@ -184,7 +184,8 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
         signal: Of the model.
         model: Tells commands from measured signals.
     """
-    convertible = not is_unit(unit) or converts(unit, signal.unit) or zero_of(unit, signal.unit) is not None
+    convertible = not (is_unit(unit) and signal.unit) or converts(unit, signal.unit)
+    convertible = convertible or zero_of(unit, signal.unit) is not None
     if short(name) == signal.name and convertible:
         return 1.0
     found, wanted = meanings(name), meanings(signal.name)
