@@ -17,6 +17,8 @@ from fieldmodels.rounding import listed, percent, with_error, words
 TONE = {"consistent": "good", "named": "good", "ambiguous": "warn", "unknown": "bad", "unrelated": "bad"}
 SURE = ((1e-6, "practically certain"), (1e-3, "very likely"), (1.0, "likely"))
 """How the probability that chance alone makes a cause seem to be there reads, by its upper end."""
+UNSIZED = 1e-3
+"""Least probability of chance that is stated of a cause whose size the data do not determine."""
 STORES = (
     "What depends on a recent mean may be stored where the simulation has no store (heat in a wall, air in a "
     "hose): give a machine of your own a state for it, behind an effect that is off at 0."
@@ -125,7 +127,8 @@ def _by_certainty(causes: Sequence[Cause]) -> dict[str, list[tuple[str, ...]]]:
     for level, word in SURE:
         for cause in causes:
             sets = (cause.effect, *cause.alternatives)
-            if cause.chance < level and not any(sets in known for known in result.values()):
+            chance = cause.chance if cause.sized else max(cause.chance, UNSIZED)
+            if chance < level and not any(sets in known for known in result.values()):
                 result.setdefault(word, []).append(sets)
     return result
 

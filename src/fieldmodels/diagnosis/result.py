@@ -74,6 +74,11 @@ class Cause:
     chance: float = float("nan")
     nats: float = float("nan")
 
+    @property
+    def sized(self) -> bool:
+        """Whether any of its values is larger than its standard error."""
+        return not all(e.std >= abs(e.value) for e in self.parameters.values())
+
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {

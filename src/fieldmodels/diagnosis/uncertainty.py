@@ -61,10 +61,18 @@ def standard_errors(problem: Problem, fitted: Fit) -> FloatArray:
 def differs_from_neutral(problem: Problem, fitted: Fit, cause: Cause) -> bool:
     """Whether an effect's size differs from neutral: Wald's test of all its amplitudes together.
 
-    Amplitudes without a standard error are believed; arguments as of ``_wald``.
+    Amplitudes without a standard error are believed, but for smooth ones that have no influence where they
+    are: any larger one would do as well, as a lag does that is much longer than a window. Arguments as of
+    ``_wald``.
     """
     wald, count = _wald(problem, fitted, cause)
-    return not np.isfinite(wald) or bool(stats.chi2.sf(wald, count) < CHANCE)
+    if np.isfinite(wald):
+        return bool(stats.chi2.sf(wald, count) < CHANCE)
+    return any(
+        not p.smooth or np.isfinite(cause.parameters[p.name].std)
+        for p in problem.model.effect(cause.effect).parameters
+        if p.refitted and p.name in cause.parameters
+    )
 
 
 def size_by_chance(problem: Problem, fitted: Fit, cause: Cause) -> float:

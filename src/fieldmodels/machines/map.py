@@ -41,11 +41,11 @@ LOWER_LIMIT = Effect(
     (Parameter("limit", ANY, -NO_LIMIT, -NO_LIMIT, NO_LIMIT, 0.01, starts=(-1.0,)),),
     "y >= limit",
 )
-OWN = ("dead_zone", "upper_limit", "lower_limit", "curved_response")
+OWN = ("dead_zone", "upper_limit", "lower_limit", "curvature")
 KNOTS = 9
 """Places of a curve, equally spaced; at the outermost two it is 0, since a line has gain and offset."""
-CURVED = Effect(
-    "curved_response",
+CURVATURE = Effect(
+    "curvature",
     "The response is a curve of the command, not a line.",
     "actuator",
     (
@@ -78,11 +78,11 @@ class Map(Machine):
         DEAD_ZONE,
         UPPER_LIMIT,
         LOWER_LIMIT,
-        CURVED,
+        CURVATURE,
         *actuator("command", ("play",)),
         *sensor("response", ("drift", "quantisation")),
     )
-    ahead = True
+    ahead = hold_said = True
 
     def step(self, state: Any, input: Any, p: Any, dt: Any) -> Any:  # noqa: ARG002 - by name
         """The response to a command, whatever was before."""
@@ -91,13 +91,10 @@ class Map(Machine):
             beyond = u - p.dead_zone_centre
             u = p.dead_zone_centre + math.copysign(max(abs(beyond) - p.dead_zone_width, 0.0), beyond)
         bent = (
-            0.0, p.curved_response_value_1, p.curved_response_value_2, p.curved_response_value_3,
-            p.curved_response_value_4, p.curved_response_value_5, p.curved_response_value_6, p.curved_response_value_7, 0.0,
+            0.0, p.curvature_value_1, p.curvature_value_2, p.curvature_value_3, p.curvature_value_4,
+            p.curvature_value_5, p.curvature_value_6, p.curvature_value_7, 0.0,
         )  # fmt: skip
-        at = (
-            min(max((u - p.curved_response_low) / (p.curved_response_high - p.curved_response_low), 0.0), 1.0)
-            * 8.0
-        )
+        at = 8.0 * min(max((u - p.curvature_low) / (p.curvature_high - p.curvature_low), 0.0), 1.0)
         k = min(int(at), 7)
         y = p.gain * u + p.offset + bent[k] + (at - k) * (bent[k + 1] - bent[k])
         return min(max(y, p.lower_limit_limit), p.upper_limit_limit)

@@ -97,7 +97,10 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     if unit != "s":
         hint = f"the time column looks like {unit}: declare it as 't=t:{unit}'; or {hint}"
     if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
-        remedy = f"sample faster, or predict over longer times ({longer_windows(step)})"
+        remedy = (
+            f"sample faster, or predict over longer times ({longer_windows(step)}); or take --model map, if "
+            "the machine settles from row to row"
+        )
         how = f"; {hint}" if step >= LEAST_COUNTED else ""
         return [
             Problem(f"one row every {step:.6g} s is too coarse to predict over {horizon:g} s; {remedy}{how}")
