@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -89,19 +90,22 @@ def lost_in(
     return {name: kinds for name, kinds in found.items() if kinds}
 
 
-def rows_read_once(columns: Sequence[FloatArray], time: FloatArray) -> IntArray:
+def rows_read_once(
+    columns: Sequence[FloatArray], time: FloatArray, episode: FloatArray | None = None
+) -> IntArray:
     """Rows without those that a file holds again, stamp and all, as a logger writes that sends a block twice.
 
     Args:
         columns: All that were read, each of shape (n,).
         time: The stamps, shape (n,). Where many are equal the clock is coarse, and a machine may rest.
+        episode: Numbers of the rows' episodes, if they have any: a clock may begin anew where they rise.
 
     Returns:
         Ascending rows, shape (kept,).
     """
-    rows = np.arange(len(time))
-    passed = np.diff(time)
-    if np.all(passed > 0) or np.mean(passed == 0) > COARSE:
+    rows, after = np.arange(len(time)), time[1:] > time[:-1]
+    anew = False if episode is None else episode[1:] > episode[:-1]
+    if np.all(after | anew) or np.mean(time[1:] == time[:-1]) > COARSE:
         return rows
     first = np.unique(time, return_index=True, return_inverse=True)
     before = first[1][first[2].ravel()]
@@ -151,8 +155,9 @@ def _stale(sensors: Sequence[Sensor], commands: Sequence[FloatArray]) -> IntArra
         return np.zeros(0, dtype=np.int64)
     columns = [*(s.values for s in sensors), *commands]
     again = np.logical_and.reduce([v[1:] == v[:-1] for v in columns])
-    noisy = [s.values for s in sensors if _turning(s.values).mean() > NOISY]
-    if not 0 < again.sum() <= SELDOM * len(again) or not noisy:
+    seldom = 0 < again.sum() <= SELDOM * len(again)
+    noisy = [s.values for s in sensors if seldom and _turning(s.values).mean() > NOISY]
+    if not noisy:
         return np.zeros(0, dtype=np.int64)
     repeating = [np.mean((v[1:] == v[:-1])[~again]) for v in noisy]
     by_chance = len(again) * float(np.prod(np.maximum(repeating, 1.0 / len(again))))
@@ -181,42 +186,50 @@ class _Rows:
 
     @classmethod
     def of(
-        cls, sensor: Sensor, there: IntArray, commands: Sequence[FloatArray], others: Sequence[FloatArray]
+        cls,
+        sensor: Sensor,
+        there: IntArray,
+        commands: Sequence[FloatArray],
+        others: Sequence[FloatArray],
     ) -> _Rows:
-        values = sensor.values[there]
-        values = np.unwrap(values, period=sensor.turn) if sensor.turn else values
-        passed = np.diff(sensor.time[there])
-        apart = (passed > GAP * np.median(passed)) | (np.diff(sensor.episode[there]) != 0)
-        step = np.where(apart, np.nan, np.abs(np.diff(values)))
+        rows = slice(None) if len(there) == len(sensor.values) else there  # without copies of a whole log
+        values, time, episode = sensor.values[rows], sensor.time[rows], sensor.episode[rows]
+        step = np.abs(np.diff(values))
+        if sensor.turn and step.max() > 0.5 * sensor.turn:
+            values = np.unwrap(values, period=sensor.turn)
+            step = np.abs(np.diff(values))
+        passed = np.diff(time)
+        step[(passed > GAP * np.median(passed)) | (episode[1:] != episode[:-1])] = np.nan
         moving = step[step > 0.0]
-        return cls(
-            values, sensor.inert, [c[there] for c in commands], [o[there] for o in others],
-            step, float(np.median(moving)) if len(moving) else 0.0,
-        )  # fmt: skip
+        usual = float(np.median(moving, overwrite_input=True)) if len(moving) else 0.0
+        return cls(values, sensor.inert, [c[rows] for c in commands], [o[rows] for o in others], step, usual)
+
+    @cached_property
+    def spans(self) -> list[float]:
+        """Ranges of the commands and of the others."""
+        known = (x[np.isfinite(x)] for x in (*self.commands, *self.others))
+        return [float(np.ptp(x)) if len(x) else 0.0 for x in known]
 
 
 def _found(rows: _Rows) -> Iterator[tuple[str, int, int]]:
     """What is lost: its kind, its first row and its end."""
     values, n = rows.values, len(rows.values)
-    edges = np.flatnonzero(~(rows.step == 0.0)) + 1
-    begins, ends = np.append(0, edges), np.append(edges, n)
-    long = ends - begins >= HELD
-    repeats = float((ends - begins - 1)[~long].sum()) / max(float((ends - begins)[~long].sum()), 1.0)
-    never = repeats <= SELDOM and (ends - begins)[long].sum() < 0.5 * n
-    runs = (ends - begins > 2) & (ends - begins <= LONGEST * n)
-    left = _left(values, begins[runs], ends[runs])
-    one, two = np.arange(1, n - 1), np.arange(1, n - 2)
-    begins_tried = np.concatenate([one, two, begins[runs]])
-    ends_tried = np.concatenate([one + 1, two + 2, ends[runs]])
-    height = np.concatenate([_left(values, one, one + 1), _left(values, two, two + 2), left])
-    far = np.flatnonzero(height > FACTOR * rows.usual)
+    same = np.concatenate([[False], rows.step == 0.0, [False]])  # as the row before
+    begins, ends = np.flatnonzero(~same[:-1] & same[1:]), np.flatnonzero(same[:-1] & ~same[1:]) + 1
+    lasting = ends - begins
+    long = lasting >= HELD
+    held = int(lasting[long].sum())
+    repeats = float((lasting[~long] - 1).sum()) / max(n - held, 1)
+    never = repeats <= SELDOM and held < 0.5 * n
+    runs = (lasting > 2) & (lasting <= LONGEST * n)
+    begins_tried, ends_tried, height = _far(rows, begins[runs], ends[runs])
     taken = np.zeros(n, dtype=np.bool_)
-    for k in far:
-        taken[begins_tried[k] : ends_tried[k]] = True
+    for begin, end in zip(begins_tried, ends_tried, strict=True):
+        taken[begin:end] = True
     if 0 < taken.sum() <= max(SELDOM * n, 3) or (never and taken.sum() <= LONGEST * n):
         rest = float(np.ptp(values[~taken]))
         lost = np.zeros(n, dtype=np.bool_)
-        for k in far[np.argsort(-height[far], kind="stable")]:
+        for k in np.argsort(-height, kind="stable"):
             begin, end = int(begins_tried[k]), int(ends_tried[k])
             if lost[begin:end].any() or not _comes_back(rows, begin, end, float(height[k]), taken):
                 continue
@@ -226,19 +239,20 @@ def _found(rows: _Rows) -> Iterator[tuple[str, int, int]]:
                 lost[begin:end] = True
                 yield (SPIKE if end - begin <= 2 else DROP_OUT), begin, end
         taken = lost
-    if never:
+    if never and long.any():
+        extremes = values.min(), values.max()
+        steps = np.where(taken[1:] | taken[:-1], 0.0, np.nan_to_num(rows.step))
+        largest = np.argpartition(-steps, 2)[:3]
+        largest = largest[np.argsort(-steps[largest])]
+        noisy = _turning(values).sum() > NOISY * (n - held)
         for k in np.flatnonzero(long):
             begin, end = int(begins[k]), int(ends[k])
-            extreme = values[begin] in (values.max(), values.min())
-            if taken[begin:end].any() or extreme:
+            if taken[begin:end].any() or values[begin] in extremes:
                 continue
-            elsewhere = rows.step[
-                ~(taken[1:] | taken[:-1]) & ~np.isin(np.arange(n - 1), [begin - 1, end - 1])
-            ]
-            leap = LEAP * float(np.nanmax(elsewhere, initial=0.0))
-            if begin > 0 and rows.step[begin - 1] > leap:
+            elsewhere = next((steps[i] for i in largest if i not in (begin - 1, end - 1)), 0.0)
+            if begin > 0 and rows.step[begin - 1] > LEAP * elsewhere:
                 yield DROP_OUT, begin, end
-            elif (end < n and rows.step[end - 1] > leap) or _moves(rows, begin, end):
+            elif (end < n and rows.step[end - 1] > LEAP * elsewhere) or noisy or _moves(rows, begin, end):
                 yield STUCK, begin + 1, end
 
 
@@ -247,15 +261,25 @@ def _turning(values: FloatArray) -> BoolArray:
     return np.asarray(np.diff(values[:-1]) * np.diff(values[1:]) < 0.0)
 
 
+def _far(rows: _Rows, begins: IntArray, ends: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """First row, end and height of what leaves its neighbours by far: one row, two, or rows of one value."""
+    n, least, found = len(rows.values), FACTOR * rows.usual, []
+    leaps = np.flatnonzero(rows.step > least) + 1
+    for first, last in ((leaps, leaps + 1), (leaps, leaps + 2), (begins, ends)):
+        whole = (first > 0) & (last < n)
+        height = _left(rows.values, first[whole], last[whole])
+        far = height > least
+        found.append((first[whole][far], last[whole][far], height[far]))
+    starts, stops, heights = (np.concatenate(part) for part in zip(*found, strict=True))
+    return starts, stops, heights
+
+
 def _left(values: FloatArray, begins: IntArray, ends: IntArray) -> FloatArray:
     """How far samples, all of one value or at most two, leave what is before and after them; 0 if between."""
-    if not len(begins):
-        return np.zeros(0)
-    inside = np.stack([values[begins], values[ends - 1]])
-    around = np.stack([values[np.maximum(begins - 1, 0)], values[np.minimum(ends, len(values) - 1)]])
-    whole = (begins > 0) & (ends < len(values))
-    above, below = inside.min(axis=0) - around.max(axis=0), around.min(axis=0) - inside.max(axis=0)
-    return np.where(whole, np.maximum(np.maximum(above, below), 0.0), 0.0)
+    first, last, before, after = values[begins], values[ends - 1], values[begins - 1], values[ends]
+    above = np.minimum(first, last) - np.maximum(before, after)
+    below = np.minimum(before, after) - np.maximum(first, last)
+    return np.asarray(np.maximum(np.maximum(above, below), 0.0))
 
 
 def _comes_back(rows: _Rows, begin: int, end: int, height: float, taken: BoolArray) -> bool:
@@ -277,16 +301,12 @@ def _pulsed(rows: _Rows, begin: int, end: int) -> bool:
     """Whether a command leaves and comes back at the same time, which a response may follow."""
     near = slice(max(begin - BESIDE, 0), end)
     return any(
-        np.ptp(c[near]) > MOVED * np.ptp(c) and abs(c[near][-1] - c[near][0]) < 0.5 * np.ptp(c[near])
-        for c in rows.commands
+        np.ptp(c[near]) > MOVED * span and abs(c[near][-1] - c[near][0]) < 0.5 * np.ptp(c[near])
+        for c, span in zip(rows.commands, rows.spans, strict=False)
     )
 
 
 def _moves(rows: _Rows, begin: int, end: int) -> bool:
-    """Whether a sensor that never repeats would have moved: by its noise alone, or as another one does."""
-    values = rows.values
-    turns = _turning(values)
-    outside = np.concatenate([turns[: max(begin - 1, 0)], turns[end:]])
-    if len(outside) and outside.mean() > NOISY:
-        return True
-    return any(np.ptp(o[begin:end]) > MOVED * np.ptp(o) > 0.0 for o in rows.others)
+    """Whether another sensor moves meanwhile."""
+    spans = rows.spans[len(rows.commands) :]
+    return any(np.ptp(o[begin:end]) > MOVED * span > 0.0 for o, span in zip(rows.others, spans, strict=True))
