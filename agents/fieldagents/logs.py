@@ -113,6 +113,7 @@ class Logs:
                 f"--column {proposal.missing[0]}=NAME:UNIT"
                 + " or --rate HZ" * (TIME in proposal.missing)
                 + ", or --input none if nothing was commanded" * any(n in inputs for n in proposal.missing)
+                + "".join(f"\n  {note}" for note in table.notes)
             )
         bench, said = proposal.bench(), f"{table.path}: its columns are read as\n{listed(proposal)}"
         if proposal.sure:

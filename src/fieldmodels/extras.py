@@ -12,6 +12,8 @@ EXTRAS = {
     "moviepy": "video", "cv2": "video", "imageio_ffmpeg": "video",
     "starlette": "app", "uvicorn": "app", "anyio": "app",
     "python_calamine": "excel", "h5py": "hdf5", "rosbags": "ros", "asammdf": "mdf",
+    "pyulog": "px4", "pymavlink": "ardupilot", "nptdms": "labview", "lvm_read": "labview",
+    "can": "can",
 }  # fmt: skip
 """Package to the extra of ``pip install 'fieldgym[...]'``."""
 

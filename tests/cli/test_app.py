@@ -4,6 +4,7 @@ import csv
 import http.client
 import json
 import re
+import sys
 import threading
 import time
 import urllib.error
@@ -13,16 +14,21 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
+import pyarrow.parquet
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
+from told import made
+
 from fieldagents.app.buckets import buckets
 from fieldagents.app.server import application, listening
 from fieldagents.app.session import CancelledError, Job, Session
 from fieldmodels.recording import RecordingError
+from fieldmodels.recording.sources import together
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -112,6 +118,17 @@ def test_a_column_that_never_changes_is_told_of(served: Served):
     assert (found["missing"], found["constant"]) == (["torque"], ["torque_cmd"])
 
 
+def test_the_runs_in_a_log_are_shown_among_its_columns(served: Served):
+    """By another name than the one that is found without being told."""
+    rows = "".join(f"{i % 200 / 100},{i // 200},{i % 7},{i % 50 / 50}\n" for i in range(1000))
+    (served.dropped / "set.csv").write_text(f"timestamp,episode_index,torque_cmd,angle\n{rows}")
+    served.session.open(served.dropped / "set.csv")
+    _, text = served.ask("/api/propose", json.dumps({"model": "pendulum"}).encode())
+    found = json.loads(text)
+    assert "episode" in found["roles"]
+    assert {c["role"]: c["spec"] for c in found["columns"]}["episode"] == "episode_index"
+
+
 def test_a_change_needs_an_origin(served: Served):
     body = json.dumps({"path": str(served.dropped / "none.csv")}).encode()
     assert served.ask("/api/open", body, Origin="")[0] == 403
@@ -125,12 +142,75 @@ def test_no_path_is_built_from_the_name_of_a_dropped_log(served: Served, tmp_pat
     for name in ("../../evil.csv", "/etc/passwd", "a\\b.csv", "..", "log.csv.%2e%2e%2f", "x" * 5000):
         status, _ = served.ask(f"/api/drop?name={urllib.request.quote(name)}", log)
         assert status in (200, 400)
+    for place in ("../evil.csv", "a/../../evil.csv", "/etc/passwd", ".ssh/key", "a\\b.csv", "a//b.csv"):
+        status, text = served.ask(f"/api/drop?name=set&inside={urllib.request.quote(place)}", log)
+        assert (status, "no plain name" in text) == (400, True)
+    assert served.ask("/api/drop?name=set&inside=a.csv&folder=..", log)[0] == 400
     inside = sorted(path.name for path in served.dropped.iterdir())
     assert len(inside) == 6
     assert all(re.fullmatch(r"log-\d(\.[a-z0-9]+){0,2}", name) for name in inside)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["dropped", "log.csv"]
     for path in ("/file/../log.csv", "/file/%2e%2e/log.csv", "/static/../session.py", "/file//etc/passwd"):
         assert served.ask(path)[0] == 404
+
+
+def split_log(folder: Path, number: int, seconds: float = 2.0) -> list[Path]:
+    """A run of which two loggers hold a part each, as of one clock."""
+    whole = write_log(folder / "whole.csv", number, seconds).read_text("latin-1")
+    cells = [line.split(";") for line in whole.splitlines()]
+    parts = {f"drive_{number}.csv": (0, 1), f"encoder_{number}.csv": (0, 2, 3)}
+    for name, columns in parts.items():
+        (folder / name).write_text("\n".join(";".join(row[j] for j in columns) for row in cells) + "\n")
+    return [folder / name for name in parts]
+
+
+def test_files_of_one_run_are_one_log_wherever_they_come_from(tmp_path: Path):
+    """Other columns, other loggers of the same run; the same ones, other runs; and what goes with neither."""
+    (drive, encoder), (drive2, encoder2) = split_log(tmp_path, 1), split_log(tmp_path, 2)
+    assert together([drive, encoder]) == [(drive, encoder)]
+    assert together([drive, drive2]) == [(drive,), (drive2,)]
+    assert together([drive, drive2, encoder, encoder2]) == [(drive, encoder), (drive2, encoder2)]
+    assert together([drive, drive2, encoder]) == [(drive,), (drive2,), (encoder,)]
+    later = tmp_path / "later.csv"
+    later.write_text("t,u\n" + "".join(f"{1e6 + 0.01 * k},{k % 7}\n" for k in range(200)))
+    assert together([drive, later]) == [(drive,), (later,)]  # no times in common
+    assert together([]) == []
+
+
+def test_a_database_of_a_bus_goes_with_every_trace(tmp_path: Path):
+    """Two traces and a DBC, dropped at once, in whatever order."""
+    for library in ("can", "cantools", "asammdf"):
+        pytest.importorskip(library)
+    told = made("can_trace", tmp_path)
+    trace, dbc = map(Path, told.source.split("+"))
+    second = trace.with_name("second.log")
+    second.write_bytes(trace.read_bytes())
+    assert together([dbc, trace]) == [(dbc, trace)]
+    assert together([trace, dbc, second]) == [(trace, dbc), (second, dbc)]
+
+
+def test_several_files_are_dropped_at_once(served: Served, browser, tmp_path: Path):
+    """Two loggers of two runs become two logs; a folder's files are what they are beside each other."""
+    files = [str(path) for number in (1, 2) for path in split_log(tmp_path, number)]
+    (tmp_path / "set/meta").mkdir(parents=True)
+    (tmp_path / "set/data/chunk-000").mkdir(parents=True)
+    (tmp_path / "set/.cache").write_text("not for readers")
+    (tmp_path / "set/meta/info.json").write_text(json.dumps({"features": {"action": {"names": ["lift"]}}}))
+    lists = pa.table({"timestamp": np.arange(9.0), "action": [[float(k)] for k in range(9)]})
+    pa.parquet.write_table(lists, tmp_path / "set/data/chunk-000/file-000.parquet")
+    find = lambda name: browser.find_element(By.ID, name)  # noqa: E731
+    browser.get(f"{served.address}/?token={TOKEN}")
+    for paths, count in ((files, 2), ([str(tmp_path / "set")], 3)):
+        for kind in ("dragEnter", "dragOver", "drop"):
+            data = {"items": [], "files": paths, "dragOperationsMask": 1}
+            at = {"x": find("drop").rect["x"] + 20, "y": find("drop").rect["y"] + 20}
+            browser.execute_cdp_cmd("Input.dispatchDragEvent", {"type": kind, "data": data, **at})
+        _until(browser, lambda _b, n=count: len(served.session.logs) == n or find("trouble").text, 20.0)
+        assert not find("trouble").text
+    _until(browser, lambda b: len(b.find_elements(By.CSS_SELECTOR, "#logs li")) == 3, 20.0)
+    shown = [one.text.partition(":")[0] for one in browser.find_elements(By.CSS_SELECTOR, "#logs li")]
+    assert shown == ["drive_1.csv + encoder_1.csv", "drive_2.csv + encoder_2.csv", "set"]
+    assert "action[lift]" in served.session.logs[2].table.header
 
 
 def test_signals_are_shown_over_seconds_by_whatever_clock_a_log_has(tmp_path: Path):

@@ -82,7 +82,8 @@ def px4_yaw(folder: Path) -> Told:
     return entry(
         ulog(folder / "log_7.ulg", topics),
         run,
-        "t=timestamp:us; set_point=trajectory_setpoint.yaw:rad; position=vehicle_local_position.heading:rad",
+        "t=vehicle_local_position.timestamp:us; set_point=trajectory_setpoint.yaw:rad; "
+        "position=vehicle_local_position.heading:rad",
     )
 
 
@@ -183,22 +184,22 @@ def mavlink(folder: Path) -> Told:
     run = joint("actuator_dead_zone", 204, rate=20.0, hold=2, pace=3.0)
     told, roll = signals(run)
     copter, station = (dialect.MAVLink(None, srcSystem=one) for one in (1, 255))
-    rng = np.random.default_rng(204)
+    late = 2e-3 * np.random.default_rng(204).random(len(run.time))
     with (folder / "flight.tlog").open("wb") as file:
 
         def put(t: float, sender: Any, message: Any) -> None:
-            late = 2e-3 * rng.random()
-            file.write(struct.pack(">Q", int((EPOCH + t + late) * 1e6)) + message.pack(sender))
+            file.write(struct.pack(">Q", int((EPOCH + t) * 1e6)) + message.pack(sender))
 
-        for k, t in enumerate(run.time):
+        for k, t in enumerate(run.time + late):  # in the order in which they came in
             if k % 20 == 0:
                 put(t, copter, dialect.MAVLink_heartbeat_message(2, 3, 81, 0, 4, 3))
                 put(t, station, dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
             if k % 2 == 0:
                 set_point = dialect.MAVLink_nav_controller_output_message
-                put(t, copter, set_point(told[k] / DEG, 0.5, 90, 91, 12, 0, 0, 0))
-            at = int((BOOT + t) * 1e3)
-            put(t, copter, dialect.MAVLink_attitude_message(at, roll[k], 0.01, 1.57, 0.0, 0.0, 0.0))
+                put(t + 1e-4, copter, set_point(told[k] / DEG, 0.5, 90, 91, 12, 0, 0, 0))
+            at = int((BOOT + run.time[k]) * 1e3)
+            attitude = dialect.MAVLink_attitude_message(at, roll[k], 0.01, 1.57, 0.0, 0.0, 0.0)
+            put(t + 2e-4, copter, attitude)
     return entry(
         folder / "flight.tlog",
         run,
@@ -548,17 +549,30 @@ def can_trace(folder: Path) -> Told:
     )
 
 
+@log
+def sqlite(folder: Path) -> Told:
+    """SQLite of nobody's format: a table of numbers."""
+    run = axis("rig", "actuator_lag", 253)
+    with sqlite3.connect(folder / "logger.db") as base:
+        base.execute("create table samples (t real, force_cmd_N real, position_mm real, speed_mm_s real)")
+        table = np.stack([run.time, *signals(run)], 1) * [1, 1, 1e3, 1e3]
+        base.executemany("insert into samples values (?, ?, ?, ?)", table.tolist())
+    base.close()
+    return entry(
+        folder / "logger.db",
+        run,
+        "t=t:; force=force_cmd_N:N; position=position_mm:mm; velocity=speed_mm_s:mm/s",
+    )
+
+
 # --- refused, with a remedy that works ------------------------------------------------------------------
 
-EXPORT = "t=t:; torque=torque:; angle=angle:"
-"""Columns of what the two lines of MATLAB save."""
 
-
-def saved(path: Path, run: Run) -> str:
-    """What MATLAB's ``save(...,'-v7')`` of plain arrays makes."""
+def saved(path: Path, arrays: dict[str, Any]) -> str:
+    """What MATLAB's ``save('plain.mat', '-struct', 's', '-v7')`` makes."""
     from scipy.io import savemat
 
-    savemat(path, {"t": run.time, **run.signals}, oned_as="column")
+    savemat(path, arrays, oned_as="column")
     return str(path)
 
 
@@ -578,12 +592,13 @@ def matlab_dataset(folder: Path) -> Told:
         node.attrs["MATLAB_class"] = np.bytes_("Simulink.SimulationData.Dataset")
         node.attrs["MATLAB_object_decode"] = np.int32(3)
         file.create_group("#subsystem#").create_dataset("MCOS", data=np.arange(9, dtype=np.uint8))
+    elements = {name: {"t": run.time, "data": values} for name, values in run.signals.items()}
     return entry(
         path,
         run,
-        EXPORT,
+        "t=torque.t:; torque=torque.data:; angle=angle.data:",
         refused=(r"Simulink\.SimulationData\.Dataset", "logsout", r"save\("),
-        remedy=saved(folder / "plain.mat", run),
+        remedy=saved(folder / "plain.mat", elements),
     )
 
 
@@ -614,9 +629,9 @@ def matlab_timeseries(folder: Path) -> Told:
     return entry(
         folder / "angle.mat",
         run,
-        EXPORT,
+        "t=t:; torque=torque:; angle=angle:",
         refused=("timeseries", "angle", r"save\("),
-        remedy=saved(folder / "plain.mat", run),
+        remedy=saved(folder / "plain.mat", {"t": run.time, **run.signals}),
     )
 
 
@@ -651,27 +666,4 @@ def betaflight_raw(folder: Path) -> Told:
         options=RATE_OPTIONS,
         refused=("Betaflight", "blackbox_decode"),
         remedy=str(decoded(folder / "LOG00009.01.csv", run)),
-    )
-
-
-@log
-def sqlite(folder: Path) -> Told:
-    """SQLite of nobody's format: one table."""
-    run = axis("rig", "actuator_lag", 253)
-    with sqlite3.connect(folder / "logger.db") as base:
-        base.execute("create table samples (t real, force_cmd_N real, position_mm real, speed_mm_s real)")
-        table = np.stack([run.time, *signals(run)], 1) * [1, 1, 1e3, 1e3]
-        base.executemany("insert into samples values (?, ?, ?, ?)", table.tolist())
-        found = base.execute(
-            "select * from samples"
-        )  # as `sqlite3 -header -csv logger.db 'select ...'` prints it
-        head = ",".join(one[0] for one in found.description)
-        path = text(folder / "samples.csv", [head], list(zip(*found, strict=True)), form=repr)
-    base.close()
-    return entry(
-        folder / "logger.db",
-        run,
-        "t=t:; force=force_cmd_N:N; position=position_mm:mm; velocity=speed_mm_s:mm/s",
-        refused=("SQLite", "samples", "sqlite3 -header -csv"),
-        remedy=str(path),
     )

@@ -107,6 +107,8 @@ def test_a_cut_archive_is_a_clear_error(tmp_path):
     ("name", "start"),
     [("log.mat", b"MATLAB 5.0 MAT-file"), ("log.h5", b"\x89HDF\r\n\x1a\n"), ("log.mf4", b"MDF     4.10"),
      ("log.mcap", b"\x89MCAP0\r\n"), ("log.npy", b"\x93NUMPY\x01\x00"), ("log.feather", b"ARROW1\0\0"),
+     ("log.ulg", b"ULog\x01\x12\x35"), ("log.bin", b"\xa3\x95\x80"), ("log.tdms", b"TDSm"),
+     ("log.wpilog", b"WPILOG\0\1"), ("log.blf", b"LOGG"), ("log.tlog", b""),
      ("log.json", b'{"a": ['), ("log.db3", b"SQLite format 3\0"), ("log.xlsx", b"PK\x03\x04")],
 )  # fmt: skip
 def test_damaged_files_of_every_format(tmp_path, monkeypatch, name, start):
@@ -116,7 +118,7 @@ def test_damaged_files_of_every_format(tmp_path, monkeypatch, name, start):
     late = []
     monkeypatch.setattr(sys, "unraisablehook", late.append)
     path.write_bytes(start.ljust(128) + np.random.default_rng(0).bytes(4000))
-    refused(path, "not ")
+    refused(path, " no")  # "not a readable ...", or "no column" where nothing is found in it
     gc.collect()
     assert not late
     assert not list(left.iterdir())
@@ -129,7 +131,14 @@ def test_pickled_objects_are_not_loaded(tmp_path):
 
 @pytest.mark.parametrize(
     ("module", "name", "start"),
-    [("h5py", "hdf5", b"\x89HDF"), ("rosbags", "ros", b"#ROSBAG"), ("asammdf", "mdf", b"MDF ")],
+    [
+        ("h5py", "hdf5", b"\x89HDF"),
+        ("rosbags", "ros", b"#ROSBAG"),
+        ("asammdf", "mdf", b"MDF "),
+        ("pyulog", "px4", b"ULog"),
+        ("pymavlink", "ardupilot", b"\xa3\x95\x80"),
+        ("nptdms", "labview", b"TDSm"),
+    ],
 )
 def test_a_missing_extra_is_named(tmp_path, monkeypatch, module, name, start):
     (tmp_path / "log").write_bytes(start)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from bench import Run
 from foreign import Log
+
+from fieldmodels.recording import Recording
+from fieldmodels.recording.bench import Bench
+from fieldmodels.recording.files import recording_of
+from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.sources import read_log
+from fieldmodels.recording.tables import Table
+from fieldmodels.registry import get_model
 
 
 @dataclass(frozen=True)
@@ -102,3 +112,30 @@ def machine(folder: Path, command: str, response: str, gain: str, noise: float =
     path = folder / "machine.py"
     path.write_text(MACHINE.format(command=command, response=response, gain=gain, noise=noise))
     return str(path)
+
+
+def read(told: Told) -> tuple[Table, Recording]:
+    """The log as its owner has it read: as proposed, with what only the owner knows."""
+    table, model = read_log(told.source), get_model(told.run.model)
+    said = Bench.of(told.options.get("columns", {}), table.header)
+    proposal = propose(table, model, told.options.get("rate"), said.columns)
+    assert not proposal.missing, (proposal.missing, table.header)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return table, recording_of(table, proposal.bench(), model)
+
+
+def errors(told: Told, recording: Recording) -> dict[str, float]:
+    """Of each signal of each run the error in shares of its spread, of which one row in twenty may be off.
+
+    The truth is that of the nearest row: a command steps there, and a line between two rows would cut it.
+    """
+    found = {}
+    for k, (run, (a, b)) in enumerate(zip(told.parts or (told.run,), recording.bounds, strict=True)):
+        for name, values in run.signals.items():
+            time = recording.time[a:b] - recording.time[a] + told.late
+            nearest = np.rint(np.interp(time, run.time, np.arange(len(values)))).astype(int)
+            truth, seen = values[nearest], recording[name][a:b]
+            seen = seen * (np.ptp(truth) / np.ptp(seen) if name in told.scaled else 1.0)
+            found[f"{name} {k}"] = float(np.quantile(np.abs(seen - truth), 0.95) / np.std(truth))
+    return found

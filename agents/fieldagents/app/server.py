@@ -29,8 +29,8 @@ from fieldmodels import html
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis import answer
 from fieldmodels.recording import RecordingError
-from fieldmodels.recording.bench import OTHER_CLOCK
 from fieldmodels.recording.proposals import Proposal
+from fieldmodels.recording.sources import together
 from fieldmodels.registry import model_names
 
 STATIC = Path(__file__).parent / "static"
@@ -44,11 +44,13 @@ class Page:
     Attributes:
         session: What they are about.
         dropped: Folder for dropped logs.
+        names: Key of a dropped file or folder to what the user calls it.
     """
 
     def __init__(self, session: Session, dropped: Path) -> None:
         """Serve a session."""
         self.session, self.dropped = session, dropped
+        self.names: dict[str, str] = {}
 
     def routes(self) -> list[Route | Mount]:
         """All that can be asked for."""
@@ -75,10 +77,24 @@ class Page:
         return HTMLResponse(page.replace("{{style}}", html.STYLE))
 
     async def drop(self, request: Request) -> Response:
-        """Take in a dropped log; its name is shown, and no path is built from it but a known ending."""
-        name = request.query_params.get("name", "log")[-200:]
-        ending = "".join(re.findall(r"\.[A-Za-z0-9]{1,8}", name[-18:])[-2:]).lower()
-        path = self.dropped / f"log-{len(list(self.dropped.iterdir())) + 1}{ending}"
+        """Take in a dropped file, to be opened by the key that is answered.
+
+        Its name is shown, and no path is built from it but a known ending. Of a folder's files, each with its
+        place ``inside``, plain names are.
+        """
+        query = request.query_params
+        name, inside = query.get("name", "log")[-200:], query.get("inside", "")
+        ending = "" if inside else "".join(re.findall(r"\.[A-Za-z0-9]{1,8}", name[-18:])[-2:]).lower()
+        key = query.get("folder") or f"log-{len(self.names) + 1}{ending}"
+        if not all(re.fullmatch(r"\w[\w .-]*", part) for part in inside.split("/") if inside):
+            return JSONResponse(
+                {"error": f"{name}: {inside!r} is no plain name; open the folder by its path"}, 400
+            )
+        if "folder" in query and key not in self.names:
+            return JSONResponse({"error": f"{key} is missing"}, 400)
+        path = self.dropped / key / inside
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.names[key] = name
         size = 0
         with path.open("wb") as file:
             async for chunk in request.stream():
@@ -86,14 +102,16 @@ class Page:
                 if size > LARGEST:
                     return JSONResponse({"error": "too large to be dropped; open it by its path"}, 400)
                 file.write(chunk)
-        return await _answered(lambda _q, _b: self._opened(path, name), request)
+        return JSONResponse({"dropped": key})
 
     def open(self, _query: Any, body: Any) -> Any:
-        """Open a log by its path."""
-        return self._opened(Path(str(body["path"])).expanduser(), "")
-
-    def _opened(self, path: Path, name: str) -> Any:
-        self.session.open(path, name)
+        """Open a log by its path, or what was dropped at once: files of one run as one log."""
+        if "dropped" not in body:
+            self.session.open(Path(str(body["path"])).expanduser())
+            return self.state({}, {})
+        names = {self.dropped / key: self.names[key] for key in body["dropped"]}
+        for run in together(list(names)):
+            self.session.open("+".join(map(str, run)), " + ".join(names[path] for path in run))
         return self.state({}, {})
 
     def state(self, _query: Any, _body: Any) -> Any:
@@ -109,7 +127,7 @@ class Page:
         }
 
     def _described(self, log: Log) -> Any:
-        names = log.table.numbers()
+        names = log.names()
         times = {clock: time for time, clock in (self.session.times(log, name) for name in names)}
         return {
             "name": log.name,
@@ -136,8 +154,8 @@ class Page:
             {"role": c.role, "spec": str(c.channel), "confidence": c.confidence, "why": list(c.evidence)}
             for c in found.columns
         ]
-        clocks = {c.role: c.unit for c in found.columns if OTHER_CLOCK.fullmatch(c.role)}
-        roles = {"t": "s", **clocks, **{s.name: s.unit for s in model.signals}}
+        found_too = {c.role: c.unit for c in found.columns}  # episodes, other clocks
+        roles = {"t": "s", **found_too, **{s.name: s.unit for s in model.signals}}
         return {
             "columns": columns,
             "roles": roles,
@@ -218,8 +236,7 @@ class Page:
 async def _answered(call: Callable[[Any, Any], Any], request: Request) -> Response:
     """Call in a thread; a mistake of the user becomes a message."""
     try:
-        asked = request.method == "POST" and request.url.path != "/api/drop"
-        body = await request.json() if asked else {}
+        body = await request.json() if request.method == "POST" else {}
         result = await run_in_threadpool(call, request.query_params, body)
     except KeyError as error:
         return JSONResponse({"error": f"{error.args[0]} is missing"}, 400)

@@ -71,11 +71,15 @@ class Log:
         Raises:
             RecordingError: If there is none of this name.
         """
-        if name not in self.table.numbers():
+        if name not in self.names():
             raise RecordingError(f"{self.name}: no column of numbers {name!r}")
-        if not self.values:  # of a text all columns cost little more than one
-            self.values = self.table.read(self.table.numbers())
         return self.values[name]
+
+    def names(self) -> tuple[str, ...]:
+        """The columns of numbers."""
+        if not self.values:  # of a text all columns cost little more than one
+            self.values = self.table.signals()
+        return tuple(self.values)
 
 
 @dataclass

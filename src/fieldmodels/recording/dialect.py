@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Literal
 
-from fieldmodels.recording.words import names_and_units
+from fieldmodels.recording.words import names_and_units, unit_of
 
 Kind = Literal["number", "time", "text"]
 
@@ -38,7 +39,13 @@ _NUMBERS = {
     for decimal, thousands in ((".", ""), (",", ""), (",", "."), (".", ","), (".", "'"), (",", " "))
 }
 _NAME_WITH_UNIT = re.compile(r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?')
+_STAMP = r"\s*\[?((?:\d{4}-\d\d-\d\d[T ])?\d{1,2}:\d\d:\d\d(?:[.,]\d+)?)\]?[ \t]*(?:->)?"
+_VALUE = r"\s*[:=][ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?i:nan|inf))"
+_PAIR = re.compile(
+    rf"(?<!\w)([^\W\d][^:=,;|\t\"]{{0,60}}?){_VALUE}(?:\s?([^\W\d][^\s,;|:=]*|[°%]\S*))?(?=[\s,;|]|$)"
+)
 _EXAMINED = 400  # lines
+_PREAMBLE = 50  # of which so many may stand above a header
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,7 @@ class Dialect:
         kinds: What the columns hold.
         header: False if the file names no columns.
         comment: Whether lines of comment stand among the rows.
+        pairs: Of ``name: value`` lines the pattern, a group a column; other lines are no rows.
     """
 
     encoding: str
@@ -68,9 +76,13 @@ class Dialect:
     kinds: tuple[Kind, ...]
     header: bool
     comment: bool
+    pairs: str = ""
 
     def cells(self, line: str) -> list[str]:
-        """The cells of one line."""
+        """The cells of one line; none of a line that is no row."""
+        if self.pairs:
+            found = re.match(self.pairs, line)
+            return list(found.groups("")) if found else []
         return split(line, self.delimiter)
 
     def is_number(self, cell: str) -> bool:
@@ -110,6 +122,8 @@ def sniff(text: str, encoding: str) -> Dialect:
         encoding: Of the file.
     """
     lines = [(i, line) for i, line in enumerate(text.splitlines()) if line.strip()][:_EXAMINED]
+    if told := _pairs([line for _, line in lines], encoding):
+        return told
     rows = [(i, line) for i, line in lines if not line.lstrip().startswith(COMMENTS)] or lines
     body = [line for _, line in rows[len(rows) // 2 :]]
     delimiter, (decimal, thousands) = _separators(body)
@@ -125,6 +139,7 @@ def sniff(text: str, encoding: str) -> Dialect:
             first = k
             break
         above.append((k, line))
+    first, above = _below_pairs(rows, first, above, lambda row: _names(row, delimiter, kinds, number))
     skip = rows[first][0] if first < len(rows) else rows[-1][0] + 1
     texts = [header_cells(line, delimiter, width) for _, line in above[-3:]]
     if not any(texts):
@@ -142,6 +157,37 @@ def sniff(text: str, encoding: str) -> Dialect:
         kinds=kinds,
         header=any(names),
         comment=any(line.lstrip().startswith(COMMENTS) for i, line in lines if i > skip),
+    )
+
+
+def _pairs(lines: Sequence[str], encoding: str) -> Dialect | None:
+    """The dialect of a console or a plotter, ``name: value, name: value`` a line; None of other text."""
+    found = Counter(tuple((name, unit) for name, _, unit in _PAIR.findall(line)) for line in lines)
+    usual, count = found.most_common(1)[0] if found else ((), 0)
+    names = tuple(name for name, _ in usual)
+    pattern = "".join(rf"[^\r\n]*?(?<!\w){re.escape(name)}{_VALUE}" for name in names)
+    rows = [line for line in lines if re.match(pattern, line)]
+    if not names or len(set(names)) < len(names) or count < max(2, 0.5 * len(lines)):
+        return None
+    stamped = sum(re.match(_STAMP, line) is not None for line in rows) >= 0.9 * len(rows)
+    rest = re.split(r"[\s,;|]+", _PAIR.sub("", re.sub(_STAMP, "", rows[0])))
+    if any(number.fullmatch(cell) for cell in rest for number in _NUMBERS.values()):  # a cell without a name
+        return None
+    units = tuple(unit or unit_of(name) for name, unit in usual)
+    clock = "time" if "time" not in names else "stamp"
+    numbers: tuple[Kind, ...] = tuple("number" for _ in names)
+    return Dialect(
+        encoding=encoding,
+        delimiter="\t",
+        decimal=".",
+        thousands="",
+        skip=0,
+        names=(clock, *names) if stamped else names,
+        units=("s", *units) if stamped else units,
+        kinds=("time", *numbers) if stamped else numbers,
+        header=True,
+        comment=False,
+        pairs=_STAMP * stamped + pattern,
     )
 
 
@@ -195,6 +241,38 @@ def _is_text(row: Sequence[str], kinds: Sequence[Kind], number: re.Pattern[str],
     if not judged:
         return not after_text or not any(c for c in row)
     return sum(judged) > 0.5 * len(judged) if after_text else any(judged)
+
+
+def _below_pairs(
+    rows: Sequence[tuple[int, str]],
+    first: int,
+    above: list[tuple[int, str]],
+    names: Callable[[str], bool | None],
+) -> tuple[int, list[tuple[int, str]]]:
+    """Where the data begin, and the header, if what seems to be data are pairs of a name and a number.
+
+    Args:
+        rows: Number and text of the lines.
+        first: Where the data seem to begin.
+        above: The lines above.
+        names: Whether a line names columns; None if it begins with a number.
+    """
+    told = list(
+        takewhile(lambda k: names(rows[k][1]) is not None, range(first, min(first + _PREAMBLE, len(rows))))
+    )
+    while told and not names(rows[told[-1]][1]):
+        told.pop()
+    if not told:
+        return first, above
+    head = list(takewhile(lambda k: names(rows[k][1]), reversed(told)))
+    return told[-1] + 1, [(k, rows[k][1]) for k in reversed(head)]
+
+
+def _names(line: str, delimiter: str, kinds: Sequence[Kind], number: re.Pattern[str]) -> bool | None:
+    row = split(line, delimiter)
+    if not row or number.fullmatch(row[0]) or _TIME.fullmatch(row[0]) or kinds[0] == "text":
+        return None
+    return len(row) == len(kinds) and _is_text(row, kinds, number, True)
 
 
 def _usual(widths: Sequence[int]) -> int:

@@ -46,7 +46,7 @@ LEAST_SCALED = 50
 """Number of rows above which the sampling rate of a recording indicates a slow bench."""
 SPARSE = 0.2
 """Share of empty cells from which a column is taken to have a rate of its own."""
-_USUAL = {TIME: ("time", "timestamp", "seconds"), EPISODE: ("run", "trial")}
+_USUAL = {TIME: ("time", "timestamp", "seconds"), EPISODE: ("run", "trial", "episode_index")}
 
 
 @dataclass(frozen=True)

@@ -151,13 +151,16 @@ def propose(
     Returns:
         The proposal; to be confirmed or corrected unless it is ``sure``.
     """
-    values = {n: v for n, v in table.read(table.numbers(), ROWS).items() if np.isfinite(v).any()}
+    values = {n: v for n, v in table.signals(ROWS).items() if np.isfinite(v).any()}
     silent = {role for role, channel in (known or {}).items() if not channel.column}
     stated = {
         role: _declared(table, model, role, channel)
         for role, channel in (known or {}).items()
         if role not in silent
     }
+    values |= table.read(
+        [c.column for c in stated.values() if c.column not in values], ROWS
+    )  # or says why not
     declared = {stated[r].column: stated.pop(r) for r in list(stated) if OTHER_CLOCK.fullmatch(r)}
     clock = stated.pop(TIME, None) or (
         None if rate else _clock(table, min(model.horizons, default=0.2), values)
@@ -324,8 +327,8 @@ def _declared(table: Table, model: Model, role: str, channel: Channel) -> Column
         raise RecordingError(
             f"{table.path}: has no column {channel.column!r}{did_you_mean(channel.column, table.header)}"
         )
-    unit = channel.unit or table.units.get(channel.column, "")
-    unit = unit or next((s.unit for s in model.signals if s.name == role), "s" if role == TIME else "")
+    stated = channel.unit or table.units.get(channel.column, "")
+    unit = stated or next((s.unit for s in model.signals if s.name == role), "s" if role == TIME else "")
     return ColumnProposal(
         role,
         channel.column,
@@ -334,14 +337,14 @@ def _declared(table: Table, model: Model, role: str, channel: Channel) -> Column
         channel.offset,
         channel.period,
         1.0,
-        (DECLARED,),
+        (DECLARED,) if stated or not unit else (DECLARED, f"no unit is stated; {unit} is assumed"),
         channel.coding,
     )
 
 
 def clock_of(table: Table) -> ColumnProposal | None:
     """The column that holds a file's times, None if there is none or each rate has its own."""
-    values = table.read(table.numbers(), ROWS)
+    values = table.signals(ROWS)
     return _clock(table, 0.2, {n: v for n, v in values.items() if np.isfinite(v).any()})
 
 

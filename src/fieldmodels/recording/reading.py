@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import re
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -22,19 +24,33 @@ _MAGIC = (
     (b"MDF ", "mdf"),
     (b"UnFinMF ", "mdf"),
     (b"#ROSBAG", "ros"),
-    (b"SQLite format 3", "ros"),
+    (b"SQLite format 3", "sqlite"),
     (b"\x89MCAP0", "ros"),
+    (b"ULog", "ulog"),
+    (b"\xa3\x95\x80", "dataflash"),
+    (b"TDSm", "tdms"),
+    (b"WPILOG", "wpilog"),
+    (b"LabVIEW Measurement", "lvm"),
 )
+_CAN = re.compile(
+    rb"\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#|date [^\n]*\n\s*base (hex|dec)|;\$FILEVERSION|LOGG"
+)
+"""How traces of candump, Vector (text and binary) and PCAN begin."""
+_FOLDERS = {"metadata.yaml": "ros", "meta/info.json": "lists"}
+"""File that a folder holds to the module that reads it."""
+DATABASES = (".dbc", ".arxml", ".kcd")
+"""Endings of files that say what the messages on a bus hold."""
 _SUFFIXES = {
     ".parquet": "arrow", ".pq": "arrow", ".feather": "arrow", ".arrow": "arrow",
     ".xlsx": "excel", ".xlsm": "excel", ".xlsb": "excel", ".xls": "excel", ".ods": "excel",
     ".npy": "numpy_files", ".npz": "numpy_files", ".json": "json_files", ".jsonl": "json_files",
     ".ndjson": "json_files", ".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5", ".mf4": "mdf", ".mdf": "mdf",
-    ".bag": "ros", ".db3": "ros", ".mcap": "ros",
+    **dict.fromkeys(DATABASES, "can"), ".bag": "ros", ".db3": "ros", ".mcap": "ros", ".tlog": "mavlink",
+    **dict.fromkeys(DATABASES, "can"),
 }  # fmt: skip
 
 
-def read_table(path: str | Path) -> Table:
+def read_table(path: str | Path, databases: Sequence[str | Path] = ()) -> Table:
     """Open a log of any format and read its header: names and units of its columns, no roles.
 
     A text's dialect (encoding, separator, decimal comma, thousands, comments, preamble, a row of units, no
@@ -42,7 +58,8 @@ def read_table(path: str | Path) -> Table:
     ``table[name]``; ``Table.header``, ``Table.units`` and ``Table.clocks`` are known at once.
 
     Args:
-        path: A file, or the folder of a ROS 2 bag.
+        path: A file, or the folder of a ROS 2 bag or a LeRobot data set.
+        databases: Files that say what the messages of a CAN trace hold; the only one beside it otherwise.
 
     Raises:
         RecordingError: If the file is missing, of no known format, damaged or too large, or needs an extra
@@ -51,17 +68,19 @@ def read_table(path: str | Path) -> Table:
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"{path}: no such file{_near(path)}")
-    if path.is_dir() and not (path / "metadata.yaml").exists():
+    folder = next((kind for file, kind in _FOLDERS.items() if (path / file).exists()), "")
+    if path.is_dir() and not folder:
         inside = sorted(p.name for p in path.iterdir() if p.suffix.lower() in (".csv", *_SUFFIXES))
         found = f"; it holds {', '.join(inside[:SHOWN])}" if inside else ""
         raise RecordingError(f"{path}: is a directory, not a file{found}")
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"{path}: is a device or a pipe, not a file")
     try:
-        kind = "ros" if path.is_dir() else _kind(path)
+        kind = "can" if databases else folder or _kind(path)
         if kind == "text":
             return TextTable(path)
-        table: Table = import_module(f"fieldmodels.recording.readers.{kind}").read(path)
+        reader = import_module(f"fieldmodels.recording.readers.{kind}")
+        table: Table = reader.read(path, databases) if databases else reader.read(path)
     except ModuleNotFoundError as error:
         if not (said := words(error)):
             raise
@@ -78,6 +97,8 @@ def _kind(path: Path) -> str:
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind
+    if _CAN.match(start):
+        return "can"
     suffix = path.suffix.lower()
     if start[512:516] == b"\x89HDF":  # MATLAB 7.3 has 512 bytes of its own before it
         return "hdf5"

@@ -6,9 +6,10 @@ header in row 1, as editors and spreadsheets show them.
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,28 @@ class Table(ABC):
     def numbers(self) -> tuple[str, ...]:
         """Names of the columns that hold numbers or times."""
         return self.header
+
+    def signals(self, rows: int | None = None) -> dict[str, FloatArray]:
+        """Read all columns of numbers; one that holds words further down is left out, and noted.
+
+        Raises:
+            RecordingError: If that is true of all.
+        """
+        names = self.numbers()
+        try:
+            return self.read(names, rows)
+        except RecordingError:
+            found: dict[str, FloatArray] = {}
+            wrong = []
+            for name in names:
+                try:
+                    found |= self.read([name], rows)
+                except RecordingError as one:
+                    wrong.append(str(one).replace(f"{self.path}: ", "").splitlines()[-1].strip(" -"))
+            if not found:
+                raise
+            self.notes = tuple(dict.fromkeys((*self.notes, *(f"left out: {one}" for one in wrong))))
+            return found
 
     def rows_shown(self, rows: Iterable[int]) -> dict[int, int]:
         """Row numbers as in an editor, from data row indices."""
@@ -198,13 +221,14 @@ class SeriesTable(Table):
 
 @contextmanager
 def readable(path: Path, kind: str) -> Iterator[None]:
-    """Say of whatever a format's library raises that the file is no such one.
+    """Say of whatever a format's library raises that the file is no such one; it prints no results of ours.
 
     Raises:
         RecordingError: In its place; what is one already, and a missing library, pass.
     """
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     except (RecordingError, ModuleNotFoundError):
         raise
     except Exception as error:  # libraries raise their own, struct's, zlib's, NumPy's and plain ones

@@ -9,9 +9,10 @@ import gzip
 import io
 import lzma
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import accumulate, islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,18 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.recording.converters import BLACKBOX, advice
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff
+from fieldmodels.recording.evidence import is_clock
 from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, collect
+from fieldmodels.recording.units import canonical
+from fieldmodels.recording.words import is_time
 
 _SAMPLE = 1 << 20  # bytes in which the dialect is found
 _BLOCK = 1 << 20  # bytes of text parsed at once
+_LOOKED_AT = 1000  # rows that tell whether a column is a clock
+_RATES = 100  # largest ratio of two channels' rates; clocks in s and ms differ by more
 _PACKED = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
 
 
@@ -46,8 +53,8 @@ class TextTable(Table):
         encoding = encoding_of(start)
         if not start.strip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0") and b"\0" not in start[2:].strip(b"\r\n"):
             raise RecordingError(f"{path}: the file is empty; it needs a header line and data rows")
-        if b"\0" in start and encoding != "utf-16":
-            raise RecordingError(f"{path}: a binary file, not text; of its kind none is read")
+        if (b"\0" in start and encoding != "utf-16") or start.startswith(BLACKBOX):
+            raise RecordingError(f"{path}: {advice(path, start)}")
         if not whole:
             start = start[: start.rfind(b"\n") + 1]
             if not start:
@@ -58,15 +65,52 @@ class TextTable(Table):
         except csv.Error as error:
             raise RecordingError(f"{path}: a cell among the first rows is too long ({error})") from None
         self.header, self.named = self.dialect.names, self.dialect.header
+        self._doubled = {name for name, count in Counter(self.header).items() if count > 1}
         self.units = {n: u for n, u in zip(self.header, self.dialect.units, strict=True) if u}
         self.units |= dict.fromkeys(self._of_kind("time"), "s")
+        lines = (line.strip() for line in text.splitlines() if self.dialect.pairs and line.strip())
+        if left := [line for line in lines if not self.dialect.cells(line)]:
+            self.notes = (f"lines without {', '.join(self.header)} are left out, as {left[-1]!r}",)
         self._row_bytes = max(2.0, len(start) / (1 + start.count(b"\n")))
+        self.clocks = self._side_by_side()
 
     def numbers(self) -> tuple[str, ...]:
-        """Columns of which most cells are numbers or times."""
-        return tuple(n for n, kind in zip(self.header, self.dialect.kinds, strict=True) if kind != "text")
+        """Columns of which most cells are numbers or times, and whose name is no other column's, too."""
+        kinds = zip(self.header, self.dialect.kinds, strict=True)
+        return tuple(n for n, kind in kinds if kind != "text" and n not in self._doubled)
+
+    def _side_by_side(self) -> dict[str, str]:
+        """Column to clock, of channels that each have their times at their left: time, one, time, other."""
+        names = list(self.numbers())
+        times = [name for name in names if is_time(name, self.units.get(name, ""))]
+        at = [names.index(name) for name in times]
+        apart = all(b - a > 1 for a, b in pairwise([*at, len(names)]))
+        units = {canonical(self.units.get(name, "")) for name in times}
+        if len(times) < 2 or at[0] or not apart or len(units) > 1:
+            return {}
+        try:
+            values = {n: v[np.isfinite(v)] for n, v in self.read(times, _LOOKED_AT).items()}
+        except RecordingError:  # said when they are used
+            return {}
+        if not all(map(is_clock, values.values())):
+            return {}
+        steps = [float(np.median(np.diff(v))) for v in values.values()]
+        begun, ended = max(v[0] for v in values.values()), min(v[-1] for v in values.values())
+        if begun >= ended or max(steps) > _RATES * min(steps):
+            return {}
+        own: Iterator[str] = accumulate(names, lambda clock, name: name if name in times else clock)
+        return dict(zip(names, own, strict=True))
 
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:
+        """Read columns as ``_read``; one with times of its own ends where they end."""
+        if not self.clocks:
+            return self._read(names, rows)
+        clocks = {name: self.clocks.get(name, self.header[0]) for name in names}
+        found = self._read(list(dict.fromkeys([*names, *clocks.values()])), rows)
+        ends = {c: int(np.flatnonzero(np.isfinite(found[c])).max(initial=-1)) + 1 for c in clocks.values()}
+        return {name: found[name][: ends[clocks[name]]] for name in names}
+
+    def _read(self, names: Sequence[str], rows: int | None) -> dict[str, FloatArray]:
         """Read columns in blocks; on a bad cell, find its row by a second, slower pass."""
         expected = int(1.2 * self.path.stat().st_size / self._row_bytes) + 16
         try:
@@ -78,7 +122,7 @@ class TextTable(Table):
                 return {name: np.empty(0) for name in names}
             if not self.dialect.comment:  # one far down, perhaps
                 self.dialect = replace(self.dialect, comment=True)
-                return self.read(names, rows)
+                return self._read(names, rows)
             raise self.fail(self._found(names) or [Problem(said.splitlines()[0])]) from None
         if any(not np.isfinite(values).all() for values in columns.values()):
             bad = self._found([n for n in names if not np.isfinite(columns[n]).all()], missing=False)
@@ -140,7 +184,11 @@ class TextTable(Table):
     def _rows(self) -> Any:
         """The file as what pyarrow can read: for most dialects itself, for some line by line rewritten."""
         d = self.dialect
-        rules: list[tuple[bytes, bytes]] = []
+        rules: list[tuple[bytes, Any]] = []
+        if d.pairs:
+            line = re.compile(d.pairs.encode("utf-8" if d.encoding.startswith("utf") else d.encoding))
+            values = lambda m: b"\t".join(f.groups(b"")) if (f := line.match(m[0])) else b""  # noqa: E731
+            rules.append((rb"[^\r\n]+", values))
         if d.comment:
             rules.append((rb"(?m)^[ \t]*(?:#|%|//|!)[^\r\n]*", b""))
         if d.thousands:
@@ -163,7 +211,9 @@ class TextTable(Table):
                 for number, line in enumerate(iter(lambda: text.readline(_BLOCK), ""), 1):
                     wanted = number > self.dialect.skip and line.strip()
                     if wanted and not (self.dialect.comment and line.lstrip().startswith(COMMENTS)):
-                        yield number, self._split(line)
+                        cells = self._split(line)
+                        if cells or not self.dialect.pairs:
+                            yield number, cells
             except (OSError, EOFError, UnicodeError, lzma.LZMAError):
                 return
 
@@ -206,7 +256,7 @@ class TextTable(Table):
 class _Rewritten(io.RawIOBase):
     """A file that rewrites whole lines as they are read; never longer than they were."""
 
-    def __init__(self, file: Any, rules: Sequence[tuple[re.Pattern[bytes], bytes]]) -> None:
+    def __init__(self, file: Any, rules: Sequence[tuple[re.Pattern[bytes], Any]]) -> None:
         self._file, self._rules, self._rest = file, rules, b""
 
     def readable(self) -> bool:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
+from itertools import accumulate
 from pathlib import Path
 
 from fieldmodels.model import Model, Signal
@@ -26,6 +27,7 @@ _NEAR = {
     frozenset(("angle", "position")): 0.85, frozenset(("angle", "heading")): 0.9,
     frozenset(("torque", "force")): 0.5, frozenset(("torque", "current")): 0.55,
     frozenset(("force", "current")): 0.5, frozenset(("current", "voltage")): 0.3,
+    frozenset(("torque", "voltage")): 0.4, frozenset(("force", "voltage")): 0.4,  # of a motor without a drive
 }  # fmt: skip
 _PLACES = ("left", "right", "x", "y")
 _LETTERS = ("N", "V", "A", "s")  # units of one letter that a name may end with, as in F_N
@@ -54,9 +56,9 @@ def unit_of(header: str) -> str:
 def without_unit(header: str) -> tuple[str, str]:
     """A column's name and the unit that its header states: the one place where units are read from names.
 
-    ``angle [deg]``, ``speed (rpm) left``, ``power/W``, ``x in mm`` and ``pos_deg`` state one. An index does
-    not (``control[0]``, ``motor (5)``), nor words in brackets that describe (``W (IMU)``). What else stands
-    in brackets is given as it is, whether or not it is a unit that anybody knows.
+    ``angle [deg]``, ``speed (rpm) left``, ``power/W``, ``x in mm``, ``pos_deg`` and ``v_mm_s`` do. An index
+    does not (``control[0]``, ``motor (5)``), nor words in brackets that describe (``W (IMU)``). What else
+    stands in brackets is given as it is, whether or not it is a unit that anybody knows.
     """
     header = _ARGUMENT.sub("", header)
     found = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETS.finditer(header)]
@@ -71,6 +73,8 @@ def without_unit(header: str) -> tuple[str, str]:
     parts = [] if header.startswith("/") else header.split("/")  # a topic has a path
     ends = [("/".join(parts[:i]), "/".join(parts[i:]), 1) for i in range(1, len(parts))]  # rad/s before its s
     ends += [(*header.rpartition(mark)[::2], least) for mark, least in ((" in ", 1), ("_", 2), (" ", 2))]
+    words = header.split("_")
+    ends += [("_".join(words[:-2]), "/".join(words[-2:]), 1)]  # speed_mm_s
     for name, last, least in sorted(ends, key=lambda end: -len(end[1])):
         name, last = name.strip(), last.strip()
         long = len(last) >= least or (last in _LETTERS and header == f"{name}_{last}")
@@ -99,6 +103,14 @@ def names_and_units(above: Sequence[Sequence[str]], width: int) -> tuple[list[st
             break
     whole = (line for line in rest if all(line) and len(set(line)) == width)  # no title, no row of groups
     names = list(next(whole, rest[-1] if rest else [""] * width))
+    if rest and len(set(names)) < width:
+        # Each group's name stands above the first of its columns.
+        groups: Iterator[str] = accumulate(rest[-2:][0], lambda last, cell: cell or last)
+        told = [f"{group} {name}".strip() for group, name in zip(groups, names, strict=True)]
+        names = told if len(rest) > 1 and len(set(told)) == width else names
+        times = {n for n, unit in zip(names, units, strict=True) if names.count(n) > 1 and is_time(n, unit)}
+        beside = zip(names, [*names[1:], ""], strict=True)  # of channels that each have times at their left
+        names = [f"{name} ({channel})" if name in times and channel else name for name, channel in beside]
     return names, [unit or unit_of(name) for name, unit in zip(names, units, strict=True)]
 
 
@@ -200,7 +212,7 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
     else:
         score = 0.6 if command and "command" in found else 0.6 if found & wanted - {"measured"} else 0.0
     if not convertible:
-        score = min(score, 0.55) if theirs == "current" else 0.0
+        score = min(score, 0.55) if theirs in ("current", "voltage") else 0.0
     if "turn" in wanted or signal.unit == "m/s":  # a gyro shows the one, an encoder or odometry the other
         turning = ("turn" in found and "forward" not in found) or (unit != "" and converts(unit, "rad/s"))
         score *= 0.3 if turning != ("turn" in wanted) else 1.0

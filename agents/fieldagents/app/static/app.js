@@ -114,10 +114,27 @@ async function show(next, logsChanged) {
   if (logsChanged) await drawSignals();
 }
 
-async function drop(files) {
-  for (const file of files) {
-    const response = await fetch(`api/drop?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
-    await show(await read(response), true);
+async function drop(files) { // [file, path within a dropped folder]
+  const keys = [], folders = {};
+  for (const [file, path] of files) {
+    const [top, ...inside] = path.split("/");
+    const query = new URLSearchParams({ name: top });
+    if (inside.length) query.set("inside", inside.join("/"));
+    if (folders[top]) query.set("folder", folders[top]);
+    const { dropped } = await read(await fetch(`api/drop?${query}`, { method: "POST", body: file }));
+    if (inside.length) folders[top] = dropped;
+    if (!keys.includes(dropped)) keys.push(dropped);
+  }
+  try { await call("open", { dropped: keys }); } finally { await show(await call("state"), true); }
+}
+
+async function inside(entry) { // of a folder all files but its films and hidden ones
+  if (entry.isFile) return [[await new Promise((done, failed) => entry.file(done, failed)), entry.fullPath.slice(1)]];
+  const reader = entry.createReader(), found = [];
+  for (;;) { // a hundred at a time
+    const some = await new Promise((done, failed) => reader.readEntries(done, failed));
+    if (!some.length) return found;
+    for (const one of some) if (!/^\.|\.(mp4|avi|png|jpe?g)$/i.test(one.name)) found.push(...await inside(one));
   }
 }
 
@@ -230,14 +247,16 @@ function submit(id, action) { $(id).addEventListener("submit", (event) => { even
 submit("open", async () => show(await call("open", { path: $("path").value }), true));
 submit("choose", propose);
 submit("columns", diagnose);
-$("file").addEventListener("change", () => attempt(() => drop($("file").files)));
+$("file").addEventListener("change", () => attempt(() => drop([...$("file").files].map((file) => [file, file.name]))));
 $("cancel").addEventListener("click", () => attempt(() => call("cancel", {})));
 $("copy").addEventListener("click", () => attempt(() => navigator.clipboard.writeText($("script").textContent)));
 for (const kind of ["dragover", "dragleave", "drop"])
   document.addEventListener(kind, (event) => {
     event.preventDefault();
     $("drop").classList.toggle("over", kind === "dragover");
-    if (kind === "drop" && event.dataTransfer.files.length) attempt(() => drop(event.dataTransfer.files));
+    if (kind !== "drop" || !event.dataTransfer.files.length) return;
+    const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry()).filter(Boolean);
+    attempt(async () => drop((await Promise.all(entries.map(inside))).flat()));
   });
 for (const button of document.querySelectorAll("[data-zoom]"))
   button.addEventListener("click", () => attempt(async () => {

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
+from fieldmodels.recording.readers import lists
 from fieldmodels.recording.tables import LARGEST, Problem, Table, check_size, collect, readable
 from fieldmodels.recording.words import unit_of
 
@@ -23,14 +24,17 @@ def read(path: Path) -> Table:
     with path.open("rb") as file:
         kind = _Feather if file.read(6) == b"ARROW1" else _Parquet
     with readable(path, f"{kind.__name__.strip('_')} file"):
-        return kind(path)
+        table = kind(path)
+    if lists.has_lists(table.schema):
+        return lists.read(path, "ipc" if kind is _Feather else "parquet")
+    return table
 
 
 class _ArrowTable(Table):
     """Typed columns with metadata, read a batch of rows at a time."""
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
-        self.path, self._schema, self.header = path, schema, tuple(schema.names)
+        self.path, self.schema, self.header = path, schema, tuple(schema.names)
         stated = {f.name: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for f in schema}
         self.units = {
             n: u for n in self.header if (u := "s" if self._temporal(n) else stated[n] or unit_of(n))
@@ -45,20 +49,20 @@ class _ArrowTable(Table):
         """How many rows there are, known before any is loaded."""
 
     def _temporal(self, name: str) -> bool:
-        kind = self._schema.field(self.header.index(name)).type
+        kind = self.schema.field(self.header.index(name)).type
         return bool(pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_duration(kind))
 
     def numbers(self) -> tuple[str, ...]:
         """Columns of numbers, truth values and times."""
-        kinds = zip(self.header, self._schema.types, strict=True)
+        kinds = zip(self.header, self.schema.types, strict=True)
         primitive = (n for n, k in kinds if pa.types.is_primitive(k) or pa.types.is_decimal(k))
-        return tuple(n for n in primitive if not pa.types.is_date(self._schema.field(n).type))
+        return tuple(n for n in primitive if not pa.types.is_date(self.schema.field(n).type))
 
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:
         """Read columns in batches of rows."""
         for name in names:
             if name not in self.numbers():
-                kind = self._schema.field(self.header.index(name)).type
+                kind = self.schema.field(self.header.index(name)).type
                 raise self.fail([Problem(f"holds {kind}, not numbers; write numbers", name)])
         with readable(self.path, "file: damaged data"):
             expected = self._rows(names)

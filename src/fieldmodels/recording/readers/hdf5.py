@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmodels.recording.readers.matlab import without_objects
 from fieldmodels.recording.readers.nested import flattened
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
 from fieldmodels.recording.words import unit_of
@@ -24,6 +25,9 @@ def read(path: Path) -> SeriesTable:
     def visit(name: str, node: Any) -> None:
         if not isinstance(node, h5py.Dataset) or name.startswith("#") or node.is_virtual or node.external:
             return
+        if "MATLAB_object_decode" in node.attrs:
+            objects[name] = node.attrs["MATLAB_class"].decode()
+            return
         if node.dtype.kind not in "biufV" or not 1 <= node.ndim <= 2 or node.attrs.get("MATLAB_empty", 0):
             return
         key = name.replace("/", ".")
@@ -34,13 +38,14 @@ def read(path: Path) -> SeriesTable:
         units[key] = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
 
     sizes: list[int] = []
+    objects: dict[str, str] = {}
     with readable(path, "HDF5 file"), h5py.File(path, "r") as file:
         file.visititems(visit)
     found = flattened(_nested(arrays))
-    return SeriesTable(path, {
+    return without_objects(path, {
         name: Series(s.load, s.rows, units.get(name.partition("[")[0]) or s.unit or unit_of(name), s.clock)
         for name, s in found.items()
-    })  # fmt: skip
+    }, objects)  # fmt: skip
 
 
 def _nested(arrays: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -4,25 +4,67 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.readers.nested import flattened
-from fieldmodels.recording.tables import SeriesTable, check_size, readable
+from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
 
 _COMPRESSED = 15
+_DATASET = (
+    "for k = 1:numElements({0}), e = getElement({0}, k); s.(matlab.lang.makeValidName(e.Name)) = "
+    "struct('t', e.Values.Time, 'data', squeeze(e.Values.Data)); end"
+)
+_EXPORTS = {
+    "Simulink.SimulationData.Dataset": _DATASET,
+    "Simulink.SimulationOutput": _DATASET.replace("{0}", "{0}.logsout"),
+    "timeseries": "s = struct('t', {0}.Time, '{0}', squeeze({0}.Data));",
+    "timetable": "s = timetable2table({0}); s.(1) = seconds(s.(1) - s.(1)(1)); "
+    "s = table2struct(s, 'ToScalar', true);",
+    "table": "s = table2struct({0}, 'ToScalar', true);",
+}
+"""Class of an object to the line of MATLAB that makes plain arrays of it."""
 
 
 def read(path: Path) -> SeriesTable:
-    """Read the variables of a file, structures by their fields."""
+    """Read the variables of a file, structures by their fields; objects are refused or left out."""
     from scipy.io import loadmat
+    from scipy.io.matlab import MatlabOpaque
 
     with readable(path, "MATLAB file"):
         check_size(path, _unpacked(path) // 8, 1)
         data = loadmat(path, squeeze_me=True, struct_as_record=False)
-    return SeriesTable(path, flattened({k: _plain(v) for k, v in data.items() if not k.startswith("__")}))
+    named: list[Any] = [v.item() for v in data.values() if isinstance(v, MatlabOpaque)]
+    objects = {name.decode("latin-1"): kind.decode("latin-1") for name, _, kind, _ in named}
+    plain = {k: v for k, v in data.items() if not k.startswith("__") and not isinstance(v, MatlabOpaque)}
+    return without_objects(path, flattened({k: _plain(v) for k, v in plain.items()}), objects)
+
+
+def without_objects(path: Path, series: Mapping[str, Series], objects: Mapping[str, str]) -> SeriesTable:
+    """The columns of a file of MATLAB that also holds objects, which are noted.
+
+    Args:
+        path: The file.
+        series: Its columns.
+        objects: Name of an object to its class.
+
+    Raises:
+        RecordingError: If there are objects alone, with the lines of MATLAB that export the first one.
+    """
+    if objects and not series:
+        name, kind = next(iter(objects.items()))
+        line = _EXPORTS.get(kind, "s = struct('t', TIMES, 'y', VALUES);  % of {0}").format(name)
+        raise RecordingError(
+            f"{path}: {name} is a {kind}, an object that only MATLAB reads: export it there by two lines\n"
+            f"  {line}\n  save('plain.mat', '-struct', 's', '-v7')"
+        )
+    table = SeriesTable(path, series)
+    table.notes = tuple(f"{name} is a {kind}, an object, and is left out" for name, kind in objects.items())
+    return table
 
 
 def _plain(value: Any) -> Any:

@@ -16,28 +16,40 @@ def read(path: Path) -> SeriesTable:
 
     From memory: of a path, asammdf leaves a copy of an unfinished file in the folder for temporary files.
     """
+    with readable(path, "MDF file"), opened(path) as file:
+        return SeriesTable(path, columns(path, file))
+
+
+def columns(path: Path, file: Any) -> dict[str, Series]:
+    """All channels of numbers of an open file; those of a bus after their message."""
     result: dict[str, Series] = {}
-    with readable(path, "MDF file"), _opened(path) as file:
-        groups: list[Any] = list(file.groups)
-        several = len(groups) > 1
-        for number, group in enumerate(groups):
-            rows = int(group.channel_group.cycles_nr)
-            check_size(path, rows, len(group.channels))
-            clock = f"t of group {number + 1}" if several else "t"
-            result[clock] = Series.of(file.get_master(number), "s", clock if several else "")
-            for index, channel in enumerate(group.channels):
-                if index == file.masters_db.get(number):
-                    continue
-                signal = file.get(group=number, index=index)
-                if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
-                    continue
-                name = channel.name if channel.name not in result else f"{channel.name} of group {number + 1}"
-                unit = signal.unit or unit_of(name)
-                result[name] = Series.of(signal.samples, unit, clock if several else "")
-    return SeriesTable(path, result)
+    groups: list[Any] = list(file.groups)
+    for number, group in enumerate(groups):
+        rows = int(group.channel_group.cycles_nr)
+        check_size(path, rows, len(group.channels))
+        names = [_name(channel) for channel in group.channels]
+        message = next((name.rpartition(".")[0] for name, on_bus in names if on_bus), "")
+        clock = f"{message}.t" if message else f"t of group {number + 1}" if len(groups) > 1 else "t"
+        clock = clock if clock not in result else f"{clock} of group {number + 1}"
+        own = clock if len(groups) > 1 else ""
+        result[clock] = Series.of(file.get_master(number), "s", own)
+        for index, (name, _) in enumerate(names):
+            if index == file.masters_db.get(number):
+                continue
+            signal = file.get(group=number, index=index)
+            if signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:
+                name = name if name not in result else f"{name} of group {number + 1}"
+                result[name] = Series.of(signal.samples, signal.unit or unit_of(name), own)
+    return result
 
 
-def _opened(path: Path) -> Any:
+def _name(channel: Any) -> tuple[str, bool]:
+    """A channel's name, and whether it is a signal of a message on a bus."""
+    within = [name for name, kind in (channel.display_names or {}).items() if kind == "message"]
+    return (within or [channel.name])[0], bool(within)
+
+
+def opened(path: Path) -> Any:
     """The file; what asammdf made of a damaged one must not raise again when it is collected."""
     from asammdf import MDF
 
