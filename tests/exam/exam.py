@@ -1,6 +1,6 @@
 """The exam on all three sets, by the diagnosis or by a rival.
 
-    python tests/exam/exam.py develop|report|field|field-report [--by diagnosis|forward|sindy] [--cases N]
+    python tests/exam/exam.py develop|report|field|field-report [--by diagnosis|evidence|forward|sindy] [--cases N]
         [--kind KIND ...] [--fresh NUMBER] [--workers 2] [--out FOLDER] [--publish PAGE]
 
 A line a finished case in ``cases.jsonl``: an interrupted run goes on. ``field`` is the part of the field set
@@ -27,13 +27,13 @@ from field.plants import PLANTS
 from fieldagents.progress import progress
 from fieldmodels.engine import Engine
 from fieldmodels.exam import run, table
-from fieldmodels.exam.answers import ask
+from fieldmodels.exam.answers import ask, by_evidence
 from fieldmodels.exam.benches import bench_names
 from fieldmodels.exam.cases import cases_of, examined
 from fieldmodels.exam.run import Row
 from fieldmodels.exam.scoring import FALSE, SAID
 
-BY = {"diagnosis": ask, "forward": rivals.forward, "sindy": rivals.sindy}
+BY = {"diagnosis": ask, "evidence": by_evidence, "forward": rivals.forward, "sindy": rivals.sindy}
 FIELD = {"field": "develop", "field-report": "report"}
 MARK = "{} by {}"
 PUBLISHED = ("All machines", "Stated probabilities")

@@ -164,7 +164,7 @@ class Candidates:
     ) -> Candidate:
         """A set, fitted from given parameters and states; by default with the current weights."""
         whitener = self.whitener if whitener is None else whitener
-        return self._judged(effects, fit(self.problem, start, self.free(effects), whitener, states), 0.0)
+        return self.judged(effects, fit(self.problem, start, self.free(effects), whitener, states), 0.0)
 
     def _fitted_base(self, iterations: int) -> Candidate:
         problem, free = self.problem, self.free(())
@@ -177,11 +177,11 @@ class Candidates:
         best = best_of(problem, [starts[i] for i in order], free, self.whitener, problem.states, 8)
         best = refit(problem, best, self.whitener, iterations)
         best = weighed(problem, best, 10)
-        if len(_shown(problem)) and not problem.model.random_force and _is_far(problem, best):
+        if len(_shown(problem)) and not problem.model.random_force and times_off(problem, best) > FAR:
             other = self._from_fitted_states(free, iterations)
             if _misfit(problem, other) < _misfit(problem, best) - BETTER:
                 best = other
-        return self._judged((), best, 0.0)
+        return self.judged((), best, 0.0)
 
     def _from_fitted_states(self, free: IntArray, iterations: int) -> Fit:
         """The base from the given start, of whose windows the initial states are fitted first.
@@ -216,13 +216,13 @@ class Candidates:
         best = refit(self.problem, best, self.whitener, MOST, _Enough(self.problem.model, effect))
         if effect.where == "sensor" and _left_measured(self.problem, parent.fit):
             best = min(best, self._from_measured(best.parameters, free), key=lambda f: f.cost)
-        best = self._profiled(best, effect)
+        best = self.profiled(best, effect)
         if simpler(self.problem.model, effect, best.parameters) or self._never_repeats(
             effect, best.parameters
         ):
             return None
-        search = np.log(max(len(_grid(self.problem, effect)), 1)) + parent.search
-        return self._judged((*parent.effects, name), best, float(search))
+        search = np.log(number_of_starts(self.problem, effect)) + parent.search
+        return self.judged((*parent.effects, name), best, float(search))
 
     def _never_repeats(self, effect: Effect, parameters: FloatArray) -> bool:
         """Whether a period along the way has ended beyond the longest that is sought, the way itself."""
@@ -245,7 +245,7 @@ class Candidates:
 
         def refitted() -> Candidate:
             fitted = refit(self.problem, candidate.fit, self.whitener, MOST)
-            return self._judged(candidate.effects, fitted, candidate.search)
+            return self.judged(candidate.effects, fitted, candidate.search)
 
         return self._once(candidate, "", refitted)
 
@@ -258,7 +258,7 @@ class Candidates:
             start = candidate.fit.parameters.copy()
             start[model.slice_of(gone)] = self.start[model.slice_of(gone)]
             fitted = fit(self.problem, start, self.free(effects), self.whitener, candidate.fit.states)
-            return self._judged(effects, fitted, candidate.search)
+            return self.judged(effects, fitted, candidate.search)
 
         return self._once(candidate, gone, refitted)
 
@@ -479,7 +479,8 @@ class Candidates:
         outputs = self.problem.simulate(batch, here.states)
         return project(here, np.moveaxis(outputs[0::2] - outputs[1::2], 0, 2) / (2 * step))
 
-    def _judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
+    def judged(self, effects: Names, fitted: Fit, search: float) -> Candidate:
+        """A fit with its held-out loss."""
         size = sum(self.problem.model.effect(name).size for name in effects)
         return Candidate(effects, fitted, search, self.held_out(fitted), size, self.options.price)
 
@@ -503,7 +504,7 @@ class Candidates:
                 loss[inside] = np.minimum(loss[inside], window_loss(again, inside))
         return loss
 
-    def _profiled(self, best: Fit, effect: Effect) -> Fit:
+    def profiled(self, best: Fit, effect: Effect) -> Fit:
         """Search parameters without derivative on successively finer grids around the best start."""
         model = self.problem.model
         place = model.slice_of(effect.name).start
@@ -570,10 +571,11 @@ def _reached(model: Model, effect: Effect, parameters: FloatArray) -> tuple[int 
     return None, ""
 
 
-def _is_far(problem: Problem, fitted: Fit) -> bool:
-    """Whether samples of any signal are off by several times its noise."""
-    errors, noise = _sample_errors(problem, fitted), np.array([o.noise for o in problem.model.outputs])
-    return any(errors[j] > FAR * max(noise[j], problem.resolved(j)) for j in _shown(problem))
+def times_off(problem: Problem, fitted: Fit) -> float:
+    """How many times the noise of its sensor an output's samples are off, of the one that is most."""
+    errors, noise = _sample_errors(problem, fitted), [o.noise for o in problem.model.outputs]
+    off = (errors[j] / max(noise[j], problem.resolved(j), 1e-300) for j in _shown(problem))
+    return float(max(off, default=0.0))
 
 
 def _left_measured(problem: Problem, fitted: Fit) -> bool:
@@ -676,6 +678,11 @@ def _grid(problem: Problem, effect: Effect) -> list[tuple[float, ...]]:
     return list(
         itertools.product(*(_parameter_starts(problem, effect, k) for k in range(len(effect.parameters))))
     )
+
+
+def number_of_starts(problem: Problem, effect: Effect) -> int:
+    """From how many combinations of values an effect is sought."""
+    return max(len(_grid(problem, effect)), 1)
 
 
 def _base_starts(problem: Problem, start: FloatArray, free: IntArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from scipy import special
 
@@ -43,6 +44,8 @@ class DiagnosisOptions:
         threads: How many share the fits of candidates, with the same result to the bit; 0 for as many as the
             environment variable ``FIELDGYM_THREADS`` says, else one. They pay where a simulation takes a
             millisecond or more.
+        engine: "evidence" searches names and curves alike by their marginal likelihood, on trial; "rules" is
+            the one that has been examined.
         rows: Samples of the windows that are fitted, a thousand windows of 0.3 s at 100 Hz, a hundred at
             1 kHz; of a longer record those that tell most. Millions of samples are diagnosed in a minute.
     """
@@ -65,6 +68,7 @@ class DiagnosisOptions:
     most_curves: int = 2
     threads: int = 0
     rows: int = 30_000
+    engine: Literal["rules", "evidence"] = "rules"
 
     @property
     def undecided(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -39,7 +39,9 @@ from fieldmodels.diagnosis.delivered import Writer
 from fieldmodels.diagnosis.effort import metered
 from fieldmodels.diagnosis.evidence import collect
 from fieldmodels.diagnosis.extension import improving
-from fieldmodels.diagnosis.gain import Prediction, predict
+from fieldmodels.diagnosis.found import Found
+from fieldmodels.diagnosis.found_by_evidence import found_by_evidence
+from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.informative import evenly, informative
 from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.lost import lost_samples
@@ -55,7 +57,7 @@ from fieldmodels.diagnosis.result import (
     Cause,
     Verdict,
 )
-from fieldmodels.diagnosis.selection import Selection, exchanged, rivals_of, select
+from fieldmodels.diagnosis.selection import exchanged, rivals_of, select
 from fieldmodels.diagnosis.signs import error, mistaken_columns, refitted_to_some
 from fieldmodels.diagnosis.simulated import that_keep_their_promise, without_imitators
 from fieldmodels.diagnosis.stages import Progress, held, joined, scaled_progress
@@ -69,7 +71,6 @@ from fieldmodels.diagnosis.statements import (
 )
 from fieldmodels.diagnosis.together import told_together
 from fieldmodels.diagnosis.verdict import (
-    Judgement,
     far_from_noise,
     judge,
     most_likely,
@@ -225,7 +226,8 @@ def _diagnose_stage(
     if training is not candidates.problem:
         candidates = candidates.of(training)
     testing, measured = evenly(testing, options.rows)
-    found = _found(candidates, train, testing, report, rng)
+    search = found_by_evidence if options.engine == "evidence" else _found
+    found = search(candidates, train, testing, report, rng)
     result = _stated(candidates, testing, found, fixed, rng)
     report("done", 1.0)
     return replace(
@@ -259,42 +261,13 @@ def _finer_averages(candidates: Candidates, windows: Callable[[int], Problem]) -
     return resolving(some, fitted.parameters, lambda bins: refitted_to_some(candidates, windows(bins)))
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What a search has found.
-
-    Attributes:
-        mistaken: What is wrong with the columns; empty if nothing is.
-        unrelated: Whether the command explains nothing of the response.
-        selection: The search's outcome, without what the test data contradict.
-        judged: What stands after unlisted curves have competed.
-        causes: What is named.
-        possible: What cannot be told from neutral.
-        curves: Unlisted curves.
-        certain: Whether the data call for these, or an error above the noise does.
-        before: Prediction of the test windows by the refitted base.
-        after: The same with the causes.
-    """
-
-    mistaken: str
-    unrelated: bool
-    selection: Selection
-    judged: Judgement
-    causes: tuple[Cause, ...]
-    possible: tuple[Cause, ...]
-    curves: tuple[Scored, ...]
-    certain: bool
-    before: Prediction
-    after: Prediction
-
-
 def _found(
     candidates: Candidates,
     train: Sequence[Recording],
     testing: Problem,
     report: Progress,
     rng: np.random.Generator,
-) -> _Found:
+) -> Found:
     """Search for effects, confirm them on the test data, and let unlisted curves compete."""
     selection = select(candidates, report)
     report("measuring the gain", 0.8)
@@ -394,13 +367,13 @@ def _found(
         causes = (*causes, *quantisation_found(train, testing, after))
     if not (causes or scored or mistaken or unrelated):
         unrelated = is_unrelated(candidates.problem, testing, fits, options.level, CERTAIN)
-    return _Found(mistaken, unrelated, selection, judged, causes, possible, scored, certain, before, after)
+    return Found(mistaken, unrelated, selection, judged, causes, possible, scored, certain, before, after)
 
 
 def _stated(
     candidates: Candidates,
     testing: Problem,
-    found: _Found,
+    found: Found,
     fixed: Mapping[str, float],
     rng: np.random.Generator,
 ) -> Diagnosis:

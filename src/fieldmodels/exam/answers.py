@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.options import DEFAULT, DiagnosisOptions
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.phrases import CHANCE
 from fieldmodels.diagnosis.phrases import CURVE as CURVE_OF
@@ -15,6 +16,7 @@ from fieldmodels.exam.delivery import Delivery, Stated, deliver
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
+EVIDENCE = DiagnosisOptions(engine="evidence")
 CURVE = "a curve"
 """Stands for a cause that is a curve which no list contains."""
 
@@ -67,12 +69,24 @@ def ask(
     test: Sequence[Recording],
     fixed: Mapping[str, float],
     third: Sequence[Recording] = (),
+    options: DiagnosisOptions = DEFAULT,
 ) -> Answer:
     """Diagnose, read the result, and run what is delivered on a third record."""
     began = time.process_time()  # of one thread: other work on the machine does not count
-    found = diagnose(model, train, test, fixed=fixed)
+    found = diagnose(model, train, test, fixed=fixed, options=options)
     answer = read(model, found, time.process_time() - began)
     return replace(answer, delivery=deliver(model, Stated.by(found), third)) if third else answer
+
+
+def by_evidence(
+    model: Model,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    fixed: Mapping[str, float],
+    third: Sequence[Recording] = (),
+) -> Answer:
+    """As ``ask``, by the engine that is on trial."""
+    return ask(model, train, test, fixed, third, EVIDENCE)
 
 
 def read(model: Model, found: Diagnosis, seconds: float) -> Answer:

@@ -1,0 +1,100 @@
+"""What a search by evidence finds: names and curves with probabilities, and the checks of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmodels.diagnosis.budget import SEARCH
+from fieldmodels.diagnosis.candidates import Candidate, Candidates
+from fieldmodels.diagnosis.causes import beside_the_others, causes_of, path_to, quantisation_found
+from fieldmodels.diagnosis.curves import Curves
+from fieldmodels.diagnosis.fit import refit
+from fieldmodels.diagnosis.found import Found
+from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.posterior import Posterior, posterior_of
+from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.relation import CERTAIN, is_unrelated
+from fieldmodels.diagnosis.result import Cause
+from fieldmodels.diagnosis.search import Search
+from fieldmodels.diagnosis.selection import Selection
+from fieldmodels.diagnosis.sets import STEPS
+from fieldmodels.diagnosis.signs import mistaken_columns
+from fieldmodels.diagnosis.stages import Progress
+from fieldmodels.diagnosis.verdict import Judgement
+from fieldmodels.diagnosis.whitening import covariance_whitener
+from fieldmodels.recording import Recording
+
+
+def found_by_evidence(
+    candidates: Candidates,
+    train: Sequence[Recording],
+    testing: Problem,
+    report: Progress,
+    rng: np.random.Generator,
+) -> Found:
+    """Search by evidence, and say what the search says, unless the data themselves are at fault."""
+    report("searching sets of causes", 0.1)
+    search, within = Search(candidates), candidates.budget.within
+    within("larger sets", search.run, None, SEARCH)
+    report("measuring the gain", 0.8)
+    said, base = posterior_of(search), search.base.candidate
+    kept = _names_alone(candidates, search, said)
+    fits = (base.fit, kept.fit) if said.lead.names else (base.fit,)
+    options, problem = candidates.options, candidates.problem
+    mistaken = within(
+        "mistaken columns", lambda: mistaken_columns(problem.model, train, candidates, kept.fit), ""
+    )
+    unrelated = not mistaken and is_unrelated(problem, testing, fits, options.level)
+    curves = tuple(
+        replace(one, p_value=1.0 - p) for one, p in zip(said.lead.curves, said.curves, strict=True)
+    )
+    if mistaken or unrelated or problem.is_exact(base.fit.raw):
+        kept, curves = base, ()
+    path = path_to(candidates, base, kept)
+    causes = beside_the_others(causes_of(candidates, path, testing, rng), candidates, path, testing, rng)
+    causes = tuple(_told(cause, said) for cause in causes)
+    before = predict(testing, base.fit.parameters)
+    after = predict(testing, kept.fit.parameters) if causes else before
+    if not (mistaken or unrelated):
+        model = said.lead.setting.problem.model
+        full = predict(replace(testing, model=model), said.lead.fit.parameters) if curves else after
+        rounded = quantisation_found(train, testing, full)
+        causes = (*causes, *rounded)
+        if rounded:  # what a curve of a sensor makes of its steps
+            curves = tuple(one for one in curves if one.curve.place != "sensor")
+    if not (causes or curves or mistaken or unrelated):
+        unrelated = is_unrelated(problem, testing, fits, options.level, CERTAIN)
+    selection = Selection(base, kept, (), base, _singles(search), tuple(candidates.unidentifiable))
+    beside_base = Curves(problem, base.fit, options)
+    beside = Curves(problem, kept.fit, options) if kept.effects else beside_base
+    judged = Judgement(kept, beside, beside_base, curves)
+    return Found(mistaken, unrelated, selection, judged, causes, (), curves, True, before, after)
+
+
+def _told(cause: Cause, said: Posterior) -> Cause:
+    """A cause with what may stand in its place, and the probability that neither is there."""
+    name = cause.effect
+    return replace(cause, alternatives=said.alternatives[name], chance=1.0 - said.names[name])
+
+
+def _names_alone(candidates: Candidates, search: Search, said: Posterior) -> Candidate:
+    """The names of the leading set without its curves, weighed by what they leave."""
+    names, problem, base = said.lead.names, candidates.problem, search.base.candidate
+    if not names:
+        return base
+    alone = search.sets.get(names)
+    fitted = (
+        alone.fit
+        if alone
+        else candidates.fitted(names, said.lead.fit.parameters[: search.sets.own], said.lead.fit.states).fit
+    )
+    whitener = covariance_whitener(problem, fitted)
+    return candidates.judged(names, refit(problem, fitted, whitener, STEPS), said.lead.candidate.search)
+
+
+def _singles(search: Search) -> tuple[Candidate, ...]:
+    """The single names that were fitted, the best first."""
+    return tuple(one.candidate for one in search.ranked() if len(one.names) == 1 and not one.curves)

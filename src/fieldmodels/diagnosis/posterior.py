@@ -1,0 +1,184 @@
+"""What all sets that were fitted say: the leading one, what may stand in a member's place, how sure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.linearisation import reweighed, stacked
+from fieldmodels.diagnosis.misshapen import misshapen
+from fieldmodels.diagnosis.phrases import CURVE
+from fieldmodels.diagnosis.search import Search
+from fieldmodels.diagnosis.sets import Hypothesis
+from fieldmodels.drivers.variables import SHARE
+
+SAME = 3.0
+"""Nats within which sets are not told apart: the one with fewest curves and members leads."""
+PART = 0.02
+"""Share of what a curve brings within which a name takes its place: first-order columns of a curve are
+interpolated between samples, where a name's are exact."""
+SINE = 0.35
+"""Sine to the span of curves below which what a name adds may be a part of theirs."""
+KNOWN = ("sign", "size", "square with sign", "cube")
+"""Known functions of a variable that are among what its curves may be."""
+
+Place = tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """The leading set.
+
+    Attributes:
+        lead: The set.
+        alternatives: Of each name, what may stand in its place: names, or curves in words.
+        names: Of each name, the probability that it or one of its alternatives is there.
+        curves: Of each curve, in order, the probability that one is there at its place over its variable.
+    """
+
+    lead: Hypothesis
+    alternatives: Mapping[str, tuple[str, ...]]
+    names: Mapping[str, float]
+    curves: tuple[float, ...]
+
+
+def posterior_of(search: Search) -> Posterior:
+    """The leading set of a search, and what all its sets say of its members."""
+    order = search.ranked()
+    scores = np.array([search.score(one) for one in order])
+    weights = np.exp(scores[0] - scores)
+    weights /= weights.sum()
+    near = [one for one, score in zip(order, scores, strict=True) if score <= scores[0] + SAME]
+    near.sort(key=lambda one: (len(one.curves), one.size))  # stable: then by score
+    lead = _named_instead(search, near[0])
+    instead = {name: _alternatives(search, lead, near, name) for name in lead.names}
+
+    def probability(held: Sequence[bool]) -> float:
+        return float(weights @ np.asarray(held, dtype=np.float64))
+
+    return Posterior(
+        lead=lead,
+        alternatives=instead,
+        names={n: probability([_holds(one, (n, *o)) for one in order]) for n, o in instead.items()},
+        curves=tuple(
+            probability([_place(own) in map(_place, one.curves) for one in order]) for own in lead.curves
+        ),
+    )
+
+
+def _holds(one: Hypothesis, some: Sequence[str]) -> bool:
+    """Whether a set has one of some names, or of some curves in words."""
+    return bool(set(some) & {*one.names, *map(_words, one.curves)})
+
+
+def _place(scored: Scored) -> Place:
+    return scored.curve.place, scored.curve.target, scored.curve.over
+
+
+def _words(scored: Scored) -> str:
+    return f"{CURVE}{scored.curve.direction}"
+
+
+def _named_instead(search: Search, lead: Hypothesis) -> Hypothesis:
+    """A set with a name in the place of a curve where that does nearly what the curve does."""
+    for curve in lead.curves:
+        rest = [other for other in lead.curves if other is not curve]
+        without = search.sets.get(lead.names, rest)
+        named = [
+            one
+            for one in search.sets
+            if without is not None
+            and one.setting.labels == without.setting.labels
+            and len(one.names) == len(lead.names) + 1
+            and set(lead.names) <= set(one.names)
+        ]
+        if without is None or not named:
+            continue
+        best, own = min(named, key=search.score), search.score(lead)
+        if search.score(best) <= own + max(SAME, PART * (search.score(without) - own)):
+            return best
+    return lead
+
+
+def _alternatives(search: Search, lead: Hypothesis, near: Sequence[Hypothesis], name: str) -> tuple[str, ...]:
+    """What sets that are not told from the lead have in a name's place, or what it may be a part of."""
+    rest, result = set(lead.names) - {name}, list[str]()
+    for one in near:
+        if name in one.names:
+            continue
+        if rest <= set(one.names) and one.size == lead.size:
+            result += [other for other in one.names if other not in rest]
+        if len(one.curves) > len(lead.curves) and set(one.names) <= set(lead.names):
+            result += [_words(c) for c in one.curves if c not in lead.curves][:1]
+    if not any(other.startswith(CURVE) for other in result):
+        if lead.curves and _is_part(search, lead, name):
+            result.append(_words(lead.curves[0]))
+        elif not lead.curves and name in (shapes := _misshapen(search, lead)):
+            result.append(shapes[name])
+    return tuple(dict.fromkeys(result))
+
+
+def _misshapen(search: Search, lead: Hypothesis) -> dict[str, str]:
+    """Names for which another known function of their variable does as well, with that in words."""
+    candidates: Candidates = lead.setting.candidates
+    here = reweighed(lead.setting.problem, lead.fit, search.reference(lead).whitener)
+    kept = candidates.judged(lead.names, here, lead.candidate.search)
+    beside = Curves(lead.setting.problem, here, candidates.options)
+    return {name: _words(shape.scored) for name, shape in misshapen(beside, kept).items()}
+
+
+def _is_part(search: Search, lead: Hypothesis, name: str) -> bool:
+    """Whether what a name adds is, beside the base, what curves at a place of the lead's curves may be."""
+    here, model, inner = lead.fit, lead.setting.problem.model, search.base.setting.problem.model
+    effect, own = inner.effect(name), model.slice_of(name)
+    waves = [c for c in lead.curves if c.curve.place == "force" and "time" in _variables(c.curve.over)]
+    if waves and effect.where == "force" and any(p.unit == "Hz" for p in effect.parameters):
+        return True  # a periodic force is a curve over time
+    slope = lead.setting.problem.coordinates(here.free).slope(here.parameters[here.free])
+    nominal = np.array([p.nominal for p in model.all_parameters])
+    mine = (here.free >= own.start) & (here.free < own.stop) & here.active
+    added = stacked(here.jacobian) @ ((here.parameters - nominal)[here.free] / slope * mine)
+    base = stacked(here.jacobian[:, :, (here.free < len(inner.parameters)) & here.active])
+    spans = [stacked(here.jacobian[:, :, (here.free >= len(inner.names)) & here.active])]
+    beside = search.curves_beside(lead).reweighed(here)
+    for scored in lead.curves:
+        place, target, over = _place(scored)
+        some = {*_variables(over), over}
+        tables = [
+            c
+            for c in beside.all
+            if (c.place, c.target.removeprefix(SHARE)) == (place, target.removeprefix(SHARE))
+            and c.over in some
+            and not c.formula
+        ]
+        functions = [f for f in beside.functions(tables) if f.formula in KNOWN]
+        spans += [stacked(beside.response(c)) for c in (*tables, *functions)]
+    return _sine(added, np.concatenate(spans, axis=1), base) < SINE
+
+
+def _sine(column: FloatArray, span: FloatArray, known: FloatArray) -> float:
+    """Sine of the angle between a column and a span, both beside known columns."""
+    unit = np.linalg.qr(_scaled(known))[0]
+    column, span = column - unit @ (unit.T @ column), _scaled(span)
+    span = span - unit @ (unit.T @ span)
+    left, sizes, _ = np.linalg.svd(span, full_matrices=False)
+    left = left[:, sizes > 1e-3 * np.max(sizes, initial=0.0)]
+    away = column - left @ (left.T @ column)
+    return float(np.linalg.norm(away) / (np.linalg.norm(column) + 1e-300))
+
+
+def _scaled(columns: FloatArray) -> FloatArray:
+    return np.asarray(columns / (np.sqrt(np.sum(columns**2, axis=0)) + 1e-300))
+
+
+def _variables(over: str) -> set[str]:
+    """The signals that a variable is made of."""
+    plain = re.sub(r"^play of (.*) of [-+\d.e]+$", r"\1", over)
+    plain = re.sub(r"memory of (.*?) over [-+\d.e]+ s", r"\1", plain)
+    return {part.removeprefix("size of ").removeprefix("change of ") for part in plain.split(" times ")}

@@ -1,0 +1,283 @@
+"""One search over names and curves alike: forward, exchange, pairs; each step is fitted and scored the same.
+
+The score of a set is its negative log marginal likelihood with the price of what was tried. It is the mean of
+two, at the weights of what the best set of names leaves and of what the best one with a curve leaves: weights
+of one alone would look away from what it explains.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmodels.arrays import FloatArray
+from fieldmodels.diagnosis.candidates import Candidates, number_of_starts, simpler, times_off
+from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.fit import best_of, refit
+from fieldmodels.diagnosis.linearisation import Fit, reweighed
+from fieldmodels.diagnosis.marginal import Reference
+from fieldmodels.diagnosis.sets import Hypothesis, Sets
+from fieldmodels.diagnosis.whitening import covariance_whitener, whitener_by_output
+
+UNLISTED = 2.3
+"""Log odds of a listed against an unlisted cause: ten to one."""
+TRIED, BESIDE_CURVES = 8, 3
+"""Names that are fitted beside a set, by what they promise to first order; beside one with curves."""
+BEAM, LEVELS, MOST_CURVES, PAIRS = 2, 4, 2, 8
+"""Sets that are extended, how often, curves in a set, pairs of all that are followed."""
+NEAR, OTHER = 6.0, 15.0
+"""Nats within which the best set of the other kind (with a curve, without) is exchanged, is extended."""
+FAR = 5.0
+"""Times the noise that errors of samples must be for every pair to be fitted."""
+JUDGED, FUNCTIONS = 12, 8
+"""Tables and known functions whose evidence is asked beside a set."""
+
+
+class Search:
+    """Searches sets of names and curves.
+
+    Attributes:
+        sets: What was fitted.
+        base: The base alone.
+        names: Listed effects that are tried.
+    """
+
+    def __init__(self, candidates: Candidates) -> None:
+        self._candidates, self._problem = candidates, candidates.problem
+        base = candidates.base()
+        candidates.whitener = covariance_whitener(self._problem, base.fit)
+        base = candidates.again(base)
+        names = candidates.names()
+        absorbed = [not one for one in candidates.each(lambda n: candidates.identifiable(base, n), names)]
+        candidates.unidentifiable.update(itertools.compress(names, absorbed))
+        self.names = candidates.names()
+        self.sets = Sets(candidates)
+        self.base = self.sets.keep(Hypothesis((), self.sets.setting(()), base))
+        self._count = 1  # of curves that were tried
+        self._curves: dict[object, Curves] = {}
+        self._judged: dict[tuple[int, int], tuple[FloatArray, Hypothesis, list[tuple[float, Scored]]]] = {}
+        self._own: dict[int, tuple[Hypothesis, Reference]] = {}
+        self._values: dict[tuple[int, int], tuple[Fit, Reference, float]] = {}
+        self._references = [self.reference(self.base)]
+
+    def run(self) -> None:
+        """Search until nothing improves; what time is left for decides nothing of what was fitted."""
+        self._forward([self.base])
+        self._exchange()
+        if times_off(self.best.setting.problem, self.best.fit) > FAR and self._every_pair():
+            # As if nothing had been found: two names may each be worse alone.
+            self._refer()
+            self._forward(self.ranked()[:BEAM])
+            self._exchange()
+
+    @property
+    def best(self) -> Hypothesis:
+        """The set with the least score."""
+        return min(self.sets, key=self.score)
+
+    def ranked(self) -> list[Hypothesis]:
+        """All sets, the best first."""
+        return sorted(self.sets, key=self.score)
+
+    def score(self, one: Hypothesis) -> float:
+        """Negative log posterior of a set, but for a constant [nats]."""
+        values = [self._value(one, reference) for reference in self._references]
+        return float(np.mean(values)) + self._price(one)
+
+    def reference(self, one: Hypothesis) -> Reference:
+        """Weights by what a set leaves."""
+        if id(one) not in self._own:
+            problem = one.setting.problem
+            here = reweighed(problem, one.fit, covariance_whitener(problem, one.fit))
+            self._own[id(one)] = one, Reference(problem, here)
+        return self._own[id(one)][1]
+
+    def curves_beside(self, one: Hypothesis) -> Curves:
+        """The curves that are tried beside a set; none that acts in an effect's own numbers."""
+        if one.key not in self._curves:
+            found = Curves(one.setting.problem, one.fit, self._candidates.options)
+            found.all = tuple(c for c in found.all if not (c.place == "parameter" and "." in c.target))
+            self._curves[one.key] = found
+            self._count = max(self._count, len(found.all))
+        return self._curves[one.key]
+
+    def _value(self, one: Hypothesis, reference: Reference) -> float:
+        key = id(one.fit), id(reference)
+        if key not in self._values:
+            self._values[key] = one.fit, reference, reference.value(one.fit, one.setting.problem)
+        return self._values[key][2]
+
+    def _price(self, one: Hypothesis) -> float:
+        """What its parameters cost, by their number and by what was tried for them [nats]."""
+        model, rows = self._problem.model, self._references[0].rows
+        names = sum(_price(model.effect(n).size, rows) + math.log(len(self.names)) for n in one.names)
+        curves = sum(self._price_of_curve(c, len(c.coefficients)) for c in one.curves)
+        return names + one.candidate.search + curves
+
+    def _price_of_curve(self, scored: Scored, size: int) -> float:
+        tried = math.log(self._count * scored.curve.tried)
+        return _price(size, self._references[0].rows) + tried + UNLISTED
+
+    def _refer(self) -> None:
+        """Compare by the weights of what the best sets leave, without and with a curve."""
+        for _ in range(2):
+            kinds = [[n for n in self.sets if bool(n.curves) == curved] for curved in (False, True)]
+            leads = [min(some, key=self.score) for some in kinds if some]
+            references = [self.reference(lead) for lead in leads]
+            if references == self._references:
+                break
+            self._references = references
+        self._candidates.whitener = self._references[0].whitener
+
+    def _forward(self, beam: Sequence[Hypothesis]) -> None:
+        """Extend the best sets, and the best one of the other kind, until that improves nothing."""
+        last = math.inf
+        for level in range(LEVELS):
+            made = [one for lead in beam for one in self._grown(lead)]
+            self._refer()
+            order = self.ranked()
+            least = self.score(order[0])
+            if not made or (level and last < least + 0.01):
+                break
+            beam, last = order[:BEAM], least
+            other = next((n for n in order if bool(n.curves) != bool(order[0].curves)), None)
+            further = [other] if other is not None and self.score(other) < least + OTHER else []
+            further += [min(made, key=self.score)] if not level else []
+            beam = list({id(one): one for one in (*beam, *further)}.values())
+
+    def _exchange(self) -> None:
+        """Drop each member of the lead, put others in its place, and begin again where that is better."""
+        for _ in range(3):
+            self._refer()
+            order = self.ranked()
+            lead, least = order[0], self.score(order[0])
+            other = next((n for n in order if bool(n.curves) != bool(lead.curves)), None)
+            near = [other] if other is not None and self.score(other) < least + NEAR else []
+            for one in (lead, *near):
+                if one.exchanged:
+                    continue
+                one.exchanged = True
+                members: list[str | Scored] = [*one.names, *one.curves]
+                for member in members:
+                    rest = self.sets.without(one, member, self._references[-bool(one.curves)].whitener)
+                    self._instead(one, rest)
+                    self._grown(rest, 1 if rest.curves else BESIDE_CURVES, 1)
+                self._grown(one, BESIDE_CURVES, 1)
+            self._refer()
+            if least < self.score(self.best) + 0.01:
+                break
+
+    def _grown(
+        self, one: Hypothesis, names: int | None = None, curves: int | None = None
+    ) -> list[Hypothesis]:
+        """The set with each of the most promising names and curves more; nothing if that was done."""
+        if one.grown:
+            return []
+        one.grown = True
+        names = (BESIDE_CURVES if one.curves else TRIED) if names is None else names
+        curves = (0 if one.size > 2 else 1 if one.curves else 2) if curves is None else curves
+        weights = self.reference(one).whitener
+        made = [self.sets.with_name(one, n, s, weights) for n, s in self._promising(one, names)]
+        if curves and len(one.curves) < MOST_CURVES:
+            made += [self.sets.with_curve(one, scored) for scored in self._curves_to_try(one, curves)]
+        return [found for found in made if found is not None]
+
+    def _curves_to_try(self, one: Hypothesis, count: int) -> Iterator[Scored]:
+        """Curves with most evidence: by what the set leaves, by what the best set with a curve leaves.
+
+        Where there is none yet, by what the set with the first of them leaves.
+        """
+        seen = set[tuple[str, str]]()
+
+        def new(whitener: FloatArray, most: int) -> Iterator[Scored]:
+            for gain, scored in self._evidence(one, whitener)[:most]:
+                key = scored.curve.direction, scored.curve.formula
+                if gain > 0.0 and key not in seen:
+                    seen.add(key)
+                    yield scored
+
+        yield from new(self.reference(one).whitener, count)
+        if one.curves:
+            return
+        if len(self._references) > 1:
+            yield from new(self._references[1].whitener, 1)
+        elif seen:
+            [first, *_] = self._evidence(one, self.reference(one).whitener)
+            if (beside := self.sets.with_curve(one, first[1])) is not None:
+                yield from new(self.reference(beside).whitener, 2)
+
+    def _evidence(self, one: Hypothesis, whitener: FloatArray) -> list[tuple[float, Scored]]:
+        """Curves beside a set with what each brings to first order [nats], the best first."""
+        key = id(one), id(whitener)
+        if key not in self._judged:
+            here = reweighed(one.setting.problem, one.fit, whitener)
+            beside, candidate = self.curves_beside(one).reweighed(here), replace(one.candidate, fit=here)
+            reference = Reference(one.setting.problem, here)
+            tables = beside.judge(candidate)[:JUDGED]
+            known = beside.functions(scored.curve for scored in tables[:3])
+            pool = [*tables, *(beside.judge(candidate, known)[:FUNCTIONS] if tables else [])]
+            without, found = reference.value(here, one.setting.problem), []
+            for scored in pool:
+                more = scored.candidate.fit.jacobian[:, :, here.jacobian.shape[2] :]
+                value = reference.value(here, one.setting.problem, more)
+                found.append((without - value - self._price_of_curve(scored, more.shape[2]), scored))
+            self._judged[key] = whitener, one, sorted(found, key=lambda pair: -pair[0])
+        return self._judged[key][2]
+
+    def _promising(self, one: Hypothesis, count: int) -> list[tuple[str, list[FloatArray]]]:
+        """Names that promise most to first order beside a set, with their starts."""
+        candidates, beside = self._candidates, self.sets.linear(one)
+        others = [name for name in self.names if name not in one.names]
+        order = sorted(((candidates.score_test(beside, n), n) for n in others), reverse=True)[:count]
+        effect = self._problem.model.effect
+        return [(n, candidates.screened(beside, effect(n))[1]) for gain, n in order if gain > 0.0]
+
+    def _instead(self, lead: Hypothesis, rest: Hypothesis) -> None:
+        """Names in a member's place, from the states of the set that holds it."""
+        weights = self.reference(lead).whitener
+        for name, starts in self._promising(rest, 2 if rest.curves else 4):
+            if name not in lead.names:
+                self.sets.in_place(lead, rest, name, starts, weights)
+
+    def _kept_pair(self, pair: tuple[str, ...], fitted: Fit, steps: int) -> Hypothesis | None:
+        problem, model = self._problem, self._problem.model
+        if not np.isfinite(fitted.cost):
+            return None
+        fitted = refit(problem, fitted, covariance_whitener(problem, fitted), steps)
+        if any(simpler(model, model.effect(name), fitted.parameters) for name in pair):
+            return None
+        search = sum(math.log(number_of_starts(problem, model.effect(name))) for name in pair)
+        found = replace(self.base.candidate, effects=pair, fit=fitted, search=search)
+        return self.sets.keep(Hypothesis(tuple(sorted(pair)), self.base.setting, found))
+
+    def _every_pair(self) -> bool:
+        """Fit every pair in the simulation, from what was declared and measured, by one weight an output.
+
+        By the covariance of the base's errors the right pair may rank below the sixtieth.
+        """
+        candidates, problem, model = self._candidates, self._problem, self._problem.model
+        weights = whitener_by_output(problem, self.base.fit.raw)
+        starts = {n: candidates.screened(self.base.candidate, model.effect(n))[1][:1] for n in self.names}
+        found: list[tuple[float, tuple[str, ...], Fit]] = []
+        able = [n for n in self.names if starts[n]]
+        for pair in itertools.combinations(able, 2):
+            start = candidates.start.copy()
+            for name in pair:
+                start[model.slice_of(name)] = starts[name][0][model.slice_of(name)]
+            fitted = best_of(problem, [start], candidates.free(pair), weights, problem.states, 10)
+            if np.isfinite(fitted.cost):
+                found.append((fitted.cost, pair, fitted))
+        made = []
+        for _, names, fitted in sorted(found, key=lambda one: one[0])[:PAIRS]:
+            closer = refit(problem, fitted, whitener_by_output(problem, fitted.raw), 15)
+            made.append(self._kept_pair(names, closer, 15))
+        return any(one is not None for one in made)
+
+
+def _price(size: int, rows: int) -> float:
+    """Half a logarithm of the number of samples for each parameter, as Schwarz (1978) has it."""
+    return 0.5 * size * math.log(rows)
