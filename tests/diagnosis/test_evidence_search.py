@@ -1,0 +1,137 @@
+"""The search of names and curves by their evidence, which is on trial."""
+
+import math
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from test_budget import Cart, record
+
+from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.cutting import split
+from fieldmodels.diagnosis.marginal import FALLS, PACE, PACES, SINES, SIZES, Reference, _near
+from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.diagnosis.posterior import posterior_of
+from fieldmodels.diagnosis.search import Search
+from fieldmodels.recording import Recording
+from fieldmodels.registry import get_model
+
+EVIDENCE = DiagnosisOptions(engine="evidence")
+
+
+def candidates_of(recording: Recording, **drag: float) -> Candidates:
+    model = Cart()
+    problem, _ = split(model, [recording], [])
+    whitener = np.diag(1 / problem.output_scale)
+    start, known = model.vector({}, {"drag": drag}), frozenset(f"drag.{name}" for name in drag)
+    return Candidates(problem, start, known, problem.folds, whitener)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.5])
+def test_the_marginal_likelihood_is_that_of_the_whole_covariance(drift):
+    """By scipy's least squares with the dense covariance of the slow zeros, in place of the sums here."""
+    walk = drift * np.cumsum(np.random.default_rng(5).standard_normal(2000)) / math.sqrt(2000)
+    measured = record(1)
+    candidates = candidates_of(
+        Recording(measured.time, {**measured.signals, "speed": measured["speed"] + walk}), rate=0.6
+    )
+    fitted = candidates.base().fit
+    reference = Reference(candidates.problem, fitted)
+    windows, features = fitted.residual.shape
+    trust = np.broadcast_to(reference._trust, (windows, features)).reshape(-1)
+    y = trust * fitted.residual.reshape(-1)
+    x = trust[:, None] * fitted.jacobian[:, :, fitted.active].reshape(len(y), -1)
+    orders = np.arange(1, SINES + 1) - 0.5
+
+    def dense(pace: int) -> float:
+        size, fall = PACES[pace]
+        deviation = size * orders**-fall
+        covariance = np.eye(len(y)) + (reference._sines * deviation**2) @ reference._sines.T
+        root = np.linalg.cholesky(covariance)
+        flat, left = np.linalg.solve(root, x), np.linalg.solve(root, y)
+        rest = left - flat @ np.linalg.lstsq(flat, left, rcond=None)[0]
+        squares = max(float(rest @ rest), reference._floor)
+        half = float(np.sum(np.log(np.diag(root)))) + PACE * (pace > 0)
+        return half + 0.5 * reference._count * math.log(squares / reference._count)
+
+    found = reference.value(fitted, candidates.problem)
+    assert found == pytest.approx(min(map(dense, range(len(PACES)))), rel=1e-6)
+    assert (reference._paces != (0,)) == (drift > 0.0)
+
+
+def test_paces_are_reached_from_one_another():
+    """From none, by neighbours alone, every pace."""
+    reached, new = {0}, [0]
+    while new:
+        new = [int(i) for pace in new for i in _near(pace) if int(i) not in reached]
+        reached |= set(new)
+    assert reached == set(range(1 + len(FALLS) * len(SIZES)))
+
+
+def test_a_cause_is_named_with_its_probability_and_nothing_else_is():
+    found = diagnose(Cart(), [record(1)], options=EVIDENCE)
+    [cause] = found.causes
+    assert (cause.effect, found.curves) == ("drag", ())
+    assert cause.parameters["rate"].value == pytest.approx(0.6, abs=3 * cause.parameters["rate"].std)
+    assert cause.chance < 1e-6
+
+
+def test_probabilities_are_shares_of_all_sets_that_were_fitted():
+    search = Search(candidates_of(record(1)))
+    search.run()
+    said = posterior_of(search)
+    scores = {one.names: search.score(one) for one in search.sets if not one.curves}
+    least = min(search.score(one) for one in search.sets)
+    every = sum(math.exp(least - search.score(one)) for one in search.sets)
+    with_drag = sum(math.exp(least - search.score(one)) for one in search.sets if "drag" in one.names)
+    assert said.names["drag"] == pytest.approx(with_drag / every)
+    assert scores["drag",] < scores[()]
+    assert scores["drag", "slope"] > scores["drag",]  # a number more that brings nothing has its price
+
+
+def test_a_sensor_that_wanders_is_no_cause():
+    """A walk as large as the noise is integrated out, where without that it is a slope."""
+    cart = record(3)
+    rng = np.random.default_rng(8)
+    walk = np.cumsum(rng.standard_normal(len(cart.time))) * 0.03 / math.sqrt(500)
+    known = {"rate": 0.6}
+    still = Recording(cart.time, {**cart.signals, "speed": cart["speed"] + walk})
+    found = diagnose(Cart(), [still], fixed={"drag.rate": known["rate"]}, options=EVIDENCE)
+    assert (found.causes, found.curves) == ((), ())
+
+
+def plateaus(speeds: tuple[int, ...], seed: int) -> Recording:
+    """A motor at constant speeds under a speed loop: viscous friction of 0.02, dry friction of 0.15."""
+    rng, angle, speed, sum_of, rows = np.random.default_rng(seed), 0.0, 0.0, 0.0, []
+    inertia, viscous, dry, step = 0.003, 0.02, 0.15, 0.0005
+    for n, wanted in enumerate(np.repeat(speeds, 200)):
+        sum_of += 0.01 * (wanted - speed)
+        torque = 0.08 * (wanted - speed - 0.02 * rng.normal()) + 0.3 * sum_of
+        rows.append((0.01 * n, torque, angle + 1e-3 * rng.normal(), speed + 0.02 * rng.normal()))
+        for _ in range(20):
+            push = torque - viscous * speed
+            if speed == 0.0 and abs(push) <= dry:
+                continue
+            new = speed + step * (push - dry * np.sign(speed if speed else push)) / inertia
+            speed = 0.0 if speed and new * speed < 0.0 and abs(push) <= dry else new
+            angle += step * speed
+    time, *signals = np.transpose(rows)
+    return Recording(time, dict(zip(("torque", "angle", "velocity"), signals, strict=True)))
+
+
+def test_two_causes_are_found_that_are_each_worse_alone():
+    """The friction test of every robot lab: constant speeds both ways."""
+    train = plateaus((0, 1, -1, 2, -2, 4, -4, 8, -8, 0), 1)
+    test = plateaus((0, 2, -4, 1, -1, 8, -2, 4, -8, 0), 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = diagnose(
+            get_model("pendulum"), [train], [test], fixed={"gravity_moment": 0.0}, options=EVIDENCE
+        )
+    values = {c.effect: next(iter(c.parameters.values())).value for c in found.causes}
+    assert values == pytest.approx({"coulomb_friction": 0.15, "viscous_friction": 0.02}, rel=0.02)
