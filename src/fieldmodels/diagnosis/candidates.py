@@ -461,9 +461,11 @@ class Candidates:
             return True  # an absorbed effect gains nothing; derivatives may all vanish at the start
         free = self.free((*parent.effects, name))
         here = fit(self.problem, starts[0], free, self.whitener, parent.fit.states, 0)
-        if _smallest_singular(here.jacobian) > 0.05:
+        own = self.problem.model.slice_of(name)
+        mine = (free >= own.start) & (free < own.stop)
+        if _beyond_base(here.jacobian, mine) > 0.05:
             return True
-        return _smallest_singular(self._central(here)) > SINGULAR
+        return _beyond_base(self._central(here), mine) > SINGULAR
 
     def _central(self, here: Fit) -> FloatArray:
         """Jacobian by central differences, accurate enough for a rank test."""
@@ -615,15 +617,21 @@ def is_quantisation(effect: Effect) -> bool:
     return effect.name.endswith("quantisation")
 
 
-def _smallest_singular(jacobian: FloatArray) -> float:
-    """Smallest singular value of the columns scaled to unit length; 0 if one vanishes or is not finite."""
+def _beyond_base(jacobian: FloatArray, mine: NDArray[np.bool_]) -> float:
+    """Smallest singular value that an effect's columns of unit length have beside the others.
+
+    Of the others only what the data determine counts: a base that they do not determine absorbs nothing. It is
+    0 if a column of the effect vanishes or any is not finite.
+    """
     flat = stacked(jacobian)
-    if not np.isfinite(flat).all():
-        return 0.0
     size = np.linalg.norm(flat, axis=0)
-    if flat.shape[1] == 0 or size.min() <= 1e-9 * size.max():
+    if not np.isfinite(flat).all() or not mine.any() or size[mine].min() <= 1e-9 * size.max():
         return 0.0
-    return float(np.linalg.svd(flat / size, compute_uv=False)[-1])
+    others = (flat / np.maximum(size, 1e-300))[:, ~mine]
+    left, values, _ = np.linalg.svd(others, full_matrices=False)
+    left = left[:, values > SINGULAR]
+    own = flat[:, mine] / size[mine]
+    return float(np.linalg.svd(own - left @ (left.T @ own), compute_uv=False)[-1])
 
 
 def _parameter_starts(problem: Problem, effect: Effect, k: int) -> Sequence[float]:
