@@ -1,7 +1,7 @@
 """The exam on all three sets, by the diagnosis or by a rival.
 
-    python tests/exam/exam.py develop|report|field|field-report [--by diagnosis|evidence|forward|sindy] [--cases N]
-        [--kind KIND ...] [--fresh NUMBER] [--workers 2] [--out FOLDER] [--publish PAGE]
+    python tests/exam/exam.py develop|report|field|field-report [--by diagnosis|evidence|forward|sindy]
+        [--cases N] [--kind KIND ...] [--fresh NUMBER] [--workers 2] [--out FOLDER] [--publish PAGE]
 
 A line a finished case in ``cases.jsonl``: an interrupted run goes on. ``field`` is the part of the field set
 to develop on, ``field-report`` the one to report on.

@@ -620,8 +620,8 @@ def is_quantisation(effect: Effect) -> bool:
 def _beyond_base(jacobian: FloatArray, mine: NDArray[np.bool_]) -> float:
     """Smallest singular value that an effect's columns of unit length have beside the others.
 
-    Of the others only what the data determine counts: a base that they do not determine absorbs nothing. It is
-    0 if a column of the effect vanishes or any is not finite.
+    Of the others only what the data determine counts: a base that they do not determine absorbs nothing. 0
+    if a column of the effect vanishes or any is not finite.
     """
     flat = stacked(jacobian)
     size = np.linalg.norm(flat, axis=0)

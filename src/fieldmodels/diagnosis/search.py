@@ -125,13 +125,27 @@ class Search:
     def _refer(self) -> None:
         """Compare by the weights of what the best sets leave, without and with a curve."""
         for _ in range(2):
-            kinds = [[n for n in self.sets if bool(n.curves) == curved] for curved in (False, True)]
-            leads = [min(some, key=self.score) for some in kinds if some]
-            references = [self.reference(lead) for lead in leads]
+            kinds = [[n for n in self.ranked() if bool(n.curves) == curved] for curved in (False, True)]
+            references = [self.reference(self._leading(some)) for some in kinds if some]
             if references == self._references:
                 break
             self._references = references
         self._candidates.whitener = self._references[0].whitener
+
+    def _leading(self, order: Sequence[Hypothesis]) -> Hypothesis:
+        """Of sets in the order of their scores, the one that none leads by the weights of both.
+
+        The weights of a set without a cause look away from what it does.
+        """
+        lead, least = order[0], self.score(order[0])
+
+        def behind(one: Hypothesis) -> float:
+            values = [self._value(one, r) - self._value(lead, r) for r in map(self.reference, (lead, one))]
+            return float(np.mean(values)) + self._price(one) - self._price(lead)
+
+        near = [one for one in order[1:] if self.score(one) < least + OTHER]
+        best = min(near, key=behind, default=lead)
+        return best if near and behind(best) < 0.0 else lead
 
     def _forward(self, beam: Sequence[Hypothesis]) -> None:
         """Extend the best sets, and the best one of the other kind, until that improves nothing."""

@@ -171,6 +171,8 @@ class Sets:
             more = self.candidates.extend(one.candidate, name)
             if more is None:
                 return None
+            closer = refit(self.problem, more.fit, covariance_whitener(self.problem, more.fit), CURVED)
+            more = replace(more, fit=closer)
             return self.keep(Hypothesis(_sorted(*one.names, name), one.setting, more))
         begun = [self._moved(one.fit.parameters, name, start) for start in starts]
         return self._fitted(one, name, begun, one.fit.states, whitener, (3, CURVED))
