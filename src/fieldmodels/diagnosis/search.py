@@ -48,9 +48,10 @@ class Search:
 
     def __init__(self, candidates: Candidates) -> None:
         self._candidates, self._problem = candidates, candidates.problem
-        base = candidates.base()
-        candidates.whitener = covariance_whitener(self._problem, base.fit)
-        base = candidates.again(base)
+        first = candidates.base()
+        candidates.whitener = covariance_whitener(self._problem, first.fit)
+        base = candidates.again(first)
+        candidates.whitener = first.fit.whitener  # single names are fitted by one weight an output
         names = candidates.names()
         absorbed = [not one for one in candidates.each(lambda n: candidates.identifiable(base, n), names)]
         candidates.unidentifiable.update(itertools.compress(names, absorbed))
