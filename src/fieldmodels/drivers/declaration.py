@@ -382,7 +382,9 @@ def slopes_at(machine: Declaration, point: Sequence[float]) -> list[float]:
     if own is None:
         return []
     given = [s.name for s in type(machine).inputs]
-    p = named("Params", param_names(machine), params_of(machine, machine.nominal))
+    effects = [e for e in machine.own_effects if not isinstance(e, Stock)]
+    numbers = [p.nominal for p in (*machine.parameters, *(p for e in effects for p in e.parameters))]
+    p = named("Params", param_names(machine), numbers)
     command = named("Input", given, [0.5] * len(given))
     state = named("State", [s.name for s in machine.states], list(point))
     try:
