@@ -326,6 +326,18 @@ def test_signed_numbers_in_cells_without_a_sign_are_recognised(tmp_path, coding,
         recording_of(read_table(plain), Bench(), Motor())
 
 
+@pytest.mark.parametrize("coding", CODINGS)
+def test_what_may_be_signed_has_lost_no_samples(tmp_path, coding):
+    """One row below zero leaps over the whole range of an undeclared coding, as a spike does."""
+    t, command, speed = driven()
+    counts = np.round(200 * speed)
+    counts[990:1030], counts[1010] = 2 + np.arange(40) % 2, -2
+    path = written(tmp_path / "log.csv", "t,voltage,speed", t, command, CODINGS[coding](counts))
+    with pytest.warns(match=rf"declare it as 'speed=speed%{coding}'"):
+        read = recording_of(read_table(path), Bench(), Motor())
+    assert read.lost == {}
+
+
 def test_plain_counts_are_not_taken_for_signed_ones(tmp_path):
     rng = np.random.default_rng(5)
     for cells in (

@@ -384,7 +384,7 @@ def build(
         measured = kept.measured(names)
         slots, counts = slots[whole], counts[whole]
         way = np.abs(np.diff(measured, axis=1, append=measured[:, -1:]))
-        features, passed = _compress(np.nan_to_num(np.stack([measured, way])), slots, counts)
+        features, passed = _compress(np.nan_to_num(np.stack([measured, way]), copy=False), slots, counts)
         steps = np.array([rounding(windows.recording[o.name]) if o.name in windows.recording else 0.0
                           for o in model.outputs])  # fmt: skip
         rounded = of_averages(steps[outputs], passed * counts, counts)

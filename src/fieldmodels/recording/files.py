@@ -169,13 +169,13 @@ def recording_of(
             notes.append(f"repeats of earlier rows are left out: {table.place(again.tolist(), clock.name)}")
         rows = len(kept)
     runs = used.get(EPISODE) if single else None
-    signed = [
-        f"column {c.name!r} holds {why}; declare it as '{c.signal}={c.name}%{coding}'"
+    signed = {
+        c.signal: f"column {c.name!r} holds {why}; declare it as '{c.signal}={c.name}%{coding}'"
         for c in wanted
         if c.signal not in (TIME, EPISODE) and not c.channel.period and not c.channel.coding and c.name
         for coding, why in [coding_of(used[c.signal])]
         if coding
-    ]
+    }
     for c in wanted:  # before values are interpolated
         if c.name:
             used[c.signal] = decoded(used[c.signal], c.channel, runs)
@@ -183,7 +183,7 @@ def recording_of(
         used[TIME] = np.arange(rows) / bench.rate
     lost: dict[str, BoolArray] = {}
     if model is not None:
-        lost, said = _without_lost(table, wanted, used, model, kept)
+        lost, said = _without_lost(table, wanted, used, model, kept, signed.keys())
         notes += said
     if kept is None and not (bench.rate is not None and not clock.name):
         used, lost = _on_one_clock(table, wanted, used, model, bench, lost)
@@ -203,7 +203,7 @@ def recording_of(
         episode=np.zeros(len(time), dtype=np.int64) if episodes is None else episodes.astype(np.int64),
         source=str(table.path),
         aligned=bench.aligned,
-        notes=(*_of_clocks(table, clock.name, bench), *notes, *signed),
+        notes=(*_of_clocks(table, clock.name, bench), *notes, *signed.values()),
         lost=lost,
     )
     stated = {c.signal for c in wanted if c.channel.unit or c.name in table.units}
@@ -270,7 +270,12 @@ def _unusable(values: FloatArray, signal: str, held: Set[str], model: Model | No
 
 
 def _without_lost(
-    table: Table, wanted: Sequence[_Column], used: dict[str, FloatArray], model: Model, kept: IntArray | None
+    table: Table,
+    wanted: Sequence[_Column],
+    used: dict[str, FloatArray],
+    model: Model,
+    kept: IntArray | None,
+    coded: Set[str],
 ) -> tuple[dict[str, BoolArray], list[str]]:
     """Put other values in the place of what sensors have lost, and the last command where a cell is empty.
 
@@ -280,6 +285,7 @@ def _without_lost(
         used: Their cells by signal, which are replaced.
         model: Says which are sensors, and which commands.
         kept: The file's row of each of theirs, if all are on the same ones; None if not.
+        coded: Signals whose cells may be signed numbers without a sign, which jump where they pass zero.
 
     Returns:
         Which samples each sensor has lost, by signal, and what to say of it.
@@ -304,7 +310,7 @@ def _without_lost(
             used[name],
             whole.get(TIME, np.arange(len(used[name]), dtype=np.float64)),
             whole.get(EPISODE, np.zeros(len(used[name]))),
-            s.unit in states,
+            s.unit in states and name not in coded,
             2 * np.pi / abs(columns[name].scale) if s.angle or name in model.wrapped_outputs else 0.0,
         )
         for name, s in _sensors(model).items()

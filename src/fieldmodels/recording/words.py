@@ -227,7 +227,7 @@ def suits(name: str, unit: str, signal: Signal, model: Model) -> float:
 
 def other_quantity(signal: Signal, unit: str) -> bool:
     """Whether a stated unit rules a signal out: of another quantity, which cannot stand for it."""
-    if not is_unit(unit) or canonical(unit) == canonical(signal.unit):
+    if not (is_unit(unit) and signal.unit) or canonical(unit) == canonical(signal.unit):
         return False
     theirs, ours = quantity(frozenset(), unit), quantity(frozenset(), signal.unit)
     return (
