@@ -159,7 +159,8 @@ def main() -> None:
     if given.by != "diagnosis":  # beside what the diagnosis has made of the same cases
         keys, log = {row["key"] for row in rows}, Path("results") / f"exam-{given.set}" / "cases.jsonl"
         own = {row["key"]: row for row in run.read_rows(log) if row["key"] in keys}
-        text = versus({"diagnosis": [*own.values()], given.by: [r for r in rows if r["key"] in own]})
+        same = [r for r in rows if r["key"] in own]
+        text = versus({"diagnosis": [*own.values()], given.by: same} if own else {given.by: rows})
     print(text)
     if given.publish:
         table.put(text, given.publish, MARK.format(given.set, given.by))
