@@ -52,7 +52,7 @@ def log(seed: int, samples: int) -> Recording:
 
 def test_a_minute_of_a_car_is_not_refused():
     result = diagnose(Car(), [log(3, 1200)])
-    assert sum(result.windows) >= 40  # not as few as the place asks for
+    assert sum(result.windows) >= 12  # as short as the heading allows, not as the place asks for
     assert result.parameters["wheelbase"].value == pytest.approx(BASE, rel=0.01)
 
 

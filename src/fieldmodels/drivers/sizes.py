@@ -21,7 +21,7 @@ STEPS = (8, 16, 32)
 SHARES = (0.35, 0.7, 1.4)
 """The same as shares of twice the time in which the outputs change by their size."""
 FEWEST, ENOUGH = 8, 40
-"""Windows that fit into the longest recording, and into all together where their samples allow."""
+"""Windows that fit into the longest recording, and into all together where the fastest output allows."""
 WALKS_OFF = 2.5
 """Times the pace of a velocity that its position must take to change by its size; 1 of a swing."""
 
@@ -62,21 +62,21 @@ def measured_states(
 
 
 def measured_horizons(machine: Declaration, recordings: Sequence[Recording]) -> tuple[float, ...]:
-    """The declared horizons, or of a machine that states none, some by the pace of its slowest output.
+    """The declared horizons, or of a machine that states none, some by the pace of its outputs.
 
-    Shorter ones, if the data then hold too few windows; but never of fewer than ``STEPS`` samples.
+    As long as the slowest one asks for, if the data then hold enough windows; else as the fastest one does.
     """
     if type(machine).horizons:
         return machine.horizons
     step = recordings[0].step
-    slowest = 2.0 * max(_pace(machine, recordings, s.name) for s in machine.outputs)
-    # A window holds both of its ends.
-    most = max(max(len(r) for r in recordings) // FEWEST - 1, 1)
-    many = sum(map(len, recordings)) // ENOUGH - 1
-    return tuple(
-        min(float(f"{max(share * slowest, n * step):.2g}"), float(f"{min(max(many, n), most) * step:.9g}"))
+    paces = [2.0 * _pace(machine, recordings, s.name) for s in machine.outputs]
+    most = max(max(len(r) for r in recordings) // FEWEST - 1, 1) * step  # a window holds both of its ends
+    many = sum(len(r) for r in recordings) / ENOUGH * step
+    found = [
+        min(max(min(share * max(paces), max(many, share * min(paces))), n * step), most)
         for share, n in zip(SHARES, STEPS, strict=True)
-    )
+    ]
+    return tuple(min(float(f"{h:.2g}"), float(f"{most:.9g}")) for h in found)
 
 
 def _pace(machine: Declaration, recordings: Sequence[Recording], name: str) -> float:
