@@ -115,4 +115,5 @@ def test_a_hidden_state_is_called_by_its_name_and_what_depends_on_it_runs():
     assert Mass().rates == {"speed": "place"}
     assert curve.over == "speed"
     assert result.curve_effects
-    assert result.gain["place"].rmse_with_curves < 1.2e-3 < 1.2 * result.gain["place"].rmse_before
+    gain = result.gain["place"]
+    assert gain.rmse_with_curves < 0.1 * gain.rmse_before
