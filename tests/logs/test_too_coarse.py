@@ -20,6 +20,8 @@ from fieldmodels.machine import Machine, number
 from fieldmodels.model import Signal
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.files import load_recording
+from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.reading import read_table
 from fieldmodels.registry import get_model
 
 MAP = get_model("map")
@@ -157,6 +159,16 @@ def test_a_static_map_by_the_command_line_and_as_an_environment(ramp, tmp_path):
     env = as_env("map", reality=str(out / "extended.yaml"))
     env.reset(seed=0)
     assert np.isfinite(env.step(env.action_space.sample())[0]).all()
+
+
+def test_columns_in_any_unit_are_proposed_for_a_map(tmp_path):
+    command = np.random.default_rng(0).uniform(1000, 2000, 200)
+    rows = np.column_stack([5.5 * np.arange(200), command, 0.1 * (command - 1500) + np.sin(np.arange(200))])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header="time [s],pulse [us],angle [deg]", comments="", fmt="%.5f")
+    found = propose(read_table(path), MAP)
+    assert not found.sure  # a line is as good the other way round
+    assert {str(c.channel) for c in found.columns} == {"time [s]:s", "pulse [us]:us", "angle [deg]:deg"}
 
 
 def test_a_log_that_is_too_coarse_for_its_model_says_what_to_take(tmp_path):
