@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from bench import Run, axis, commands, drive, follower, joint
+from expected import Expected, entry, log, machine
 from foreign import DEG, EPOCH, hdf5, signals, text
-from told import Told, entry, log, machine
 
 BOOT = 112.574  # seconds since its start when a controller began to log
 RATES = ("rad/s", "rad/s", "1")
@@ -68,7 +68,7 @@ def ulog(path: Path, topics: dict[str, tuple[str, np.ndarray, list[Any]]]) -> Pa
 
 
 @log
-def px4_yaw(folder: Path) -> Told:
+def px4_yaw(folder: Path) -> Expected:
     """PX4 ULog: yaw set-points (50 Hz) and heading (100 Hz), three topics, a dropout."""
     run = joint("actuator_delay", 201, hold=2, pace=6.0)
     told, yaw = signals(run)
@@ -88,7 +88,7 @@ def px4_yaw(folder: Path) -> Told:
 
 
 @log
-def px4_rover(folder: Path) -> Told:
+def px4_rover(folder: Path) -> Expected:
     """PX4 ULog of a rover: `control[0]` right, `control[1]` left, both of [-1, 1], ten unused (NaN)."""
     run = drive("actuator_lag", 202)
     left, right, x, y, heading = signals(run)
@@ -150,7 +150,7 @@ ATT = "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF"
 
 
 @log
-def ardupilot(folder: Path) -> Told:
+def ardupilot(folder: Path) -> Expected:
     """ArduPilot DataFlash: roll in hundredths of a degree, units and multipliers, two gyros."""
     run = joint("coulomb_friction", 203, pace=6.0)
     told, roll = (np.round(100 * s / DEG).astype(int) for s in signals(run))
@@ -174,7 +174,7 @@ def ardupilot(folder: Path) -> Told:
 
 
 @log
-def mavlink(folder: Path) -> Told:
+def mavlink(folder: Path) -> Expected:
     """MAVLink tlog, 20 Hz: a set-point in degrees, the roll in radians, stamps of the ground station.
 
     As a ground station writes it: before each packet 8 bytes of stamp, big endian.
@@ -237,7 +237,7 @@ RATE_OPTIONS = {"columns": {"command": "setpoint[0]:deg/s", "response": "gyroADC
 
 
 @log
-def blackbox_decode(folder: Path) -> Told:
+def blackbox_decode(folder: Path) -> Expected:
     """Betaflight CSV of blackbox_decode: blanks after commas, indices in brackets, columns of flags."""
     run = rates(folder, 205, "actuator_delay", 0.04, 0.03, 0.002, 20.0)
     return entry(
@@ -250,7 +250,7 @@ def blackbox_decode(folder: Path) -> Told:
 
 
 @log
-def blackbox_explorer(folder: Path) -> Told:
+def blackbox_explorer(folder: Path) -> Expected:
     """Betaflight CSV of Blackbox Explorer: pairs above the table, microseconds without a unit.
 
     https://github.com/betaflight/blackbox-log-viewer, csv-export-worker.js.
@@ -290,7 +290,7 @@ def channel(name: str, values: np.ndarray, unit: str, step: float) -> Any:
 
 
 @log
-def lvm_no_clock(folder: Path) -> Told:
+def lvm_no_clock(folder: Path) -> Expected:
     """LabVIEW .lvm, X_Columns No: step, names, units in the header, an empty first and a comment column."""
     from lvmio import Segment
 
@@ -306,7 +306,7 @@ def lvm_no_clock(folder: Path) -> Told:
 
 
 @log
-def lvm_comma(folder: Path) -> Told:
+def lvm_comma(folder: Path) -> Expected:
     """LabVIEW .lvm, X_Columns One, German, decimal comma, two channels empty."""
     from lvmio import Segment
 
@@ -328,7 +328,7 @@ def lvm_comma(folder: Path) -> Told:
 
 
 @log
-def lvm_segments(folder: Path) -> Told:
+def lvm_segments(folder: Path) -> Expected:
     """LabVIEW .lvm, X_Columns Multi, two segments with headers of their own, channels of 50 and 100 Hz."""
     from lvmio import Segment
 
@@ -350,7 +350,7 @@ def lvm_segments(folder: Path) -> Told:
 
 
 @log
-def tdms(folder: Path) -> Told:
+def tdms(folder: Path) -> Expected:
     """LabVIEW .tdms, two groups (50 and 100 Hz), no column of times: wf_increment, unit_string."""
     from nptdms import ChannelObject, RootObject, TdmsWriter
 
@@ -382,7 +382,7 @@ def tdms(folder: Path) -> Told:
 
 
 @log
-def wpilog(folder: Path) -> Told:
+def wpilog(folder: Path) -> Expected:
     """WPILib's .wpilog with the entries of its SysIdRoutineLog, us, units as words in the metadata."""
     from wpiutil import DataLogWriter
     from wpiutil.log import DoubleLogEntry, StringLogEntry
@@ -412,7 +412,7 @@ def wpilog(folder: Path) -> Told:
 
 
 @log
-def sysid(folder: Path) -> Told:
+def sysid(folder: Path) -> Expected:
     """SysId's JSON: four tests of rows [time, voltage, position, velocity] without names, in rotations.
 
     Positions are in rotations, whatever ``units`` says (docs/data-collection.md of wpilibsuite/sysid).
@@ -436,7 +436,7 @@ def sysid(folder: Path) -> Told:
 
 
 @log
-def rollouts(folder: Path) -> Told:
+def rollouts(folder: Path) -> Expected:
     """JSON of six rollouts: data[k].actions and sensor_data, the rate as action_hz, no unit."""
     parts = tuple(joint("actuator_delay", 220 + k, rate=50.0, seconds=6.0) for k in range(6))
     data = [
@@ -456,7 +456,7 @@ def rollouts(folder: Path) -> Told:
 
 
 @log
-def lerobot(folder: Path) -> Told:
+def lerobot(folder: Path) -> Expected:
     """LeRobot data set (a folder): lists of two joints, three episodes, degrees without a unit.
 
     Version 2.1 of https://huggingface.co/docs/lerobot: a Parquet file an episode, names in meta/info.json.
@@ -525,7 +525,7 @@ CM_ SG_ 256 ForceCmd "Commanded force";
 
 
 @log
-def can_trace(folder: Path) -> Told:
+def can_trace(folder: Path) -> Expected:
     """CAN trace of candump and its DBC: 50 and 100 Hz, Intel's and Motorola's order, signed numbers.
 
     https://github.com/linux-can/can-utils; one message is in no DBC.
@@ -550,7 +550,7 @@ def can_trace(folder: Path) -> Told:
 
 
 @log
-def sqlite(folder: Path) -> Told:
+def sqlite(folder: Path) -> Expected:
     """SQLite of nobody's format: a table of numbers."""
     run = axis("rig", "actuator_lag", 253)
     with sqlite3.connect(folder / "logger.db") as base:
@@ -577,7 +577,7 @@ def saved(path: Path, arrays: dict[str, Any]) -> str:
 
 
 @log
-def matlab_dataset(folder: Path) -> Told:
+def matlab_dataset(folder: Path) -> Expected:
     """MATLAB 7.3 with a Simulink.SimulationData.Dataset.
 
     The variable is a reference of six numbers, the values are in ``#refs#`` without names.
@@ -603,7 +603,7 @@ def matlab_dataset(folder: Path) -> Told:
 
 
 @log
-def matlab_timeseries(folder: Path) -> Told:
+def matlab_timeseries(folder: Path) -> Expected:
     """MATLAB 5 with a timeseries.
 
     Class 17 (mxOPAQUE) as the notes in scipy.io's source describe it, and a subsystem at the end.
@@ -636,7 +636,7 @@ def matlab_timeseries(folder: Path) -> Told:
 
 
 @log
-def betaflight_raw(folder: Path) -> Told:
+def betaflight_raw(folder: Path) -> Expected:
     """Betaflight's raw .bbl.
 
     https://betaflight.com/docs/development/Blackbox-Internals: whole frames (I), each number a signed

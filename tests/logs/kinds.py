@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 from bench import Run, axis, commands, follower, joint, swing
+from expected import Expected, entry, log, machine
 from foreign import DEG, RPM, signals, stamps, text
 from formats import BOOT, RATES
-from told import Told, entry, log, machine
 
 # --- tables that do not begin with a header -------------------------------------------------------------
 
 
 @log
-def preamble(folder: Path) -> Told:
+def preamble(folder: Path) -> Expected:
     """CSV, eight lines of pairs above the table, some with numbers, then names and a row of units."""
     run = axis("rig", "coulomb_friction", 301)
     u, y, v = signals(run)
@@ -32,7 +32,7 @@ def preamble(folder: Path) -> Told:
 
 
 @log
-def two_headers(folder: Path) -> Told:
+def two_headers(folder: Path) -> Expected:
     """CSV, two header rows and units: groups, of which two hold the same names, then names.
 
     Names of groups stand above the first of their columns only, as merged cells are exported.
@@ -50,7 +50,7 @@ def two_headers(folder: Path) -> Told:
 
 
 @log
-def two_clocks(folder: Path) -> Told:
+def two_clocks(folder: Path) -> Expected:
     """Text of a LabVIEW graph: two clocks side by side (50 and 100 Hz), nothing below the shorter half."""
     run = axis("pendulum", "coulomb_friction", 303, hold=2).only("torque", "angle")
     u, y = signals(run)
@@ -65,7 +65,7 @@ def two_clocks(folder: Path) -> Told:
 
 
 @log
-def console(folder: Path) -> Told:
+def console(folder: Path) -> Expected:
     """Console of an STM32: `key: value, key: value`, three lines at its start, warnings between."""
     run = joint("actuator_delay", 304)
     told, seen = signals(run)
@@ -84,7 +84,7 @@ def console(folder: Path) -> Told:
 
 
 @log
-def plotter(folder: Path) -> Told:
+def plotter(folder: Path) -> Expected:
     """Arduino's serial monitor with its stamps: `name:value` and tabs, the first line broken, no unit."""
     run = joint("coulomb_friction", 305, rate=50.0, seconds=60.0, pace=6.0)
     rows = zip(stamps(run.time, "%H:%M:%S.%f"), *(s / DEG for s in signals(run)), strict=True)
@@ -104,7 +104,7 @@ def plotter(folder: Path) -> Told:
 
 
 @log
-def inches(folder: Path) -> Told:
+def inches(folder: Path) -> Expected:
     """CSV in kip, in and in/s."""
     run = axis("rig", "actuator_dead_zone", 306)
     u, y, v = signals(run)
@@ -119,7 +119,7 @@ def inches(folder: Path) -> Told:
 
 
 @log
-def quotients(folder: Path) -> Told:
+def quotients(folder: Path) -> Expected:
     """CSV, quantity by unit as in DIN 1313, (1) is the motor's number."""
     run = axis("pendulum", "actuator_saturation", 307)
     u, y, v = signals(run)
@@ -133,7 +133,7 @@ def quotients(folder: Path) -> Told:
 
 
 @log
-def registers(folder: Path) -> Told:
+def registers(folder: Path) -> Expected:
     """CSV of Modbus registers: 16 bits in two's complement read as unsigned (-1 is 65535)."""
     run = axis("rig", "coulomb_friction", 308).only("force", "position")
     whole = [np.round(g * s).astype(int) % 65536 for g, s in zip((1e3, 1e5), signals(run), strict=True)]
@@ -149,7 +149,7 @@ def registers(folder: Path) -> Told:
 
 
 @log
-def sign_and_magnitude(folder: Path) -> Told:
+def sign_and_magnitude(folder: Path) -> Expected:
     """CSV of a bus servo: a drive in sign and magnitude (bit 10), an angle of 12 bits that wraps.
 
     So Feetech's servos: bit 10 is the sign of the drive, the encoder counts to 4096.
@@ -170,7 +170,7 @@ def sign_and_magnitude(folder: Path) -> Told:
 
 
 @log
-def magnitude(folder: Path) -> Told:
+def magnitude(folder: Path) -> Expected:
     """CSV, a duty cycle logged without its direction beside a signed speed."""
     run = axis("pendulum", "actuator_dead_zone", 310)
     u, y, v = signals(run)
@@ -189,7 +189,7 @@ def magnitude(folder: Path) -> Told:
 
 
 @log
-def spikes(folder: Path) -> Told:
+def spikes(folder: Path) -> Expected:
     """CSV, three positions of 30 m and a velocity of -12854 m/s."""
     run = axis("rig", "coulomb_friction", 311)
     u, y, v = signals(run)
@@ -206,7 +206,7 @@ def spikes(folder: Path) -> Told:
 
 
 @log
-def stuck(folder: Path) -> Told:
+def stuck(folder: Path) -> Expected:
     """CSV, an angle stuck for 80 rows, four rows repeated.
 
     The encoder hangs for 0.8 s while the pendulum swings; four rows are written twice, stamps and all.
@@ -226,7 +226,7 @@ def stuck(folder: Path) -> Told:
 
 
 @log
-def lying_clock(folder: Path) -> Told:
+def lying_clock(folder: Path) -> Expected:
     """CSV, a clock that goes back by 0.5 s at one row and jumps by 3 s at another.
 
     The machine went on evenly.
@@ -250,7 +250,7 @@ def lying_clock(folder: Path) -> Told:
 
 
 @log
-def one_clock(folder: Path) -> Told:
+def one_clock(folder: Path) -> Expected:
     """Two CSV of one clock (us since its start): a set-point, and a rate 120 ms late with a lag of 30 ms.
 
     So ulog2csv writes two topics; no shift of clocks may swallow the delay.
@@ -273,7 +273,7 @@ def one_clock(folder: Path) -> Told:
 
 
 @log
-def swinging_out(folder: Path) -> Told:
+def swinging_out(folder: Path) -> Expected:
     """CSV of a pendulum that swings out: no command."""
     run = swing(315)
     path = text(folder / "decay.csv", ["time [s],angle [deg]"], (run.time, run.signals["angle"] / DEG))
@@ -287,7 +287,7 @@ def swinging_out(folder: Path) -> Told:
 
 
 @log
-def slow(folder: Path) -> Told:
+def slow(folder: Path) -> Expected:
     """CSV, rows 5.5 s apart: too coarse for any motion, a static map.
 
     A rotor's command and its steady speed, with a dead zone of 34 us and a saturation.

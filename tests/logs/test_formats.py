@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
+from expected import Expected, errors, made, read
 from formats import dataflash, ulog
-from told import Told, errors, made, read
 
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.sources import read_log
@@ -22,7 +22,7 @@ LOGS = ("px4_yaw", "px4_rover", "ardupilot", "mavlink", "tdms", "wpilog", "can_t
 REFUSED = ("matlab_dataset", "matlab_timeseries", "betaflight_raw")
 
 
-def written(name: str, folder: Path) -> Told:
+def written(name: str, folder: Path) -> Expected:
     try:
         return made(name, folder)
     except ImportError as error:

@@ -14,7 +14,7 @@ import pyarrow.parquet
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from told import Told, errors, made, read
+from expected import Expected, errors, made, read
 
 from fieldagents.logs import Logs, listed
 from fieldmodels.recording import RecordingError
@@ -52,7 +52,7 @@ def real(name: str) -> Path:
     return DATA / name
 
 
-def said(told: Told) -> str:
+def said(told: Expected) -> str:
     """What its owner reads who declares columns, and no unit of them."""
     table, model = read_log(told.source), get_model(told.run.model)
     columns = Bench.of(told.options.get("columns", {}), table.header).columns

@@ -11,13 +11,13 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bench import Run
+from expected import Expected, made, makers, names
 from foreign import DEG, RPM
-from told import Told, made, makers, names
 
 Found = dict[str, tuple[np.ndarray, np.ndarray]]  # signal -> times [s], values in SI units
 
 
-def ulog(told: Told) -> list[Found]:
+def ulog(told: Expected) -> list[Found]:
     pyulog = pytest.importorskip("pyulog")
     log, found = pyulog.ULog(told.source), {}
     for signal, column in told.columns.items():
@@ -28,12 +28,12 @@ def ulog(told: Told) -> list[Found]:
     return [found]
 
 
-def px4_rover(told: Told) -> list[Found]:
+def px4_rover(told: Expected) -> list[Found]:
     (found,) = ulog(told)
     return [{s: (t, v * 10 if s in told.scaled else v) for s, (t, v) in found.items()}]
 
 
-def ardupilot(told: Told) -> list[Found]:
+def ardupilot(told: Expected) -> list[Found]:
     reader = pytest.importorskip("pymavlink.DFReader").DFReader_binary(told.source)
     rows = []
     while message := reader.recv_match(type="ATT"):
@@ -43,7 +43,7 @@ def ardupilot(told: Told) -> list[Found]:
     return [{"set_point": (t, set_point), "position": (t, position)}]
 
 
-def mavlink(told: Told) -> list[Found]:
+def mavlink(told: Expected) -> list[Found]:
     reader = pytest.importorskip("pymavlink.mavutil").mavlink_connection(told.source)
     rows = {"NAV_CONTROLLER_OUTPUT": [], "ATTITUDE": []}
     while message := reader.recv_match(type=list(rows)):
@@ -53,7 +53,7 @@ def mavlink(told: Told) -> list[Found]:
     return [{"set_point": tuple(told_by), "position": tuple(seen)}]
 
 
-def lvm(told: Told) -> list[Found]:
+def lvm(told: Expected) -> list[Found]:
     """By another author's reader than its writer."""
     whole = pytest.importorskip("lvm_read").read(told.source, read_from_pickle=False, dump_file=False)
     gain = {"N": 1.0, "Newtons": 1.0, "mm": 1e-3, "m/s": 1.0}
@@ -70,7 +70,7 @@ def lvm(told: Told) -> list[Found]:
     return parts
 
 
-def tdms(told: Told) -> list[Found]:
+def tdms(told: Expected) -> list[Found]:
     file, found = pytest.importorskip("nptdms").TdmsFile.read(told.source), {}
     gain = {"mN.m": 1e-3, "deg": DEG, "rpm": RPM}
     for signal, column in told.columns.items():
@@ -81,7 +81,7 @@ def tdms(told: Told) -> list[Found]:
     return [found]
 
 
-def wpilog(told: Told) -> list[Found]:
+def wpilog(told: Expected) -> list[Found]:
     reader = pytest.importorskip("wpiutil.log").DataLogReader(told.source)
     kinds, rows = {}, {}
     for record in reader:
@@ -97,7 +97,7 @@ def wpilog(told: Told) -> list[Found]:
     return [{s: (1e-6 * t, v) for s, (t, v) in found.items()}]
 
 
-def can_trace(told: Told) -> list[Found]:
+def can_trace(told: Expected) -> list[Found]:
     can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
     trace, dbc = told.source.split("+")
     base, rows = cantools.database.load_file(dbc), {"ForceCmd": [], "Position": [], "Speed": []}
@@ -109,7 +109,7 @@ def can_trace(told: Told) -> list[Found]:
     return [{s: (np.transpose(rows[n])[0], g * np.transpose(rows[n])[1]) for s, (n, g) in gains.items()}]
 
 
-def lerobot(told: Told) -> list[Found]:
+def lerobot(told: Expected) -> list[Found]:
     pandas, folder = pytest.importorskip("pandas"), Path(told.source)
     info, parts = json.loads((folder / "meta/info.json").read_text()), []
     for k in range(info["total_episodes"]):
@@ -121,7 +121,7 @@ def lerobot(told: Told) -> list[Found]:
     return parts
 
 
-def betaflight_raw(told: Told) -> list[Found]:
+def betaflight_raw(told: Expected) -> list[Found]:
     parser = pytest.importorskip("orangebox").Parser.load(told.source)
     columns = dict(
         zip(parser.field_names, np.transpose([f.data for f in parser.frames()]).astype(float), strict=True)
@@ -130,7 +130,7 @@ def betaflight_raw(told: Told) -> list[Found]:
     return [{"command": (t, DEG * columns["setpoint[0]"]), "response": (t, DEG * columns["gyroADC[0]"])}]
 
 
-def sqlite(told: Told) -> list[Found]:
+def sqlite(told: Expected) -> list[Found]:
     with sqlite3.connect(told.source) as base:
         t, u, y, v = np.transpose(base.execute("select * from samples").fetchall())
     return [{"force": (t, u), "position": (t, 1e-3 * y), "velocity": (t, 1e-3 * v)}]
@@ -143,7 +143,7 @@ READ = {
 }  # fmt: skip
 
 
-def written(name: str, folder: Path) -> Told:
+def written(name: str, folder: Path) -> Expected:
     try:
         return made(name, folder)
     except ImportError as error:

@@ -23,7 +23,7 @@ from fieldmodels.registry import get_model
 
 
 @dataclass(frozen=True)
-class Told(Log):
+class Expected(Log):
     """A log, the truth behind it, and all that must be told about it.
 
     ``run.model`` is the machine that its owner has: a stock one, or the Python file beside the log.
@@ -49,16 +49,16 @@ class Told(Log):
     remedy: str = ""
 
 
-_MAKERS: dict[str, Callable[[Path], Told]] = {}
+_MAKERS: dict[str, Callable[[Path], Expected]] = {}
 
 
-def log(make: Callable[[Path], Told]) -> Callable[[Path], Told]:
+def log(make: Callable[[Path], Expected]) -> Callable[[Path], Expected]:
     """Register the maker of a log, which writes into a folder of its own and says in its docstring what."""
     _MAKERS[make.__name__] = make
     return make
 
 
-def makers() -> dict[str, Callable[[Path], Told]]:
+def makers() -> dict[str, Callable[[Path], Expected]]:
     """All makers by the names of their logs."""
     import formats  # noqa: F401  # they register themselves
     import kinds  # noqa: F401
@@ -66,10 +66,10 @@ def makers() -> dict[str, Callable[[Path], Told]]:
     return _MAKERS
 
 
-def entry(source: str | Path, run: Run, columns: str, **more: Any) -> Told:
+def entry(source: str | Path, run: Run, columns: str, **more: Any) -> Expected:
     """A log whose maker's docstring says what it is; columns as ``signal=name:unit; ...``."""
     pairs = dict(one.split("=", 1) for one in columns.split("; "))
-    return Told("", str(source), run, columns=pairs, **more)
+    return Expected("", str(source), run, columns=pairs, **more)
 
 
 def names(which: str) -> list[str]:
@@ -77,7 +77,7 @@ def names(which: str) -> list[str]:
     return [name for name in makers() if zlib.crc32(name.encode()) % 2 == (which == "report")]
 
 
-def made(name: str, folder: Path) -> Told:
+def made(name: str, folder: Path) -> Expected:
     """Write one log.
 
     Raises:
@@ -114,7 +114,7 @@ def machine(folder: Path, command: str, response: str, gain: str, noise: float =
     return str(path)
 
 
-def read(told: Told) -> tuple[Table, Recording]:
+def read(told: Expected) -> tuple[Table, Recording]:
     """The log as its owner has it read: as proposed, with what only the owner knows."""
     table, model = read_log(told.source), get_model(told.run.model)
     said = Bench.of(told.options.get("columns", {}), table.header)
@@ -125,7 +125,7 @@ def read(told: Told) -> tuple[Table, Recording]:
         return table, recording_of(table, proposal.bench(), model)
 
 
-def errors(told: Told, recording: Recording) -> dict[str, float]:
+def errors(told: Expected, recording: Recording) -> dict[str, float]:
     """Of each signal of each run the error in shares of its spread, of which one row in twenty may be off.
 
     The truth is that of the nearest row: a command steps there, and a line between two rows would cut it.
