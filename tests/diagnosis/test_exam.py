@@ -15,8 +15,9 @@ from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.engine import Done
 from fieldmodels.exam import run, table
 from fieldmodels.exam.answers import CURVE, Answer, ask, read
-from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
+from fieldmodels.exam.benches import FIT, THIRD, Conditions, Hidden, bench_names, get_bench
 from fieldmodels.exam.cases import KINDS, SHARES, Case, cases_of, examined
+from fieldmodels.exam.delivery import Delivery
 from fieldmodels.exam.logs import STATEMENTS, failures
 from fieldmodels.exam.run import judged, make, run_case, run_cases
 from fieldmodels.exam.scoring import (
@@ -223,6 +224,27 @@ def test_what_can_be_gained_is_the_share_that_the_fault_adds():
     made = make(get_bench("rig"), case)
     share = made["attainable"]["share"]
     assert 1.0 / (1.0 - share) == pytest.approx(1.0 + made["percents"][0] / 100.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("machine", ["rig", "excitation"])
+def test_what_is_regained_is_a_share_of_what_the_third_record_allows(machine: str):
+    """By the errors of the third record's own logs, with and without the fault."""
+    bench, case = get_bench(machine), cases_of("develop", [machine], ["single"])[0]
+    made = make(bench, case)
+    hidden = [
+        Hidden(name, size, sign) for (name, _, sign), size in zip(case.drawn(), made["sizes"], strict=True)
+    ]
+    known = bool(bench.needs_base & set(case.hidden))
+    train, third = (bench.log(hidden, case.conditions, case.seed, record) for record in (FIT, THIRD))
+    clean = [bench.log((), case.conditions, case.seed, record) for record in (FIT, THIRD)]
+    given = case.conditions, case.seed, known
+    ratio = bench.errors(*clean, *given) / bench.errors(train, third, *given)
+    name = made["attainable"]["output"]
+    possible = 1.0 - ratio[[o.name for o in bench.model.outputs].index(name)]
+    assert made["attainable"]["third"] == pytest.approx(possible, abs=1e-4)
+    assert made["attainable"]["third"] != made["attainable"]["share"]
+    half = Delivery({name: 1.0}, {name: 1.0 - 0.5 * possible}, {}, extended=True)
+    assert run.regained_of(made["attainable"], half) == pytest.approx(0.5, abs=1e-3)
 
 
 # How answers are judged.
