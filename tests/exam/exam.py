@@ -14,6 +14,7 @@ import math
 import statistics
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # the field set and the rivals are no package of a user's
@@ -25,15 +26,22 @@ from field.kinds import LATER
 from field.plants import PLANTS
 
 from fieldagents.progress import progress
+from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.engine import Engine
 from fieldmodels.exam import run, table
-from fieldmodels.exam.answers import ask, by_evidence
+from fieldmodels.exam.answers import ask
 from fieldmodels.exam.benches import bench_names
 from fieldmodels.exam.cases import cases_of, examined
 from fieldmodels.exam.run import Row
 from fieldmodels.exam.scoring import FALSE, SAID
 
-BY = {"diagnosis": ask, "evidence": by_evidence, "forward": rivals.forward, "sindy": rivals.sindy}
+EVIDENCE = DiagnosisOptions(engine="evidence")
+BY = {
+    "diagnosis": ask,
+    "evidence": partial(ask, options=EVIDENCE),
+    "forward": rivals.forward,
+    "sindy": rivals.sindy,
+}
 FIELD = {"field": "develop", "field-report": "report"}
 MARK = "{} by {}"
 PUBLISHED = ("All machines", "Stated probabilities")

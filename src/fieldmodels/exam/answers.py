@@ -16,7 +16,6 @@ from fieldmodels.exam.delivery import Delivery, Stated, deliver
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 
-EVIDENCE = DiagnosisOptions(engine="evidence")
 CURVE = "a curve"
 """Stands for a cause that is a curve which no list contains."""
 
@@ -76,17 +75,6 @@ def ask(
     found = diagnose(model, train, test, fixed=fixed, options=options)
     answer = read(model, found, time.process_time() - began)
     return replace(answer, delivery=deliver(model, Stated.by(found), third)) if third else answer
-
-
-def by_evidence(
-    model: Model,
-    train: Sequence[Recording],
-    test: Sequence[Recording],
-    fixed: Mapping[str, float],
-    third: Sequence[Recording] = (),
-) -> Answer:
-    """As ``ask``, by the engine that is on trial."""
-    return ask(model, train, test, fixed, third, EVIDENCE)
 
 
 def read(model: Model, found: Diagnosis, seconds: float) -> Answer:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -357,7 +357,8 @@ def data_code() -> str:
 @cache
 def answer_code(by: Ask = ask) -> str:
     """Hash of the code on which outcomes depend: all of this package but the tables, and who answers."""
-    package, own = Path(__file__).parents[1], Path(inspect.getfile(by))
+    function = by.func if isinstance(by, partial) else by
+    package, own = Path(__file__).parents[1], Path(inspect.getfile(function))
     files = [file for file in package.rglob("*") if file.suffix in (".py", ".j2") and file.name != "table.py"]
     return hash_of(files if own.is_relative_to(package) else [*files, own])
 
