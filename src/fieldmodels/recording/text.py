@@ -187,7 +187,11 @@ class TextTable(Table):
         rules: list[tuple[bytes, Any]] = []
         if d.pairs:
             line = re.compile(d.pairs.encode("utf-8" if d.encoding.startswith("utf") else d.encoding))
-            values = lambda m: b"\t".join(f.groups(b"")) if (f := line.match(m[0])) else b""  # noqa: E731
+
+            def values(found: re.Match[bytes]) -> bytes:
+                said = line.match(found[0])
+                return b"\t".join(said.groups(b"")) if said else b""
+
             rules.append((rb"[^\r\n]+", values))
         if d.comment:
             rules.append((rb"(?m)^[ \t]*(?:#|%|//|!)[^\r\n]*", b""))
