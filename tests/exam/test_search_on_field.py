@@ -10,6 +10,9 @@ from field.cases import field_cases, make
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.exam.benches import get_bench
+from fieldmodels.exam.cases import cases_of
+from fieldmodels.exam.sizes import recordings
 
 
 @pytest.mark.parametrize(
@@ -27,3 +30,13 @@ def test_a_cause_is_found_whatever_the_weights_of_the_base_look_away_from(key, n
     found = diagnose(made.model, made.train, made.test, fixed=made.fixed, options=options)
     assert {cause.effect for cause in found.causes} == named
     assert not found.curves
+
+
+def test_curves_beside_each_other_are_stated_of_the_simulation_without_them():
+    """A robot whose sensors' zeros walk at random: two curves follow them."""
+    case = next(c for c in cases_of("develop", ["pose_reaching"], ["nothing"]) if c.seed == 1050)
+    bench = get_bench(case.machine)
+    train, test = recordings(bench, (), case.conditions, case.seed)
+    found = diagnose(bench.model, [train], [test], options=DiagnosisOptions(engine="evidence"))
+    assert len(found.curves) == 2
+    assert set(found.wandering) <= {output.name for output in bench.model.outputs}

@@ -48,8 +48,10 @@ def found_by_evidence(
         "mistaken columns", lambda: mistaken_columns(problem.model, train, candidates, kept.fit), ""
     )
     unrelated = not mistaken and is_unrelated(problem, testing, fits, options.level)
+    beside = search.sets.linear(said.lead).fit  # of the simulation without curves
     curves = tuple(
-        replace(one, p_value=1.0 - p) for one, p in zip(said.lead.curves, said.curves, strict=True)
+        replace(one, p_value=1.0 - p, candidate=replace(one.candidate, fit=beside))
+        for one, p in zip(said.lead.curves, said.curves, strict=True)
     )
     if mistaken or unrelated or problem.is_exact(base.fit.raw):
         kept, curves = base, ()
@@ -69,8 +71,8 @@ def found_by_evidence(
         unrelated = is_unrelated(problem, testing, fits, options.level, CERTAIN)
     selection = Selection(base, kept, (), base, _singles(search), tuple(candidates.unidentifiable))
     beside_base = Curves(problem, base.fit, options)
-    beside = Curves(problem, kept.fit, options) if kept.effects else beside_base
-    judged = Judgement(kept, beside, beside_base, curves)
+    tried = Curves(problem, kept.fit, options) if kept.effects else beside_base
+    judged = Judgement(kept, tried, beside_base, curves)
     return Found(mistaken, unrelated, selection, judged, causes, (), curves, True, before, after)
 
 
