@@ -22,7 +22,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
-from told import made
+from expected import made
 
 from fieldagents.app.buckets import buckets
 from fieldagents.app.server import application, listening
