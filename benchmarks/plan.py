@@ -23,6 +23,7 @@ import platformdirs
 import yaml
 from scipy.optimize import nnls
 
+from exam.table import put
 from fieldagents import plan
 from fieldagents.config import load_config
 from fieldagents.learned.config import TrainConfig
@@ -30,7 +31,6 @@ from fieldagents.policies.zoo import list_zoo
 from fieldagents.sweep.config import SweepConfig
 from fieldagents.tasks.uav_route.lower_bound import bound_to_capture, layouts_of
 from fieldgym import find_task
-from fieldmodels.exam.table import put
 from fieldmodels.machines.uav_route.parameters import World
 
 PAGE = Path(__file__).parents[1] / "docs" / "cli.md"

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldmodels.exam.plants.axis import Axis, simulate
-from fieldmodels.exam.plants.axis_listed import install
-from fieldmodels.exam.plants.commands import path
+from exam.plants.axis import Axis, simulate
+from exam.plants.axis_listed import install
+from exam.plants.commands import path
 from fieldmodels.files import write_text
 
 FOLDER = Path(__file__).parents[1] / "agents" / "fieldagents" / "recordings"

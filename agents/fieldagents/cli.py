@@ -8,9 +8,8 @@ import json
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from contextvars import ContextVar
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -20,26 +19,36 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from fieldagents import completion
+from fieldagents import checkout, completion
+from fieldagents.console import (
+    RESOURCES,
+    Address,
+    DryRun,
+    EngineName,
+    Json,
+    Workers,
+    announce,
+    begin,
+    claim_folder,
+    print_files,
+    print_json,
+    print_message,
+    print_result,
+)
 from fieldagents.progress import progress
 from fieldagents.seeds import LARGEST_SEED
 from fieldmodels.engine.stopping import interruptible
 from fieldmodels.extras import words
-from fieldmodels.files import claimed, write_text
+from fieldmodels.files import write_text
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fieldagents.plan import Plan
     from fieldmodels.engine import Engine
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EFBIG)
 """Errors of a disk, whoever met them."""
-OURS = ("fieldmodels", "fieldgym", "fieldagents")
-
-
-_HELD: ContextVar[ExitStack] = ContextVar("held")
-"""What the running command holds until it ends."""
+OURS = ("fieldmodels", "fieldgym", "fieldagents", "exam")
 
 
 class _Commands(TyperGroup):
@@ -48,19 +57,21 @@ class _Commands(TyperGroup):
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         with warnings.catch_warnings(), ExitStack() as held:
             warnings.showwarning = _show_warning
-            _HELD.set(held)
+            RESOURCES.set(held)
             held.callback(setattr, threading, "excepthook", threading.excepthook)
             threading.excepthook = _thread_failed
 
             def leave() -> None:
-                _said("Stopped within a long step; files are whole, and what the command keeps serves again.")
+                print_message(
+                    "Stopped within a long step; files are whole, and what the command keeps serves again."
+                )
                 held.close()
 
             try:
                 with interruptible(leave):
                     return super().invoke(ctx)
             except KeyboardInterrupt as stop:
-                _said(": ".join(["Stopped", *map(str, stop.args)]))
+                print_message(": ".join(["Stopped", *map(str, stop.args)]))
                 raise typer.Exit(130) from None
             except Exception as error:
                 message = _message(error)
@@ -75,7 +86,7 @@ def _thread_failed(failed: threading.ExceptHookArgs) -> None:
     if message is None:
         threading.__excepthook__(failed)
     else:
-        _said(f"Warning: {message}")
+        print_message(f"Warning: {message}")
 
 
 def _message(error: Exception) -> str | None:
@@ -94,17 +105,13 @@ def _message(error: Exception) -> str | None:
 
 
 def _fail(message: str, code: int) -> None:
-    _said("Error: " + "\n  ".join(message.splitlines()))
+    print_message("Error: " + "\n  ".join(message.splitlines()))
     raise typer.Exit(code)
-
-
-def _said(words: str) -> None:
-    print(words, file=sys.stderr, flush=True)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ImportWarning):
-        _said(f"Warning: {message}")
+        print_message(f"Warning: {message}")
 
 
 app = typer.Typer(
@@ -123,10 +130,6 @@ Every command takes **--json**: the result alone on standard output, progress on
     "2 a mistake in what it was given, 130 stopped.",
 )
 
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Say what would be done and what it takes, do and write nothing.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, alone on standard output.")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the config, as in `--set a.b=1e-3`."),
@@ -139,15 +142,6 @@ ConfigPath = Annotated[
     typer.Argument(metavar="CONFIG", help=_CONFIG, show_default=False, autocompletion=completion.configs),
 ]
 Out = Annotated[Path | None, typer.Option(help="Result folder (default: `results/<name>`).")]
-EngineName = Annotated[
-    Literal["local", "ray"],
-    typer.Option("--engine", help="Who does the jobs: this machine, or a Ray cluster; results are equal."),
-]
-Workers = Annotated[
-    int, typer.Option(help="Of `local`: processes of one thread each; 0: one job after another.", min=0)
-]
-_ADDRESS = "Of `ray`: the cluster, as `auto` or `ray://head:10001` (default: RAY_ADDRESS, else a new one)."
-Address = Annotated[str, typer.Option(help=_ADDRESS)]
 _TRUST = "Load .zip files of Stable-Baselines3: their pickles can run any code."
 TrustPickle = Annotated[bool, typer.Option("--trust-pickle", help=_TRUST)]
 
@@ -200,7 +194,7 @@ def list_(
 
     own = catalogue.own_model(name) if name else None
     found = own or catalogue.selected(catalogue.catalogue(), name, agents)
-    _told(as_json, found, partial(catalogue.show, found))
+    print_result(as_json, found, partial(catalogue.show, found))
 
 
 @app.command()
@@ -246,9 +240,9 @@ def train(
     overrides = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
     overrides += ["validation.until_plateau=true"] if until_plateau else []
     checked = self_contained(load_config(config, TrainConfig, overrides))
-    _announced(plan.of_training(checked, run_folder(checked, resume, out)), dry_run, as_json)
+    announce(plan.of_training(checked, run_folder(checked, resume, out)), dry_run, as_json)
     folder = run(checked, resume=resume, progress=not as_json, out=out)
-    _done({"run": folder}, as_json)
+    print_files({"run": folder}, as_json)
 
 
 @app.command()
@@ -296,11 +290,11 @@ def evaluate(
     overrides = [*(overrides or []), *(["trust_pickle=true"] if trust_pickle else [])]
     checked = load_config(config, EvaluateConfig, overrides)
     out = out or Path("results") / checked.name
-    folder = _begin(plan.of_evaluation([checked], checked.name, out, by), dry_run, as_json)
+    folder = begin(plan.of_evaluation([checked], checked.name, out, by), dry_run, as_json)
     with progress() as report:
         summary = run(checked, folder, report, by)
     written = {name: folder / name for name in ("episodes.parquet", "summary.json", "report.html")}
-    _told(as_json, summary.to_json(), partial(show, summary), written)
+    print_result(as_json, summary.to_json(), partial(show, summary), written)
 
 
 def _evaluate_suite(
@@ -314,11 +308,11 @@ def _evaluate_suite(
     checked = load_config(config, SuiteConfig, overrides)
     out = out or Path("results") / checked.name
     planned = plan.of_evaluation(list(checked.members().values()), checked.name, out, engine)
-    folder = _begin(planned, dry_run, as_json)
+    folder = begin(planned, dry_run, as_json)
     with progress() as report:
         lines = evaluate_suite(checked, folder, report, engine)
     written = {name: folder / name for name in ("suite.json", "suite.csv", "report.html")}
-    _told(as_json, [asdict(line) for line in lines], partial(show, lines), written)
+    print_result(as_json, [asdict(line) for line in lines], partial(show, lines), written)
 
 
 def _close_loops(
@@ -332,10 +326,10 @@ def _close_loops(
 
     checked = load_config(config, RealitiesConfig, overrides)
     out = out or Path("results") / checked.name
-    folder = _begin(plan.of_realities(checked, out, engine), dry_run, as_json)
+    folder = begin(plan.of_realities(checked, out, engine), dry_run, as_json)
     with progress() as report:
         result = close_loops(checked, folder, report, engine)
-    _told(as_json, result.to_json(), partial(show, result), {name: folder / name for name in FILES})
+    print_result(as_json, result.to_json(), partial(show, result), {name: folder / name for name in FILES})
 
 
 @app.command()
@@ -367,10 +361,10 @@ def sweep(
 
     by, checked = Engine(engine, workers, address), load(config, overrides or [])
     out = out or Path("results") / checked.name
-    folder = _begin(plan.of_sweep(checked, out, by), dry_run, as_json)
+    folder = begin(plan.of_sweep(checked, out, by), dry_run, as_json)
     with progress() as report:
         found = run_sweep(checked, folder, by, report)
-    _told(as_json, found.data, partial(show, found), found.files)
+    print_result(as_json, found.data, partial(show, found), found.files)
 
 
 @app.command()
@@ -399,8 +393,8 @@ def record(
 
     checked = load_config(config, RecordConfig, overrides or [])
     out = out or Path("results") / checked.name
-    folder = _begin(plan.of_recording(checked, out), dry_run, as_json)
-    _done(run(checked, folder), as_json)
+    folder = begin(plan.of_recording(checked, out), dry_run, as_json)
+    print_files(run(checked, folder), as_json)
 
 
 _DATA = "Logs of any format, or names of public recordings; files of one run as `a.csv+b.csv`."
@@ -516,7 +510,7 @@ def diagnose(
     from fieldmodels.diagnosis.report import write_results
 
     out = out or Path("results") / f"diagnosis-{chosen.name}"
-    folder = _begin(plan.of_diagnosis(chosen, recordings, tests, held, out, loop), dry_run, as_json)
+    folder = begin(plan.of_diagnosis(chosen, recordings, tests, held, out, loop), dry_run, as_json)
     checked: AbstractContextManager[None] = nullcontext()
     if is_model_file(model):
         from fieldmodels.contract import kept
@@ -538,7 +532,7 @@ def diagnose(
         result["retune"] = retuned.to_json()
         shows.append(retuned.show)
         written |= retuned.files
-    _told(as_json, result, lambda console: [show(console) for show in shows], written)
+    print_result(as_json, result, lambda console: [show(console) for show in shows], written)
 
 
 @app.command("open")
@@ -559,8 +553,8 @@ def open_(
     """
     from fieldagents.app.server import serve
 
-    say = (lambda address: _print_json({"address": address})) if as_json else print
-    serve(logs or [], _into(out), port, browser=not no_browser, say=say)
+    say = (lambda address: print_json({"address": address})) if as_json else print
+    serve(logs or [], claim_folder(out), port, browser=not no_browser, say=say)
 
 
 @app.command()
@@ -591,97 +585,7 @@ def export(
     from fieldmodels.export import write_model
 
     write_model(*extended_model(extended, model), out)
-    _done({"model": str(out)}, as_json)
-
-
-_SET = "Cases to develop a diagnosis on, or to report on; they have nothing in common."
-_FRESH = "Draw other cases than the published ones, which nobody has seen: any number of yours."
-_KIND = """`nothing`, `single`, `pair`, `triple`, `unlisted`, `mixed`, `growing` or `log`; repeatable
-(default: all). Or `degenerate`: hostile and unlucky input to every command."""
-
-
-@app.command()
-def exam(
-    which: Annotated[Literal["develop", "report"], typer.Option("--set", help=_SET)] = "report",
-    machine: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Machine to examine; repeatable (default: all).", autocompletion=completion.machines
-        ),
-    ] = None,
-    kind: Annotated[list[str] | None, typer.Option(help=_KIND)] = None,
-    cases: Annotated[
-        int | None, typer.Option(help="How many at most, a sample of all (default: all).", min=1)
-    ] = None,
-    fresh: Annotated[int, typer.Option(metavar="NUMBER", help=_FRESH, min=0)] = 0,
-    engine: EngineName = "local",
-    workers: Workers = 2,
-    address: Address = "",
-    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/exam-<set>`).")] = None,
-    publish: Annotated[
-        Path | None, typer.Option(metavar="PAGE", help="Page of Markdown to put the rates into.")
-    ] = None,
-    dry_run: DryRun = False,
-    as_json: Json = False,
-) -> None:
-    """Hide faults in simulated data and count how often the diagnosis is right.
-
-    The data are simulated by code that shares nothing with the models. Writes `cases.jsonl` (a line a case,
-    as it comes: an interrupted run goes on), `exam.json`, `exam.md`, `report.html`.
-
-    For example:
-
-        fieldgym exam
-
-        fieldgym exam --set develop --machine rig --cases 20
-
-        fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
-
-        fieldgym exam --cases 1000 --publish docs/exam.md
-
-        fieldgym exam --kind single --kind triple --fresh 7
-
-        fieldgym exam --kind degenerate --cases 300
-    """
-    from fieldagents import plan
-    from fieldmodels.engine import Engine
-
-    if kind == ["degenerate"]:
-        _degenerate(cases or 1000, Engine(workers=workers), out, publish, dry_run, as_json)
-        return
-    from fieldmodels.exam import table
-    from fieldmodels.exam.cases import cases_of, examined
-    from fieldmodels.exam.run import run_cases
-
-    chosen = cases_of(which, machine or examined(), kind or (), cases, fresh)
-    name = f"exam-{which}-{fresh}" if fresh else f"exam-{which}"
-    by, out = Engine(engine, workers, address), out or Path("results") / name
-    folder = _begin(plan.of_exam([case.machine for case in chosen], out, by), dry_run, as_json)
-    with progress() as report:
-        rows = run_cases(chosen, folder, engine=by, progress=report)
-    written, found = table.write(rows, folder), table.summary(rows)
-    if publish is not None:
-        table.publish(found, publish)
-    _told(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
-
-
-def _degenerate(
-    count: int, engine: Engine, out: Path | None, publish: Path | None, dry_run: bool, as_json: bool
-) -> None:
-    """Examine what becomes of hostile and unlucky input."""
-    from fieldagents import degenerate as faults
-    from fieldagents import plan
-
-    chosen, out = faults.cases_of(count), out or Path("results") / "exam-degenerate"
-    folder = _begin(plan.of_exam(["degenerate"] * count, out, engine), dry_run, as_json)
-    with progress() as report:
-        rows = faults.run_cases(chosen, folder, app, workers=engine.workers, progress=report)
-    written, found = faults.write(rows, folder), faults.summary(rows)
-    if publish is not None:
-        faults.publish(found, publish)
-    _told(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
-    if found["faults"]:
-        raise typer.Exit(1)
+    print_files({"model": str(out)}, as_json)
 
 
 @app.command()
@@ -747,16 +651,16 @@ def reproduce(
     elif what is None:
         known = room.reproducible()
         entries = [{"name": n, "title": one.title, "options": one.options} for n, one in known.items()]
-        _told(as_json, {"entries": entries}, partial(pages.show_reproducible, known))
+        print_result(as_json, {"entries": entries}, partial(pages.show_reproducible, known))
     else:
         out = out or Path("results") / "reproduce" / what
         took = room.known_entry(what).processor_s
         planned = plan.of_reproduction(1, [took[0] if took else None], out, by)
-        folder = _begin(planned, dry_run, as_json)
+        folder = begin(planned, dry_run, as_json)
         with progress() as report:
             result = room.reproduce(what, folder, overrides or [], report)
         data, written = pages.to_json(result, folder), pages.written(result, folder)
-        _told(as_json, data, partial(pages.show, result), written)
+        print_result(as_json, data, partial(pages.show, result), written)
 
 
 def _decide_all(
@@ -767,12 +671,12 @@ def _decide_all(
     from fieldagents.reproduce import ledger as books
     from fieldagents.reproduce.pages import show_ledger, write_page
 
-    out = _begin(plan.of_reproduction(*books.left(out, task, quick), out, engine), dry_run, as_json)
+    out = begin(plan.of_reproduction(*books.left(out, task, quick), out, engine), dry_run, as_json)
     with progress() as report:
         ledger = books.decide(out, task, quick=quick, engine=engine, progress=report)
     data = books.as_data(ledger) | {"files": {"ledger.html": str(write_page(ledger, out))}}
     write_text(out / "ledger.json", json.dumps(data, indent=1, allow_nan=False))
-    _told(as_json, data, partial(show_ledger, ledger), data["files"])
+    print_result(as_json, data, partial(show_ledger, ledger), data["files"])
     if not ledger.good:
         raise typer.Exit(1)
 
@@ -796,7 +700,7 @@ def schema(
     """
     from fieldagents.schema import schema as schema_of
 
-    _print_json(schema_of(kind))
+    print_json(schema_of(kind))
 
 
 _AGENT = """Who acts (default: the agent that the task shows): a name, a `policy.onnx`, a run's folder,
@@ -852,7 +756,7 @@ def watch(
         "agent": seen.agent, "seed": seed, "steps": seen.steps, "return": seen.episode_return,
         "finished": seen.finished, "film": None if out is None else str(out), "drives": seen.kept or None,
     }  # fmt: skip
-    _told(as_json, result, lambda _: _done({k: v for k, v in result.items() if v is not None}))
+    print_result(as_json, result, lambda _: print_files({k: v for k, v in result.items() if v is not None}))
 
 
 @app.command()
@@ -873,57 +777,14 @@ def demo(
     from fieldagents.demo import NEXT, run_demo
 
     with progress() as report:
-        done = run_demo(_into(out), report)
+        done = run_demo(claim_folder(out), report)
     files = {"report": str(done.page)}
-    _told(as_json, files, lambda console: console.print("\n".join(done.findings), markup=False), files)
+    print_result(as_json, files, lambda console: console.print("\n".join(done.findings), markup=False), files)
     if not as_json:
         print(*NEXT, sep="\n")
 
 
-def _announced(plan: Plan, dry_run: bool, as_json: bool) -> None:
-    """Say what will be done, refuse what cannot end; end here if nothing more was asked for."""
-    plan.check()
-    if not dry_run:
-        _said(plan.words())
-        return
-    _told(as_json, plan.to_json(), lambda _: print(plan.words()))
-    raise typer.Exit
-
-
-def _begin(plan: Plan, dry_run: bool, as_json: bool) -> Path:
-    """Announce, and claim the result folder."""
-    _announced(plan, dry_run, as_json)
-    return _into(plan.out)
-
-
-def _into(folder: Path) -> Path:
-    """A result folder that can be written, and that nobody else writes until the command ends."""
-    return _HELD.get().enter_context(claimed(folder))
-
-
-def _told(
-    as_json: bool, data: Any, show: Callable[[Console], Any], written: Mapping[str, Path | str] | None = None
-) -> None:
-    """Print a result: as JSON, alone, or for a reader with the files that were written."""
-    if as_json:
-        _print_json(data)
-        return
-    from rich.console import Console
-
-    show(Console(width=None if sys.stdout.isatty() else 120, highlight=False))
-    _done(written or {})
-
-
-def _print_json(data: Any) -> None:
-    print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def _done(written: Mapping[str, Any], as_json: bool = False) -> None:
-    if as_json:
-        _print_json({name: str(path) for name, path in written.items()})
-        return
-    for name, path in written.items():
-        print(f"{name}: {path}")
+checkout.add_command(app, "exam", "tests")
 
 
 def main() -> None:

@@ -75,10 +75,3 @@ def recordings(incomplete: str) -> list[str]:
 def reproductions(incomplete: str) -> list[str]:
     """Tables and figures."""
     return [name for name in _named("reproductions", incomplete) if " " not in name]
-
-
-def machines(incomplete: str) -> list[str]:
-    """Machines of the exam."""
-    from fieldmodels.exam.cases import examined
-
-    return _begun(examined(), incomplete)

@@ -12,8 +12,10 @@ import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 from typer.testing import CliRunner, Result
 
+from fieldagents import checkout
 from fieldagents.cli import app
 from fieldmodels.drivers.named import flown
 from fieldmodels.recording.files import load_recording
@@ -120,6 +122,16 @@ def test_every_command_has_help_with_examples(command):
     assert "For example:" in result.stdout
     assert f"fieldgym {command}" in result.stdout
     assert "--json" in result.stdout
+
+
+@pytest.mark.parametrize(("name", "folder"), [("exam", "tests")])
+def test_a_command_that_does_not_install_says_how_to_get_it(tmp_path, monkeypatch, name, folder):
+    monkeypatch.setattr(checkout, "ROOT", tmp_path)
+    bare = typer.Typer(callback=lambda: None)
+    checkout.add_command(bare, name, folder)
+    found = CliRunner().invoke(bare, [name, "--machine", "rig"])
+    assert isinstance(found.exception, checkout.CheckoutError)
+    assert f"git clone REPOSITORY fieldgym && cd fieldgym && make {name}" in str(found.exception)
 
 
 def test_version():

@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldmodels.diagnosis.result import MissingCurve
-from fieldmodels.engine import Done
-from fieldmodels.exam import run, table
-from fieldmodels.exam.answers import CURVE, Answer, ask, read
-from fieldmodels.exam.benches import FIT, THIRD, Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.cases import KINDS, SHARES, Case, cases_of, examined
-from fieldmodels.exam.delivery import Delivery
-from fieldmodels.exam.logs import STATEMENTS, failures
-from fieldmodels.exam.run import judged, make, run_case, run_cases
-from fieldmodels.exam.scoring import (
+from exam import run, table
+from exam.answers import CURVE, Answer, ask, read
+from exam.benches import FIT, THIRD, Conditions, Hidden, bench_names, get_bench
+from exam.cases import KINDS, SHARES, Case, cases_of, examined
+from exam.delivery import Delivery
+from exam.logs import STATEMENTS, failures
+from exam.run import judged, make, run_case, run_cases
+from exam.scoring import (
     RIGHT,
     deviations,
     of_listed,
@@ -29,7 +27,9 @@ from fieldmodels.exam.scoring import (
     of_silence,
     of_unlisted,
 )
-from fieldmodels.exam.sizes import LEAST_SHOWN, added, errors, find_size, shown
+from exam.sizes import LEAST_SHOWN, added, errors, find_size, shown
+from fieldmodels.diagnosis.result import MissingCurve
+from fieldmodels.engine import Done
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from exam.benches import Conditions, Hidden, get_bench
+from exam.sizes import recordings
 from fieldmodels.diagnosis import Diagnosis, diagnose
 from fieldmodels.diagnosis.next_measurement import LONGEST
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.pose_reaching.recording import record_commands, record_drive
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model

@@ -1,7 +1,7 @@
 """A fault hidden in a machine's records must be found; where nothing is hidden, nothing must be named.
 
 The records are made by the exam's plants, which share no code with the models, at sizes that raise the error
-of the refitted nominal model by about a third (``fieldmodels.exam.sizes.find_size``). Seeds are none of the
+of the refitted nominal model by about a third (``exam.sizes.find_size``). Seeds are none of the
 exam's.
 """
 
@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import pytest
 
+from exam.answers import Answer, read
+from exam.benches import Bench, Conditions, Hidden, bench_names, get_bench
+from exam.scoring import RIGHT, of_listed, of_unlisted
+from exam.sizes import recordings
 from fieldmodels.diagnosis import Diagnosis, diagnose
-from fieldmodels.exam.answers import Answer, read
-from fieldmodels.exam.benches import Bench, Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.scoring import RIGHT, of_listed, of_unlisted
-from fieldmodels.exam.sizes import recordings
 
 SIZES = {
     "rig": {

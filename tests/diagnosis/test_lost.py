@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exam.benches import Conditions, get_bench
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.answer import headline, what_to_do
 from fieldmodels.diagnosis.lost import lost_samples
-from fieldmodels.exam.benches import Conditions, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 

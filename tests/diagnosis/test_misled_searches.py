@@ -2,10 +2,10 @@
 
 import pytest
 
+from exam.benches import Conditions, Hidden, get_bench
+from exam.cases import Case, cases_of
+from exam.sizes import recordings
 from fieldmodels.diagnosis import Diagnosis, diagnose
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.cases import Case, cases_of
-from fieldmodels.exam.sizes import recordings
 
 STEPPED = ("cubic_stiffness", "parameter_step", "thrust_curve")
 SHAKEN = ("constant_force", "periodic_force", "gyro_delay")

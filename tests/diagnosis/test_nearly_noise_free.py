@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from exam.benches import Conditions, get_bench
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import simpler
 from fieldmodels.diagnosis.coordinates import Coordinates
@@ -18,8 +20,6 @@ from fieldmodels.diagnosis.inputs import decided
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.resolution import of_averages, rounding
 from fieldmodels.diagnosis.whitening import _from_covariance, diagonal_whitener, whitener_by_output
-from fieldmodels.exam.benches import Conditions, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.model import Parameter
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model

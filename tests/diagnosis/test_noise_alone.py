@@ -4,13 +4,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from exam.benches import get_bench
+from exam.benches.base import Conditions
+from exam.cases import cases_of
+from exam.sizes import records
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.verdict import most_likely
-from fieldmodels.exam.benches import get_bench
-from fieldmodels.exam.benches.base import Conditions
-from fieldmodels.exam.cases import cases_of
-from fieldmodels.exam.sizes import records
 
 
 def verdict(machine, conditions, seed):

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from exam.benches import Conditions, Log, get_bench
+from exam.benches.axis import DURATION, STEP
+from exam.plants.axis import simulate
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.exam.benches import Conditions, Log, get_bench
-from fieldmodels.exam.benches.axis import DURATION, STEP
-from fieldmodels.exam.plants.axis import simulate
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.machines.heel_strike.recording import record_walk as record_leg
 from fieldmodels.machines.line_following.body import Body, Hardware

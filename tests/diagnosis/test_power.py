@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exam.benches import Bench, Conditions, Hidden, get_bench
+from exam.sizes import errors, recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.unseen import LIMIT, mean_square
-from fieldmodels.exam.benches import Bench, Conditions, Hidden, get_bench
-from fieldmodels.exam.sizes import errors, recordings
 
 COMMANDS = ("", "steps", "waves")
 OVER = {"time": 0, "position": 1, "velocity": 2, "force": 3}

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from exam.benches import get_bench
+from exam.benches.base import Conditions
 from fieldmodels.diagnosis.curves import Curves
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.linearisation import PRIOR
@@ -10,8 +12,6 @@ from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.response import offsets, responses
 from fieldmodels.drivers.curved import Curved, FreeCurve
 from fieldmodels.drivers.variables import SEGMENTS
-from fieldmodels.exam.benches import get_bench
-from fieldmodels.exam.benches.base import Conditions
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from exam.benches import Conditions, Hidden, get_bench
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.drivers.named import extended_model
 from fieldmodels.drivers.variables import variable
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.pose_reaching.model import PoseReaching
 from fieldmodels.machines.pose_reaching.recording import record_commands

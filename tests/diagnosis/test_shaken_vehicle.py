@@ -14,6 +14,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 import fieldgym  # noqa: F401
+from exam.plants import vehicle
 from fieldmodels.contract import ModelWarning
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.curves import Curves
@@ -21,7 +22,6 @@ from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.options import DEFAULT
 from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.problem import build
-from fieldmodels.exam.plants import vehicle
 from fieldmodels.machines.excitation.model import ExcitationModel, joined_runs
 from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.recording import Recording

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from exam.benches import get_bench
+from exam.benches.base import Conditions
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.exam.benches import get_bench
-from fieldmodels.exam.benches.base import Conditions
-from fieldmodels.exam.sizes import recordings
 
 
 @pytest.mark.matrix(keep=("rig-position-1.0-0.5",))

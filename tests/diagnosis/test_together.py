@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from exam.benches import Conditions, Hidden, get_bench
+from exam.sizes import recordings
 from fieldmodels.diagnosis import causes, diagnose, together
 from fieldmodels.diagnosis.causes import refitted
 from fieldmodels.diagnosis.result import Cause, Estimate, Share
 from fieldmodels.diagnosis.together import told_together
 from fieldmodels.drivers.curved import Curved, FreeCurve
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.registry import get_model
 
 NOTHING = Share(10.0, (5.0, 15.0))

@@ -7,6 +7,8 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
+from exam.benches import Conditions, get_bench
+from exam.sizes import recordings
 from fieldmodels.diagnosis.fit import fit, weighed
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Cause, Estimate, Share
@@ -18,8 +20,6 @@ from fieldmodels.diagnosis.uncertainty import (
 )
 from fieldmodels.diagnosis.whitening import covariance_whitener, diagonal_whitener
 from fieldmodels.drivers.curved import Curved, FreeCurve
-from fieldmodels.exam.benches import Conditions, get_bench
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.model import Effect, Model, Parameter, Signal
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model

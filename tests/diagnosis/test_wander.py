@@ -7,12 +7,12 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from exam.benches import Conditions, Hidden, get_bench
+from exam.cases import cases_of
+from exam.sizes import recordings, records
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.answer import headline, what_to_do
 from fieldmodels.diagnosis.wander import _Walks, beside_returning, is_steady, wander, wandering_zeros
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.cases import cases_of
-from fieldmodels.exam.sizes import recordings, records
 from fieldmodels.machines.excitation import model as excitation
 from fieldmodels.model import Signal
 

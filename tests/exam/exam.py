@@ -17,23 +17,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))  # the field set and the rivals are no package of a user's
+sys.path.insert(0, str(Path(__file__).parents[1]))  # this file has the name of its package
 
-import rivals
-from field import judge
-from field.cases import FieldCase, field_cases
-from field.kinds import LATER
-from field.plants import PLANTS
-
+from exam import rivals, run, table
+from exam.answers import ask
+from exam.benches import bench_names
+from exam.cases import cases_of, examined
+from exam.field import judge
+from exam.field.cases import FieldCase, field_cases
+from exam.field.kinds import LATER
+from exam.field.plants import PLANTS
+from exam.run import Row
+from exam.scoring import FALSE, SAID
 from fieldagents.progress import progress
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.engine import Engine
-from fieldmodels.exam import run, table
-from fieldmodels.exam.answers import ask
-from fieldmodels.exam.benches import bench_names
-from fieldmodels.exam.cases import cases_of, examined
-from fieldmodels.exam.run import Row
-from fieldmodels.exam.scoring import FALSE, SAID
 
 EVIDENCE = DiagnosisOptions(engine="evidence")
 BY = {

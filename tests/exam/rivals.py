@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from exam.answers import Answer
+from exam.delivery import Delivery, Stated, deliver
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.cutting import known_values, split, start_vector
 from fieldmodels.diagnosis.fit import fit
@@ -23,8 +25,6 @@ from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Estimate
 from fieldmodels.diagnosis.use import Simulation, written
 from fieldmodels.diagnosis.whitening import whitener_by_output
-from fieldmodels.exam.answers import Answer
-from fieldmodels.exam.delivery import Delivery, Stated, deliver
 from fieldmodels.model import Model, ModelError
 from fieldmodels.recording import Recording
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from exam.delivery import Stated, deliver
 from fieldmodels.diagnosis.result import Estimate
 from fieldmodels.diagnosis.use import Simulation, written
-from fieldmodels.exam.delivery import Stated, deliver
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 from fieldmodels.yaml import load_yaml, save_yaml

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-sys.path.insert(0, str(Path(__file__).parent))
-from field.answers import ANSWERS, right
-from field.cases import KEPT, LEAST, SETS, FieldCase, field_cases, make
-from field.faults import dead_zone, drag, lag, offset, play, push, vary
-from field.kinds import KINDS, RIG_DRY
-from field.machines import model_of
-from field.plants import NOTHING, PLANTS, Fault, Numbers, numbers_of, simulate
-from field.records import Form, timer
-from field.runs import Run, Way
-
+from exam.field.answers import ANSWERS, right
+from exam.field.cases import KEPT, LEAST, SETS, FieldCase, field_cases, make
+from exam.field.faults import dead_zone, drag, lag, offset, play, push, vary
+from exam.field.kinds import KINDS, RIG_DRY
+from exam.field.machines import model_of
+from exam.field.plants import NOTHING, PLANTS, Fault, Numbers, numbers_of, simulate
+from exam.field.records import Form, timer
+from exam.field.runs import Run, Way
 from fieldmodels.recording import Recording, Windows
 
 CASES = [case for which in SETS for case in field_cases(which)]

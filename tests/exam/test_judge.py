@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from field.answers import Right
-from field.cases import FieldCase
-from field.judge import judged, outcome_of
-from rivals import forward
-
-import exam
-from fieldmodels.exam.answers import CURVE, Answer
-from fieldmodels.exam.delivery import Delivery
+from exam import exam
+from exam.answers import CURVE, Answer
+from exam.delivery import Delivery
+from exam.field.answers import Right
+from exam.field.cases import FieldCase
+from exam.field.judge import judged, outcome_of
+from exam.rivals import forward
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from exam.benches import bench_names, get_bench
+from exam.places import PAST, read, shown_at, signals
+from exam.plants import axis_unlisted
 from fieldmodels.drivers.variables import CHANGE, MEMORY, SHARE, WAY, remembering
-from fieldmodels.exam.benches import bench_names, get_bench
-from fieldmodels.exam.places import PAST, read, shown_at, signals
-from fieldmodels.exam.plants import axis_unlisted
 from fieldmodels.model import Model
 
 FAMILIES = (("rig", "pendulum", "propeller_arm", "servo"), ("pose_reaching", "differential_drive"))

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from fieldmodels.exam.benches import Conditions, Hidden, bench_names, get_bench
-from fieldmodels.exam.oracles import find_oracle, heel_strike, line_following
-from fieldmodels.exam.plants import axis_listed, leg, vehicle, walk
-from fieldmodels.exam.plants.axis import simulate
-from fieldmodels.exam.plants.commands import COMMANDS
-from fieldmodels.exam.plants.noise import NOISES
-from fieldmodels.exam.plants.ruler import Ruler, Windows
+from exam.benches import Conditions, Hidden, bench_names, get_bench
+from exam.oracles import find_oracle, heel_strike, line_following
+from exam.plants import axis_listed, leg, vehicle, walk
+from exam.plants.axis import simulate
+from exam.plants.commands import COMMANDS
+from exam.plants.noise import NOISES
+from exam.plants.ruler import Ruler, Windows
 
 AXES = ("rig", "pendulum", "propeller_arm", "servo")
 STEP, SAMPLES = 0.01, 90

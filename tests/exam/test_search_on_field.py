@@ -1,18 +1,13 @@
 """Cases of the field set on which the search by evidence rests, by plants that share no code with it."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from field.cases import field_cases, make
-
+from exam.benches import get_bench
+from exam.cases import cases_of
+from exam.field.cases import field_cases, make
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.options import DiagnosisOptions
-from fieldmodels.exam.benches import get_bench
-from fieldmodels.exam.cases import cases_of
-from fieldmodels.exam.sizes import recordings
 
 
 @pytest.mark.parametrize(

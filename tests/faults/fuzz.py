@@ -20,12 +20,12 @@ import pyarrow as pa
 import pyarrow.feather as feather
 import pyarrow.parquet as pq
 
+from exam.degenerate.cases import EXTENDED, RECORD, TOKENS, YAML_TOKENS, bench, mutated
+from exam.table import put
 from fieldagents.cli import _message
 from fieldagents.config import load_config
-from fieldagents.degenerate.cases import EXTENDED, RECORD, TOKENS, YAML_TOKENS, bench, mutated
 from fieldagents.learned.config import TrainConfig
 from fieldagents.record.config import RecordConfig
-from fieldmodels.exam.table import put
 from fieldmodels.reality import read_reality
 from fieldmodels.recording.bench import Bench
 from fieldmodels.recording.files import load_recording

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fieldmodels.exam.table import put
+from exam.table import put
 from fieldmodels.yaml import save_yaml
 
 HERE = Path(__file__).parent

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from exam.degenerate import KINDS, Case, cases_of, run_cases, summary
+from exam.degenerate import run as room
+from exam.degenerate.cases import bench, table
 from fieldagents.cli import app
-from fieldagents.degenerate import KINDS, Case, cases_of, run_cases, summary
-from fieldagents.degenerate import run as room
-from fieldagents.degenerate.cases import bench, table
 from fieldmodels.diagnosis.pilot import identifiable
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.files import load_recording

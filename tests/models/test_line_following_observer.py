@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from exam.benches import Conditions, Hidden, get_bench
+from exam.plants import walk
+from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.fit import fit
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.response import averaged, offsets, segments
 from fieldmodels.drivers.curved import Curved, FreeCurve
-from fieldmodels.exam.benches import Conditions, Hidden, get_bench
-from fieldmodels.exam.plants import walk
-from fieldmodels.exam.sizes import recordings
 from fieldmodels.machines.line_following.observer import observer_gain
 from fieldmodels.recording import Recording
 

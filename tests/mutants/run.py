@@ -87,7 +87,7 @@ class Worker:
     ) -> tuple[int, list[dict[str, Any]]]:
         """Exit status, and one entry for each test that ran."""
         self.report.write_text("")
-        floors = [str(self.root / floor) for floor in ("src", "envs", "agents")]
+        floors = [str(self.root / floor) for floor in ("src", "envs", "agents", "tests")]
         environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join([*floors, str(FOLDER)]),

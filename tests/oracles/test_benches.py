@@ -6,8 +6,8 @@ import random
 import numpy as np
 import pytest
 
-from fieldmodels.exam.oracles import find_oracle, one_axis
-from fieldmodels.exam.oracles.piecewise import current
+from exam.oracles import find_oracle, one_axis
+from exam.oracles.piecewise import current
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise

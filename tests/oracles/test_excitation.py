@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 import fieldgym  # noqa: F401
-from fieldmodels.exam.oracles import excitation as oracle
+from exam.oracles import excitation as oracle
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.recording import Recording
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fieldgym  # noqa: F401
-from fieldmodels.exam.oracles.heel_strike import Leg, Walk, simulate, walk
+from exam.oracles.heel_strike import Leg, Walk, simulate, walk
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel, samples_around, with_derived
 from fieldmodels.recording import Recording, Windows
 

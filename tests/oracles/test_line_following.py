@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 import fieldgym  # noqa: F401
+from exam.oracles.line_following import Line, Robot, simulate, walk
 from fieldgym.info import part
-from fieldmodels.exam.oracles.line_following import Line, Robot, simulate, walk
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.recording import Recording, Windows
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmodels.exam.oracles import find_oracle
+from exam.oracles import find_oracle
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fieldgym  # noqa: F401 - registers the task
-from fieldmodels.exam.oracles import find_oracle
+from exam.oracles import find_oracle
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP
 from fieldmodels.recording import Recording, Windows
 from fieldmodels.registry import get_model

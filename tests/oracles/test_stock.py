@@ -9,10 +9,10 @@ from zlib import crc32
 import numpy as np
 import pytest
 
+from exam.oracles.stock import Axis, Episode, Plant, Shape
 from fieldmodels.effects import actuator, actuators, change, changes, curve, force, forces, sensor, sensors
 from fieldmodels.effects.curves import WHERE, Curve
 from fieldmodels.effects.forces import PLACED
-from fieldmodels.exam.oracles.stock import Axis, Episode, Plant, Shape
 from fieldmodels.machine import Force, Machine, number
 from fieldmodels.model import Effect, Parameter, Signal
 from fieldmodels.recording import Recording, Windows

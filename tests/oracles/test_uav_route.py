@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fieldgym  # noqa: F401
-from fieldmodels.exam.oracles.uav_route import Aircraft, Flight, simulate
+from exam.oracles.uav_route import Aircraft, Flight, simulate
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.recording import Recording, Windows
 

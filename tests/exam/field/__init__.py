@@ -1,1 +1,1 @@
-"""Cases unlike those of `fieldmodels.exam`: other records and machines, declared as a user would."""
+"""Cases unlike those of `exam`: other records and machines, declared as a user would."""

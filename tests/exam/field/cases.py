@@ -1,6 +1,6 @@
 """The cases of the field set: a kind, a machine, a seed and a size each; and their records.
 
-``python -m field.cases`` in ``tests/exam`` finds the sizes that ``sizes.json`` lacks.
+``python -m exam.field.cases`` finds the sizes that ``sizes.json`` lacks.
 """
 
 from __future__ import annotations

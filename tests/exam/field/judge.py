@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fieldmodels.engine import Engine, Job, run_jobs
-from fieldmodels.exam import scoring
-from fieldmodels.exam.answers import CURVE, Answer, ask
-from fieldmodels.exam.places import read
-from fieldmodels.exam.run import (
+from exam import scoring
+from exam.answers import CURVE, Answer, ask
+from exam.places import read
+from exam.run import (
     Ask,
     Progress,
     Row,
@@ -23,6 +22,7 @@ from fieldmodels.exam.run import (
     regained_of,
     write_row,
 )
+from fieldmodels.engine import Engine, Job, run_jobs
 
 from .answers import Right, right
 from .cases import FieldCase, make
