@@ -16,7 +16,7 @@ READY := $(VENV)/.ready
 # A CPU build of torch; PyPI's for Linux brings 5 GB of CUDA libraries, and is taken where this does not answer.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
-.PHONY: demo test nightly check mutants bench exam rivals ecosystem leaderboard docs build lock audit clean help
+.PHONY: demo test nightly check mutants bench exam rivals papers ecosystem leaderboard docs build lock audit clean help
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -49,6 +49,9 @@ exam: $(READY)  ## the exam on its three sets, a sample of each (SET, CASES); go
 rivals: $(READY)  ## thirty lines on the same cases
 	for set in $(or $(SET),develop report field field-report); do \
 		$(BIN)/python tests/exam/exam.py $$set --by forward --cases $(or $(CASES),300) || exit 1; done
+
+papers: $(READY)  ## every claim of the sources decided (ONLY a task): results/ledger/ledger.html
+	$(BIN)/fieldgym reproduce --all $(ONLY)
 
 ecosystem: $(READY)  ## train by every library of docs/your_library.md, in environments of their own (asks the network)
 	$(PIP) install uv

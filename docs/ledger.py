@@ -18,12 +18,12 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from fieldagents.claim import Claim, Decided, Statistic
-from fieldagents.reproduce.ledger import claims_of
-from fieldagents.task import all_tasks
 from fieldmodels.files import write_text
 from fieldmodels.html import AMBER, BEFORE, GREEN, GREY, INK, PURPLE
 from fieldmodels.rounding import words
+from papers.claim import Claim, Decided, Statistic
+from papers.ledger import claims_of
+from papers.source import all_sources
 
 FOLDER = Path(__file__).parent
 NUMBERS = FOLDER / "ledger.json"
@@ -58,7 +58,7 @@ def decided() -> list[Decided]:
 def draw(claims: Iterable[Decided], path: Path) -> None:
     """Draw how many claims of each task have which verdict."""
     counts = Counter((one.task, verdict_of(one)) for one in claims)
-    tasks = [task.name for task in all_tasks()][::-1]
+    tasks = [*all_sources()][::-1]
     figure = Figure(figsize=(8, 2.6), layout="constrained")
     axes, left = figure.subplots(), [0] * len(tasks)
     for verdict, colour in COLOURS.items():
@@ -85,11 +85,11 @@ def page() -> str:
         f"**{len(claims)} claims**: " + ", ".join(f"{n} {v}" for v, n in counts.most_common()),
     ]
     parts.append(f".\n\n{_figures(claims)}\n")
-    for task in all_tasks():
-        rows = [one for one in claims if one.task == task.name]
+    for task in all_sources():
+        rows = [one for one in claims if one.task == task]
         if rows:
             parts.append(
-                f"\n## {task.name}\n\n| verdict | where | claim | printed | ours |\n|---|---|---|---|---|\n"
+                f"\n## {task}\n\n| verdict | where | claim | printed | ours |\n|---|---|---|---|---|\n"
             )
             parts += map(_row, rows)
     return "".join(parts)

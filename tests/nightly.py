@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 STORE = ROOT / "results" / "nightly"
 MUTANTS = "mutants"
-OURS = ("src", "envs", "agents", "tests", "configs", "docs", "benchmarks")
+OURS = ("src", "envs", "agents", "tests", "papers", "configs", "docs", "benchmarks")
 ALWAYS = ("pyproject.toml", "constraints.txt", "tests/conftest.py")
 READS = "NIGHTLY_READS"
 

@@ -9,7 +9,7 @@ import grimp
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("fieldmodels", "fieldgym", "fieldagents", "exam")
+PACKAGES = ("fieldmodels", "fieldgym", "fieldagents", "exam", "papers")
 
 
 def circles(imports: dict[str, set[str]]) -> set[frozenset[str]]:

@@ -1,4 +1,4 @@
-"""What there is: tasks, agents, models with their effects, trained policies, recordings, reproductions."""
+"""What there is: tasks, agents, models with their effects, trained policies, recordings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldmodels.extras import words
 from fieldmodels.files import OutputError, write_text
 from fieldmodels.names import did_you_mean
 
@@ -126,7 +125,6 @@ def _gathered() -> dict[str, Any]:
         "models": [_described(name, get_model(name)) for name in model_names()],
         "zoo": [str(entry) for entry in list_zoo()],
         "datasets": list(dataset_names()),
-        "reproductions": _reproductions(),
     }
 
 
@@ -147,17 +145,6 @@ def _described(name: str, model: Model) -> dict[str, Any]:
             for effect in model.effects
         ],
     }
-
-
-def _reproductions() -> list[str]:
-    try:
-        from fieldagents.reproduce import reproducible
-
-        return list(reproducible())
-    except ModuleNotFoundError as error:  # their tables need an extra
-        if not (said := words(error)):
-            raise
-        return [said]
 
 
 def show(found: dict[str, Any], console: Console) -> None:
@@ -197,7 +184,6 @@ def show(found: dict[str, Any], console: Console) -> None:
         return
     console.print("\n[bold]Trained policies[/bold]: " + (", ".join(found["zoo"]) or "none"))
     console.print("[bold]Public recordings[/bold]: " + (", ".join(found["datasets"]) or "none"))
-    console.print("[bold]Reproductions[/bold]: " + escape(", ".join(found["reproductions"])))
 
 
 def _unit(item: dict[str, Any]) -> str:

@@ -70,8 +70,3 @@ TAKES = {
 def recordings(incomplete: str) -> list[str]:
     """Public recordings; where none fits, a shell offers files."""
     return _named("datasets", incomplete)
-
-
-def reproductions(incomplete: str) -> list[str]:
-    """Tables and figures."""
-    return [name for name in _named("reproductions", incomplete) if " " not in name]

@@ -1,17 +1,15 @@
 """What a task declares on this floor, and where a task is found by its name.
 
-A task is a folder of ``fieldagents.tasks``. Its ``task.py`` holds ``TASK``, a `TaskDefinition`. Four files
+A task is a folder of ``fieldagents.tasks``. Its ``task.py`` holds ``TASK``, a `TaskDefinition`. Two files
 beside it are imported only when they are asked for, and may be missing: ``agents.py`` with ``AGENTS``
-(`ReferenceAgent`), ``tuning.py`` with ``TUNERS`` (`Tuner`), ``figures.py`` with ``FIGURES`` (`Reproducible`)
-and ``claims.py`` with ``CLAIMS`` (`fieldagents.claim.Claim`), which say what these decide.
+(`ReferenceAgent`) and ``tuning.py`` with ``TUNERS`` (`Tuner`).
 """
 
 from __future__ import annotations
 
 import hashlib
-import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
@@ -21,7 +19,6 @@ from pkgutil import iter_modules, resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from fieldagents.agent import Agent, Sees
-from fieldagents.claim import Claim, Decided, Statistic
 from fieldagents.config import Config
 from fieldagents.operator import Operator
 from fieldgym.foreign import is_foreign
@@ -32,8 +29,6 @@ from fieldmodels.registry import model_names
 
 if TYPE_CHECKING:
     import numpy as np
-    import pandas as pd
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from fieldmodels.model import Model
@@ -168,65 +163,6 @@ class Tuner:
     runs: int = 1
 
 
-@dataclass(frozen=True)
-class Reproduction:
-    """A table or figure of a source, redone.
-
-    Attributes:
-        source: Where it is printed: work, section, table or figure number.
-        table: The numbers, with the printed ones beside ours where the source prints any.
-        figures: File name (without ending) to a figure.
-        remarks: What agrees, what does not and why; one sentence or two each.
-        statistics: Numbers that decide claims, by the name under which these ask for them.
-        decided: The claims that they decide; `fieldagents.reproduce` fills them in, and the title.
-    """
-
-    source: str
-    table: pd.DataFrame
-    figures: Mapping[str, Figure] = field(default_factory=dict)
-    remarks: Sequence[str] = ()
-    statistics: Mapping[str, Statistic] = field(default_factory=dict)
-    decided: Sequence[Decided] = ()
-    title: str = ""
-
-
-@dataclass(frozen=True)
-class Reproducible:
-    """A table or figure of a source that can be reproduced.
-
-    Attributes:
-        name: Its name within the task, such as ``table-1``.
-        run: Redoes it, given a ``Report`` of progress. Its keyword-only parameters, all with a default and a
-            type, are what ``--set`` may change; its docstring's first line is the title.
-        quick: Options with which it takes seconds and still decides its claims.
-        processor_s: What it took when it was recorded, in full and quick, compiled kernels at hand
-            [s of one processor]; None if nobody has recorded it.
-    """
-
-    name: str
-    run: Callable[..., Reproduction]
-    quick: Mapping[str, Any] = field(default_factory=dict)
-    processor_s: tuple[float, float] | None = None
-
-    @property
-    def title(self) -> str:
-        """What it is, in a line."""
-        return (self.run.__doc__ or "").partition("\n")[0].removesuffix(".")
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Name and default of each option."""
-        parameters = inspect.signature(self.run).parameters.values()
-        return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
-
-
-def reproduces(
-    name: str, *, quick: Mapping[str, Any] | None = None, processor_s: tuple[float, float] | None = None
-) -> Callable[[Callable[..., Reproduction]], Reproducible]:
-    """Declare that a function redoes a table or figure; arguments as of `Reproducible`."""
-    return lambda run: Reproducible(name, run, quick or {}, processor_s)
-
-
 class Drives(Protocol):
     """Recorded drives that an agent learns from; made of a file, which may not exist yet, and settings."""
 
@@ -273,16 +209,6 @@ class TaskDefinition:
     def tuners(self) -> dict[str, Tuner]:
         """Who tunes agents for a given simulation, by name; the first is the most telling."""
         return {tuner.name: tuner for tuner in self._listed("tuning", "TUNERS")}
-
-    @property
-    def figures(self) -> dict[str, Reproducible]:
-        """The tables and figures of the source that can be reproduced, by name."""
-        return {figure.name: figure for figure in self._listed("figures")}
-
-    @property
-    def claims(self) -> dict[str, Claim]:
-        """What the task's source claims, by name, in the source's order."""
-        return {claim.name: claim for claim in self._listed("claims")}
 
     def _listed(self, module: str, name: str = "") -> Sequence[Any]:
         """A tuple of the module beside the task's ``task.py``; empty without such a module."""
@@ -334,8 +260,6 @@ def recorder_of(model: str) -> Recorder | None:
 def code_of(task: str, *also: str) -> str:
     """Hash over the code that a task's results rest on: its own on all floors, and what this imports.
 
-    A claim's text and bounds do not count: verdicts are computed anew each time.
-
     Args:
         task: Name of the task.
         also: Further modules.
@@ -350,4 +274,4 @@ def code_of(task: str, *also: str) -> str:
         )
     own = (f"{FOLDERS}.{task}", f"fieldmodels.machines.{task}", f"fieldgym.{task}", f"fieldgym.tasks.{task}")
     bench = () if task in task_names() else ("fieldagents.bench",)
-    return reached_code((*own, *bench, *also), (f"{FOLDERS}.{task}.claims",))
+    return reached_code((*own, *bench, *also))

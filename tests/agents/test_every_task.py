@@ -104,7 +104,7 @@ def test_a_task_is_one_folder(folder):
     assert "toy" in task_names()
     toy = get_task("toy")
     assert list(toy.agents) == ["idle"]
-    assert (toy.tuners, toy.figures, toy.recorder) == ({}, {}, None)
+    assert (toy.tuners, toy.recorder) == ({}, None)
 
 
 def test_a_task_that_is_not_named_as_its_folder_is_refused(folder):

@@ -124,14 +124,14 @@ def test_every_command_has_help_with_examples(command):
     assert "--json" in result.stdout
 
 
-@pytest.mark.parametrize(("name", "folder"), [("exam", "tests")])
-def test_a_command_that_does_not_install_says_how_to_get_it(tmp_path, monkeypatch, name, folder):
+@pytest.mark.parametrize(("name", "place"), [("exam", "tests/exam"), ("reproduce", "papers")])
+def test_a_command_that_does_not_install_says_how_to_get_it(tmp_path, monkeypatch, name, place):
     monkeypatch.setattr(checkout, "ROOT", tmp_path)
     bare = typer.Typer(callback=lambda: None)
-    checkout.add_command(bare, name, folder)
+    checkout.add_command(bare, name, place)
     found = CliRunner().invoke(bare, [name, "--machine", "rig"])
     assert isinstance(found.exception, checkout.CheckoutError)
-    assert f"git clone REPOSITORY fieldgym && cd fieldgym && make {name}" in str(found.exception)
+    assert f"git clone REPOSITORY fieldgym && cd fieldgym && make {Path(place).name}" in str(found.exception)
 
 
 def test_version():
@@ -156,7 +156,6 @@ def test_list_names_what_there_is():
         "capture",
         "adaptive",
         "dfki_simple_pendulum/ddp",
-        "heel_strike/figure-2.12",
         "fieldgym[filters]",  # brackets are text, not markup
     ):
         assert name in shown

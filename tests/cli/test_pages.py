@@ -15,13 +15,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from fieldagents import demo
-from fieldagents.claim import Claim, Ours
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.config import EvaluateConfig
 from fieldagents.evaluation.evaluate import evaluate
-from fieldagents.reproduce import ledger as books
-from fieldagents.reproduce import reproduce
-from fieldagents.reproduce.pages import write_page
 from fieldagents.task import get_task
 from fieldmodels import html
 from fieldmodels.diagnosis import diagnose
@@ -35,6 +31,11 @@ from fieldmodels.recording.datasets import DatasetError, datasets, get_dataset
 from fieldmodels.registry import get_model
 from fieldmodels.rounding import percent
 from fieldmodels.synthesis import synthesise
+from papers import ledger as books
+from papers.claim import Claim, Ours
+from papers.pages import write_page
+from papers.run import reproduce
+from papers.source import all_sources
 
 REALITIES = {
     "named": {"coulomb_friction": {"torque": 0.2}},
@@ -219,7 +220,7 @@ def test_reproduction_report(open_page, tmp_path: Path):
 
 def test_ledger(open_page, tmp_path: Path, monkeypatch):
     """Verdicts come before claims and pictures; a run that fails is on the page."""
-    claims = get_task("heel_strike").claims
+    claims = all_sources()["heel_strike"].claims
     chosen = [claims[name] for name in ("ranger", "best-decay", "shallow-minimum")]
     broken = Claim("x", ("Fig 0",), "It runs.", "1", (0, 1), Ours("figure-2.21", "x"))
     monkeypatch.setattr(books, "claims_of", lambda _task: [("heel_strike", c) for c in (*chosen, broken)])

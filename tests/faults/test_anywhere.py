@@ -1,6 +1,5 @@
 """It runs wherever it is put: nothing but the result folder must be writable, and no terminal is needed."""
 
-import io
 import os
 import pty
 import re
@@ -10,10 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from fieldagents.catalogue import show
-from fieldmodels.extras import words
 from fieldmodels.yaml import save_yaml
 
 ROOT = Path(__file__).parents[2]
@@ -85,18 +81,6 @@ def test_a_terminal_that_knows_ascii_alone(tmp_path, words):
     assert done.returncode == (2 if "record" in words else 0)
     assert b"Traceback" not in done.stderr
     (done.stdout + done.stderr).decode("ascii")
-
-
-def test_the_list_without_the_extra_of_reproductions_names_it():
-    found = {
-        "tasks": [],
-        "zoo": [],
-        "datasets": [],
-        "reproductions": [words(ModuleNotFoundError(name="pandas"))],
-    }
-    console = Console(file=io.StringIO(), width=200)
-    show(found, console)
-    assert "pip install 'fieldgym[agents]'" in console.file.getvalue()
 
 
 def test_in_a_terminal_and_without_one(tmp_path):

@@ -33,7 +33,7 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 from table import ROOT
 
-PACKAGES = {"fieldmodels": "src", "fieldgym": "envs", "fieldagents": "agents", "exam": "tests"}
+PACKAGES = {"fieldmodels": "src", "fieldgym": "envs", "fieldagents": "agents", "exam": "tests", "papers": "."}
 PAGE = ROOT / "docs" / "mutants.md"
 HEADING = "## Drawn at random"
 

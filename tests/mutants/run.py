@@ -35,7 +35,18 @@ from table import FOLDER, ROOT, Mutant, read_mutants
 
 from fieldmodels.files import write_text
 
-COPIED = ("src", "envs", "agents", "tests", "configs", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
+COPIED = (
+    "src",
+    "envs",
+    "agents",
+    "tests",
+    "papers",
+    "configs",
+    "docs",
+    "pyproject.toml",
+    "README.md",
+    "mkdocs.yml",
+)
 WORK = ROOT / "results" / "mutants"
 STORE = WORK / "results.json"
 QUICK = WORK / "results-quick.json"
@@ -87,7 +98,7 @@ class Worker:
     ) -> tuple[int, list[dict[str, Any]]]:
         """Exit status, and one entry for each test that ran."""
         self.report.write_text("")
-        floors = [str(self.root / floor) for floor in ("src", "envs", "agents", "tests")]
+        floors = [str(self.root / floor) for floor in ("src", "envs", "agents", "tests", ".")]
         environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join([*floors, str(FOLDER)]),

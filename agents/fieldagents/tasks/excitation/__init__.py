@@ -1,1 +1,1 @@
-"""Excitation: its agents, tuners, figures and measures."""
+"""Excitation: its agents, tuners and measures."""

@@ -1,1 +1,1 @@
-"""Heel strike: its agents, tuners, figures and measures."""
+"""Heel strike: its agents, tuners and measures."""

@@ -1,1 +1,1 @@
-"""Line following: its agents, tuners, figures and measures."""
+"""Line following: its agents, tuners and measures."""

@@ -1,1 +1,1 @@
-"""Pose reaching: its agents, tuners, figures and measures."""
+"""Pose reaching: its agents, tuners and measures."""

@@ -15,11 +15,11 @@ from fieldagents.operator import Operator
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.tasks.pose_reaching.drives import RecordedDrives
 from fieldagents.tasks.pose_reaching.path_memory.teachers import starts_facing
-from fieldagents.tasks.pose_reaching.pilot import Pilot, drive_by_keys
 from fieldagents.tasks.pose_reaching.task import steer
 from fieldagents.watch import watch
 from fieldgym.pose_reaching import PoseReachingEnv
 from fieldmodels.recording import RecordingError
+from papers.pose_reaching.pilot import Pilot, drive_by_keys
 
 TASK = "pose_reaching"
 TEACHING = {"success": "loose", "timeout": 30.0}

@@ -1,0 +1,1 @@
+"""Excitation: the claims of its source, and its tables and figures redone."""

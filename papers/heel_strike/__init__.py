@@ -1,0 +1,1 @@
+"""Heel strike: the claims of its source, and its tables and figures redone."""

@@ -1,0 +1,1 @@
+"""Line following: the claims of its source, and its tables and figures redone."""

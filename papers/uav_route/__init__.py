@@ -1,0 +1,1 @@
+"""UAV route: the claims of its source, and its tables and figures redone."""
