@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 ROOT = Path(__file__).parents[2]
-CLONE = """It is in a checkout of the project alone, and nothing of it installs:
+CLONE = """This runs in a checkout of the project alone; nothing of it installs:
 git clone REPOSITORY fieldgym && cd fieldgym && make {}"""
 
 
