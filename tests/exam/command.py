@@ -91,17 +91,19 @@ def _degenerate(
     count: int, engine: Engine, out: Path | None, publish: Path | None, dry_run: bool, as_json: bool
 ) -> None:
     """Examine what becomes of hostile and unlucky input."""
-    from exam import degenerate as faults
+    from exam import degenerate
+    from exam.hostile import cases_of
+    from exam.table import put
     from fieldagents import plan
     from fieldagents.cli import app
 
-    chosen, out = faults.cases_of(count), out or Path("results") / "exam-degenerate"
-    folder = begin(plan.of_exam(["degenerate"] * count, out, engine), dry_run, as_json)
+    planned = plan.of_exam(["degenerate"] * count, out or Path("results") / "exam-degenerate", engine)
+    folder = begin(planned, dry_run, as_json)
     with progress() as report:
-        rows = faults.run_cases(chosen, folder, app, workers=engine.workers, progress=report)
-    written, found = faults.write(rows, folder), faults.summary(rows)
+        rows = degenerate.run_cases(cases_of(count), folder, app, workers=engine.workers, progress=report)
+    written, found = degenerate.write(rows, folder), degenerate.summary(rows)
     if publish is not None:
-        faults.publish(found, publish)
+        put(degenerate.markdown(found), publish)
     print_result(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
     if found["faults"]:
         raise typer.Exit(1)

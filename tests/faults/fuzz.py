@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.feather as feather
 import pyarrow.parquet as pq
 
-from exam.degenerate.cases import EXTENDED, RECORD, TOKENS, YAML_TOKENS, bench, mutated
+from exam.hostile import EXTENDED, RECORD, TOKENS, YAML_TOKENS, bench, mutated
 from exam.table import put
 from fieldagents.cli import _message
 from fieldagents.config import load_config

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from exam.degenerate import KINDS, Case, cases_of, run_cases, summary
-from exam.degenerate import run as room
-from exam.degenerate.cases import bench, table
+from exam import degenerate as room
+from exam.degenerate import run_cases, summary
+from exam.hostile import KINDS, Case, bench, cases_of, table
 from fieldagents.cli import app
 from fieldmodels.diagnosis.pilot import identifiable
 from fieldmodels.recording import RecordingError

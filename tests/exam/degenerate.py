@@ -1,4 +1,7 @@
-"""Running the cases as a user would, each in a process of its own with limits, and judging what is left."""
+"""An exam of faults: whatever a user hands in ends in an answer or in one clear message.
+
+Each case runs as a user would run it, in a process of its own with limits; what is left is judged.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,16 @@ import sys
 import tempfile
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from exam.degenerate.cases import HONEST, RECORD, Case
-from fieldmodels.files import PART
+from exam.hostile import HONEST, RECORD, Case
+from exam.run import Row, read_rows, write_row
+from fieldmodels.files import PART, write_text
 from fieldmodels.yaml import save_yaml
 
 PROCESSOR_S, MEMORY = 120, 6 << 30
@@ -28,7 +33,6 @@ PROCESSOR_S, MEMORY = 120, 6 << 30
 FAULTS = ("traceback", "bare warning", "hang", "false name", "consistent", "torn file", "died")
 NO_RELATION = ("unrelated", "noise alone")
 """Kinds of which no answer may say that the simulation is consistent with them."""
-Row = dict[str, Any]
 
 
 def run_cases(
@@ -49,11 +53,7 @@ def run_cases(
         progress: Shown the progress.
     """
     log = out / "cases.jsonl"
-    done: dict[str, Row] = {}
-    for line in log.read_text(encoding="utf-8").splitlines() if log.exists() else ():
-        with suppress(ValueError, KeyError, TypeError):  # cut off by an interruption
-            row = json.loads(line)
-            done[row["key"]] = row
+    done = {row["key"]: row for row in read_rows(log)}
     left = [case for case in cases if case.key not in done]
     _warm(command)
     running: dict[int, tuple[Case, Path]] = {}
@@ -68,8 +68,7 @@ def run_cases(
             case, folder = running.pop(pid)
             done[case.key] = judged(case, folder, status, used.ru_utime + used.ru_stime)
             shutil.rmtree(folder, ignore_errors=True)
-            lines.write(json.dumps(done[case.key]) + "\n")
-            lines.flush()
+            write_row(lines, done[case.key])
             progress(case.kind, len(done) / len(cases))
     return [done[case.key] for case in cases]
 
@@ -184,3 +183,40 @@ def _where(said: str) -> str:
     ours = [line.strip() for line in lines if "/field" in line and line.strip().startswith("File")]
     place = ours[-1].split("/")[-1] if ours else ""
     return f"{lines[-1][:200]} ({place})"
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """Counts of outcomes, whole and by kind, and every fault."""
+    kinds = list(dict.fromkeys(row["kind"] for row in rows))
+    return {
+        "schema": 1,
+        "cases": len(rows),
+        "outcomes": dict(Counter(row["outcome"] for row in rows)),
+        "kinds": {kind: dict(Counter(r["outcome"] for r in rows if r["kind"] == kind)) for kind in kinds},
+        "faults": [row for row in rows if row["outcome"] in FAULTS],
+    }
+
+
+def markdown(found: dict[str, Any]) -> str:
+    """The counts as a table."""
+    columns = ("answered", "refused", *FAULTS)
+    lines = [
+        f"{found['cases']} cases by `fieldgym exam --kind degenerate --cases {found['cases']}`.\n",
+        f"| kind | {' | '.join(columns)} |",
+        f"|---|{'---:|' * len(columns)}",
+    ]
+    for kind, counts in {**found["kinds"], "**all**": found["outcomes"]}.items():
+        lines.append(f"| {kind} | " + " | ".join(str(counts.get(name, 0)) for name in columns) + " |")
+    if found["faults"]:
+        lines.append("\nFaults:\n")
+        lines += [f"- `{row['key']}`: {row['outcome']}: {row['said']}" for row in found["faults"]]
+    return "\n".join([*lines, ""])
+
+
+def write(rows: Sequence[Row], out: Path) -> dict[str, Path]:
+    """Write ``exam.json`` and ``exam.md``."""
+    found = summary(rows)
+    texts = {"exam.md": markdown(found), "exam.json": json.dumps(found, indent=1) + "\n"}
+    for name, text in texts.items():
+        write_text(out / name, text)
+    return {name: out / name for name in texts}
