@@ -84,7 +84,11 @@ def page() -> str:
         INTRODUCTION,
         f"**{len(claims)} claims**: " + ", ".join(f"{n} {v}" for v, n in counts.most_common()),
     ]
-    parts.append(f".\n\n{_figures(claims)}\n")
+    open_ = sum(verdict_of(one) == "reproduced" and bool(one.claim.assumes) for one in claims)
+    parts.append(
+        f". Of those reproduced {counts['reproduced'] - open_} are decided by what is printed, {open_} under "
+        f'an assumption of ours, which is stated ("Assumed").\n\n{_figures(claims)}\n'
+    )
     for task in all_sources():
         rows = [one for one in claims if one.task == task]
         if rows:
@@ -127,7 +131,7 @@ def _row(one: Decided) -> str:
     if verdict == "depends":
         verdict = f"depends on {claim.depends_on}"
     says = " ".join(
-        text for text in (claim.says, f"*{claim.because}*" * bool(claim.because), claim.remark) if text
+        text for text in (claim.says, f"*{claim.because}*" * bool(claim.because), claim.comment) if text
     )
     printed = "; ".join(
         text for text in (claim.printed, claim.condition and f"holds: {claim.condition}") if text

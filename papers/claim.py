@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
+
+from fieldmodels.yaml import load_yaml
 
 Verdict = Literal["reproduced", "refuted", "depends", "undecided", "not computable", "failed"]
 
@@ -13,6 +17,10 @@ VERDICTS: tuple[Verdict, ...] = (
     "reproduced", "refuted", "depends", "undecided", "not computable", "failed",
 )  # fmt: skip
 """In the order of presentation."""
+
+
+ANY = (-math.inf, math.inf)
+"""Every number."""
 
 
 @dataclass(frozen=True)
@@ -80,18 +88,26 @@ class Claim:
         because: Why nothing can be computed; nothing else is then given but ``name``, ``where``, ``says``.
         expected: The verdict that we have come to; another one is flagged. Without effect beside ``because``.
         remark: Why the verdict is what it is, in a sentence or two, with the source's words if they matter.
+        assumes: What the source leaves open and we chose: a condition, a bound, what a word means. Without it
+            the claim is decided by what is printed.
     """
 
     name: str
     where: tuple[str, ...]
     says: str
     printed: str = ""
-    holds: tuple[float, float] = (-math.inf, math.inf)
+    holds: tuple[float, float] = ANY
     ours: Ours | Mapping[str, Ours] = field(default_factory=dict)
     depends_on: str = ""
     because: str = ""
     expected: Verdict = "reproduced"
     remark: str = ""
+    assumes: str = ""
+
+    @property
+    def comment(self) -> str:
+        """What is assumed, and why the verdict is what it is."""
+        return " ".join(filter(None, (self.remark, self.assumes and f"Assumed: {self.assumes}")))
 
     @property
     def readings(self) -> Mapping[str, Ours]:
@@ -171,6 +187,30 @@ def judge(number: Statistic | None, holds: tuple[float, float]) -> Verdict:
     return "refuted" if number.high < low or number.low > high else "undecided"
 
 
+def read_claims(path: Path) -> dict[str, Claim]:
+    """The claims of a source, by name, in its order.
+
+    Args:
+        path: A file of YAML: names with the attributes of `Claim`, but ``holds`` is a rule with its numbers
+            (``{near: [333, 25]}``), ``ours`` a run, a statistic and options (``[figure-2.12, error [mm]]``),
+            and ``readings`` has one such list for each reading of an ambiguous text.
+    """
+    return {name: _claim(name, **given) for name, given in load_yaml(path).items()}
+
+
+def _claim(
+    name: str,
+    where: Sequence[str],
+    holds: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    ours: Sequence[Any] = (),
+    readings: Mapping[str, Sequence[Any]] = MappingProxyType({}),
+    **given: Any,
+) -> Claim:
+    ranges = [RULES[rule](*numbers) for rule, numbers in holds.items()]
+    numbers = Ours(*ours) if ours else {reading: Ours(*one) for reading, one in readings.items()}
+    return Claim(name, tuple(where), holds=ranges[0] if ranges else ANY, ours=numbers, **given)
+
+
 def near(value: float, tolerance: float) -> tuple[float, float]:
     """Values that differ from a printed one by at most a tolerance."""
     return value - tolerance, value + tolerance
@@ -189,6 +229,13 @@ def at_least(value: float) -> tuple[float, float]:
 def at_most(value: float) -> tuple[float, float]:
     """Values up to a printed one."""
     return -math.inf, value
+
+
+RULES: Mapping[str, Callable[..., tuple[float, float]]] = {
+    "near": near, "times": times, "at least": at_least, "at most": at_most,
+    "between": lambda low, high: (low, high),
+}  # fmt: skip
+"""What a file of claims may say of our number."""
 
 
 def _digits(value: float) -> str:

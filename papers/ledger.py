@@ -162,6 +162,7 @@ def _claim_data(ledger: Ledger, one: Decided) -> dict[str, Any]:
         "unexpected": one.unexpected,
         "because": claim.because or None,
         "remark": claim.remark,
+        "assumes": claim.assumes,
         "ours": [
             {
                 "reading": reading,

@@ -36,12 +36,14 @@ def write_page(ledger: Ledger, out: Path) -> Path:
 def summary(ledger: Ledger) -> str:
     """How many claims have which verdict, in a sentence."""
     counts = ", ".join(f"{count} {verdict}" for verdict, count in ledger.counts.items())
+    open_ = sum(one.verdict == "reproduced" and bool(one.claim.assumes) for one in ledger.claims)
     odd = sum(one.unexpected for one in ledger.claims)
     seconds = sum(outcome.processor_s for outcome in ledger.runs.values())
     expected = f"{odd} not as expected" if odd else "all as expected"
     kind = "quick runs" if ledger.quick else "full runs"
     return (
-        f"{len(ledger.claims)} claims: {counts}; {expected}. {len(ledger.runs)} {kind}, "
+        f"{len(ledger.claims)} claims: {counts}; {expected}; of those reproduced {open_} "
+        f"rest on an assumption of ours. {len(ledger.runs)} {kind}, "
         f"{seconds:.0f} s of processor time."
     )
 

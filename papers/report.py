@@ -64,7 +64,7 @@ def claims_html(claims: Sequence[Decided]) -> str:
 def _row_html(one: Decided) -> str:
     style = "bad" if one.unexpected else STYLES[one.verdict][1]
     soft = [
-        f'<span class="soft">{html.text(text)}</span>' for text in (*_notes(one), one.claim.remark) if text
+        f'<span class="soft">{html.text(text)}</span>' for text in (*_notes(one), one.claim.comment) if text
     ]
     where = f'<span class="soft">{html.text("; ".join(one.claim.where))}</span>'
     claim = "<br>".join([where, html.text(one.claim.says), *soft])

@@ -1,7 +1,7 @@
 """What the sources print and claim, and where it is found by the name of the task.
 
 A source is a folder beside this file with the name of its task. It holds ``figures.py`` with ``FIGURES``
-(`Reproducible`), its tables and figures redone, and ``claims.py`` with ``CLAIMS``, which these decide.
+(`Reproducible`), its tables and figures redone, and ``claims.yaml``, what it claims, which these decide.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 from fieldagents.task import code_of
-from fieldmodels.code import reached_code
-from papers.claim import Claim, Decided, Statistic
+from papers.claim import Claim, Decided, Statistic, read_claims
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,13 +99,12 @@ class Source:
     @property
     def claims(self) -> dict[str, Claim]:
         """What is claimed, by name, in the source's order."""
-        return {claim.name: claim for claim in import_module(f"papers.{self.name}.claims").CLAIMS}
+        return read_claims(Path(__file__).parent / self.name / "claims.yaml")
 
     @property
     def code(self) -> str:
         """Hash over the code of the runs. Claims do not count: verdicts are computed anew each time."""
-        papers = reached_code((f"papers.{self.name}",), (f"papers.{self.name}.claims",))
-        return f"{code_of(self.name)} {papers}"
+        return code_of(self.name, f"papers.{self.name}")
 
 
 def all_sources() -> dict[str, Source]:
