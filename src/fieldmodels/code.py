@@ -27,11 +27,11 @@ def reached_code(roots: tuple[str, ...], without: tuple[str, ...] = ()) -> str:
 
 
 @cache
-def whole_code() -> str:
-    """Hash over the source of all of our packages that are installed."""
+def whole_code(*also: str) -> str:
+    """Hash over the source of all of our packages that are installed, and of further ones."""
     folders = [
         Path(place)
-        for name in PACKAGES
+        for name in dict.fromkeys((*PACKAGES, *also))
         if (spec := find_spec(name))
         for place in spec.submodule_search_locations or ()
     ]

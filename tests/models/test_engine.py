@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from fieldmodels.code import whole_code
 from fieldmodels.engine import HERE, Engine, Job, JobsFailedError, cluster, done_before, run_all, run_jobs
 
 WORK = """
@@ -187,7 +186,7 @@ def test_a_machine_without_the_folder_gets_its_files_and_sends_back_its_own(work
     (job.folder / "calls").write_text("earlier ")
     token, sent = cluster._sent(job, "token")
     (job.folder / cluster.TOKEN).write_text("of another machine")
-    done, back = cluster._work(job, whole_code(), token, sent)
+    done, back = cluster._work(job, cluster._code(job), token, sent)
     assert (done.error, done.result) == ("", {"square": 0.0})
     assert (job.folder / "calls").read_text() == "earlier "  # worked elsewhere
     cluster._unpack(back, job.folder)

@@ -56,11 +56,11 @@ def on_ray(jobs: Sequence[Job], address: str) -> Iterator[Done]:
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise EngineError(f"no Ray cluster at {address or 'this machine'}: {error}") from None
     work = ray.remote(num_cpus=1, max_retries=RETRIES, scheduling_strategy="SPREAD")(_work)
-    token, code = secrets.token_hex(8), whole_code()
+    token = secrets.token_hex(8)
     under_way: dict[Any, Job] = {}
     try:
         for job in jobs:
-            under_way[work.remote(job, code, *_sent(job, token))] = job
+            under_way[work.remote(job, _code(job), *_sent(job, token))] = job
         while under_way:
             (ref,), _ = ray.wait(list(under_way), num_returns=1)
             job = under_way.pop(ref)
@@ -87,7 +87,7 @@ def on_ray(jobs: Sequence[Job], address: str) -> Iterator[Done]:
 
 def _work(job: Job, code: str, token: str, files: Files) -> tuple[Done, Files]:
     """Do a job on a machine of the cluster."""
-    if whole_code() != code:
+    if _code(job) != code:
         return Done(job, error="this machine has another version of fieldgym: install the driver's"), {}
     if job.folder is None or _read(job.folder / TOKEN) == token.encode():
         return perform(job), {}
@@ -96,6 +96,11 @@ def _work(job: Job, code: str, token: str, files: Files) -> tuple[Done, Files]:
         _unpack(files, folder)
         done = perform(replace(job, folder=folder))
         return done, _pack(folder)
+
+
+def _code(job: Job) -> str:
+    """Hash of our code, and of the package that the job is in: of a checkout, the exam and the papers."""
+    return whole_code(job.function.__module__.partition(".")[0])
 
 
 def _sent(job: Job, token: str) -> tuple[str, Files]:
