@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from fieldmodels import html
 from fieldmodels.files import write_text
 from papers.claim import Decided
-from papers.ledger import Ledger
+from papers.ledger import Ledger, Outcome, Run
 from papers.report import WIDTH, claims_html, show_claims
-from papers.runs import Outcome, Run
 
 if TYPE_CHECKING:
     from rich.console import Console

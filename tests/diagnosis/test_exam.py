@@ -566,7 +566,7 @@ def test_a_result_is_published_between_two_lines_of_a_page(tmp_path):
     first, last = (f"<!-- result of the exam: {edge} -->" for edge in ("begin", "end"))
     page.write_text(f"# Title\n{first}\nof another day\n{last}\nrest\n")
     for _ in range(2):  # over an earlier one
-        table.publish(found, page)
+        table.put(table.markdown(found), page)
     text = page.read_text()
     assert text.startswith("# Title\n")
     assert text.endswith("\nrest\n")
@@ -574,7 +574,7 @@ def test_a_result_is_published_between_two_lines_of_a_page(tmp_path):
     assert "another day" not in text
     page.write_text("# Title\n")
     with pytest.raises(ModelError, match="no place for the result"):
-        table.publish(found, page)
+        table.put(table.markdown(found), page)
 
 
 # The run.

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from types import ModuleType
+from typing import Annotated, Literal
 
 import typer
 
 from fieldagents.console import Address, DryRun, EngineName, Json, Workers, begin, print_result
 from fieldagents.progress import progress
-
-if TYPE_CHECKING:
-    from fieldmodels.engine import Engine
 
 _SET = "Cases to develop a diagnosis on, or to report on; they have nothing in common."
 _FRESH = "Draw other cases than the published ones, which nobody has seen: any number of yours."
@@ -65,45 +63,32 @@ def exam(
 
         fieldgym exam --kind degenerate --cases 300
     """
-    from fieldagents import plan
-    from fieldmodels.engine import Engine
-
-    if kind == ["degenerate"]:
-        _degenerate(cases or 1000, Engine(workers=workers), out, publish, dry_run, as_json)
-        return
-    from exam import table
+    from exam import degenerate, table
     from exam.cases import cases_of, examined
+    from exam.hostile import cases_of as hostile_cases
     from exam.run import run_cases
-
-    chosen = cases_of(which, machine or examined(), kind or (), cases, fresh)
-    name = f"exam-{which}-{fresh}" if fresh else f"exam-{which}"
-    by, out = Engine(engine, workers, address), out or Path("results") / name
-    folder = begin(plan.of_exam([case.machine for case in chosen], out, by), dry_run, as_json)
-    with progress() as report:
-        rows = run_cases(chosen, folder, engine=by, progress=report)
-    written, found = table.write(rows, folder), table.summary(rows)
-    if publish is not None:
-        table.publish(found, publish)
-    print_result(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
-
-
-def _degenerate(
-    count: int, engine: Engine, out: Path | None, publish: Path | None, dry_run: bool, as_json: bool
-) -> None:
-    """Examine what becomes of hostile and unlucky input."""
-    from exam import degenerate
-    from exam.hostile import cases_of
-    from exam.table import put
     from fieldagents import plan
     from fieldagents.cli import app
+    from fieldmodels.engine import Engine
 
-    planned = plan.of_exam(["degenerate"] * count, out or Path("results") / "exam-degenerate", engine)
-    folder = begin(planned, dry_run, as_json)
+    by, of_faults = Engine(engine, workers, address), kind == ["degenerate"]
+    tables: ModuleType = degenerate if of_faults else table
+    if of_faults:
+        hostile, name = hostile_cases(cases or 1000), "exam-degenerate"
+        machines = ["degenerate"] * len(hostile)
+    else:
+        chosen = cases_of(which, machine or examined(), kind or (), cases, fresh)
+        name = f"exam-{which}-{fresh}" if fresh else f"exam-{which}"
+        machines = [case.machine for case in chosen]
+    folder = begin(plan.of_exam(machines, out or Path("results") / name, by), dry_run, as_json)
     with progress() as report:
-        rows = degenerate.run_cases(cases_of(count), folder, app, workers=engine.workers, progress=report)
-    written, found = degenerate.write(rows, folder), degenerate.summary(rows)
+        if of_faults:
+            rows = degenerate.run_cases(hostile, folder, app, workers=workers, progress=report)
+        else:
+            rows = run_cases(chosen, folder, engine=by, progress=report)
+    written, found = tables.write(rows, folder), tables.summary(rows)
     if publish is not None:
-        put(degenerate.markdown(found), publish)
+        table.put(tables.markdown(found), publish)
     print_result(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
-    if found["faults"]:
+    if of_faults and found["faults"]:
         raise typer.Exit(1)

@@ -445,11 +445,6 @@ def of_tables(made: Sequence[Table]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def publish(found: Mapping[str, Any], page_path: Path) -> None:
-    """Put the rates into a page; see `put`."""
-    put(markdown(found), page_path)
-
-
 def put(result: str, page_path: Path, what: str = "result of the exam") -> None:
     """Put a result into a page, in place of the one that stands there.
 

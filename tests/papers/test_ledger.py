@@ -19,7 +19,6 @@ from fieldagents.cli import app
 from fieldmodels.code import files_reached
 from papers import ledger as books
 from papers import run as running
-from papers import runs
 from papers.claim import Claim, Decided, Ours, Statistic, at_least, at_most, judge, near, times
 from papers.pages import show_ledger
 from papers.source import Reproduction, all_sources, reproduces
@@ -163,7 +162,7 @@ def small(monkeypatch):
     task = SimpleNamespace(
         name="small", figures={"good": good, "bad": bad}, claims={c.name: c for c in claims}
     )
-    for module in (books, running, runs):
+    for module in (books, running):
         monkeypatch.setattr(module, "all_sources", lambda: {"small": task})
     task.code, task.done = "first", done
     return task
@@ -223,7 +222,7 @@ def every_claim() -> books.Ledger:
     number = Statistic(-1234.5678, -123456.78, 0.000123456)
     found = [Decided(c, t.name, dict.fromkeys(c.readings, number), {"": "a fault"}) for t, c in CLAIMS]
     needed = books.needed([(task.name, claim) for task, claim in CLAIMS], quick=False)
-    outcomes = {run: runs.Outcome(run, {}, (), (), 1.0, resumed=False) for run in needed}
+    outcomes = {run: books.Outcome(run, {}, (), (), 1.0, resumed=False) for run in needed}
     return books.Ledger(tuple(found), outcomes, quick=False)
 
 
