@@ -155,7 +155,8 @@ def judged(worker: run.Worker, mutation: dict[str, Any], budget: float) -> dict[
 def nearest(file: str) -> tuple[str, ...]:
     """Files of tests in the order of how directly they import a module; those that never do are left out."""
     graph = _graph()
-    module = file.split("/", 1)[1].removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    place = file if file.startswith("papers/") else file.split("/", 1)[1]
+    module = place.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     far, frontier, step = {module: 0}, {module}, 0
     while frontier:
         step += 1
