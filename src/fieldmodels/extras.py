@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 EXTRAS = {
-    "pandas": "agents", "onnxruntime": "agents", "pygame": "render", "pymunk": "bodies", "torch": "train",
+    "pyarrow": "parquet", "onnxruntime": "agents", "pygame": "render", "pymunk": "bodies", "torch": "train",
     "stable_baselines3": "train", "sb3_contrib": "train", "tensorboard": "train", "onnx": "train",
     "cma": "train", "optuna": "tune", "ray": "cluster", "filterpy": "filters", "pulp": "planning",
     "moviepy": "video", "cv2": "video", "imageio_ffmpeg": "video",

@@ -283,3 +283,18 @@ def test_times_as_loggers_write_them(tmp_path, texts, seconds):
     rows = "".join(f"{text},{k}.5\n" for k, text in enumerate(texts))
     (tmp_path / "log.csv").write_text(f"time,x\n{rows}")
     assert np.diff(read_table(tmp_path / "log.csv")["time"])[0] == pytest.approx(seconds, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("texts", "step"),
+    [
+        (("23:59:58", "23:59:58.500", "23:59:59", "23:59:59.500", "0:00:00"), 0.5),
+        (("5/11/2026 23:00", "5/12/2026 11:00", "5/12/2026 23:00", "5/13/2026 11:00"), 43200.0),
+        (("2026-10-25T02:59:59+02:00", "2026-10-25T02:00:00+01:00"), 1.0),
+    ],
+)
+def test_times_of_one_column_are_read_alike_however_long_it_is(tmp_path, monkeypatch, texts, step):
+    """Days before months, and midnight, show in a later block than the first; each row is one here."""
+    monkeypatch.setattr("fieldmodels.recording.text._BLOCK", 2)
+    (tmp_path / "log.csv").write_text("time,x\n" + "".join(f"{text},{k}.5\n" for k, text in enumerate(texts)))
+    assert np.diff(read_table(tmp_path / "log.csv")["time"]) == pytest.approx(step)

@@ -95,6 +95,13 @@ def test_a_row_that_the_logger_left_half_written_is_left_out(tmp_path):
     refused(path, "cells, but the header has 3")
 
 
+@pytest.mark.parametrize("wrong", ["3.0,4,1\n", "3.0,4,1,1,5\n", "3.0,4,1\n3.01,4,1,1,5\n"])
+def test_rows_with_cells_too_few_or_too_many_are_refused(tmp_path, wrong):
+    path = tmp_path / "log.csv"
+    path.write_text("t,force,position,mode\n" + ROWS.replace("\n", ",1\n") + wrong + "3.1,2,3,1\n")
+    refused(path, "row 302", "cells, but the header has 4")
+
+
 def test_a_cut_archive_is_a_clear_error(tmp_path):
     path = tmp_path / "log.csv.gz"
     whole = gzip.compress(("t,force,position\n" + ROWS).encode())
@@ -132,6 +139,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
 @pytest.mark.parametrize(
     ("module", "name", "start"),
     [
+        ("pyarrow", "parquet", b"PAR1"),
         ("h5py", "hdf5", b"\x89HDF"),
         ("rosbags", "ros", b"#ROSBAG"),
         ("asammdf", "mdf", b"MDF "),
@@ -142,7 +150,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
 )
 def test_a_missing_extra_is_named(tmp_path, monkeypatch, module, name, start):
     (tmp_path / "log").write_bytes(start)
-    for known in [m for m in sys.modules if m.split(".")[0] == module]:
+    for known in [m for m in sys.modules if m.split(".")[0] == module or ".recording.readers." in m]:
         monkeypatch.delitem(sys.modules, known)
     monkeypatch.setitem(sys.modules, module, None)
     refused(tmp_path / "log", f"pip install 'fieldgym[{name}]'")

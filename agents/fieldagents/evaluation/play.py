@@ -10,6 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import pyarrow  # noqa: F401  # said at once if it is missing: episodes are kept as Parquet
+
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.agents import AgentRuns, is_import_path, make_agent, policies, saved
 from fieldagents.evaluation.episodes import play_episodes

@@ -14,7 +14,6 @@ from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Estimate
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.drivers.named import flown
-from fieldmodels.extras import needed
 from fieldmodels.model import Model, ModelError
 from fieldmodels.reality import SCHEMA, extended_reality
 from fieldmodels.recording import Recording, Windows
@@ -107,8 +106,9 @@ class Simulation:
             if output.name in recording:
                 table[output.name] = measured[:, :, j].ravel()
                 table[f"{output.name}_predicted"] = run[:, :, j].ravel()
-        made: pd.DataFrame = needed("pandas").DataFrame(table)
-        return made
+        import pandas as pd
+
+        return pd.DataFrame(table)
 
 
 def written(
@@ -151,9 +151,10 @@ def table(groups: Mapping[str, tuple[str, Mapping[str, Estimate]]]) -> pd.DataFr
     Args:
         groups: Effect to its kind and its numbers.
     """
-    made: pd.DataFrame = needed("pandas").DataFrame([
+    import pandas as pd
+
+    return pd.DataFrame([
         {"kind": kind, "effect": effect, "parameter": name, "value": e.value, "std": e.std, "unit": e.unit}
         for effect, (kind, values) in groups.items()
         for name, e in values.items()
     ])  # fmt: skip
-    return made

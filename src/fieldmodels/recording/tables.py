@@ -6,6 +6,7 @@ header in row 1, as editors and spreadsheets show them.
 
 from __future__ import annotations
 
+import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,12 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pq
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.extras import MissingExtraError, needed
 from fieldmodels.files import replacing
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.rounding import listed
@@ -31,9 +29,20 @@ EMPTY = "the cell is empty or NaN"
 REMEDY = (
     "leave such rows out (gaps of up to four are then filled, longer ones begin a new episode), or fill them"
 )
-MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 LARGEST = 4 << 30
 """Most bytes that the columns of one log may take in memory."""
+_FORMS = (
+    (r"(:[\d.,:]+) ?(Z|[+-]\d\d:?\d\d)$", r"\1%z"),
+    (r"^\d{4}([-/])\d+\1\d+", r"%Y\1%m\1%d"),
+    (r"^\d+([-./])\d+\1\d{4}", r"%d\1%m\1%Y"),
+    (r"^\d+([- ])[A-Za-z]{3}\1\d{4}", r"%d\1%b\1%Y"),
+    (r"^\d+([- ])[A-Za-z]{4,}\1\d{4}", r"%d\1%B\1%Y"),
+    (r"\d+:\d\d:\d\d([.,:])\d+", r"%H:%M:%S\1%f"),
+    (r"\d+:\d\d:\d\d", r"%H:%M:%S"),
+    (r"\d+:\d\d", r"%H:%M"),
+    (r"%H(.*)[AaPp][Mm]$", r"%I\1%p"),
+)
+"""Parts of a time as text to their directives."""
 
 
 @dataclass(frozen=True)
@@ -208,8 +217,8 @@ class SeriesTable(Table):
             return np.asarray((values.astype("M8[ns]").astype(np.int64)) * 1e-9)
         if values.dtype.kind in "OUS":
             try:
-                return seconds(pa.array(values.ravel().tolist(), pa.string()))
-            except (pa.ArrowException, TypeError, OverflowError):
+                return seconds(values.ravel())
+            except ValueError:
                 pass
         try:
             return np.array(values, dtype=np.float64).ravel()
@@ -249,67 +258,55 @@ def check_size(path: Path, rows: int, columns: int) -> None:
         )
 
 
-def seconds(texts: pa.Array) -> FloatArray:
+def seconds(texts: Any) -> FloatArray:
     """Times of day, dates and times as text, as seconds; of a time of day that falls, the next day's.
 
     Raises:
-        ArrowException: If a text is no time.
+        ValueError: If a text is no time.
     """
-    text = pc.utf8_trim_whitespace(texts)
-    half_day = _half_day(text)
-    if pc.any(pc.match_substring_regex(text, "[A-Za-z]{3}")).as_py():
-        for number, month in enumerate(MONTHS, 1):
-            text = pc.replace_substring_regex(
-                text, rf"(?i)^(\d{{1,2}})[- ]{month}[a-z]*[- ](\d{{4}})", rf"\2-{number:02d}-\1"
-            )
-    for pattern, replacement in (
-        (r"(?i) ?[ap]m$", ""),
-        ("T", " "),
-        (",", "."),
-        (r"(Z|[+-]\d\d:?\d\d)$", ""),
-        (r"^(\d{4})/(\d+)/(\d+)", r"\1-\2-\3"),
-        (r"^(\d{1,2})[./](\d{1,2})[./](\d{4})", r"\3-\2-\1"),
-        (r"-(\d)-", r"-0\1-"),
-        (r"-(\d)( |$)", r"-0\1\2"),
-        (r"(^| )(\d):", r"\g<1>0\2:".replace(r"\g<1>", r"\1")),
-        (r"^(\d\d:)", r"1970-01-01 \1"),
-        (r"(:\d\d:\d\d):(\d{1,6})$", r"\1.\2"),
-    ):
-        text = pc.replace_substring_regex(text, pattern, replacement)
-    if pc.any(pc.match_substring_regex(text, r" \d\d:\d\d:\d\d\.\d+$")).as_py() is False:
-        text = pc.replace_substring_regex(text, r"( \d\d:\d\d)$", r"\1:00")
     try:
-        stamps = pc.cast(text, pa.timestamp("ns"))
-    except pa.ArrowInvalid:  # the month before the day
-        stamps = pc.cast(
-            pc.replace_substring_regex(text, r"^(\d{4})-(\d\d)-(\d\d)", r"\1-\3-\2"), pa.timestamp("ns")
-        )
-    numbers = stamps.cast(pa.int64()).to_numpy(zero_copy_only=False)
-    result = np.where(np.asarray(stamps.is_null()), np.nan, numbers * 1e-9) + half_day
-    if len(result) and np.nanmax(result, initial=0.0) < 86400.0:
-        result += 86400.0 * np.cumsum(np.concatenate([[False], np.diff(result) < -43200.0]))
-    return np.asarray(result)
+        return over_midnight(stamps(texts))
+    except ValueError:
+        return over_midnight(stamps(texts, month_first=True))
 
 
-def _half_day(text: pa.Array) -> FloatArray:
-    """Seconds that am and pm add to what a clock of twelve hours shows; 12 am is midnight."""
-    after_noon = pc.fill_null(pc.match_substring_regex(text, r"(?i)\d ?pm$"), fill_value=False)
-    said = pc.fill_null(pc.match_substring_regex(text, r"(?i)\d ?[ap]m$"), fill_value=False)
-    twelve = pc.fill_null(pc.match_substring_regex(text, r"(^|[T ])12:[^ ]+ ?[A-Za-z]*$"), fill_value=False)
-    after_noon, said, twelve = (
-        flags.to_numpy(zero_copy_only=False).astype(bool) for flags in (after_noon, said, twelve)
-    )
-    return np.asarray(43200.0 * after_noon - 43200.0 * (said & twelve))
+def stamps(texts: Any, month_first: bool = False) -> FloatArray:
+    """Texts of one form as seconds, of times of day since midnight, of dates since 1970; NaN for none.
+
+    Raises:
+        ValueError: If a text is no time, or not of the form of the longest one.
+    """
+    import pandas as pd
+
+    text = pd.Series(texts, dtype="str").str.strip()
+    form = max(text.dropna(), key=len, default="")
+    dated = re.search(r"\d{4}", form.partition(":")[0])
+    for pattern, directives in _FORMS:
+        form = re.sub(pattern, directives, form)
+    if month_first:
+        form = re.sub("%d(.)%m", r"%m\1%d", form)
+    found = pd.to_datetime(text, format=form, errors="coerce", utc=True)
+    if (plain := found.isna() & text.notna()).any():  # a logger leaves a fraction of zero out
+        found[plain] = pd.to_datetime(text[plain], format=re.sub(".%f", "", form), utc=True)
+    origin = pd.Timestamp(1970 if dated else 1900, 1, 1, tz="UTC")  # of a time of day the calendar's own
+    return np.asarray((found - origin) / pd.Timedelta(seconds=1))
+
+
+def over_midnight(times: FloatArray) -> FloatArray:
+    """Times of day that go on over midnight, in place."""
+    if len(times) and np.nanmax(times, initial=0.0) < 86400.0:
+        times[1:] += 86400.0 * np.cumsum(np.diff(times) < -43200.0)
+    return times
 
 
 def collect(
     path: Path,
-    batches: Iterable[pa.RecordBatch],
-    names: Sequence[str],
+    batches: Iterable[Mapping[Any, FloatArray]],
+    names: Sequence[Any],
     expected: int,
     most: int | None = None,
-) -> dict[str, FloatArray]:
-    """Join batches into one array per column; pages after the last row are never touched and cost nothing.
+) -> dict[Any, FloatArray]:
+    """Join batches of columns into one array each; pages after the last row are never touched, cost nothing.
 
     After ``most`` rows no more batches are taken.
 
@@ -320,14 +317,14 @@ def collect(
     columns = {name: np.empty(size) for name in names}
     n = 0
     for batch in batches:
-        stop = n + batch.num_rows
+        stop = n + max(map(len, batch.values()), default=0)
         if stop > size:
             check_size(path, stop, len(names))
             size = max(stop, 3 * size // 2)
             for name in names:
                 columns[name].resize(size, refcheck=False)
         for name in names:
-            columns[name][n:stop] = numeric(batch.column(name))
+            columns[name][n:stop] = batch[name]
         n = stop
         if most is not None and n >= most:
             break
@@ -336,36 +333,29 @@ def collect(
     return columns
 
 
-def numeric(column: pa.Array) -> FloatArray:
-    """An Arrow column as float64, its dates as seconds."""
-    if pa.types.is_temporal(column.type):
-        kinds = {"time": pa.time64("ns"), "dura": pa.duration("ns")}
-        stamps = column.cast(kinds.get(str(column.type)[:4], pa.timestamp("ns")))
-        values = stamps.cast(pa.int64()).to_numpy(zero_copy_only=False) * 1e-9
-        return np.asarray(np.where(np.asarray(column.is_null()), np.nan, values))
-    if pa.types.is_string(column.type):
-        return seconds(column)
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
 def write_table(path: Path, columns: dict[str, Any], units: dict[str, str]) -> None:
     """Write columns as .csv (shortest decimals that read back exactly) or .parquet (with units), atomically.
 
     Raises:
-        RecordingError: If the extension is neither.
+        RecordingError: If the extension is neither, or pyarrow is missing for the latter.
     """
+    import pandas as pd
+
+    kind = path.suffix.lower()
+    if kind not in (".csv", ".parquet"):
+        raise RecordingError(f"{path}: a recording is written as .csv or .parquet")
+    table = pd.DataFrame(columns, copy=False)
+    if kind == ".csv":
+        with replacing(path) as temporary:
+            table.to_csv(temporary, index=False)
+        return
+    try:
+        pa, pq = needed("pyarrow"), needed("pyarrow.parquet")
+    except MissingExtraError as error:
+        raise RecordingError(f"{path}: {error}, or write .csv") from None
     fields = [
         pa.field(name, pa.array(values[:0]).type, metadata={"unit": units[name]} if units.get(name) else None)
         for name, values in columns.items()
     ]
-    table = pa.table(list(columns.values()), schema=pa.schema(fields))
-    if path.suffix.lower() == ".parquet":
-        with replacing(path) as temporary:
-            pq.write_table(table, temporary)
-    elif path.suffix.lower() == ".csv":
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            header = ",".join(f'"{n}"' if "," in n else n for n in columns)
-            file.write(f"{header}\n".encode())
-            pa_csv.write_csv(table, file, pa_csv.WriteOptions(include_header=False))
-    else:
-        raise RecordingError(f"{path}: a recording is written as .csv or .parquet")
+    with replacing(path) as temporary:
+        pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), temporary)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import codecs
 import csv
 import gzip
 import io
@@ -11,26 +10,25 @@ import lzma
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import accumulate, islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.converters import BLACKBOX, advice
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff
 from fieldmodels.recording.evidence import is_clock
-from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, collect
+from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, collect, over_midnight, stamps
 from fieldmodels.recording.units import canonical
 from fieldmodels.recording.words import is_time
 
 _SAMPLE = 1 << 20  # bytes in which the dialect is found
-_BLOCK = 1 << 20  # bytes of text parsed at once
+_BLOCK = 1 << 20  # characters of text, or cells, parsed at once
 _LOOKED_AT = 1000  # rows that tell whether a column is a clock
 _RATES = 100  # largest ratio of two channels' rates; clocks in s and ms differ by more
 _PACKED = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
@@ -110,25 +108,26 @@ class TextTable(Table):
         ends = {c: int(np.flatnonzero(np.isfinite(found[c])).max(initial=-1)) + 1 for c in clocks.values()}
         return {name: found[name][: ends[clocks[name]]] for name in names}
 
-    def _read(self, names: Sequence[str], rows: int | None) -> dict[str, FloatArray]:
+    def _read(
+        self, names: Sequence[str], rows: int | None, month_first: bool = False
+    ) -> dict[str, FloatArray]:
         """Read columns in blocks; on a bad cell, find its row by a second, slower pass."""
         expected = int(1.2 * self.path.stat().st_size / self._row_bytes) + 16
+        self._uneven, times = False, self._of_kind("time") & {*names}
         try:
-            with self._rows() as source:
-                columns = collect(self.path, self._reader(source, names), names, expected, rows)
-        except (pa.ArrowException, UnicodeError, OSError, EOFError, lzma.LZMAError) as error:
-            said = str(error)
-            if "Empty CSV file" in said or "Could not skip" in said:  # nothing but the header
-                return {name: np.empty(0) for name in names}
+            columns = collect(self.path, self._blocks(names, month_first), names, expected, rows)
+        except (ValueError, OverflowError, OSError, EOFError, lzma.LZMAError) as error:
+            if times and not month_first:
+                return self._read(names, rows, month_first=True)
             if not self.dialect.comment:  # one far down, perhaps
                 self.dialect = replace(self.dialect, comment=True)
                 return self._read(names, rows)
-            raise self.fail(self._found(names) or [Problem(said.splitlines()[0])]) from None
-        if any(not np.isfinite(values).all() for values in columns.values()):
-            bad = self._found([n for n in names if not np.isfinite(columns[n]).all()], missing=False)
-            if bad:
-                raise self.fail(bad)
-        return columns
+            said = str(error).splitlines() or ["cannot be read"]
+            raise self.fail(self._found(names) or [Problem(said[0])]) from None
+        gaps = [n for n in names if not np.isfinite(columns[n]).all()]
+        if (gaps or self._uneven) and (bad := self._found(gaps, missing=False)):
+            raise self.fail(bad)
+        return columns | {name: over_midnight(columns[name]) for name in times}
 
     def rows_shown(self, rows: Iterable[int]) -> dict[int, int]:
         """Header is row 1; blank lines are skipped as data but counted as rows."""
@@ -149,74 +148,62 @@ class TextTable(Table):
     def _bytes(self) -> Any:
         return self._open(self.path, "rb") if self._open else self.path.open("rb")
 
-    def _reader(self, source: Any, names: Sequence[str]) -> pa_csv.CSVStreamingReader:
-        d, times = self.dialect, self._of_kind("time")
-        return pa_csv.open_csv(
-            source,
-            read_options=pa_csv.ReadOptions(
-                column_names=d.names, skip_rows=d.skip, block_size=_BLOCK, use_threads=False,
-                encoding="utf8" if d.encoding.startswith("utf") else d.encoding,
-            ),
-            parse_options=pa_csv.ParseOptions(
-                delimiter=d.delimiter, invalid_row_handler=self._row_handler()
-            ),
-            convert_options=pa_csv.ConvertOptions(
-                include_columns=list(names), decimal_point=d.decimal,
-                column_types={n: pa.string() if n in times else pa.float64() for n in names},
-                null_values=[form for m in MISSING for form in {m, m.upper(), m.title(), "NaN", "#N/A"}],
-            ),
-        )  # fmt: skip
+    def _blocks(self, names: Sequence[str], month_first: bool) -> Iterator[dict[str, FloatArray]]:
+        """Columns block by block; notes whether a row has not as many cells as the header has names."""
+        import pandas as pd
 
-    def _row_handler(self) -> Any:
-        """Skips the last row if the logger was stopped in the midst of it; any other bad row is an error."""
-        if self._open or self.dialect.encoding == "utf-16":
-            return None
-        with self.path.open("rb") as file:
-            file.seek(max(0, self.path.stat().st_size - _SAMPLE // 16))
-            tail = file.read()
-        if tail.endswith((b"\n", b"\r")):
-            return None
-        cut = re.split(r"[\r\n]", tail.decode(self.dialect.encoding, errors="replace"))[-1]
-        return lambda row: (
-            "skip" if row.text == cut and row.actual_columns < row.expected_columns else "error"
-        )
+        d, times, width, count = self.dialect, self._of_kind("time"), len(self.header), 0
+        wanted = {d.names.index(name): name for name in names}
+        kinds = {j: "str" if name in times else "float64" for j, name in wanted.items()}
+        with suppress(pd.errors.EmptyDataError), self._rows() as source:  # nothing but the header
+            for block in pd.read_csv(
+                source, sep=d.delimiter, decimal=d.decimal, header=None, names=range(width), index_col=False,
+                usecols=[*{*wanted, width - 1}], dtype={width - 1: "str"} | kinds, skipinitialspace=True,
+                na_values=[form for m in MISSING for form in {m, m.upper(), m.title(), "NaN", "#N/A"}],
+                keep_default_na=False, chunksize=max(_BLOCK // width, 1), low_memory=False,
+            ):  # fmt: skip
+                count += len(block)
+                self._uneven |= bool(block[width - 1].isna().any())  # pandas fills what a row lacks
+                yield {
+                    name: stamps(block[j], month_first) if name in times else block[j].to_numpy()
+                    for j, name in wanted.items()
+                }
+            self._uneven |= source.delimiters != count * (width - 1)  # and drops what it has too many
 
-    def _rows(self) -> Any:
-        """The file as what pyarrow can read: for most dialects itself, for some line by line rewritten."""
+    def _rows(self) -> _Rows:
+        """The rows as pandas can read them: for most dialects as they are, for some rewritten."""
         d = self.dialect
-        rules: list[tuple[bytes, Any]] = []
+        rules: list[tuple[str, Any]] = []
         if d.pairs:
-            line = re.compile(d.pairs.encode("utf-8" if d.encoding.startswith("utf") else d.encoding))
-
-            def values(found: re.Match[bytes]) -> bytes:
-                said = line.match(found[0])
-                return b"\t".join(said.groups(b"")) if said else b""
-
-            rules.append((rb"[^\r\n]+", values))
+            rules.append((r"[^\r\n]+", lambda found: "\t".join(d.cells(found[0]))))
         if d.comment:
-            rules.append((rb"(?m)^[ \t]*(?:#|%|//|!)[^\r\n]*", b""))
+            rules.append((r"(?m)^[ \t]*(?:#|%|//|!)[^\r\n]*", ""))
         if d.thousands:
-            mark = re.escape(d.thousands.encode())
-            rules.append((rb"(?<=\d)" + mark + rb"(?=\d{3}(?!\d))", b""))
+            rules.append((rf"(?<=\d){re.escape(d.thousands)}(?=\d{{3}}(?!\d))", ""))
         if d.delimiter == " ":
-            rules += [(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b""), (rb"[ \t]+", b" ")]
-        if not rules and d.encoding != "utf-16":
-            return self._bytes()
-        file = self._bytes()
-        if d.encoding == "utf-16":
-            file = codecs.EncodedFile(file, "utf-8", "utf-16")
-        return _Rewritten(file, [(re.compile(p), r) for p, r in rules])
+            rules += [(r"(?m)^[ \t]+|[ \t]+(?=\r?$)", ""), (r"[ \t]+", " ")]
+        text = self._text()
+        for _ in range(d.skip):
+            text.readline()
+        return _Rows(text, [(re.compile(p), r) for p, r in rules], self._is_cut, d.delimiter)
+
+    def _text(self) -> io.TextIOWrapper:
+        return io.TextIOWrapper(self._bytes(), self.dialect.encoding, errors="replace", newline="")
+
+    def _is_cut(self, line: str) -> bool:
+        """Whether a line is the last one, and the logger was stopped in the midst of it."""
+        ended = line.endswith(("\n", "\r")) or len(line) >= _BLOCK
+        return not ended and len(self._split(line)) < len(self.header)
 
     def _cells(self) -> Iterator[tuple[int, list[str]]]:
         """Rows of data with the number of their line."""
-        with self._bytes() as file:
-            text = io.TextIOWrapper(file, self.dialect.encoding, errors="replace", newline="")
+        with self._text() as text:
             try:
                 for number, line in enumerate(iter(lambda: text.readline(_BLOCK), ""), 1):
                     wanted = number > self.dialect.skip and line.strip()
                     if wanted and not (self.dialect.comment and line.lstrip().startswith(COMMENTS)):
                         cells = self._split(line)
-                        if cells or not self.dialect.pairs:
+                        if (cells or not self.dialect.pairs) and not self._is_cut(line):
                             yield number, cells
             except (OSError, EOFError, UnicodeError, lzma.LZMAError):
                 return
@@ -257,24 +244,33 @@ class TextTable(Table):
         return f"{cell!r} is not a number"
 
 
-class _Rewritten(io.RawIOBase):
-    """A file that rewrites whole lines as they are read; never longer than they were."""
+class _Rows(io.TextIOBase):
+    """A text whose whole lines are rewritten as they are read, without a last one that is cut.
 
-    def __init__(self, file: Any, rules: Sequence[tuple[re.Pattern[bytes], Any]]) -> None:
-        self._file, self._rules, self._rest = file, rules, b""
+    Attributes:
+        delimiters: How many stand in what was read.
+    """
+
+    def __init__(
+        self, file: Any, rules: Sequence[tuple[re.Pattern[str], Any]], is_cut: Any, delimiter: str
+    ) -> None:
+        self._file, self._rules, self._is_cut, self._delimiter = file, rules, is_cut, delimiter
+        self._rest, self.delimiters = "", 0
 
     def readable(self) -> bool:
         return True
 
-    def read(self, size: int = -1) -> bytes:
+    def read(self, size: int | None = -1) -> str:
         while not self._rest:
-            block = self._file.read(_BLOCK)
-            if not block:
-                return b""
+            if not (block := self._file.read(_BLOCK)):
+                return ""
             block += self._file.readline(_BLOCK)
+            if not block.endswith(("\n", "\r")) and self._is_cut(last := re.split(r"[\r\n]", block)[-1]):
+                block = block[: len(block) - len(last)]
             for pattern, replacement in self._rules:
                 block = pattern.sub(replacement, block)
             self._rest = block
+            self.delimiters += block.count(self._delimiter)
         size = len(self._rest) if size is None or size < 0 else size
         result, self._rest = self._rest[:size], self._rest[size:]
         return result

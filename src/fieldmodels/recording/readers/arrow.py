@@ -67,7 +67,8 @@ class _ArrowTable(Table):
         with readable(self.path, "file: damaged data"):
             expected = self._rows(names)
             check_size(self.path, expected, len(names))
-            return collect(self.path, self._batches(names), names, expected, rows)
+            batches = ({n: lists.numeric(b.column(n)) for n in names} for b in self._batches(names))
+            return collect(self.path, batches, names, expected, rows)
 
 
 class _Parquet(_ArrowTable):

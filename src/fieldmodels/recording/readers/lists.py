@@ -14,7 +14,7 @@ from pyarrow.dataset import dataset
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.readers.nested import WIDEST
-from fieldmodels.recording.tables import Series, SeriesTable, numeric, readable
+from fieldmodels.recording.tables import Series, SeriesTable, readable
 from fieldmodels.recording.words import unit_of
 
 INFO = "meta/info.json"
@@ -54,6 +54,16 @@ def read(path: Path, kind: str = "parquet") -> SeriesTable:
 def has_lists(schema: pa.Schema) -> bool:
     """Whether cells hold lists of numbers."""
     return any(_is_list(kind) for kind in schema.types)
+
+
+def numeric(column: pa.Array) -> FloatArray:
+    """An Arrow column as float64, its dates as seconds."""
+    if pa.types.is_temporal(column.type):
+        kinds = {"time": pa.time64("ns"), "dura": pa.duration("ns")}
+        stamps = column.cast(kinds.get(str(column.type)[:4], pa.timestamp("ns")))
+        values = stamps.cast(pa.int64()).to_numpy(zero_copy_only=False) * 1e-9
+        return np.asarray(np.where(np.asarray(column.is_null()), np.nan, values))
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _is_list(kind: pa.DataType) -> bool:
