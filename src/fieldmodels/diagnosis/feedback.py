@@ -40,7 +40,7 @@ def _told(command: FloatArray, shown: FloatArray, bounds: IntArray) -> float:
     """Share of a command's innovations that an output's explain, each given what came before."""
     sliding = np.lib.stride_tricks.sliding_window_view
     signals = np.column_stack([command, shown])
-    parts = [sliding(signals[a:b], LAGS + 2, axis=0) for a, b in bounds if b - a >= LAGS + 2]
+    parts = [sliding(signals[a:b], LAGS + 2, axis=0)[:ROWS] for a, b in bounds if b - a >= LAGS + 2]
     if not parts:
         return 0.0
     rows = np.concatenate(parts)[:ROWS]  # (rows, signals, lags), the latest last

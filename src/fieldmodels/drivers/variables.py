@@ -29,6 +29,8 @@ WIDTHS = (0.1, 0.3)
 """Half widths of play that are tried, in standard deviations of the signal."""
 _KNOWN: Once[dict[str, FloatArray]] = Once(lambda _: {})
 """What remembers a signal along a whole recording, by name."""
+_MOST_KNOWN = 8_000_000
+"""Numbers of them that are kept; of a long recording they would take more memory than all else."""
 
 
 def direction_of(place: str, target: str, over: str) -> str:
@@ -130,6 +132,8 @@ def _remembered(model: Model, windows: Windows, out: FloatArray, over: str) -> F
     signal = recording[name] if simulated and name in recording else given(model, recording, name)
     signal, known = _without_gaps(signal), _KNOWN(recording)
     if over not in known:
+        if len(known) * len(signal) > _MOST_KNOWN:
+            known.clear()
         known[over] = np.concatenate([follow(signal[a:b], signal[a]) for a, b in recording.bounds])
     whole = known[over]
     if not simulated:

@@ -151,11 +151,10 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
                 )
             if signal.name not in model.wrapped_outputs and (wrap := wraps(recording, signal.name)):
                 found.append(_wrapped(signal, *wrap))
-        usual = float(np.median(np.abs(values)))
         if (
             signal.name not in stated
             and signal.unit == "m/s^2"
-            and abs(usual - 1.0) < REST
+            and abs((usual := float(np.median(np.abs(values)))) - 1.0) < REST
             and np.abs(values).max() < STANDARD_GRAVITY
         ):
             found.append(

@@ -52,8 +52,12 @@ def saturated_rows(recording: Recording, signal: Signal, model: Model) -> int:
     usual, finest = float(np.median(moving)), float(moving.min())
     count = finest if np.mean(moving < 1.01 * finest) > COUNTED else 0.0
     starts = recording.bounds[:, 0]
-    begins = np.union1d(np.flatnonzero(changes) + 1, starts)
+    new = np.append(True, changes > 0.0)
+    new[starts] = True
+    begins = np.flatnonzero(new)
     ends = np.append(begins[1:], len(values))
+    lasting = LONGER * (ends - begins) >= STUCK  # shorter ones tell nothing
+    begins, ends = begins[lasting], ends[lasting]
     first = np.isin(begins, starts)
     # The changes by which it leaves, or arrives.
     passed = np.where(first, ends - 1, np.maximum(begins - ARRIVAL, 0))
@@ -96,10 +100,13 @@ def wraps(recording: Recording, name: str) -> tuple[float, int, int] | None:
     """
     values, episode = recording[name], recording.episode
     span = float(np.ptp(values))
-    changes = np.where(np.diff(episode) == 0, np.diff(values), 0.0)
+    changes = np.diff(values)
+    changes[np.diff(episode) != 0] = 0.0
     jumps = np.flatnonzero(np.abs(changes) > WRAP * span)
+    if not len(jumps):
+        return None
     others = np.delete(changes, jumps)
-    if not len(jumps) or not len(others) or np.abs(others).max() > SMOOTH * span or not others.any():
+    if not len(others) or np.abs(others).max() > SMOOTH * span or not others.any():
         return None
     # A jump is the period less the motion of that step, which is about that of the step before.
     before = np.where(jumps > 0, changes[jumps - 1], 0.0)

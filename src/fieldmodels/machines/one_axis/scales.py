@@ -184,20 +184,18 @@ def weak_form(
     slope = 5.0 * arch**4 * (1.0 - 2.0 * s) / length
     curvature = 10.0 * arch**3 * (2.0 * (1.0 - 2.0 * s) ** 2 - arch) / length**2
     starts = np.concatenate([np.arange(a, b - samples, samples // 4) for a, b in recording.bounds])
-    rows = starts[:, None] + np.arange(samples + 1)[None, :]
-    x = recording[position][rows]
-    u = recording[command]
-    given = u[rows]
+    x, u = recording[position], recording[command]
     if hold == "held":  # it acts half a sample later
-        given = 0.5 * (given + u[np.maximum(rows - 1, 0)])
-    sign = np.sign(np.gradient(_smooth(recording[position], pace / recording.step)))
-    back = np.sin(x) if rotary else x
-    columns = [x @ curvature, -(x @ slope), back @ bump, sign[rows] @ bump, np.full(len(starts), bump.sum())]
+        u = 0.5 * (u + u[np.maximum(np.arange(len(u)) - 1, 0)])
+    sign = np.sign(np.gradient(_smooth(x, pace / recording.step)))
+    kinds = ((x, curvature), (x, -slope), (np.sin(x) if rotary else x, bump), (sign, bump), (u, bump))
+    columns = [np.correlate(values, kernel)[starts] for values, kernel in kinds]
+    columns.insert(4, np.full(len(starts), bump.sum()))
     weight = 1.0 / float(bump.sum())
     kernels = np.array([curvature, -slope, bump, 0.0 * bump, 0.0 * bump])
     return WeakForm(
-        columns=np.column_stack(columns) * weight,
-        forces=given @ bump * weight,
+        columns=np.column_stack(columns[:5]) * weight,
+        forces=columns[5] * weight,
         times=(starts + 0.5 * samples) * recording.step,
         noise=weight**2 * kernels @ kernels.T,
         span=length,
