@@ -16,7 +16,7 @@ from fieldmodels.recording import RecordingError
 from fieldmodels.recording.bench import Bench
 from fieldmodels.recording.evidence import coding_of
 from fieldmodels.recording.files import recording_of
-from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.proposals import SURE, propose
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.words import unit_of
@@ -232,6 +232,33 @@ def test_a_channel_that_both_recorded_tells_the_shift_and_leaves_the_delay(tmp_p
         read = Logs(Motor(), accept=True).read(source)
     assert not read.aligned
     assert delayed(read) == pytest.approx(0.15, abs=0.015)
+
+
+@pytest.mark.parametrize(("drift", "offset"), [(200e-6, 0.0), (-200e-6, 3.2), (0.0, 0.0), (0.0, 3.2)])
+def test_a_channel_that_both_recorded_tells_a_drift_and_leaves_the_delay(tmp_path, drift, offset):
+    """Ten minutes, at the end of which two clocks are 0.12 s further apart than at their beginning."""
+    rng, t = np.random.default_rng(4), 0.02 * np.arange(30_000)
+    command = np.repeat(rng.uniform(-1, 1, 1000), 30)
+    speed = lfilter([0.5], [1, -0.5], np.concatenate([np.zeros(6), command])[: len(t)])
+    shunt = lfilter([0.1], [1, -0.9], command)
+    shunts = [shunt + 0.01 * rng.normal(size=len(t)) for _ in range(2)]
+    one = written(tmp_path / "drive.csv", "time,speed,shunt", t, speed, shunts[0])
+    clock = (t - offset) / (1 + drift)
+    two = written(tmp_path / "desk.csv", "time,voltage,shunt", clock[2:], command[2:], shunts[1][2:])
+    table = read_log(f"{one}+{two}")
+    proposal = propose(table, Motor())
+    moved = [c for c in proposal.columns if c.role == "t2"]
+    assert len(moved) == bool(drift or offset)
+    for clock in moved:
+        assert clock.confidence < SURE
+        assert ("the clocks drift" in clock.evidence[0]) == bool(drift)
+        assert clock.gain - 1 == pytest.approx(drift, abs=3e-6)
+        assert clock.offset == pytest.approx(offset, abs=2e-3 if drift else 5e-3)
+    read = recording_of(table, proposal.bench(), Motor())
+    assert not read.aligned
+    for part in (slice(0, 5_000), slice(-5_000, None)):
+        lags = [np.roll(read["voltage"][part], k) @ read["speed"][part] for k in range(20)]
+        assert read.step * np.argmax(lags) == pytest.approx(0.12, abs=0.025)
 
 
 def test_the_shift_of_a_clock_may_be_declared(tmp_path):

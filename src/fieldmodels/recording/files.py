@@ -34,7 +34,7 @@ from fieldmodels.recording.checks import (
 )
 from fieldmodels.recording.evidence import coding_of
 from fieldmodels.recording.lost import Sensor, filled, held_over, lost_in, rows_read_once
-from fieldmodels.recording.merging import JoinedTable, held_or_between
+from fieldmodels.recording.merging import JoinedTable, held_or_between, paced
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.resampling import evened
 from fieldmodels.recording.tables import EMPTY, REMEDY, Problem, Table, write_table
@@ -244,8 +244,10 @@ def _of_clocks(table: Table, clock: str, bench: Bench) -> tuple[str, ...]:
         file, first = table.file_of(other), table.file_of(clock)
         if other in moved:
             told = "; no delay can be told from such a shift, and none is named" if bench.aligned else ""
+            gain = moved[other].gain
+            drift = f", and is {paced(gain)}" if gain != 1.0 else ""
             notes.append(
-                f"{file}: its clock was moved by {moved[other].offset:+.6g} s to that of {first}{told}"
+                f"{file}: its clock was moved by {moved[other].offset:+.6g} s to that of {first}{drift}{told}"
             )
         else:
             notes.append(f"{file} and {first} are taken to have one clock: stamps are used as they are")

@@ -34,6 +34,12 @@ WHITE = 0.4
 less where linear interpolation smooths it, next to nothing for the error of a lag."""
 EXACT = 1e-3
 """Difference by the spread that rounding and interpolation explain."""
+PIECES = 8
+"""Parts of a record, each of which tells by itself how far apart two clocks are: they drift."""
+DRIFT = 0.01
+"""Largest difference of two clocks' rates; beyond it the signals are not the same."""
+CLEAR = 5.0
+"""Standard errors from which on a drift is one."""
 _GRID = 1 << 15  # points of the common grid
 _TRIED = 8  # columns of each file
 
@@ -43,14 +49,16 @@ class Shift:
     """How far apart the clocks of two files are.
 
     Attributes:
-        seconds: To be added to the second one's times.
+        seconds: To be added to the second one's times, once they are multiplied by ``gain``.
         why: What shows it.
         told: Whether a delay can still be told: one channel, that both recorded, has shown it.
+        gain: Seconds of the first one in a second of the second one; 1 if no drift is told.
     """
 
     seconds: float
     why: str
     told: bool
+    gain: float = 1.0
 
 
 class JoinedTable(Table):
@@ -113,6 +121,8 @@ class JoinedTable(Table):
         """
         first, second = self[clock], self[other]
         two = self._two(clock, other, first, second)
+        if (drifting := self._drifting(clock, other)) is not None:
+            return drifting
         found = [
             (one, name, twin)
             for name, values in self._signals(clock)
@@ -140,6 +150,20 @@ class JoinedTable(Table):
         untold = "" if told else "; no delay can be told from such a shift"
         return Shift(round(one.seconds, 6), why + untold, told)
 
+    def _drifting(self, clock: str, other: str) -> Shift | None:
+        """What a channel that both recorded tells of clocks that run at different rates; None for none."""
+        first, second = self[clock], self[other]
+        for name, values in self._signals(clock):
+            for twin, theirs in self._signals(other):
+                if self._alike(name, twin) and (found := _drift(first, values, second, theirs)):
+                    gain, seconds, error = found
+                    why = (
+                        f"both recorded one signal, and the clocks drift: {twin!r} agrees with {name!r} "
+                        f"where the second one is {paced(gain)} (+- {1e6 * error:.1f})"
+                    )
+                    return Shift(seconds, why, True, gain)
+        return None
+
     def _signals(self, clock: str) -> list[tuple[str, FloatArray]]:
         """The first columns of a file."""
         names = [n for n in self.numbers() if self.clocks[n] == clock and n != clock][:_TRIED]
@@ -147,9 +171,13 @@ class JoinedTable(Table):
 
     def _one_channel(self, name: str, twin: str) -> bool:
         """Whether two names are of one signal, and not of a command and what answers it."""
-        this, that = self._places[name][1], self._places[twin][1]
-        alike = without_unit(this)[0].lower() == without_unit(that)[0].lower()
-        return alike or any(word in meanings(this) & meanings(that) for word in ("command", "measured"))
+        both = meanings(self._places[name][1]) & meanings(self._places[twin][1])
+        return self._alike(name, twin) or "command" in both or "measured" in both
+
+    def _alike(self, name: str, twin: str) -> bool:
+        """Whether two columns have one name, but for units."""
+        this, that = (without_unit(self._places[n][1])[0].lower() for n in (name, twin))
+        return this == that
 
     def _two(self, clock: str, other: str, first: FloatArray, second: FloatArray) -> str:
         """What shows that two clocks are two; empty if nothing does."""
@@ -159,6 +187,11 @@ class JoinedTable(Table):
         if not _overlap(first, second):
             return "their times do not overlap"
         return f"one clock is in {units[0]}, the other in {units[1]}" if units[0] != units[1] else ""
+
+
+def paced(gain: float) -> str:
+    """How fast a clock goes by the seconds of the first one in a second of it."""
+    return f"{'slow' if gain > 1 else 'fast'} by {1e6 * abs(gain - 1):.1f} ppm"
 
 
 @dataclass(frozen=True)
@@ -178,10 +211,7 @@ def _agreement(
     time: FloatArray, values: FloatArray, other: FloatArray, theirs: FloatArray
 ) -> _Agreement | None:
     """At which shift two signals agree, each of shape (n,) or (m,) with its times [s]; None if at none."""
-    step = max(float(np.median(np.diff(time))), float(np.median(np.diff(other))))
-    step = max(step, (np.ptp(time) + np.ptp(other)) / _GRID)
-    grids = [t[0] + step * np.arange(int(np.ptp(t) / step) + 1) for t in (time, other)]
-    a, b = np.interp(grids[0], time, values), np.interp(grids[1], other, theirs)
+    step, grids, (a, b) = _gridded(time, values, other, theirs)
     if min(np.ptp(a), np.ptp(b)) == 0 or not np.isfinite([a.sum(), b.sum()]).all():
         return None
     found = _lag(a, b)
@@ -192,6 +222,62 @@ def _agreement(
     return _Agreement(
         seconds, found[1], _same(a[inside], np.interp(grids[0][inside] - seconds, other, theirs))
     )
+
+
+def _gridded(
+    time: FloatArray, values: FloatArray, other: FloatArray, theirs: FloatArray
+) -> tuple[float, list[FloatArray], list[FloatArray]]:
+    """Two signals at even times of their own clocks: the common step [s], the times and the values."""
+    step = max(float(np.median(np.diff(time))), float(np.median(np.diff(other))))
+    step = max(step, (np.ptp(time) + np.ptp(other)) / _GRID)
+    grids = [t[0] + step * np.arange(int(np.ptp(t) / step) + 1) for t in (time, other)]
+    return step, grids, [np.interp(grids[0], time, values), np.interp(grids[1], other, theirs)]
+
+
+def _drift(
+    time: FloatArray, values: FloatArray, other: FloatArray, theirs: FloatArray
+) -> tuple[float, float, float] | None:
+    """How one signal on two clocks shows that they run at different rates; None if it does not.
+
+    Where pieces of the second record lie in the first one gives a line, from which least squares go on.
+
+    Returns:
+        Gain and offset [s] from the second clock to the first, and the standard error of the gain.
+    """
+    from scipy.stats import theilslopes  # slow to import
+
+    step, grids, (a, b) = _gridded(time, values, other, theirs)
+    if not np.isfinite([a.sum(), b.sum()]).all():
+        return None
+    pieces = np.array_split(np.arange(len(b)), PIECES)
+    moving = [rows for rows in pieces if len(rows) and np.ptp(b[rows]) > 0]
+    placed = [(grids[1][rows[0]], found[0]) for rows in moving if (found := _lag(a, b[rows]))]
+    if len(placed) <= PIECES // 2:
+        return None
+    begins, lags = np.array(placed).T
+    line = theilslopes(grids[0][0] + step * lags, begins)
+    rate, middle, start = 1.0 / line.slope, 0.5 * (time[0] + time[-1]), 0.0
+    start = (middle - line.intercept) * rate  # the second clock's time then
+    slopes = np.gradient(theirs, other)
+    error = np.inf
+    for _ in range(5):
+        mapped = start + rate * (time - middle)
+        inside = (mapped >= other[0]) & (mapped <= other[-1])
+        since, there = time[inside] - middle, mapped[inside]
+        if abs(rate - 1.0) > DRIFT or len(since) < len(a) // 4:
+            return None
+        seen = np.interp(there, other, theirs)
+        steep = np.interp(there, other, slopes)
+        columns = np.column_stack([steep, steep * since, seen, np.ones(len(seen))])
+        solved = np.linalg.lstsq(columns, values[inside], rcond=None)[0]
+        left = values[inside] - columns @ solved
+        start, rate = start + solved[0] / solved[2], rate + solved[1] / solved[2]
+        error = float(np.sqrt(np.var(left) * np.linalg.pinv(columns.T @ columns)[1, 1])) / abs(solved[2])
+    told = abs(rate - 1.0) > CLEAR * error and abs(rate - 1.0) * np.ptp(time) > step
+    if not told or not _same(values[inside], seen):
+        return None
+    gain = round(1.0 / rate, 9)
+    return gain, round(float(middle - gain * start), 6), error
 
 
 def _same(values: FloatArray, others: FloatArray) -> bool:

@@ -209,7 +209,7 @@ def _other_clocks(
                 moved.append(replace(declared[other], role=f"t{number}"))
             elif shift := table.shift(clock.column, other, align):
                 sure = 1.0 if align and not shift.told else 0.7
-                one = ColumnProposal(f"t{number}", other, "s", offset=shift.seconds, confidence=sure)
+                one = ColumnProposal(f"t{number}", other, "s", shift.gain, shift.seconds, confidence=sure)
                 moved.append(replace(one, evidence=(shift.why,)))
                 aligned = aligned or not shift.told
     return moved, aligned
