@@ -18,7 +18,7 @@ from fieldmodels.recording.files import named, recording_of
 from fieldmodels.recording.merging import JoinedTable
 from fieldmodels.recording.proposals import Proposal, propose
 from fieldmodels.recording.sources import read_log
-from fieldmodels.recording.tables import Table
+from fieldmodels.recording.tables import SHOWN, Table
 from fieldmodels.recording.units import is_unit, is_unscaled
 from fieldmodels.rounding import listed as in_words
 
@@ -194,5 +194,6 @@ def _needs(proposal: Proposal) -> str:
 def _constant(proposal: Proposal) -> str:
     """Which columns never change, in words; empty for none."""
     names = [repr(name) for name in proposal.constant]
-    never = "never changes: it is" if len(names) == 1 else "never change: they are"
-    return f"{in_words(names)} {never} not taken for a command" if names else ""
+    rest = [f"{len(names) - SHOWN} more"] * (len(names) > SHOWN)
+    never = "never changes: it tells nothing" if len(names) == 1 else "never change: they tell nothing"
+    return f"{in_words(names[:SHOWN] + rest)} {never}, and no command" if names else ""

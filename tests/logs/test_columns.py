@@ -43,7 +43,7 @@ def test_a_column_that_never_changes_is_no_command(tmp_path, run, name, other):
     proposal = propose(read_table(written(tmp_path / "log.csv", **columns)), PENDULUM)
     assert name not in {c.column for c in proposal.columns}
     assert proposal.constant == (name,)
-    assert f"{name!r} never changes: it is not taken for a command" in listed(proposal)
+    assert f"{name!r} never changes: it tells nothing, and no command" in listed(proposal)
     if other:
         assert proposal.bench().columns["torque"].column == other
     else:
@@ -51,6 +51,20 @@ def test_a_column_that_never_changes_is_no_command(tmp_path, run, name, other):
             Logs(PENDULUM).read(str(tmp_path / "log.csv"))
         told = Logs(PENDULUM, {"": {"torque": f"{name}:N m"}}, accept=True)  # whoever says so knows
         assert np.ptp(told.read(str(tmp_path / "log.csv"))["torque"]) == 0
+
+
+def test_a_column_that_never_changes_is_no_optional_signal_unless_declared(tmp_path, run):
+    for name in ("velocity", "omega"):
+        columns = {"t": run["t"], "torque": run["u"], "angle": run["y"], name: np.full(1500, 3.0)}
+        path = written(tmp_path / f"{name}.csv", **columns)
+        proposal = propose(read_table(path), PENDULUM)
+        assert name not in {c.column for c in proposal.columns}
+        assert f"{name!r} never changes" in listed(proposal)
+    path = tmp_path / "velocity.csv"
+    with pytest.warns(match="'velocity' never changes: it tells nothing, and is not read as 'velocity'"):
+        assert "velocity" not in load_recording(path, PENDULUM)
+    with pytest.warns(match="'velocity' never changes; is the sensor connected"):
+        assert "velocity" in load_recording(path, PENDULUM, {"velocity": "velocity:rad/s"})
 
 
 def test_a_command_that_begins_late_is_one(tmp_path, run):

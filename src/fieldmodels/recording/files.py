@@ -142,6 +142,10 @@ def recording_of(
         raise table.fail(
             [Problem(f"{'one data row' if rows else 'no data rows'}; record at least a few hundred")]
         )
+    optional = {s.name for s in (*model.outputs, *model.measured_inputs) if s.optional} if model else set()
+    still = [c for c in wanted if c.signal in optional - {*bench.columns} and not _moves(values[c.name])]
+    wanted = [c for c in wanted if c not in still]
+    values = {c.name: values[c.name] for c in wanted if c.name}
     clocks = {c.name: table.clocks.get(c.name, "") for c in wanted if c.name}
     sparse = {n for n, v in values.items() if len(v) and SPARSE < np.isnan(v).mean() < 1}
     held = {s.name for s in model.inputs} if model else set()
@@ -160,7 +164,9 @@ def recording_of(
         raise table.fail([Problem(what, clock.name)])
     used = {c.signal: values[c.name] if single else values[c.name].copy() for c in wanted if c.name}
     kept: IntArray | None = None
-    notes: list[str] = []
+    notes = [
+        f"column {c.name!r} never changes: it tells nothing, and is not read as {c.signal!r}" for c in still
+    ]
     if single:
         kept = np.arange(rows)
         if clock.name and len(kept := rows_read_once([*used.values()], used[TIME], used.get(EPISODE))) < rows:
@@ -262,6 +268,11 @@ def _moved(bench: Bench) -> dict[str, Channel]:
 def _sensors(model: Model | None) -> dict[str, Signal]:
     """The signals whose samples may be lost, by name."""
     return {s.name: s for s in (*model.outputs, *model.measured_inputs) if not s.event} if model else {}
+
+
+def _moves(values: FloatArray) -> bool:
+    """Whether a column has more than one value; also one that is none."""
+    return not len(values) or bool(np.nanmin(values) != np.nanmax(values))
 
 
 def _unusable(values: FloatArray, signal: str, held: Set[str], model: Model | None) -> BoolArray:

@@ -103,7 +103,7 @@ class Proposal:
         missing: Signals that the model needs and no column seems to hold; ``t`` if there is no clock, so
             that a rate must be given.
         unused: Columns of numbers that are left over.
-        constant: Those of them that never change, and so tell of no command.
+        constant: Those of them that never change, and so tell nothing.
         rate: Rows a second, as it was given.
         aligned: Whether clocks are moved by command and response alone, so that no delay can be told.
     """
@@ -353,7 +353,7 @@ def _by_names(
 ) -> dict[str, ColumnProposal]:
     """Signals that are not stated yet to columns, by the sum of how well names and units suit.
 
-    A constant column is no command, whatever its name.
+    A constant column is no command and no optional signal, whatever its name.
     """
     names = list(values)
     found: dict[str, ColumnProposal] = {}
@@ -372,7 +372,7 @@ def _by_names(
     if not names or not signals:
         return found
     scores = np.array([[suits(n, table.units.get(n, ""), s, model) for n in names] for s in signals])
-    still = np.outer([s in model.inputs for s in signals], [n in constant for n in names])
+    still = np.outer([s in model.inputs or s.optional for s in signals], [n in constant for n in names])
     scores[still] = 0.0
     weight = np.array([[1.0 if not s.optional else 0.6] for s in signals])
     for i, j in zip(*linear_sum_assignment(-(weight * scores)), strict=True):
