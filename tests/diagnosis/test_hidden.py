@@ -7,6 +7,8 @@ exam's.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from exam.answers import Answer, read
@@ -16,6 +18,15 @@ from exam.sizes import recordings
 from fieldmodels.diagnosis import Diagnosis, diagnose
 
 SIZES = {
+    "map": {
+        "dead_zone": 1.5,
+        "upper_limit": 3.0,
+        "lower_limit": 6.0,
+        "curvature": 2.0,
+        "actuator_play": 1.0,
+        "sensor_drift": 3.0,
+        "sensor_quantisation": 10.0,
+    },
     "rig": {
         "coulomb_friction": 0.27,
         "stribeck_friction": -0.6,
@@ -227,7 +238,13 @@ UNLISTED = [
 ]
 """Machine, a fault that it does not list, its size."""
 SEED, SECOND = 90_001, 90_002
-MISSED = {
+MISSED: dict[tuple[object, ...], pytest.MarkDecorator] = {
+    ("map", "sensor_quantisation"): pytest.mark.xfail(
+        strict=True, reason="each row stands alone, so that a coarse sensor's error is as white as noise"
+    ),
+    ("map", 90_107): pytest.mark.xfail(
+        strict=True, reason="noise that wanders over fifty rows is taken for something that is missing"
+    ),
     ("uav_route", "radar_position"): pytest.mark.xfail(
         strict=True, reason="few readings change, where the aircraft seldom passes the radar's edge"
     ),
@@ -236,7 +253,7 @@ MISSED = {
 """What the diagnosis does not find."""
 
 
-def some(cases: list[tuple[str, ...]]) -> list[object]:
+def some(cases: Sequence[tuple[object, ...]]) -> list[object]:
     """Cases, with what is known to be missed marked."""
     return [pytest.param(*case, marks=MISSED.get(case[:2], ())) for case in cases]
 
@@ -281,7 +298,7 @@ def test_a_hidden_effect_is_found_with_its_size(machine: str, effect: str, seed:
     if found.causes[0].effect == effect:
         true = bench.values(effect, abs(size), 1 if size > 0 else -1, seed)
         for parameter in bench.model.effect(effect).parameters:
-            if parameter.name not in true:
+            if parameter.name not in true or not parameter.refitted:
                 continue
             estimate = found.causes[0].parameters[parameter.name]
             error = abs(estimate.value - true[parameter.name])
@@ -313,8 +330,9 @@ def test_two_hidden_effects_are_both_found(machine: str, pair: tuple[str, ...]):
         "pendulum-90102",
     )
 )
-@pytest.mark.parametrize("seed", range(90_101, 90_111))
-@pytest.mark.parametrize("machine", some([(m,) for m in SIZES]))
+@pytest.mark.parametrize(
+    ("machine", "seed"), some([(m, seed) for m in SIZES for seed in range(90_101, 90_111)])
+)
 def test_where_nothing_is_hidden_nothing_is_named(machine: str, seed: int):
     """Every other record has noise that wanders, which is easily taken for a cause."""
     noise = "autoregressive" if seed % 2 else "white"

@@ -19,6 +19,7 @@ PLACES = {
     "heel_strike": "leg",
     "uav_route": "flight",
     "excitation": "vehicle",
+    "map": "map",
 }
 """Which module here makes the records of a machine."""
 
