@@ -14,9 +14,10 @@ from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning, once
 from fieldmodels.recording.bench import EPISODE, NAME, NO_COMMAND, OTHER_CLOCK, TIME, Bench, Channel, beside
 from fieldmodels.recording.datasets import is_public, open_recording
+from fieldmodels.recording.evidence import clock_unit
 from fieldmodels.recording.files import named, recording_of
 from fieldmodels.recording.merging import JoinedTable
-from fieldmodels.recording.proposals import Proposal, propose
+from fieldmodels.recording.proposals import ROWS, Proposal, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import SHOWN, Table
 from fieldmodels.recording.units import is_unit, is_unscaled
@@ -101,7 +102,17 @@ class Logs:
         needed = [s.name for s in (*self.model.inputs, *self.model.outputs) if not s.optional]
         needed += [] if self.rate else [TIME]
         plain = all(n in declared.columns or _plainly(named(n, table), table) for n in needed)
-        return declared if plain and not isinstance(table, JoinedTable) else None
+        plain = (
+            plain and not isinstance(table, JoinedTable) and (TIME in declared.columns or self._counts(table))
+        )
+        return declared if plain else None
+
+    def _counts(self, table: Table) -> bool:
+        """Whether a file's clock counts seconds, or says what it counts, or there is none."""
+        clock = None if self.rate else named(TIME, table)
+        if clock not in table.numbers() or table.units.get(clock):
+            return True
+        return clock_unit(table.read([clock], ROWS)[clock], min(self.model.horizons, default=0.2))[0] == "s"
 
     def _proposed(self, table: Table, declared: Bench) -> Bench:
         """What is proposed, with what was declared in its place, once it is sure or confirmed."""

@@ -374,7 +374,8 @@ def vector(folder: Path) -> Expected:
     ]))  # fmt: skip
     lines = ["date Sun Nov 22 10:00:00.000 am 2026", "base hex  timestamps absolute",
              "internal events logged", "// version 13.0.0",
-             "Begin TriggerBlock Sun Nov 22 10:00:00.000 am 2026", "   0.000000 Start of measurement"]  # fmt: skip
+             "Begin TriggerBlock Sun Nov 22 10:00:00.000 am 2026",
+             "   0.000000 Start of measurement"]  # fmt: skip
     for k, t in enumerate(run.time):
         data = b"".join(
             round(x).to_bytes(n, "little", signed=True)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Literal
 
+from fieldmodels.recording.units import is_unit
 from fieldmodels.recording.words import names_and_units, unit_of
 
 Kind = Literal["number", "time", "text"]
@@ -20,8 +21,9 @@ MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
 
 _TIME = re.compile(
     r"(\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d{1,2}/\d{1,2}"
-    r"|\d{1,2}[- ][A-Za-z]{3,9}[- ]\d{4})([T ]+\d{1,2}:\d{2}.*)?"
-    r"|\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
+    r"|\d{1,2}[- ][A-Za-z]{3,9}[- ]\d{4})([T ]+\d{1,2}:\d{2}[^;,\t|\"]*(,\d+)?)?"
+    r"|\d{1,2}(?P<mark>[-./])\d{1,2}(?P=mark)\d{2} \d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
+    r"|(-?\d+ days? )?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
 )
 _SIGN = r"[-+\u2212]?"
 _EXPONENT = r"(?:[eE][-+]?\d+)?"
@@ -44,7 +46,9 @@ _VALUE = r"\s*[:=][ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?i:nan|
 _PAIR = re.compile(
     rf"(?<!\w)([^\W\d][^:=,;|\t\"]{{0,60}}?){_VALUE}(?:\s?([^\W\d][^\s,;|:=]*|[°%]\S*))?(?=[\s,;|]|$)"
 )
+_BEHIND = re.compile(r"\d[ \u00a0]?([^\W\d_][^\s\",;|]{0,10}|[°%][^\s\",;|]{0,5})(?=\"?\s*(?:[,;|\t\r\n]|$))")
 _EXAMINED = 400  # lines
+_MOST_QUOTES = 1000  # in one header
 _PREAMBLE = 50  # of which so many may stand above a header
 
 
@@ -63,6 +67,7 @@ class Dialect:
         kinds: What the columns hold.
         header: False if the file names no columns.
         comment: Whether lines of comment stand among the rows.
+        suffixes: Units that stand behind the numbers of cells.
         pairs: Of ``name: value`` lines the pattern, a group a column; other lines are no rows.
     """
 
@@ -77,13 +82,14 @@ class Dialect:
     header: bool
     comment: bool
     pairs: str = ""
+    suffixes: tuple[str, ...] = ()
 
     def cells(self, line: str) -> list[str]:
         """The cells of one line; none of a line that is no row."""
         if self.pairs:
             found = re.match(self.pairs, line)
             return list(found.groups("")) if found else []
-        return split(line, self.delimiter)
+        return split(without_suffixes(line, self.suffixes) if self.suffixes else line, self.delimiter)
 
     def is_number(self, cell: str) -> bool:
         """Whether a cell holds a number."""
@@ -121,11 +127,13 @@ def sniff(text: str, encoding: str) -> Dialect:
         text: The beginning of the file, whole lines.
         encoding: Of the file.
     """
-    lines = [(i, line) for i, line in enumerate(text.splitlines()) if line.strip()][:_EXAMINED]
+    lines = [(i, line) for i, line in _whole_lines(text.splitlines()) if line.strip()][:_EXAMINED]
     if told := _pairs([line for _, line in lines], encoding):
         return told
     rows = [(i, line) for i, line in lines if not line.lstrip().startswith(COMMENTS)] or lines
-    body = [line for _, line in rows[len(rows) // 2 :]]
+    raw = [line for _, line in rows[len(rows) // 2 :]]
+    suffixes = _suffixes(raw)
+    body = [without_suffixes(line, suffixes) for line in raw]
     delimiter, (decimal, thousands) = _separators(body)
     number = _NUMBERS[decimal, thousands]
     width = _usual([len(split(line, delimiter)) for line in body])
@@ -134,7 +142,7 @@ def sniff(text: str, encoding: str) -> Dialect:
     above: list[tuple[int, str]] = []
     first = len(rows)
     for k, (_, line) in enumerate(rows):
-        row = split(line, delimiter)
+        row = split(without_suffixes(line, suffixes), delimiter)
         if len(row) == width and not _is_text(row, kinds, number, bool(above)):
             first = k
             break
@@ -146,6 +154,8 @@ def sniff(text: str, encoding: str) -> Dialect:
         said = [line for i, line in lines if i < skip and line.lstrip().startswith(COMMENTS)]
         texts = [header_cells(re.sub(r"^\s*(#|%|//|!)+", "", line), delimiter, width) for line in said[-3:]]
     names, units = names_and_units([t for t in texts if t], width)
+    whole = [row for line in raw if len(row := split(line, delimiter)) == width]
+    units = [unit or _behind([row[j] for row in whole], suffixes) for j, unit in enumerate(units)]
     return Dialect(
         encoding=encoding,
         delimiter=delimiter,
@@ -157,7 +167,35 @@ def sniff(text: str, encoding: str) -> Dialect:
         kinds=kinds,
         header=any(names),
         comment=any(line.lstrip().startswith(COMMENTS) for i, line in lines if i > skip),
+        suffixes=suffixes,
     )
+
+
+def _whole_lines(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Lines with their numbers; a name in quotes may go on in the next one."""
+    rest = iter(enumerate(lines))
+    for i, line in rest:
+        while line.count('"') % 2 and line.count('"') < _MOST_QUOTES and (more := next(rest, None)):
+            line = f"{line} {more[1]}"
+        yield i, line
+
+
+def _suffixes(lines: Sequence[str]) -> tuple[str, ...]:
+    """Units that stand behind the numbers in most lines, the longest first."""
+    found = Counter(unit for line in lines for unit in set(_BEHIND.findall(line)))
+    usual = (unit for unit, count in found.items() if count > 0.5 * len(lines) and is_unit(unit, usual=True))
+    return tuple(sorted(usual, key=len, reverse=True))
+
+
+def without_suffixes(text: str, suffixes: Sequence[str]) -> str:
+    """Text without these units behind its numbers."""
+    return _BEHIND.sub(lambda m: m[0].removesuffix(m[1]).rstrip() if m[1] in suffixes else m[0], text)
+
+
+def _behind(cells: Sequence[str], suffixes: Sequence[str]) -> str:
+    """The unit behind the numbers of a column."""
+    found = Counter(unit for cell in cells for unit in _BEHIND.findall(cell) if unit in suffixes)
+    return found.most_common(1)[0][0] if found else ""
 
 
 def _pairs(lines: Sequence[str], encoding: str) -> Dialect | None:

@@ -18,6 +18,10 @@ DEGREES = 20.0
 """An angle that swings over more radians than this (three turns) is taken to be in degrees."""
 CLEARLY = 0.02
 """Correlation by which a model must answer better in one unit than in another."""
+DAYS = ((20_000.0, 80_000.0), (710_000.0, 770_000.0))
+"""Days from 1954 to 2119 as Excel counts them, from 1943 to 2108 as MATLAB does."""
+DAILY = 1e-4
+"""Step below which such numbers are days, 9 s and less; a clock in s that began so high would show 10 kHz."""
 _ROWS = 20_000  # that suffice to tell a unit
 _WINDOWS = 400  # windows that suffice to tell a sign
 _LONG = 1_000_000  # rows that suffice to tell how numbers are coded
@@ -143,6 +147,8 @@ def clock_unit(values: FloatArray, horizon: float) -> tuple[str, str]:
     for unit, power in (("s", 0), ("ms", 3), ("us", 6), ("ns", 9)):
         if 5e8 < start / 10**power < 5e9:
             return unit, f"counts {unit} since 1970"
+    if step < DAILY and any(low < start < high for low, high in DAYS):
+        return "d", f"counts days as spreadsheets do: {1 / (86400 * step):.4g} rows a second"
     whole = bool(np.all(values[:1000] == np.round(values[:1000])))
     if step >= 0.5 and 3 * step > horizon:
         for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):

@@ -189,7 +189,7 @@ def recording_of(
         used[TIME] = np.arange(rows) / bench.rate
     lost: dict[str, BoolArray] = {}
     if model is not None:
-        lost, said = _without_lost(table, wanted, used, model, kept, signed.keys())
+        lost, said = _without_lost(table, wanted, used, model, kept, signed.keys(), sparse)
         notes += said
     if kept is None and not (bench.rate is not None and not clock.name):
         used, lost = _on_one_clock(table, wanted, used, model, bench, lost)
@@ -289,6 +289,7 @@ def _without_lost(
     model: Model,
     kept: IntArray | None,
     coded: Set[str],
+    sparse: Set[str],
 ) -> tuple[dict[str, BoolArray], list[str]]:
     """Put other values in the place of what sensors have lost, and the last command where a cell is empty.
 
@@ -299,6 +300,7 @@ def _without_lost(
         model: Says which are sensors, and which commands.
         kept: The file's row of each of theirs, if all are on the same ones; None if not.
         coded: Signals whose cells may be signed numbers without a sign, which jump where they pass zero.
+        sparse: Columns with a rate of their own, whose empty cells are no lost samples.
 
     Returns:
         Which samples each sensor has lost, by signal, and what to say of it.
@@ -329,12 +331,17 @@ def _without_lost(
         for name, s in _sensors(model).items()
         if name in columns
     }
-    for name, kinds in lost_in(sensors, [used[c] for c in commands], kept is not None).items():
+    for name, found in lost_in(sensors, [used[c] for c in commands], kept is not None).items():
+        own = np.isfinite(used[name]) | (columns[name].name not in sparse)
+        if not (kinds := {kind: rows for kind, rows in found.items() if own[rows].all()}):
+            continue
         lost[name] = np.zeros(len(used[name]), dtype=np.bool_)
         for rows in kinds.values():
             lost[name][rows] = True
         said[name] = [f"{kind} in {place(name, rows)}" for kind, rows in kinds.items()]
-        used[name] = filled(sensors[name], lost[name])
+        one = sensors[name]
+        one = replace(one, values=one.values[own], time=one.time[own], episode=one.episode[own])
+        used[name][own] = filled(one, lost[name][own])
     what = "; ".join(f"column {columns[name].name!r}: {in_words(parts)}" for name, parts in said.items())
     return lost, [f"samples were lost, and are counted nowhere: {what}"] if lost else [what] if what else []
 

@@ -172,7 +172,8 @@ def propose(
     if clock is None and table.clocks and found:
         master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
         name = table.clocks[master]
-        clock = ColumnProposal(TIME, name, table.units.get(name, "s"), evidence=(f"the clock of {master!r}",))
+        clock = _in_its_unit(table, name, values[name], min(model.horizons, default=0.2), True)
+        clock = replace(clock, evidence=(f"the clock of {master!r}", *clock.evidence))
     moved, aligned = _other_clocks(table, clock, declared, align)
     for one in moved:
         values[one.column] = one.gain * values[one.column] + one.offset
@@ -313,11 +314,16 @@ def _clock(table: Table, horizon: float, values: Mapping[str, FloatArray]) -> Co
     score, name, named = max(scored, key=lambda s: s[0])
     if score < 0.5:
         return None
+    return _in_its_unit(table, name, values[name], horizon, named)
+
+
+def _in_its_unit(table: Table, name: str, values: FloatArray, horizon: float, named: bool) -> ColumnProposal:
+    """A clock in the unit that the file states, else in the one that its numbers suggest."""
     unit, why, sure = table.units.get(name, ""), "its name, and the file states its unit", 1.0
     if not unit or not converts(unit, "s"):
         said = f"the header says ({unit}), which is no unit of time; " if unit else ""
-        unit, why = clock_unit(values[name], horizon)
-        why, sure = said + why, 0.8 if said else 0.95 if named else 0.9
+        unit, why = clock_unit(values, horizon)
+        why, sure = said + why, 0.8 if said or unit == "d" else 0.95 if named else 0.9
     return ColumnProposal(TIME, name, unit, confidence=sure, evidence=(why,))
 
 

@@ -37,6 +37,7 @@ _FORMS = (
     (r"^\d+([-./])\d+\1\d{4}", r"%d\1%m\1%Y"),
     (r"^\d+([- ])[A-Za-z]{3}\1\d{4}", r"%d\1%b\1%Y"),
     (r"^\d+([- ])[A-Za-z]{4,}\1\d{4}", r"%d\1%B\1%Y"),
+    (r"^\d+([-./])\d+\1\d\d(?= )", r"%d\1%m\1%y"),
     (r"\d+:\d\d:\d\d([.,:])\d+", r"%H:%M:%S\1%f"),
     (r"\d+:\d\d:\d\d", r"%H:%M:%S"),
     (r"\d+:\d\d", r"%H:%M"),
@@ -280,9 +281,13 @@ def stamps(texts: Any, month_first: bool = False) -> FloatArray:
 
     text = pd.Series(texts, dtype="str").str.strip()
     form = max(text.dropna(), key=len, default="")
-    dated = re.search(r"\d{4}", form.partition(":")[0])
+    if " day" in form:
+        return np.asarray(pd.to_timedelta(text) / pd.Timedelta(seconds=1))
+    dated = re.search(r"\d[-./ ]", form.partition(":")[0])
     for pattern, directives in _FORMS:
         form = re.sub(pattern, directives, form)
+    if re.search(r"\d", form):
+        raise ValueError(f"{form!r} is no time")
     if month_first:
         form = re.sub("%d(.)%m", r"%m\1%d", form)
     found = pd.to_datetime(text, format=form, errors="coerce", utc=True)

@@ -62,7 +62,10 @@ def without_unit(header: str) -> tuple[str, str]:
     """
     header = _ARGUMENT.sub("", header)
     found = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETS.finditer(header)]
-    told = [(match, text) for match, text in found if text and not _INDEX.fullmatch(text)]
+    told = [(m, text) for m, text in found if m.start() and text and not _INDEX.fullmatch(text)]
+    name, _, last = _BRACKETS.sub("", header).rpartition(", ")
+    if name and _is_stated(last.strip(), name):  # Temp, °C (serial number)
+        return name, last.strip()
     known = [
         (match, text)
         for match, text in told
