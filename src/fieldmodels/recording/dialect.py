@@ -148,8 +148,12 @@ def sniff(text: str, encoding: str) -> Dialect:
             break
         above.append((k, line))
     first, above = _below_pairs(rows, first, above, lambda row: _names(row, delimiter, kinds, number))
+    labelled = _labelled([split(line, delimiter) for _, line in rows[:_PREAMBLE]], width, number)
+    first = max([first, *(k + 1 for k in labelled)])
     skip = rows[first][0] if first < len(rows) else rows[-1][0] + 1
     texts = [header_cells(line, delimiter, width) for _, line in above[-3:]]
+    if labelled:
+        texts = [row for row in labelled.values() if not any(map(number.fullmatch, row))]
     if not any(texts):
         said = [line for i, line in lines if i < skip and line.lstrip().startswith(COMMENTS)]
         texts = [header_cells(re.sub(r"^\s*(#|%|//|!)+", "", line), delimiter, width) for line in said[-3:]]
@@ -178,6 +182,23 @@ def _whole_lines(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
         while line.count('"') % 2 and line.count('"') < _MOST_QUOTES and (more := next(rest, None)):
             line = f"{line} {more[1]}"
         yield i, line
+
+
+def _labelled(rows: Sequence[list[str]], width: int, number: re.Pattern[str]) -> dict[int, list[str]]:
+    """Rows above channels with their times at the left that say in front of each channel what they tell.
+
+    ``Name, force, Name, position`` (TwinCAT): by their numbers, what stands above times and channels.
+    """
+    told = {
+        k: row[1::2]
+        for k, row in enumerate(rows)
+        if len(row) == width > 2 and width % 2 == 0 and len({*row[::2]}) == 1
+        if row[0] and not number.fullmatch(row[0]) and not _TIME.fullmatch(row[0])
+    }
+    return {
+        k: [c for cell in cells for c in (f"time ({cell})" if k == min(told) else "", cell)]
+        for k, cells in told.items()
+    }
 
 
 def _suffixes(lines: Sequence[str]) -> tuple[str, ...]:

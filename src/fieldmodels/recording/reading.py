@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fieldmodels.extras import words
 from fieldmodels.recording.data import RecordingError
+from fieldmodels.recording.long import a_column_each
 from fieldmodels.recording.tables import SHOWN, Table
 from fieldmodels.recording.text import TextTable
 
@@ -78,7 +79,7 @@ def read_table(path: str | Path, databases: Sequence[str | Path] = ()) -> Table:
     try:
         kind = "can" if databases else folder or _kind(path)
         if kind == "text":
-            return TextTable(path)
+            return a_column_each(TextTable(path))
         reader = import_module(f"fieldmodels.recording.readers.{kind}")
         table: Table = reader.read(path, databases) if databases else reader.read(path)
     except ModuleNotFoundError as error:

@@ -77,6 +77,11 @@ class TextTable(Table):
         kinds = zip(self.header, self.dialect.kinds, strict=True)
         return tuple(n for n, kind in kinds if kind != "text" and n not in self._doubled)
 
+    def texts(self, names: Sequence[str]) -> dict[str, list[str]]:
+        """Cells of columns as they are written; of rows that have all cells."""
+        rows = [cells for _, cells in self._cells() if len(cells) == len(self.header)]
+        return {name: [row[self.header.index(name)] for row in rows] for name in names}
+
     def _side_by_side(self) -> dict[str, str]:
         """Column to clock, of channels that each have their times at their left: time, one, time, other."""
         names = list(self.numbers())
