@@ -388,3 +388,136 @@ def vector(folder: Path) -> Expected:
         f"{folder / 'rig.asc'}+{folder / 'rig.dbc'}", run,
         "force=Rig.Force:N; position=Rig.Position:mm; velocity=Rig.Velocity:mm/s",
     )  # fmt: skip
+
+
+# --- nine more, written down after the first twenty-one were read, and before any of these was --------
+
+
+@log
+def influx(folder: Path) -> Expected:
+    """InfluxDB's annotated CSV: lines of # above, an empty first column, one value a row, by field."""
+    run = pendulum("coulomb_friction", 430)
+    lines = ["#group,false,false,true,true,false,false,true",
+             "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string",
+             "#default,_result,,,,,,", ",result,table,_start,_stop,_time,_value,_field"]  # fmt: skip
+    at = stamps(run.time, "%Y-%m-%dT%H:%M:%S.%f")
+    for k, (name, values) in enumerate(run.signals.items()):
+        ends = "2026-11-22T10:00:00Z,2026-11-22T10:01:00Z"
+        lines += [f",,{k},{ends},{t}Z,{x:.6f},{name}" for t, x in zip(at, values, strict=True)]
+    (folder / "query.csv").write_text("\n".join(lines) + "\n")
+    return entry(folder / "query.csv", run, "t=_time:s; torque=torque:; angle=angle:")
+
+
+@log
+def labchart(folder: Path) -> Expected:
+    """ADInstruments LabChart: `Key=<tab>value` lines, channel titles and ranges in rows of their own, tabs."""
+    run = axis("rig", "coulomb_friction", 431)
+    u, y, v = signals(run)
+    head = ["Interval=\t0.01 s", "ExcelDateTime=\t4.6348416666666667e+04\t11/22/2026 10:00:00",
+            "TimeFormat=\tStartOfBlock", "DateFormat=\t", "ChannelTitle=\tForce\tPosition\tVelocity",
+            "Range=\t20.000 N\t100.00 mm\t1000.0 mm/s"]  # fmt: skip
+    text(folder / "labchart.txt", head, (run.time, u, 1e3 * y, 1e3 * v), "\t", end="\r\n")
+    return entry(
+        folder / "labchart.txt", run, "force=Force:N; position=Position:mm; velocity=Velocity:mm/s",
+        options={"columns": {"force": "Force:N", "position": "Position:mm", "velocity": "Velocity:mm/s"}},
+    )  # fmt: skip
+
+
+@log
+def picoscope(folder: Path) -> Expected:
+    """PicoScope: names, units in round brackets in the row below, an empty line, milliseconds from before zero."""
+    run = pendulum("actuator_dead_zone", 432)
+    u, y = signals(run)
+    head = ["Time,Channel A,Channel B", "(ms),(V),(V)", ""]
+    text(folder / "pico.csv", head, (1e3 * run.time - 500.0, u, y), form="{:.8f}".format)
+    return entry(
+        folder / "pico.csv", run, "t=Time:ms; torque=Channel A:V; angle=Channel B:V",
+        options={"columns": {"torque": "Channel A:N m", "angle": "Channel B:rad"}},
+    )  # fmt: skip
+
+
+@log
+def catman(folder: Path) -> Expected:
+    """HBM catman: rows of settings for each channel below the names, French decimals, tabs, Windows-1252."""
+    run = axis("rig", "actuator_delay", 433)
+    u, y, v = signals(run)
+    head = ["Temps 1 - taux par défaut\tForce consigne\tPosition\tVitesse", "s\tN\tmm\tmm/s",
+            "Début : 22/11/2026 10:00:00\t\t\t", "Filtre\tBessel 10 Hz\tBessel 10 Hz\tBessel 10 Hz"]  # fmt: skip
+    columns = [[comma(x) for x in s] for s in (run.time, u, 1e3 * y, 1e3 * v)]
+    text(folder / "essai.txt", head, columns, "\t", encoding="cp1252", end="\r\n")
+    return entry(
+        folder / "essai.txt", run,
+        "t=Temps 1 - taux par défaut:s; force=Force consigne:N; position=Position:mm; velocity=Vitesse:mm/s",
+    )  # fmt: skip
+
+
+@log
+def gnuplot(folder: Path) -> Expected:
+    """A file for gnuplot: `# 1:t[s] 2:tau[Nm] ...`, columns of blanks, two blank lines between runs of one file."""
+    run = axis("pendulum", "actuator_saturation", 434)
+    u, y, v = signals(run)
+    rows = [f"{t:9.4f} {a:11.6f} {b:11.6f} {c:11.6f}" for t, a, b, c in zip(run.time, u, y, v, strict=True)]
+    (folder / "run.dat").write_text("\n".join(["# 1:t[s] 2:tau[Nm] 3:phi[rad] 4:omega[rad/s]", *rows, ""]))
+    return entry(
+        folder / "run.dat", run, "t=1:t[s]:s; torque=2:tau[Nm]:N m; angle=3:phi[rad]:rad; "
+        "velocity=4:omega[rad/s]:rad/s",
+    )  # fmt: skip
+
+
+@log
+def modelica(folder: Path) -> Expected:
+    """OpenModelica and Dymola: everything in quotes, der(...) and indices in names, no unit."""
+    run = axis("pendulum", "coulomb_friction", 435)
+    u, y, v = signals(run)
+    head = ['"time","der(pendulum.phi)","pendulum.phi","motor.tau[1]"']
+    text(folder / "pendulum_res.csv", head, (run.time, v, y, u), form="{:.9g}".format)
+    return entry(
+        folder / "pendulum_res.csv", run,
+        "t=time:; torque=motor.tau[1]:; angle=pendulum.phi:; velocity=der(pendulum.phi):",
+    )  # fmt: skip
+
+
+@log
+def kistler(folder: Path) -> Expected:
+    """A press monitor: time of day with a comma and milliseconds, `;`, units as `name / unit`, a final empty cell."""
+    run = axis("rig", "actuator_lag", 436)
+    u, y, v = signals(run)
+    head = ["Uhrzeit;Sollkraft / N;Weg / mm;Geschwindigkeit / mm/s;"]
+    columns = [[comma(x) for x in s] for s in (u, 1e3 * y, 1e3 * v)]
+    clock = [s.replace(".", ",") for s in stamps(run.time, "%H:%M:%S.%f")]
+    text(folder / "presse.csv", head, (clock, *columns, [""] * len(u)), ";", encoding="cp1252")
+    return entry(
+        folder / "presse.csv", run,
+        "t=Uhrzeit:s; force=Sollkraft / N:N; position=Weg / mm:mm; velocity=Geschwindigkeit / mm/s:mm/s",
+    )  # fmt: skip
+
+
+@log
+def jsonlines_console(folder: Path) -> Expected:
+    """A robot's console: a stamp in brackets before each line of JSON, other lines between."""
+    run = joint("coulomb_friction", 437)
+    told, seen = signals(run)
+    lines = ["[INFO] [1795341599.900]: node started"]
+    for t, a, b in zip(EPOCH + run.time, told, seen, strict=True):
+        lines.append(f'[DEBUG] [{t:.3f}]: {{"goal_rad": {a:.5f}, "position_rad": {b:.5f}}}')
+    (folder / "node.log").write_text("\n".join(lines) + "\n")
+    return entry(
+        folder / "node.log", run, "set_point=goal_rad:rad; position=position_rad:rad",
+        options={"columns": {"set_point": "goal_rad:rad", "position": "position_rad:rad"}, "rate": 100.0},
+    )  # fmt: skip
+
+
+@log
+def percent_of_full_scale(folder: Path) -> Expected:
+    """A historian (OSIsoft PI): `Bad` and `No Data` among the numbers, `%`, dates with English months."""
+    told = 50.0 + commands(np.random.default_rng(438), 2000, 0.5, 30.0)
+    run = follower(machine(folder, "%", "°C", "°C/%"), "actuator_lag", told, 1.0, 20.0)
+    u, y = ([f"{x:.3f}" for x in s] for s in signals(run))
+    for k in (300, 301, 302, 900):
+        y[k] = "Bad" if k < 900 else "No Data"
+    head = ["Timestamp,TIC101.OP (%),TIC101.PV (°C)"]
+    text(folder / "pi.csv", head, (stamps(run.time, "%d-%b-%Y %H:%M:%S.%f"), u, y))
+    return entry(
+        folder / "pi.csv", run, "t=Timestamp:s; command=TIC101.OP (%):%; response=TIC101.PV (°C):°C",
+        options={"columns": {"command": "TIC101.OP (%)", "response": "TIC101.PV (°C)"}},
+    )  # fmt: skip
