@@ -410,7 +410,7 @@ def influx(folder: Path) -> Expected:
 
 @log
 def labchart(folder: Path) -> Expected:
-    """ADInstruments LabChart: `Key=<tab>value` lines, channel titles and ranges in rows of their own, tabs."""
+    """ADInstruments LabChart: `Key=<tab>value` lines, titles and ranges in rows of their own, tabs."""
     run = axis("rig", "coulomb_friction", 431)
     u, y, v = signals(run)
     head = ["Interval=\t0.01 s", "ExcelDateTime=\t4.6348416666666667e+04\t11/22/2026 10:00:00",
@@ -425,7 +425,7 @@ def labchart(folder: Path) -> Expected:
 
 @log
 def picoscope(folder: Path) -> Expected:
-    """PicoScope: names, units in round brackets in the row below, an empty line, milliseconds from before zero."""
+    """PicoScope: names, units in brackets in the row below, an empty line, milliseconds from before zero."""
     run = pendulum("actuator_dead_zone", 432)
     u, y = signals(run)
     head = ["Time,Channel A,Channel B", "(ms),(V),(V)", ""]
@@ -442,18 +442,20 @@ def catman(folder: Path) -> Expected:
     run = axis("rig", "actuator_delay", 433)
     u, y, v = signals(run)
     head = ["Temps 1 - taux par défaut\tForce consigne\tPosition\tVitesse", "s\tN\tmm\tmm/s",
-            "Début : 22/11/2026 10:00:00\t\t\t", "Filtre\tBessel 10 Hz\tBessel 10 Hz\tBessel 10 Hz"]  # fmt: skip
+            "Début : 22/11/2026 10:00:00\t\t\t",
+            "Filtre\tBessel 10 Hz\tBessel 10 Hz\tBessel 10 Hz"]  # fmt: skip
     columns = [[comma(x) for x in s] for s in (run.time, u, 1e3 * y, 1e3 * v)]
     text(folder / "essai.txt", head, columns, "\t", encoding="cp1252", end="\r\n")
     return entry(
         folder / "essai.txt", run,
-        "t=Temps 1 - taux par défaut:s; force=Force consigne:N; position=Position:mm; velocity=Vitesse:mm/s",
+        "t=Temps 1 - taux par défaut:s; force=Force consigne:N; position=Position:mm; "
+        "velocity=Vitesse:mm/s",
     )  # fmt: skip
 
 
 @log
 def gnuplot(folder: Path) -> Expected:
-    """A file for gnuplot: `# 1:t[s] 2:tau[Nm] ...`, columns of blanks, two blank lines between runs of one file."""
+    """A file for gnuplot: `# 1:t[s] 2:tau[Nm] ...`, columns of blanks."""
     run = axis("pendulum", "actuator_saturation", 434)
     u, y, v = signals(run)
     rows = [f"{t:9.4f} {a:11.6f} {b:11.6f} {c:11.6f}" for t, a, b, c in zip(run.time, u, y, v, strict=True)]
@@ -479,7 +481,7 @@ def modelica(folder: Path) -> Expected:
 
 @log
 def kistler(folder: Path) -> Expected:
-    """A press monitor: time of day with a comma and milliseconds, `;`, units as `name / unit`, a final empty cell."""
+    """A press monitor: time of day with a comma, `;`, units as `name / unit`, a final empty cell."""
     run = axis("rig", "actuator_lag", 436)
     u, y, v = signals(run)
     head = ["Uhrzeit;Sollkraft / N;Weg / mm;Geschwindigkeit / mm/s;"]
@@ -488,7 +490,8 @@ def kistler(folder: Path) -> Expected:
     text(folder / "presse.csv", head, (clock, *columns, [""] * len(u)), ";", encoding="cp1252")
     return entry(
         folder / "presse.csv", run,
-        "t=Uhrzeit:s; force=Sollkraft / N:N; position=Weg / mm:mm; velocity=Geschwindigkeit / mm/s:mm/s",
+        "t=Uhrzeit:s; force=Sollkraft / N:N; position=Weg / mm:mm; "
+        "velocity=Geschwindigkeit / mm/s:mm/s",
     )  # fmt: skip
 
 

@@ -31,11 +31,10 @@ def test_an_export_is_read_as_it_was_measured(tmp_path, name):
         if signal not in OTHERWISE.get(name, ()):
             assert own in table.numbers()
             assert canonical(table.units.get(own, "")) == canonical(unit)
+    model, columns = get_model(told.run.model), {"": told.options.get("columns", {})}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        read = Logs(get_model(told.run.model), {"": told.options.get("columns", {})}, accept=True).read(
-            told.source
-        )
+        read = Logs(model, columns, accept=True, rate=told.options.get("rate")).read(told.source)
     assert set(read.signals) == set(told.run.signals)
     assert read.step == pytest.approx(np.median(np.diff(told.run.time)), rel=1e-3)
     assert {signal: error for signal, error in errors(told, read).items() if error > 0.05} == {}

@@ -16,7 +16,8 @@ from fieldmodels.recording.words import names_and_units, unit_of
 Kind = Literal["number", "time", "text"]
 
 COMMENTS = ("#", "%", "//", "!")
-MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
+MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "bad", "bad input", "no data",
+           "error", "invalid", "ovld", "#value!", "#num!", "#div/0!")  # fmt: skip
 """Cells that say that there is no value."""
 
 _TIME = re.compile(
@@ -46,8 +47,10 @@ _VALUE = r"\s*[:=][ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?i:nan|
 _PAIR = re.compile(
     rf"(?<!\w)([^\W\d][^:=,;|\t\"]{{0,60}}?){_VALUE}(?:\s?([^\W\d][^\s,;|:=]*|[°%]\S*))?(?=[\s,;|]|$)"
 )
+_JSON = str.maketrans({'"': None, "{": " ", "}": " "})
 _BEHIND = re.compile(r"\d[ \u00a0]?([^\W\d_][^\s\",;|]{0,10}|[°%][^\s\",;|]{0,5})(?=\"?\s*(?:[,;|\t\r\n]|$))")
 _EXAMINED = 400  # lines
+_HEADERS = 6  # lines above the data that may name columns or state units
 _MOST_QUOTES = 1000  # in one header
 _PREAMBLE = 50  # of which so many may stand above a header
 
@@ -87,7 +90,7 @@ class Dialect:
     def cells(self, line: str) -> list[str]:
         """The cells of one line; none of a line that is no row."""
         if self.pairs:
-            found = re.match(self.pairs, line)
+            found = re.match(self.pairs, line.translate(_JSON))
             return list(found.groups("")) if found else []
         return split(without_suffixes(line, self.suffixes) if self.suffixes else line, self.delimiter)
 
@@ -151,9 +154,13 @@ def sniff(text: str, encoding: str) -> Dialect:
     labelled = _labelled([split(line, delimiter) for _, line in rows[:_PREAMBLE]], width, number)
     first = max([first, *(k + 1 for k in labelled)])
     skip = rows[first][0] if first < len(rows) else rows[-1][0] + 1
-    texts = [header_cells(line, delimiter, width) for _, line in above[-3:]]
+    texts = [found for _, line in above[-_HEADERS:] if (found := header_cells(line, delimiter, width))]
     if labelled:
-        texts = [row for row in labelled.values() if not any(map(number.fullmatch, row))]
+        of_channels, *more = labelled.values()
+        units_too = (
+            row for row in more if all(is_unit(c, True) and not number.fullmatch(c) for c in row[1::2])
+        )
+        texts = [of_channels, *units_too]
     if not any(texts):
         said = [line for i, line in lines if i < skip and line.lstrip().startswith(COMMENTS)]
         texts = [header_cells(re.sub(r"^\s*(#|%|//|!)+", "", line), delimiter, width) for line in said[-3:]]
@@ -198,6 +205,7 @@ def _labelled(rows: Sequence[list[str]], width: int, number: re.Pattern[str]) ->
     return {
         k: [c for cell in cells for c in (f"time ({cell})" if k == min(told) else "", cell)]
         for k, cells in told.items()
+        if len(told) > 1
     }
 
 
@@ -221,6 +229,7 @@ def _behind(cells: Sequence[str], suffixes: Sequence[str]) -> str:
 
 def _pairs(lines: Sequence[str], encoding: str) -> Dialect | None:
     """The dialect of a console or a plotter, ``name: value, name: value`` a line; None of other text."""
+    lines = [line.translate(_JSON) for line in lines]
     found = Counter(tuple((name, unit) for name, _, unit in _PAIR.findall(line)) for line in lines)
     usual, count = found.most_common(1)[0] if found else ((), 0)
     names = tuple(name for name, _ in usual)

@@ -12,6 +12,8 @@ from fieldmodels.recording.words import is_time
 
 MOST = 64
 """Signals in one file; more words are no names."""
+ROWS = 1000
+"""Rows that tell which columns change at all."""
 
 
 def a_column_each(table: TextTable) -> Table:
@@ -23,12 +25,14 @@ def a_column_each(table: TextTable) -> Table:
         table: A log.
     """
     words = [name for name in table.header if name not in table.numbers()]
+    if not words or not table.numbers() or table.clocks:
+        return table
     try:
-        numbers = table.read(table.numbers(), MOST) if words else {}
-        there = [name for name, values in numbers.items() if np.isfinite(values).any()]
+        numbers = {n: v[:ROWS] for n, v in table.read(table.numbers(), ROWS).items()}
+        there = [n for n, values in numbers.items() if len({*values[np.isfinite(values)]}) > 1]
         times = [name for name in there if is_time(name, table.units.get(name, ""))]
         values = [name for name in there if name not in times]
-        if not times or len(values) != 1 or table.clocks:
+        if not times or len(values) != 1:
             return table
         time = table[times[0]]
         back = np.diff(time) <= 0.0

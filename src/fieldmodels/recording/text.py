@@ -248,7 +248,7 @@ class TextTable(Table):
             return f"{cell} is not a finite number; leave the row out and start a new episode"
         if self.dialect.decimal == "." and re.fullmatch(r"-?\d+,\d+", cell):
             return f"{cell!r} has a decimal comma; write {cell.replace(',', '.', 1)}"
-        return f"{cell!r} is not a number"
+        return f"{cell!r} is not a number; leave such cells empty"
 
 
 class _Rows(io.TextIOBase):

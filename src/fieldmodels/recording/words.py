@@ -33,6 +33,7 @@ _PLACES = ("left", "right", "x", "y")
 _LETTERS = ("N", "V", "A", "s")  # units of one letter that a name may end with, as in F_N
 _BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)")
 _INDEX = re.compile(r"[\d\s.,:;+-]*\d[\d\s.,:;+-]*")
+_SIZE = re.compile(r"^[+-]?\d[\d.,]*\s+(?=\D)")
 _ARGUMENT = re.compile(r"(?<=\w)[(\[][tkin][)\]]")  # x(t) is no number of tonnes
 
 
@@ -97,14 +98,17 @@ def names_and_units(above: Sequence[Sequence[str]], width: int) -> tuple[list[st
         Names and units, empty where there are none.
     """
     units, rest = [""] * width, list(above)
-    for line in reversed(above[1:] and above):
-        cells = [cell.strip("[]() ") for cell in line]
+    for i, line in reversed(list(enumerate(above[1:] and above))):
+        cells = [_SIZE.sub("", cell.strip("[]() ")) for cell in line]  # a range states a unit, too: 20 mm
         said = [_is_stated(cell, "", not _describes(cell)) for cell in cells if cell]
         if sum(said) > 0.5 * len(said):
-            units = cells
-            rest.remove(line)
+            label = cells[0] and not said[0] and all(said[1:])  # of the row, not the unit of a column
+            units = ["", *cells[1:]] if label else cells
+            rest = (
+                [above[i - 1]] if i and _full(above[i - 1]) else [*above[max(i - 2, 0) : i], *above[i + 1 :]]
+            )
             break
-    whole = (line for line in rest if all(line) and len(set(line)) == width)  # no title, no row of groups
+    whole = filter(_full, rest)  # no title, no row of groups
     names = list(next(whole, rest[-1] if rest else [""] * width))
     if rest and len(set(names)) < width:
         # Each group's name stands above the first of its columns.
@@ -115,6 +119,11 @@ def names_and_units(above: Sequence[Sequence[str]], width: int) -> tuple[list[st
         beside = zip(names, [*names[1:], ""], strict=True)  # of channels that each have times at their left
         names = [f"{name} ({channel})" if name in times and channel else name for name, channel in beside]
     return names, [unit or unit_of(name) for name, unit in zip(names, units, strict=True)]
+
+
+def _full(line: Sequence[str]) -> bool:
+    """Whether each column has a cell of its own."""
+    return all(line) and len(set(line)) == len(line)
 
 
 def short(header: str) -> str:
@@ -138,8 +147,10 @@ def _is_stated(text: str, name: str, sure: bool = False) -> bool:
 
 
 def _describes(text: str) -> bool:
-    """Whether words in brackets say what a column is ("left", "IMU"), and so state no unit."""
-    return all(word in _words() for word in re.findall(r"[a-z]+", _plain(text).lower()))
+    """Whether words in brackets say what a column is ("left", "IMU", "arm.phi"), and so state no unit."""
+    return re.search(r"[A-Za-z]{3}\.\w", text) is not None or all(
+        word in _words() for word in re.findall(r"[a-z]+", _plain(text).lower())
+    )
 
 
 def _plain(text: str) -> str:
@@ -155,6 +166,8 @@ def _alike(one: str, other: str) -> bool:
 @cache
 def meanings(name: str) -> frozenset[str]:
     """What the words of a name mean, and longer ones that no list contains; its unit is left aside."""
+    if rate := re.fullmatch(r"der\((.+)\)", name):  # Modelica's
+        return meanings(rate[1]) | {"velocity"}
     plain = _plain(without_unit(name)[0])
     parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", plain)
     if len(parts) > 1 and (
