@@ -20,7 +20,7 @@ from fieldagents.logs import Logs, listed
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.bench import Bench
 from fieldmodels.recording.files import load_recording
-from fieldmodels.recording.proposals import propose
+from fieldmodels.recording.proposals import SURE, clock_of, propose
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import Table
@@ -332,3 +332,32 @@ def test_words_further_down_leave_a_column_out_and_are_said(tmp_path):
     path.write_text("t,force,weg,flags\n" + "".join(rows))
     with pytest.raises(RecordingError, match=r"(?s)hold position.*column 'weg', row 1002: 'ARMED'"):
         Logs(get_model("rig"), accept=True).read(str(path))
+
+
+def test_a_unit_behind_a_number_is_that_of_its_column(tmp_path):
+    """Dashboards change the unit with the size; what is in another one is no number of this column."""
+    rows = [f"{k / 100} s,{k % 7} V,{k % 5} mV,phase {k % 3} A\n" for k in range(300)]
+    table = table_of(tmp_path, "t,u,v,state\n" + "".join(rows))
+    assert table.units == {"t": "s", "u": "V", "v": "mV"}
+    assert table.numbers() == ("t", "u", "v")
+    np.testing.assert_array_equal(table["u"], np.arange(300) % 7)
+    rows[200] = "2.0 s,600 mV,1 mV,phase 1 A\n"
+    with pytest.raises(RecordingError, match="column 'u', row 202: '600 mV' is not a number"):
+        table_of(tmp_path, "t,u,v,state\n" + "".join(rows))["u"]
+
+
+def test_one_value_a_row_is_a_long_table_and_a_state_beside_one_value_is_not(tmp_path):
+    rows = [f"{k / 100},{name},{k + n}\n" for n, name in enumerate(("a", "b")) for k in range(300)]
+    table = table_of(tmp_path, "time,topic,value\n" + "".join(rows))
+    np.testing.assert_array_equal(table["b"], np.arange(300) + 1)
+    rows = [f"{k / 100},{'run' if k > 100 else 'idle'},{k % 7}\n" for k in range(300)]
+    assert table_of(tmp_path, "time,state,value\n" + "".join(rows)).numbers() == ("time", "value")
+    again = [f"{k % 150 / 100},{'run' if k > 100 else 'idle'},{k % 7}\n" for k in range(300)]
+    assert table_of(tmp_path, "time,state,value\n" + "".join(again)).numbers() == ("time", "value")
+
+
+def test_days_of_a_spreadsheet_are_no_seconds(tmp_path):
+    for start, step, unit in ((46348.4, 1 / 864000, "d"), (739943.4, 1 / 86400, "d"), (46348.4, 0.01, "s")):
+        rows = [f"{start + k * step:.10f},{k % 7}\n" for k in range(300)]
+        clock = clock_of(table_of(tmp_path, "time,x\n" + "".join(rows)))
+        assert (clock.unit, clock.confidence < SURE) == (unit, unit == "d")

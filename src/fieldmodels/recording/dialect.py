@@ -70,7 +70,7 @@ class Dialect:
         kinds: What the columns hold.
         header: False if the file names no columns.
         comment: Whether lines of comment stand among the rows.
-        suffixes: Units that stand behind the numbers of cells.
+        suffixes: Of each column the unit that stands behind its numbers; none if there are none at all.
         pairs: Of ``name: value`` lines the pattern, a group a column; other lines are no rows.
     """
 
@@ -92,7 +92,13 @@ class Dialect:
         if self.pairs:
             found = re.match(self.pairs, line.translate(_JSON))
             return list(found.groups("")) if found else []
-        return split(without_suffixes(line, self.suffixes) if self.suffixes else line, self.delimiter)
+        cells = split(line, self.delimiter)
+        if len(cells) == len(self.suffixes):
+            bare = [cell.removesuffix(unit) for cell, unit in zip(cells, self.suffixes, strict=True)]
+            cells = [
+                one.strip() if self.is_number(one) else cell for cell, one in zip(cells, bare, strict=True)
+            ]
+        return cells
 
     def is_number(self, cell: str) -> bool:
         """Whether a cell holds a number."""
@@ -136,7 +142,7 @@ def sniff(text: str, encoding: str) -> Dialect:
     rows = [(i, line) for i, line in lines if not line.lstrip().startswith(COMMENTS)] or lines
     raw = [line for _, line in rows[len(rows) // 2 :]]
     suffixes = _suffixes(raw)
-    body = [without_suffixes(line, suffixes) for line in raw]
+    body = [_without(line, suffixes) for line in raw]
     delimiter, (decimal, thousands) = _separators(body)
     number = _NUMBERS[decimal, thousands]
     width = _usual([len(split(line, delimiter)) for line in body])
@@ -145,12 +151,14 @@ def sniff(text: str, encoding: str) -> Dialect:
     above: list[tuple[int, str]] = []
     first = len(rows)
     for k, (_, line) in enumerate(rows):
-        row = split(without_suffixes(line, suffixes), delimiter)
+        row = split(_without(line, suffixes), delimiter)
         if len(row) == width and not _is_text(row, kinds, number, bool(above)):
             first = k
             break
         above.append((k, line))
-    first, above = _below_pairs(rows, first, above, lambda row: _names(row, delimiter, kinds, number))
+    first, above = _below_pairs(
+        rows, first, above, lambda row: _names(_without(row, suffixes), delimiter, kinds, number)
+    )
     labelled = _labelled([split(line, delimiter) for _, line in rows[:_PREAMBLE]], width, number)
     first = max([first, *(k + 1 for k in labelled)])
     skip = rows[first][0] if first < len(rows) else rows[-1][0] + 1
@@ -166,7 +174,11 @@ def sniff(text: str, encoding: str) -> Dialect:
         texts = [header_cells(re.sub(r"^\s*(#|%|//|!)+", "", line), delimiter, width) for line in said[-3:]]
     names, units = names_and_units([t for t in texts if t], width)
     whole = [row for line in raw if len(row := split(line, delimiter)) == width]
-    units = [unit or _behind([row[j] for row in whole], suffixes) for j, unit in enumerate(units)]
+    behind = tuple(
+        _behind([row[j] for row in whole], suffixes) if kind == "number" else ""
+        for j, kind in enumerate(kinds)
+    )
+    units = [unit or own for unit, own in zip(units, behind, strict=True)]
     return Dialect(
         encoding=encoding,
         delimiter=delimiter,
@@ -178,7 +190,7 @@ def sniff(text: str, encoding: str) -> Dialect:
         kinds=kinds,
         header=any(names),
         comment=any(line.lstrip().startswith(COMMENTS) for i, line in lines if i > skip),
-        suffixes=suffixes,
+        suffixes=behind if any(behind) else (),
     )
 
 
@@ -216,7 +228,7 @@ def _suffixes(lines: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(usual, key=len, reverse=True))
 
 
-def without_suffixes(text: str, suffixes: Sequence[str]) -> str:
+def _without(text: str, suffixes: Sequence[str]) -> str:
     """Text without these units behind its numbers."""
     return _BEHIND.sub(lambda m: m[0].removesuffix(m[1]).rstrip() if m[1] in suffixes else m[0], text)
 

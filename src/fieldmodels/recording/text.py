@@ -21,7 +21,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.converters import BLACKBOX, advice
 from fieldmodels.recording.data import RecordingError
-from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff, without_suffixes
+from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff
 from fieldmodels.recording.evidence import is_clock
 from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, collect, over_midnight, stamps
 from fieldmodels.recording.units import canonical
@@ -184,7 +184,7 @@ class TextTable(Table):
         if d.comment:
             rules.append((r"(?m)^[ \t]*(?:#|%|//|!)[^\r\n]*", ""))
         if d.suffixes:
-            rules.append((r"[^\r\n]+", lambda found: without_suffixes(found[0], d.suffixes)))
+            rules.append((r"[^\r\n]+", lambda found: '"' + f'"{d.delimiter}"'.join(d.cells(found[0])) + '"'))
         if d.thousands:
             rules.append((rf"(?<=\d){re.escape(d.thousands)}(?=\d{{3}}(?!\d))", ""))
         if d.delimiter == " ":
