@@ -258,6 +258,14 @@ def test_what_is_in_another_unit_is_no_signal_however_well_it_goes(tmp_path, run
     assert (found["torque"].column, found["angle"].column) == ("b", "c")
 
 
+def test_a_heading_is_a_yaw_and_no_pitch(tmp_path):
+    rows = np.random.default_rng(0).normal(size=(5, 300)).cumsum(axis=1)
+    names = ("left_command", "right_command", "x", "y", "icp_pitch", "icp_yaw")
+    columns = {"t": 0.02 * np.arange(300), **dict(zip(names, [*rows, rows[0]], strict=True))}
+    proposal = propose(read_table(written(tmp_path / "log.csv", **columns)), get_model("differential_drive"))
+    assert proposal.bench().columns["heading"].column == "icp_yaw"
+
+
 def test_what_numbers_the_rows_is_no_signal(tmp_path, run):
     assert counts(np.arange(1500.0) % 256)
     assert not counts(run["y"])

@@ -267,6 +267,7 @@ def turns(model: Model, recording: Recording, name: str) -> bool:
     return found[0] > found[1] + CLEARLY
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a nominal machine far from this one may run away
 def _response(
     model: Model, recording: Recording, windows: Windows, command: str, late: int
 ) -> Response | None:

@@ -200,6 +200,8 @@ def quantity(found: frozenset[str], unit: str) -> str:
     except UnitError:
         by_unit = ""
     by_word = next((q for q in _QUANTITIES if q in found), "")
+    if by_unit == "angle" and by_word == "heading":  # a pitch is an angle, too, and no heading
+        return by_word
     return by_unit or by_word or ("position" if {"x", "y"} & found else canonical(unit) if unit else "")
 
 
