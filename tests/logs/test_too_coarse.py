@@ -80,7 +80,10 @@ def test_too_coarse_for_a_time_constant_is_said_before_the_work(ramp):
     told = identifiable(Stand(), [loaded(ramp, Stand(), columns)], {})
     assert told[0].startswith("rows are 5.52 s apart: no time constant below about 11 s can be told, nor one")
     assert "--model map" in told[0]
-    assert told[1] == "can be told: gain"
+    assert told[1].startswith("as a static map of 'speed': ")
+    assert "lower limit (limit −0.0" in told[1]
+    assert "curvature" in told[1]
+    assert told[2] == "can be told: gain"
 
 
 def test_what_is_resolved_is_not_said_to_be_too_coarse(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,9 +20,12 @@ from fieldmodels.diagnosis.cutting import (
 from fieldmodels.diagnosis.informative import evenly
 from fieldmodels.diagnosis.linearisation import stacked
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.procedure import diagnose
 from fieldmodels.drivers.declaration import Declaration
 from fieldmodels.model import Model
-from fieldmodels.recording import Recording
+from fieldmodels.recording import Recording, RecordingError
+from fieldmodels.registry import get_model
+from fieldmodels.rounding import listed, with_error, words
 
 ROWS = 2_000
 """Samples that are looked at."""
@@ -63,6 +67,7 @@ def identifiable(model: Model, train: Sequence[Recording], fixed: Mapping[str, f
     hidden = [name for name in pilot.names() if not pilot.identifiable(base, name)]
     told = [*without_command(model, train, fixed)]
     told += (coarse := _coarse(problem, base))
+    told += _as_map(model, train) if coarse and len(model.inputs) == 1 else []
     clear = [name for name in clear if not (coarse and name in times)]
     told += [f"can be told: {', '.join(clear) or 'no base parameter'}"]
     if unclear:
@@ -83,6 +88,30 @@ def _coarse(problem: Problem, base: Candidate) -> list[str]:
         f"much above the windows' {longest:.3g} s; for a machine that settles from row to row, --model map "
         "tells its dead zone, limits and curve instead"
     ]
+
+
+def _as_map(model: Model, train: Sequence[Recording]) -> list[str]:
+    """What a static map of the first output says of it, in numbers; nothing if it says nothing."""
+    pairs = {"command": model.inputs[0].name, "response": model.outputs[0].name}
+    mapped = [
+        replace(
+            one,
+            signals={new: one[name] for new, name in pairs.items()},
+            units={new: one.units[name] for new, name in pairs.items() if name in one.units},
+            lost={},
+        )
+        for one in train
+    ]
+    try:
+        causes = diagnose(get_model("map"), mapped).causes
+    except RecordingError:
+        return []
+    parts = []
+    for cause in causes:
+        sizes = [(n, e) for n, e in cause.parameters.items() if np.isfinite(e.std) and "value_" not in n]
+        told = ", ".join(f"{name} {with_error(e.value, e.std, e.unit)}" for name, e in sizes)
+        parts.append(f"{words(cause.effect)} ({told})" if told else words(cause.effect))
+    return [f"as a static map of {pairs['response']!r}: {listed(parts)}"] if parts else []
 
 
 def _memory(problem: Problem, base: Candidate) -> float:
