@@ -346,6 +346,13 @@ def test_a_unit_behind_a_number_is_that_of_its_column(tmp_path):
         table_of(tmp_path, "t,u,v,state\n" + "".join(rows))["u"]
 
 
+@pytest.mark.parametrize("mark", ['3" pipe', '"3"" pipe"', "pipe"])
+def test_a_quote_within_a_cell_does_not_go_on_in_the_next_line(tmp_path, mark):
+    table = table_of(tmp_path, "t,x,what\n" + "".join(f"{k / 100},{k % 7},{mark}\n" for k in range(300)))
+    assert table.header == ("t", "x", "what")
+    assert len(table["x"]) == 300
+
+
 def test_one_value_a_row_is_a_long_table_and_a_state_beside_one_value_is_not(tmp_path):
     rows = [f"{k / 100},{name},{k + n}\n" for n, name in enumerate(("a", "b")) for k in range(300)]
     table = table_of(tmp_path, "time,topic,value\n" + "".join(rows))

@@ -51,7 +51,8 @@ _JSON = str.maketrans({'"': None, "{": " ", "}": " "})
 _BEHIND = re.compile(r"\d[ \u00a0]?([^\W\d_][^\s\",;|]{0,10}|[°%][^\s\",;|]{0,5})(?=\"?\s*(?:[,;|\t\r\n]|$))")
 _EXAMINED = 400  # lines
 _HEADERS = 6  # lines above the data that may name columns or state units
-_MOST_QUOTES = 1000  # in one header
+_OPEN = re.compile(r'^(?:[^"]|"[^"]*")*?(?:^|[,;|\t]) *"(?:[^"]|"")*$')  # a cell in quotes that goes on
+_LONGEST = 10_000  # letters of a header in several lines
 _PREAMBLE = 50  # of which so many may stand above a header
 
 
@@ -198,7 +199,7 @@ def _whole_lines(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Lines with their numbers; a name in quotes may go on in the next one."""
     rest = iter(enumerate(lines))
     for i, line in rest:
-        while line.count('"') % 2 and line.count('"') < _MOST_QUOTES and (more := next(rest, None)):
+        while _OPEN.search(line) and len(line) < _LONGEST and (more := next(rest, None)):
             line = f"{line} {more[1]}"
         yield i, line
 
