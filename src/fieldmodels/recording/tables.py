@@ -10,7 +10,7 @@ import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -266,9 +266,15 @@ def seconds(texts: Any) -> FloatArray:
         ValueError: If a text is no time.
     """
     try:
-        return over_midnight(stamps(texts))
+        found = stamps(texts)
+        if not leaps(found):
+            return over_midnight(found)
     except ValueError:
         return over_midnight(stamps(texts, month_first=True))
+    with suppress(ValueError):
+        other = stamps(texts, month_first=True)
+        return found if leaps(other) else other
+    return found
 
 
 def stamps(texts: Any, month_first: bool = False) -> FloatArray:
@@ -295,6 +301,11 @@ def stamps(texts: Any, month_first: bool = False) -> FloatArray:
         found[plain] = pd.to_datetime(text[plain], format=re.sub(".%f", "", form), utc=True)
     origin = pd.Timestamp(1970 if dated else 1900, 1, 1, tz="UTC")  # of a time of day the calendar's own
     return np.asarray((found - origin) / pd.Timedelta(seconds=1))
+
+
+def leaps(times: FloatArray) -> bool:
+    """Whether times leap by weeks, as at midnight where months are taken for days."""
+    return bool(np.nanmax(np.abs(np.diff(times)), initial=0.0) > 20 * 86400.0)
 
 
 def over_midnight(times: FloatArray) -> FloatArray:

@@ -23,7 +23,17 @@ from fieldmodels.recording.converters import BLACKBOX, advice
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff
 from fieldmodels.recording.evidence import is_clock
-from fieldmodels.recording.tables import EMPTY, REMEDY, SHOWN, Problem, Table, collect, over_midnight, stamps
+from fieldmodels.recording.tables import (
+    EMPTY,
+    REMEDY,
+    SHOWN,
+    Problem,
+    Table,
+    collect,
+    leaps,
+    over_midnight,
+    stamps,
+)
 from fieldmodels.recording.units import canonical
 from fieldmodels.recording.words import is_time
 
@@ -132,6 +142,10 @@ class TextTable(Table):
         gaps = [n for n in names if not np.isfinite(columns[n]).all()]
         if (gaps or self._uneven) and (bad := self._found(gaps, missing=False)):
             raise self.fail(bad)
+        if not month_first and any(leaps(columns[name]) for name in times):
+            with suppress(RecordingError):
+                other = self._read(names, rows, month_first=True)
+                return columns if any(leaps(other[name]) for name in times) else other
         return columns | {name: over_midnight(columns[name]) for name in times}
 
     def rows_shown(self, rows: Iterable[int]) -> dict[int, int]:
