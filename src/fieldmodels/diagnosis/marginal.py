@@ -1,26 +1,32 @@
-"""The evidence for a set of causes: its marginal likelihood at the weights of one fit.
+"""The evidence for a set of causes: the marginal likelihood of what its fit leaves.
 
-The model of a window is linear about a fit, y = J b + Z u + e. The parameters b are profiled, the slow zero u
-of every sensor is integrated out, and so is the scale of the errors e, which is never below what rounding and
-integration leave. Windows that lie far off count less, as by Student's t.
+The errors of a window are normal with a covariance that nobody knows. It is integrated out under an
+inverse-Wishart prior about white noise, of which the size in every output and the strength are those that
+explain the errors best (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.6). Two sets are so
+compared without weights that either of them chose: weights by what a set leaves look away from what it lacks.
+The slow zero of every sensor is integrated out, too (Laplace's approximation).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import multigammaln
 
-from fieldmodels.arrays import FloatArray
+from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.diagnosis.linearisation import Fit, project, reweighed, stacked
 from fieldmodels.diagnosis.problem import Problem
 
+STRENGTHS = (0.25, 1.0, 4.0, 16.0, 64.0)
+"""Of the prior, in windows for each feature: from errors of any colour to white ones."""
+ROUNDS = 6
+"""Times that the sizes of the prior are improved, by a fixed point."""
 SINES = 24
 """Sines over the record by which a slow zero is described: a walk that begins at zero."""
-FREEDOM = 10.0
-"""Degrees of freedom of the windows' errors."""
 SIZES, FALLS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0), (1.0, 0.5)
 """Sizes of a slow zero, in parts of the errors, and how it falls with frequency: a random walk, 1/f noise."""
 PACES = ((0.0, 1.0), *((size, fall) for fall in FALLS for size in SIZES))
@@ -32,170 +38,231 @@ LOOKS = 3
 Paces = tuple[int, ...]
 
 
-class Reference:
-    """Weights by which sets are compared, and the slow zeros of every sensor at them.
+@dataclass(frozen=True)
+class Errors:
+    """What some errors say of their covariance.
 
     Attributes:
-        whitener: Of the fit.
-        rows: Number of averages that are compared; of events, where there is nothing else.
+        value: Negative log marginal likelihood [nats].
+        covariance: Mean of the posterior, shape (features, features).
     """
 
-    def __init__(self, problem: Problem, fitted: Fit) -> None:
-        self.problem, self.whitener = problem, fitted.whitener
-        windows, features = fitted.residual.shape
-        self._averages = np.ones(features, dtype=np.bool_)
-        if fitted.observations is not None:
-            self._averages[fitted.observations.rows(fitted.whitener)[0]] = False
-        squares = np.sum(fitted.residual[:, self._averages] ** 2, axis=1)
-        free = max(int(self._averages.sum()) - fitted.states.shape[1], 1)
-        far = squares * free / max(float(squares.mean()), 1e-300)
-        self._trust = np.sqrt(np.minimum((FREEDOM + free) / (FREEDOM + far), 1.0))[:, None]
-        any_average = bool(self._averages[: fitted.raw.shape[1]].any())
-        count = max(windows * int(self._averages.sum()) - fitted.states.size, 1) if any_average else 0
-        self.rows = count or windows * features
-        self._floor = count * _floor(problem, fitted)
-        self._sines = self._slow_zeros(fitted)
-        self._products = self._sines.T @ self._sines
-        self._roots: dict[Paces, tuple[FloatArray, FloatArray | None, float]] = {}
-        self._paces: Paces = (0,) * (self._sines.shape[1] // SINES)
-        # The number of errors is that of what is left here: a whitener's floored directions hold none.
-        left = self._columns((fitted.residual * self._averages)[:, :, None])
-        self._count = float(count)
-        if count:
-            self._paces, rest = self._usual_paces(left)
-            self._count = max(min(float(count), rest), 1.0)
+    value: float
+    covariance: FloatArray
 
-    def value(self, fitted: Fit, problem: Problem, further: FloatArray | None = None) -> float:
-        """Negative log marginal likelihood of a fit [nats].
+
+@dataclass(frozen=True)
+class Marginal:
+    """The evidence of a fit.
+
+    Attributes:
+        value: Negative log marginal likelihood [nats].
+        whitener: By the covariance of its errors, shape (features, features).
+    """
+
+    value: float
+    whitener: FloatArray
+
+
+class Evidence:
+    """Evidence of fits to the windows of a problem, by its model or by one with further effects.
+
+    Attributes:
+        rows: Number of averages that say something; of events, where there is nothing else.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._averages = ~problem.events
+        self._outputs = problem.outputs[self._averages]
+        self._floor = np.asarray(problem.floor[self._averages])
+        windows, features = problem.features.shape
+        some = windows * len(self._outputs)
+        self.rows = max(some - problem.states.size, 1) if some else windows * features
+        self._samples = int(np.bincount(self._outputs).max(initial=0)) if problem.alike else 1
+
+    def of(self, problem: Problem, fitted: Fit) -> Marginal:
+        """Evidence of a fit of this problem's windows, with or without slow zeros."""
+        events, events_only = 0.0, not self._averages.any()
+        if problem.observations is not None:
+            events = float(problem.observations.loss(fitted.raw)[:, ~self._averages].sum())
+        if events_only:
+            return Marginal(events, fitted.whitener)
+        shown = self._shown(fitted.raw)
+        here = reweighed(problem, fitted, self._whitener(self._errors(shown).covariance))
+        found = [self._value(here, _left(here, *_solution(here)))]
+        # A slow zero hardly shows in the changes from one window to the next.
+        changes = self._errors(np.diff(shown, axis=0) / math.sqrt(2.0)) if len(shown) > 2 else None
+        if changes is not None:
+            found += self._beside_slow_zeros(
+                problem, reweighed(problem, fitted, self._whitener(changes.covariance))
+            )
+        value, covariance = min(found, key=lambda one: one[0])
+        return Marginal(value + events, self._whitener(covariance))
+
+    def first_order(self, here: Fit, further: FloatArray) -> float:
+        """Evidence of a fit with further columns, without slow zeros, to first order.
 
         Args:
-            fitted: The fit, of this problem or of one whose model has further effects.
-            problem: Its problem.
-            further: Columns like those of its Jacobian that are profiled, too.
+            here: The fit, whitened as the columns are to be fitted.
+            further: Columns like those of its Jacobian.
         """
-        fitted = reweighed(problem, fitted, self.whitener)
-        columns = fitted.jacobian[:, :, fitted.active]
-        if further is not None:
-            columns = np.concatenate([columns, further], axis=2)
-        x, y = self._columns(columns), self._columns(fitted.residual[:, :, None])
-        size = np.sqrt(np.sum(x**2, axis=0))
-        x = x[:, size > 1e-9] / size[size > 1e-9]
-        both = np.concatenate([x, y], axis=1)
-        powers, across = both.T @ both, self._sines.T @ both
+        return self._value(here, _left(here, *_solution(here, further)))[0]
 
-        def at(paces: Paces) -> float:
-            sizes, root, half = self._root(paces)
-            rest = powers
-            if root is not None:
-                taken = np.linalg.solve(root, sizes[:, None] * across)
-                rest = powers - taken.T @ taken
+    def _beside_slow_zeros(self, problem: Problem, here: Fit) -> list[tuple[float, FloatArray]]:
+        """Evidence and covariance of the errors beside slow zeros, if there are any."""
+        slow, (x, _) = self._slow_zeros(problem, here), _solution(here)
+        both = np.concatenate([x, here.residual.reshape(-1, 1)], axis=1)
+        products, across, powers = slow.T @ slow, slow.T @ both, both.T @ both
+
+        def solved(paces: Paces) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+            """Loss [nats], the root of what integrates zeros out, how much of each is there, the rest."""
+            sizes = _deviations(paces)
+            used = sizes > 0.0
+            own = sizes[used, None] * products[np.ix_(used, used)] * sizes[used]
+            root = np.linalg.cholesky(np.eye(len(own)) + own)
+            taken = np.linalg.solve(root, sizes[used, None] * across[used])
+            rest = powers - taken.T @ taken
             b = np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0]
-            squares, events = float(rest[-1, -1] - rest[:-1, -1] @ b), 0.0
-            if fitted.observations is not None:
-                squares, events = self._with_events(fitted, x, y[:, 0], b, squares)
-            priced = half + events + PACE * sum(i > 0 for i in paces)
-            if not self._count:
-                return priced
-            return priced + 0.5 * self._count * math.log(max(squares, self._floor, 1e-300) / self._count)
+            u = np.zeros(len(sizes))
+            u[used] = np.linalg.solve(root.T, taken[:, -1] - taken[:, :-1] @ b)
+            half = float(np.sum(np.log(np.diag(root)))) + PACE * sum(i > 0 for i in paces)
+            return half, 0.5 * float(rest[-1, -1] - rest[:-1, -1] @ b), b, u
 
-        return self._least(at)
+        paces = _least(lambda p: sum(solved(p)[:2]), (0,) * (slow.shape[1] // SINES))
+        if not any(paces):
+            return []
+        half, _, b, u = solved(paces)
+        left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, _deviations(paces) * u]))
+        value, covariance = self._value(here, left)
+        return [(value + half + 0.5 * float(u @ u), covariance)]
 
-    def _with_events(
-        self, fitted: Fit, x: FloatArray, y: FloatArray, b: FloatArray, squares: float
-    ) -> tuple[float, float]:
-        """Sum of squares without that of events, and their exact loss in its place."""
-        assert fitted.observations is not None
-        event = np.broadcast_to(~self._averages, fitted.residual.shape).reshape(-1)
-        left = y[event] - x[event] @ b
-        exact = float(fitted.observations.loss(fitted.raw).sum())
-        changed = 0.5 * float(left @ left - y[event] @ y[event])
-        return max(squares - float(left @ left), 1e-300), exact + changed
+    def _value(self, here: Fit, left: FloatArray) -> tuple[float, FloatArray]:
+        """Evidence of what is left, whitened, with what the starts are off; and its covariance."""
+        features = len(here.whitener)
+        raw = np.linalg.solve(here.whitener, left[:, :features].T).T
+        errors = self._errors(self._shown(raw))
+        return errors.value + 0.5 * float(np.sum(left[:, features:] ** 2)), errors.covariance
 
-    def _least(self, at: Callable[[Paces], float]) -> float:
-        """The least value over the paces beside those of this reference."""
-        seen: dict[Paces, float] = {}
+    def _shown(self, raw: FloatArray) -> FloatArray:
+        """Rows of errors that have one covariance: windows, or samples where all are alike."""
+        known = np.where(np.isfinite(raw), raw, 0.0)[:, self._averages]
+        if self._samples == 1:
+            return known
+        outputs = np.unique(self._outputs)
+        return np.stack([known[:, self._outputs == j].ravel() for j in outputs], axis=1)
 
-        def of(paces: Paces) -> float:
-            if paces not in seen:
-                seen[paces] = at(paces)
-            return seen[paces]
+    def _errors(self, errors: FloatArray) -> Errors:
+        """Evidence of independent rows of errors, by the best prior of their covariance."""
+        outputs, floor = self._outputs, self._floor
+        if self._samples > 1:
+            outputs, first = np.unique(outputs, return_index=True)
+            floor = floor[first]
+        _, number = np.unique(outputs, return_inverse=True)
+        rows, features = errors.shape
+        counts = np.bincount(number)
+        squares = np.bincount(number, np.sum(errors**2, axis=0)) / (counts * rows)
+        unit = np.sqrt(np.maximum(squares, np.bincount(number, floor**2) / counts) + 1e-300)[number]
+        errors, floor = errors / unit, floor / unit
+        products = errors.T @ errors
+        least = np.bincount(number, floor**2) / counts + 1e-12
+        sizes = np.ones(len(counts))
+        best = Errors(math.inf, np.zeros((0, 0)))
+        for strength in STRENGTHS:
+            windows = strength * features
+            freedom = windows + features + 1.0
+            for _ in range(ROUNDS):
+                prior = windows * (sizes[number] + floor**2)
+                inverse = np.linalg.inv(products + np.diag(prior))
+                share = np.bincount(number, np.diag(inverse) * prior)
+                sizes = np.maximum(sizes * freedom * counts / ((freedom + rows) * share), 1e-3 * least)
+            prior = windows * (sizes[number] + floor**2)
+            whole = products + np.diag(prior)
+            value = (
+                rows * float(np.sum(np.log(math.sqrt(math.pi) * unit)))
+                + float(multigammaln(0.5 * freedom, features))
+                - float(multigammaln(0.5 * (freedom + rows), features))
+                - 0.5 * freedom * float(np.sum(np.log(prior)))
+                + 0.5 * (freedom + rows) * float(np.linalg.slogdet(whole)[1])
+            )
+            if value > best.value:
+                break  # in the order of their strengths the values have one least
+            best = Errors(value, whole * np.outer(unit, unit) / (windows + rows))
+        return best
 
-        best = min({self._paces, (0,) * len(self._paces)}, key=of)
-        for _ in range(LOOKS):
-            before = best
-            for j in range(len(best)):
-                best = min([best, *(_with(best, j, i) for i in _near(best[j]))], key=of)
-            if best == before:
-                break
-        return of(best)
+    def _whitener(self, covariance: FloatArray) -> FloatArray:
+        """What whitens the features; events stay as they are."""
+        root = np.linalg.inv(np.linalg.cholesky(covariance))
+        features = len(self.problem.outputs)
+        result = np.eye(features)
+        if self._samples == 1:
+            result[np.ix_(self._averages, self._averages)] = root
+            return result
+        number: IntArray = np.unique(self._outputs, return_inverse=True)[1]
+        place = np.sum(np.tril(number[:, None] == number[None, :], -1), axis=1)
+        same = place[:, None] == place[None, :]
+        result[np.ix_(self._averages, self._averages)] = np.where(
+            same, root[number[:, None], number[None, :]], 0.0
+        )
+        return result
 
-    def _usual_paces(self, left: FloatArray) -> tuple[Paces, float]:
-        """Paces of what a fit leaves, and its sum of squares beside them."""
-        across, power = self._sines.T @ left[:, 0], float(np.sum(left**2))
-
-        def rest(paces: Paces) -> float:
-            sizes, root, _ = self._root(paces)
-            taken = np.zeros(1) if root is None else np.linalg.solve(root, sizes * across)
-            return power - float(taken @ taken)
-
-        def at(paces: Paces) -> float:
-            return 0.5 * rest(paces) + self._root(paces)[2] + PACE * sum(i > 0 for i in paces)
-
-        count = len(self._paces)
-        best = min(((i,) * count for i in range(len(PACES))), key=at)
-        for _ in range(2):
-            for j in range(count):
-                best = min([best, *(_with(best, j, i) for i in range(len(PACES)))], key=at)
-        return best, rest(best)
-
-    def _root(self, paces: Paces) -> tuple[FloatArray, FloatArray | None, float]:
-        """Deviations of all sines, the root of what integrates them out, half its log determinant."""
-        if paces not in self._roots:
-            orders = np.arange(1, SINES + 1) - 0.5
-            sizes = np.concatenate([np.zeros(0), *(PACES[i][0] * orders ** -PACES[i][1] for i in paces)])
-            root, half = None, 0.0
-            if sizes.any():
-                root = np.linalg.cholesky(np.eye(len(sizes)) + sizes[:, None] * self._products * sizes)
-                half = float(np.sum(np.log(np.diag(root))))
-            self._roots[paces] = sizes, root, half
-        return self._roots[paces]
-
-    def _slow_zeros(self, fitted: Fit) -> FloatArray:
+    def _slow_zeros(self, problem: Problem, here: Fit) -> FloatArray:
         """What a slow zero of each output adds, sine by sine, shape (windows * rows, outputs * sines)."""
-        problem, windows = self.problem, len(fitted.residual)
+        windows = len(here.residual)
         orders = np.arange(1, SINES + 1) - 0.5
         along = (np.arange(windows) + 0.5)[:, None] / windows
         sines = np.sin(np.pi * along * orders) * math.sqrt(2.0)
-        blocks = [np.zeros((fitted.residual.size, 0))]
-        for j in np.unique(problem.outputs[~problem.events]):
-            unit = project(fitted, problem.zeros[int(j)][:, :, None])[:, :, 0] * self._averages
-            unit = unit / (math.sqrt(float(np.mean(np.sum(unit**2, axis=1)))) + 1e-300) * self._trust
+        blocks = [np.zeros((here.residual.size, 0))]
+        for j in np.unique(self._outputs):
+            unit = project(here, problem.zeros[int(j)][:, :, None])[:, :, 0]
+            unit = unit / (math.sqrt(float(np.mean(np.sum(unit**2, axis=1)))) + 1e-300)
             blocks.append((unit[:, :, None] * sines[:, None, :]).reshape(-1, SINES))
         return np.concatenate(blocks, axis=1)
 
-    def _columns(self, columns: FloatArray) -> FloatArray:
-        """Columns of all windows below each other, each window by how far it is trusted."""
-        return stacked(columns * np.where(self._averages, self._trust, 1.0)[:, :, None])
+
+def _solution(here: Fit, further: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Columns of a fit, and of what else is fitted, of unit length; and how much of each fits best."""
+    x = here.jacobian[:, :, here.active]
+    x = stacked(x if further is None else np.concatenate([x, further], axis=2))
+    size = np.sqrt(np.sum(x**2, axis=0))
+    x = x[:, size > 1e-9] / size[size > 1e-9]
+    return x, np.linalg.lstsq(x.T @ x, x.T @ here.residual.reshape(-1), rcond=1e-10)[0]
 
 
-def _floor(problem: Problem, fitted: Fit) -> float:
-    """Mean square of whitened errors that rounding and integration leave."""
-    average = ~problem.events
-    if not average.any():
-        return 0.0
-    floor = np.where(average, problem.floor, 0.0)
-    return float(np.mean(((fitted.whitener * floor) ** 2).sum(axis=1)[average]))
+def _left(here: Fit, columns: FloatArray, b: FloatArray) -> FloatArray:
+    """What some columns leave, whitened, shape (windows, features + states)."""
+    return np.asarray((here.residual.reshape(-1) - columns @ b).reshape(here.residual.shape))
 
 
-def _with(paces: Paces, output: int, pace: int) -> Paces:
-    return (*paces[:output], pace, *paces[output + 1 :])
+def _deviations(paces: Paces) -> FloatArray:
+    """Of every sine of every slow zero."""
+    orders = np.arange(1, SINES + 1) - 0.5
+    return np.concatenate([PACES[i][0] * orders ** -PACES[i][1] for i in paces])
+
+
+def _least(at: Callable[[Paces], float], none: Paces) -> Paces:
+    """The paces of least value: each looked at in turn, from none at all."""
+    seen: dict[Paces, float] = {}
+
+    def of(paces: Paces) -> float:
+        if paces not in seen:
+            seen[paces] = at(paces)
+        return seen[paces]
+
+    best = none
+    for _ in range(LOOKS):
+        before = best
+        for j in range(len(best)):
+            near = range(len(PACES)) if best[j] == 0 else _near(best[j])
+            best = min([best, *((*best[:j], int(i), *best[j + 1 :]) for i in near)], key=of)
+        if best == before:
+            break
+    return best
 
 
 def _near(pace: int) -> NDArray[np.int64]:
-    """Paces beside one: a step smaller, a step larger, and the other fall."""
+    """Paces beside one: none, a step smaller, a step larger, and the other fall."""
     count = len(SIZES)
-    if pace == 0:
-        return np.array([1, 1 + count])
     size, fall = (pace - 1) % count, (pace - 1) // count
     larger = [pace + 1] if size < count - 1 else []
-    return np.array([1 + (1 - fall) * count + size, pace - 1 if size else 0, *larger])
+    return np.array([0, 1 + (1 - fall) * count + size, pace - 1 if size else 0, *larger])

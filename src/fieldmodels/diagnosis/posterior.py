@@ -127,7 +127,7 @@ def _alternatives(search: Search, lead: Hypothesis, near: Sequence[Hypothesis], 
 def _misshapen(search: Search, lead: Hypothesis) -> dict[str, str]:
     """Names for which another known function of their variable does as well, with that in words."""
     candidates: Candidates = lead.setting.candidates
-    here = reweighed(lead.setting.problem, lead.fit, search.reference(lead).whitener)
+    here = reweighed(lead.setting.problem, lead.fit, search.marginal(lead).whitener)
     kept = candidates.judged(lead.names, here, lead.candidate.search)
     beside = Curves(lead.setting.problem, here, candidates.options)
     return {name: _words(shape.scored) for name, shape in misshapen(beside, kept).items()}

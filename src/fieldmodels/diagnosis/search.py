@@ -19,9 +19,9 @@ from fieldmodels.diagnosis.candidates import Candidates, number_of_starts, simpl
 from fieldmodels.diagnosis.curves import Curves, Scored
 from fieldmodels.diagnosis.fit import best_of, refit
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
-from fieldmodels.diagnosis.marginal import Reference
-from fieldmodels.diagnosis.sets import Hypothesis, Sets
-from fieldmodels.diagnosis.whitening import covariance_whitener, whitener_by_output
+from fieldmodels.diagnosis.marginal import Evidence, Marginal
+from fieldmodels.diagnosis.sets import Hypothesis, Sets, label
+from fieldmodels.diagnosis.whitening import whitener_by_output
 
 UNLISTED = 2.3
 """Log odds of a listed against an unlisted cause: ten to one."""
@@ -49,21 +49,20 @@ class Search:
     def __init__(self, candidates: Candidates) -> None:
         self._candidates, self._problem = candidates, candidates.problem
         first = candidates.base()
-        candidates.whitener = covariance_whitener(self._problem, first.fit)
+        self._evidence = Evidence(self._problem)
+        candidates.whitener = self._evidence.of(self._problem, first.fit).whitener
         base = candidates.again(first)
         candidates.whitener = first.fit.whitener  # single names are fitted by one weight an output
         names = candidates.names()
         absorbed = [not one for one in candidates.each(lambda n: candidates.identifiable(base, n), names)]
         candidates.unidentifiable.update(itertools.compress(names, absorbed))
         self.names = candidates.names()
-        self.sets = Sets(candidates)
+        self.sets = Sets(candidates, self._evidence)
         self.base = self.sets.keep(Hypothesis((), self.sets.setting(()), base))
         self._count = 1  # of curves that were tried
         self._curves: dict[object, Curves] = {}
-        self._judged: dict[tuple[int, int], tuple[FloatArray, Hypothesis, list[tuple[float, Scored]]]] = {}
-        self._own: dict[int, tuple[Hypothesis, Reference]] = {}
-        self._values: dict[tuple[int, int], tuple[Fit, Reference, float]] = {}
-        self._references = [self.reference(self.base)]
+        self._judged: dict[int, tuple[Hypothesis, list[tuple[float, Scored]]]] = {}
+        self._marginals: dict[int, tuple[Fit, Marginal]] = {}
 
     def run(self) -> None:
         """Search until nothing improves; what time is left for decides nothing of what was fitted."""
@@ -71,7 +70,6 @@ class Search:
         self._exchange()
         if times_off(self.best.setting.problem, self.best.fit) > FAR and self._every_pair():
             # As if nothing had been found: two names may each be worse alone.
-            self._refer()
             self._forward(self.ranked()[:BEAM])
             self._exchange()
 
@@ -86,16 +84,13 @@ class Search:
 
     def score(self, one: Hypothesis) -> float:
         """Negative log posterior of a set, but for a constant [nats]."""
-        values = [self._value(one, reference) for reference in self._references]
-        return float(np.mean(values)) + self._price(one)
+        return self.marginal(one).value + self._price(one)
 
-    def reference(self, one: Hypothesis) -> Reference:
-        """Weights by what a set leaves."""
-        if id(one) not in self._own:
-            problem = one.setting.problem
-            here = reweighed(problem, one.fit, covariance_whitener(problem, one.fit))
-            self._own[id(one)] = one, Reference(problem, here)
-        return self._own[id(one)][1]
+    def marginal(self, one: Hypothesis) -> Marginal:
+        """The evidence of what a set leaves, and the weights by its covariance."""
+        if id(one.fit) not in self._marginals:
+            self._marginals[id(one.fit)] = one.fit, self._evidence.of(one.setting.problem, one.fit)
+        return self._marginals[id(one.fit)][1]
 
     def curves_beside(self, one: Hypothesis) -> Curves:
         """The curves that are tried beside a set; none that acts in an effect's own numbers."""
@@ -106,54 +101,22 @@ class Search:
             self._count = max(self._count, len(found.all))
         return self._curves[one.key]
 
-    def _value(self, one: Hypothesis, reference: Reference) -> float:
-        key = id(one.fit), id(reference)
-        if key not in self._values:
-            self._values[key] = one.fit, reference, reference.value(one.fit, one.setting.problem)
-        return self._values[key][2]
-
     def _price(self, one: Hypothesis) -> float:
         """What its parameters cost, by their number and by what was tried for them [nats]."""
-        model, rows = self._problem.model, self._references[0].rows
+        model, rows = self._problem.model, self._evidence.rows
         names = sum(_price(model.effect(n).size, rows) + math.log(len(self.names)) for n in one.names)
         curves = sum(self._price_of_curve(c, len(c.coefficients)) for c in one.curves)
         return names + one.candidate.search + curves
 
     def _price_of_curve(self, scored: Scored, size: int) -> float:
         tried = math.log(self._count * scored.curve.tried)
-        return _price(size, self._references[0].rows) + tried + UNLISTED
-
-    def _refer(self) -> None:
-        """Compare by the weights of what the best sets leave, without and with a curve."""
-        for _ in range(2):
-            kinds = [[n for n in self.ranked() if bool(n.curves) == curved] for curved in (False, True)]
-            references = [self.reference(self._leading(some)) for some in kinds if some]
-            if references == self._references:
-                break
-            self._references = references
-        self._candidates.whitener = self._references[0].whitener
-
-    def _leading(self, order: Sequence[Hypothesis]) -> Hypothesis:
-        """Of sets in the order of their scores, the one that none leads by the weights of both.
-
-        The weights of a set without a cause look away from what it does.
-        """
-        lead, least = order[0], self.score(order[0])
-
-        def behind(one: Hypothesis) -> float:
-            values = [self._value(one, r) - self._value(lead, r) for r in map(self.reference, (lead, one))]
-            return float(np.mean(values)) + self._price(one) - self._price(lead)
-
-        near = [one for one in order[1:] if self.score(one) < least + OTHER]
-        best = min(near, key=behind, default=lead)
-        return best if near and behind(best) < 0.0 else lead
+        return _price(size, self._evidence.rows) + tried + UNLISTED
 
     def _forward(self, beam: Sequence[Hypothesis]) -> None:
         """Extend the best sets, and the best one of the other kind, until that improves nothing."""
         last = math.inf
         for level in range(LEVELS):
             made = [one for lead in beam for one in self._grown(lead)]
-            self._refer()
             order = self.ranked()
             least = self.score(order[0])
             if not made or (level and last < least + 0.01):
@@ -167,7 +130,6 @@ class Search:
     def _exchange(self) -> None:
         """Drop each member of the lead, put others in its place, and begin again where that is better."""
         for _ in range(3):
-            self._refer()
             order = self.ranked()
             lead, least = order[0], self.score(order[0])
             other = next((n for n in order if bool(n.curves) != bool(lead.curves)), None)
@@ -178,11 +140,10 @@ class Search:
                 one.exchanged = True
                 members: list[str | Scored] = [*one.names, *one.curves]
                 for member in members:
-                    rest = self.sets.without(one, member, self._references[-bool(one.curves)].whitener)
+                    rest = self.sets.without(one, member, self.marginal(one).whitener)
                     self._instead(one, rest)
                     self._grown(rest, 1 if rest.curves else BESIDE_CURVES, 1)
                 self._grown(one, BESIDE_CURVES, 1)
-            self._refer()
             if least < self.score(self.best) + 0.01:
                 break
 
@@ -195,7 +156,7 @@ class Search:
         one.grown = True
         names = (BESIDE_CURVES if one.curves else TRIED) if names is None else names
         curves = (0 if one.size > 2 else 1 if one.curves else 2) if curves is None else curves
-        weights = self.reference(one).whitener
+        weights = self.marginal(one).whitener
         made = [self.sets.with_name(one, n, s, weights) for n, s in self._promising(one, names)]
         if curves and len(one.curves) < MOST_CURVES:
             made += [self.sets.with_curve(one, scored) for scored in self._curves_to_try(one, curves)]
@@ -207,41 +168,35 @@ class Search:
         Where there is none yet, by what the set with the first of them leaves.
         """
         seen = set[tuple[str, str]]()
+        for gain, scored in self.judged_beside(one):
+            key = scored.curve.direction, scored.curve.formula
+            if gain > 0.0 and key not in seen and len(seen) < count:
+                seen.add(key)
+                yield scored
 
-        def new(whitener: FloatArray, most: int) -> Iterator[Scored]:
-            for gain, scored in self._evidence(one, whitener)[:most]:
-                key = scored.curve.direction, scored.curve.formula
-                if gain > 0.0 and key not in seen:
-                    seen.add(key)
-                    yield scored
+    def judged_beside(self, one: Hypothesis) -> list[tuple[float, Scored]]:
+        """Curves beside a set with what each brings to first order [nats], the best first.
 
-        yield from new(self.reference(one).whitener, count)
-        if one.curves:
-            return
-        if len(self._references) > 1:
-            yield from new(self._references[1].whitener, 1)
-        elif seen:
-            [first, *_] = self._evidence(one, self.reference(one).whitener)
-            if (beside := self.sets.with_curve(one, first[1])) is not None:
-                yield from new(self.reference(beside).whitener, 2)
-
-    def _evidence(self, one: Hypothesis, whitener: FloatArray) -> list[tuple[float, Scored]]:
-        """Curves beside a set with what each brings to first order [nats], the best first."""
-        key = id(one), id(whitener)
-        if key not in self._judged:
-            here = reweighed(one.setting.problem, one.fit, whitener)
-            beside, candidate = self.curves_beside(one).reweighed(here), replace(one.candidate, fit=here)
-            reference = Reference(one.setting.problem, here)
-            tables = beside.judge(candidate)[:JUDGED]
-            known = beside.functions(scored.curve for scored in tables[:3])
-            pool = [*tables, *(beside.judge(candidate, known)[:FUNCTIONS] if tables else [])]
-            without, found = reference.value(here, one.setting.problem), []
-            for scored in pool:
-                more = scored.candidate.fit.jacobian[:, :, here.jacobian.shape[2] :]
-                value = reference.value(here, one.setting.problem, more)
-                found.append((without - value - self._price_of_curve(scored, more.shape[2]), scored))
-            self._judged[key] = whitener, one, sorted(found, key=lambda pair: -pair[0])
-        return self._judged[key][2]
+        Each is fitted by the set's own weights, and by one weight an output, which looks away from nothing.
+        """
+        if id(one) not in self._judged:
+            problem = one.setting.problem
+            found: dict[object, tuple[float, Scored]] = {}
+            for whitener in (self.marginal(one).whitener, whitener_by_output(problem, one.fit.raw)):
+                here = reweighed(problem, one.fit, whitener)
+                beside, candidate = self.curves_beside(one).reweighed(here), replace(one.candidate, fit=here)
+                tables = beside.judge(candidate)[:JUDGED]
+                known = beside.functions(scored.curve for scored in tables[:3])
+                pool = [*tables, *(beside.judge(candidate, known)[:FUNCTIONS] if tables else [])]
+                without = self._evidence.first_order(here, np.zeros((*here.residual.shape, 0)))
+                for scored in pool:
+                    more = scored.candidate.fit.jacobian[:, :, here.jacobian.shape[2] :]
+                    value = self._evidence.first_order(here, more)
+                    gain = without - value - self._price_of_curve(scored, more.shape[2])
+                    if gain > found.get(label(scored), (-math.inf, scored))[0]:
+                        found[label(scored)] = gain, scored
+            self._judged[id(one)] = one, sorted(found.values(), key=lambda pair: -pair[0])
+        return self._judged[id(one)][1]
 
     def _promising(self, one: Hypothesis, count: int) -> list[tuple[str, list[FloatArray]]]:
         """Names that promise most to first order beside a set, with their starts."""
@@ -253,7 +208,7 @@ class Search:
 
     def _instead(self, lead: Hypothesis, rest: Hypothesis) -> None:
         """Names in a member's place, from the states of the set that holds it."""
-        weights = self.reference(lead).whitener
+        weights = self.marginal(lead).whitener
         for name, starts in self._promising(rest, 2 if rest.curves else 4):
             if name not in lead.names:
                 self.sets.in_place(lead, rest, name, starts, weights)
@@ -262,7 +217,7 @@ class Search:
         problem, model = self._problem, self._problem.model
         if not np.isfinite(fitted.cost):
             return None
-        fitted = refit(problem, fitted, covariance_whitener(problem, fitted), steps)
+        fitted = self.sets.polished(problem, fitted, steps)
         if any(simpler(model, model.effect(name), fitted.parameters) for name in pair):
             return None
         search = sum(math.log(number_of_starts(problem, model.effect(name))) for name in pair)

@@ -18,8 +18,8 @@ from fieldmodels.diagnosis.candidates import (
 from fieldmodels.diagnosis.curves import Scored
 from fieldmodels.diagnosis.fit import best_of, fit, refit
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
+from fieldmodels.diagnosis.marginal import Evidence
 from fieldmodels.diagnosis.problem import Problem
-from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.drivers.curved import Curved
 
 Label = tuple[str, str, str, str, int]
@@ -112,8 +112,8 @@ class Hypothesis:
 class Sets:
     """All sets that were fitted, each at its best fit so far."""
 
-    def __init__(self, candidates: Candidates) -> None:
-        self.candidates, self.problem = candidates, candidates.problem
+    def __init__(self, candidates: Candidates, evidence: Evidence) -> None:
+        self.candidates, self.problem, self._evidence = candidates, candidates.problem, evidence
         self.own = len(self.problem.model.names)
         self._settings: dict[tuple[Label, ...], Setting] = {(): Setting((), self.problem, candidates)}
         self._made: dict[Key, Hypothesis] = {}
@@ -171,8 +171,7 @@ class Sets:
             more = self.candidates.extend(one.candidate, name)
             if more is None:
                 return None
-            closer = refit(self.problem, more.fit, covariance_whitener(self.problem, more.fit), CURVED)
-            more = replace(more, fit=closer)
+            more = replace(more, fit=self.polished(self.problem, more.fit))
             return self.keep(Hypothesis(_sorted(*one.names, name), one.setting, more))
         begun = [self._moved(one.fit.parameters, name, start) for start in starts]
         return self._fitted(one, name, begun, one.fit.states, whitener, (3, CURVED))
@@ -192,6 +191,10 @@ class Sets:
         vectors = [self._moved(rest.fit.parameters, name, start) for start in begun]
         steps = 6 if rest.curves else 12
         return self._fitted(rest, name, vectors, lead.fit.states, whitener, (steps, 0))
+
+    def polished(self, problem: Problem, fitted: Fit, steps: int = CURVED) -> Fit:
+        """A fit that goes on by the weights of what it leaves."""
+        return refit(problem, fitted, self._evidence.of(problem, fitted).whitener, steps)
 
     def _fitted(
         self,
@@ -242,7 +245,7 @@ class Sets:
                 break
         if best is None or not np.isfinite(best.cost):
             return None
-        best = refit(problem, best, covariance_whitener(problem, best), CURVED)
+        best = self.polished(problem, best)
         return self.keep(Hypothesis(one.names, setting, replace(one.candidate, effects=effects, fit=best)))
 
     def without(self, one: Hypothesis, member: str | Scored, whitener: FloatArray) -> Hypothesis:
