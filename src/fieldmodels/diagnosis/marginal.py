@@ -4,7 +4,8 @@ The errors of a window are normal with a covariance that nobody knows. It is int
 inverse-Wishart prior about white noise, of which the size in every output and the strength are those that
 explain the errors best (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.6). Two sets are so
 compared without weights that either of them chose: weights by what a set leaves look away from what it lacks.
-The slow zero of every sensor is integrated out, too (Laplace's approximation).
+Where a window starts is integrated out with it (a variational bound: Bishop, Pattern Recognition and Machine
+Learning, section 10.1), and so is the slow zero of every sensor (Laplace's approximation).
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.special import multigammaln
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.linearisation import Fit, project, reweighed, stacked
+from fieldmodels.diagnosis.linearisation import PRIOR, Fit, over_runs, project, reweighed, stacked
 from fieldmodels.diagnosis.problem import Problem
 
 STRENGTHS = (0.25, 1.0, 4.0, 16.0, 64.0)
 """Of the prior, in windows for each feature: from errors of any colour to white ones."""
-ROUNDS = 6
-"""Times that the sizes of the prior are improved, by a fixed point."""
+ROUNDS, SETTLED = 6, 4
+"""Times that the sizes of the prior, and that starts and covariance, are improved: fixed points."""
 SINES = 24
 """Sines over the record by which a slow zero is described: a walk that begins at zero."""
 SIZES, FALLS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0), (1.0, 0.5)
@@ -39,25 +40,12 @@ Paces = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class Errors:
-    """What some errors say of their covariance.
-
-    Attributes:
-        value: Negative log marginal likelihood [nats].
-        covariance: Mean of the posterior, shape (features, features).
-    """
-
-    value: float
-    covariance: FloatArray
-
-
-@dataclass(frozen=True)
 class Marginal:
     """The evidence of a fit.
 
     Attributes:
         value: Negative log marginal likelihood [nats].
-        whitener: By the covariance of its errors, shape (features, features).
+        whitener: By the mean of its errors' covariance, shape (features, features).
     """
 
     value: float
@@ -72,33 +60,33 @@ class Evidence:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self._averages = ~problem.events
-        self._outputs = problem.outputs[self._averages]
-        self._floor = np.asarray(problem.floor[self._averages])
+        self._problem, self._averages = problem, ~problem.events
         windows, features = problem.features.shape
-        some = windows * len(self._outputs)
+        some = windows * int(self._averages.sum())
         self.rows = max(some - problem.states.size, 1) if some else windows * features
-        self._samples = int(np.bincount(self._outputs).max(initial=0)) if problem.alike else 1
+        outputs, floor = problem.outputs[self._averages], problem.floor[self._averages]
+        self._outputs, number = np.unique(outputs, return_inverse=True)
+        place = np.sum(np.tril(number[:, None] == number[None, :], -1), axis=1)
+        # Where all samples have one covariance of their outputs, each sample is a row of errors.
+        self._place = place if problem.alike else np.zeros_like(place)
+        alike = number if problem.alike else np.arange(len(number))
+        self._column: IntArray = alike
+        first = np.unique(alike, return_index=True)[1]
+        self._number, self._floor = number[first], np.asarray(floor[first])
 
     def of(self, problem: Problem, fitted: Fit) -> Marginal:
-        """Evidence of a fit of this problem's windows, with or without slow zeros."""
-        events, events_only = 0.0, not self._averages.any()
+        """Evidence of a fit of these windows, with slow zeros or without, whichever is more."""
+        events = 0.0
         if problem.observations is not None:
             events = float(problem.observations.loss(fitted.raw)[:, ~self._averages].sum())
-        if events_only:
+        if not self._averages.any():
             return Marginal(events, fitted.whitener)
-        shown = self._shown(fitted.raw)
-        here = reweighed(problem, fitted, self._whitener(self._errors(shown).covariance))
-        found = [self._value(here, _left(here, *_solution(here)))]
-        # A slow zero hardly shows in the changes from one window to the next.
-        changes = self._errors(np.diff(shown, axis=0) / math.sqrt(2.0)) if len(shown) > 2 else None
-        if changes is not None:
-            found += self._beside_slow_zeros(
-                problem, reweighed(problem, fitted, self._whitener(changes.covariance))
-            )
-        value, covariance = min(found, key=lambda one: one[0])
-        return Marginal(value + events, self._whitener(covariance))
+        rows = self._rows(fitted.raw)
+        found = self._settled(problem, fitted, self._errors(rows.T @ rows, len(rows))[1], slow=False)
+        changes = np.diff(rows, axis=0)  # in which a slow zero hardly shows
+        start = self._errors(0.5 * changes.T @ changes, max(len(changes), 1))[1]
+        found = min(found, self._settled(problem, fitted, start, slow=True), key=lambda one: one[0])
+        return Marginal(found[0] + events, self._whitener(found[1]))
 
     def first_order(self, here: Fit, further: FloatArray) -> float:
         """Evidence of a fit with further columns, without slow zeros, to first order.
@@ -109,14 +97,31 @@ class Evidence:
         """
         return self._value(here, _left(here, *_solution(here, further)))[0]
 
-    def _beside_slow_zeros(self, problem: Problem, here: Fit) -> list[tuple[float, FloatArray]]:
-        """Evidence and covariance of the errors beside slow zeros, if there are any."""
+    def _settled(
+        self, problem: Problem, fitted: Fit, covariance: FloatArray, slow: bool
+    ) -> tuple[float, FloatArray]:
+        """Evidence and mean covariance of the errors, where starts and covariance agree."""
+        value = math.inf
+        for _ in range(SETTLED):
+            here, before = reweighed(problem, fitted, self._whitener(covariance)), value
+            if slow:
+                price, left = self._beside_slow_zeros(problem, here)
+            else:
+                price, left = 0.0, _left(here, *_solution(here))
+            value, covariance = self._value(here, left)
+            value += price
+            if not math.isfinite(price) or abs(value - before) < 0.1:
+                break
+        return value, covariance
+
+    def _beside_slow_zeros(self, problem: Problem, here: Fit) -> tuple[float, FloatArray]:
+        """Price of the slow zeros that are there, infinite if none is, and what is left beside them."""
         slow, (x, _) = self._slow_zeros(problem, here), _solution(here)
         both = np.concatenate([x, here.residual.reshape(-1, 1)], axis=1)
         products, across, powers = slow.T @ slow, slow.T @ both, both.T @ both
 
-        def solved(paces: Paces) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-            """Loss [nats], the root of what integrates zeros out, how much of each is there, the rest."""
+        def solved(paces: Paces) -> tuple[float, float, FloatArray, FloatArray]:
+            """Price, loss beside it [nats], how much of each column is there, and of each zero's sine."""
             sizes = _deviations(paces)
             used = sizes > 0.0
             own = sizes[used, None] * products[np.ix_(used, used)] * sizes[used]
@@ -129,52 +134,59 @@ class Evidence:
             half = float(np.sum(np.log(np.diag(root)))) + PACE * sum(i > 0 for i in paces)
             return half, 0.5 * float(rest[-1, -1] - rest[:-1, -1] @ b), b, u
 
-        paces = _least(lambda p: sum(solved(p)[:2]), (0,) * (slow.shape[1] // SINES))
-        if not any(paces):
-            return []
+        paces = _least(lambda p: sum(solved(p)[:2]), (0,) * len(self._outputs))
         half, _, b, u = solved(paces)
-        left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, _deviations(paces) * u]))
-        value, covariance = self._value(here, left)
-        return [(value + half + 0.5 * float(u @ u), covariance)]
+        sines = _deviations(paces) * u
+        left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, sines]))
+        return (half + 0.5 * float(u @ u) if any(paces) else math.inf), left
 
     def _value(self, here: Fit, left: FloatArray) -> tuple[float, FloatArray]:
-        """Evidence of what is left, whitened, with what the starts are off; and its covariance."""
-        features = len(here.whitener)
+        """Evidence of what is left, whitened, and the mean covariance of the errors."""
+        features, starts = len(here.whitener), here.by_states.shape[2]
         raw = np.linalg.solve(here.whitener, left[:, :features].T).T
-        errors = self._errors(self._shown(raw))
-        return errors.value + 0.5 * float(np.sum(left[:, features:] ** 2)), errors.covariance
+        rows = self._rows(raw)
+        products, value = rows.T @ rows, 0.5 * float(np.sum(left[:, features:] ** 2))
+        if not self._place.any():
+            own = here.whitener @ here.by_states
+            known = over_runs(own.transpose(0, 2, 1) @ own, here.runs) + np.eye(starts) / PRIOR**2
+            spread = np.linalg.inv(known)
+            moved = here.by_states[:, self._averages] @ np.linalg.cholesky(spread)
+            products = products + np.tensordot(moved, moved, axes=([0, 2], [0, 2]))
+            each = 0.5 * (np.linalg.slogdet(known)[1] + starts * (2.0 * math.log(PRIOR) - 1.0))
+            each = each + 0.5 * np.trace(spread, axis1=1, axis2=2) / PRIOR**2
+            first = np.ones(len(each)) if here.runs is None else np.diff(here.runs, prepend=-1) != 0
+            value += float(each @ first)
+        more, covariance = self._errors(products, len(rows))
+        return value + more, covariance
 
-    def _shown(self, raw: FloatArray) -> FloatArray:
+    def _rows(self, raw: FloatArray) -> FloatArray:
         """Rows of errors that have one covariance: windows, or samples where all are alike."""
         known = np.where(np.isfinite(raw), raw, 0.0)[:, self._averages]
-        if self._samples == 1:
+        if not self._place.any():
             return known
-        outputs = np.unique(self._outputs)
-        return np.stack([known[:, self._outputs == j].ravel() for j in outputs], axis=1)
+        return np.stack([known[:, self._column == k].ravel() for k in range(len(self._outputs))], axis=1)
 
-    def _errors(self, errors: FloatArray) -> Errors:
-        """Evidence of independent rows of errors, by the best prior of their covariance."""
-        outputs, floor = self._outputs, self._floor
-        if self._samples > 1:
-            outputs, first = np.unique(outputs, return_index=True)
-            floor = floor[first]
-        _, number = np.unique(outputs, return_inverse=True)
-        rows, features = errors.shape
+    def _errors(self, products: FloatArray, rows: int) -> tuple[float, FloatArray]:
+        """Evidence of independent errors by the best prior of their covariance, and its mean.
+
+        Args:
+            products: Sum of the products of each row's errors, shape (features, features).
+            rows: How many.
+        """
+        number, features = self._number, len(products)
         counts = np.bincount(number)
-        squares = np.bincount(number, np.sum(errors**2, axis=0)) / (counts * rows)
-        unit = np.sqrt(np.maximum(squares, np.bincount(number, floor**2) / counts) + 1e-300)[number]
-        errors, floor = errors / unit, floor / unit
-        products = errors.T @ errors
-        least = np.bincount(number, floor**2) / counts + 1e-12
-        sizes = np.ones(len(counts))
-        best = Errors(math.inf, np.zeros((0, 0)))
+        least = np.bincount(number, self._floor**2) / counts
+        found = np.bincount(number, np.diag(products)) / (counts * rows)
+        unit = np.sqrt(np.maximum(found, least) + 1e-300)[number]
+        floor, products = self._floor / unit, products / np.outer(unit, unit)
+        least, sizes = np.bincount(number, floor**2) / counts + 1e-12, np.ones(len(counts))
+        best, covariance = math.inf, products
         for strength in STRENGTHS:
             windows = strength * features
             freedom = windows + features + 1.0
             for _ in range(ROUNDS):
                 prior = windows * (sizes[number] + floor**2)
-                inverse = np.linalg.inv(products + np.diag(prior))
-                share = np.bincount(number, np.diag(inverse) * prior)
+                share = np.bincount(number, np.diag(np.linalg.inv(products + np.diag(prior))) * prior)
                 sizes = np.maximum(sizes * freedom * counts / ((freedom + rows) * share), 1e-3 * least)
             prior = windows * (sizes[number] + floor**2)
             whole = products + np.diag(prior)
@@ -185,25 +197,17 @@ class Evidence:
                 - 0.5 * freedom * float(np.sum(np.log(prior)))
                 + 0.5 * (freedom + rows) * float(np.linalg.slogdet(whole)[1])
             )
-            if value > best.value:
-                break  # in the order of their strengths the values have one least
-            best = Errors(value, whole * np.outer(unit, unit) / (windows + rows))
-        return best
+            if value < best:
+                best, covariance = value, whole * np.outer(unit, unit) / (windows + rows)
+        return best, covariance
 
     def _whitener(self, covariance: FloatArray) -> FloatArray:
         """What whitens the features; events stay as they are."""
         root = np.linalg.inv(np.linalg.cholesky(covariance))
-        features = len(self.problem.outputs)
-        result = np.eye(features)
-        if self._samples == 1:
-            result[np.ix_(self._averages, self._averages)] = root
-            return result
-        number: IntArray = np.unique(self._outputs, return_inverse=True)[1]
-        place = np.sum(np.tril(number[:, None] == number[None, :], -1), axis=1)
-        same = place[:, None] == place[None, :]
-        result[np.ix_(self._averages, self._averages)] = np.where(
-            same, root[number[:, None], number[None, :]], 0.0
-        )
+        same = self._place[:, None] == self._place[None, :]
+        result = np.eye(len(self._averages))
+        whole = np.where(same, root[np.ix_(self._column, self._column)], 0.0)
+        result[np.ix_(self._averages, self._averages)] = whole
         return result
 
     def _slow_zeros(self, problem: Problem, here: Fit) -> FloatArray:
@@ -212,8 +216,8 @@ class Evidence:
         orders = np.arange(1, SINES + 1) - 0.5
         along = (np.arange(windows) + 0.5)[:, None] / windows
         sines = np.sin(np.pi * along * orders) * math.sqrt(2.0)
-        blocks = [np.zeros((here.residual.size, 0))]
-        for j in np.unique(self._outputs):
+        blocks = []
+        for j in self._outputs:
             unit = project(here, problem.zeros[int(j)][:, :, None])[:, :, 0]
             unit = unit / (math.sqrt(float(np.mean(np.sum(unit**2, axis=1)))) + 1e-300)
             blocks.append((unit[:, :, None] * sines[:, None, :]).reshape(-1, SINES))
