@@ -151,7 +151,7 @@ def losses_of(
         whole_raw, whole_states = np.full(problem.features.shape, np.inf), problem.states.copy()
         whole_raw[some], whole_states[some] = raw, states
         return np.asarray(losses_of(problem, whole_raw, whole_states, whitener)[some])
-    prior = _from_measured(problem, states, some)
+    prior = from_measured(problem, states, some)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
     known = raw if finite.all() else np.where(finite[:, None], raw, 0.0)
     observations = problem.observations
@@ -167,7 +167,7 @@ def losses_of(
     return over_runs(result, problem.runs) / over_runs(np.ones(len(result)), problem.runs)
 
 
-def _from_measured(problem: Problem, states: FloatArray, some: IntArray | None = None) -> FloatArray:
+def from_measured(problem: Problem, states: FloatArray, some: IntArray | None = None) -> FloatArray:
     """How far initial states are from the measured ones, over their prior; of a run in its first window."""
     measured = problem.states if some is None else problem.states[some]
     distance = (measured - states) / (PRIOR * problem.state_scale)
@@ -225,7 +225,7 @@ def projected(
     rows = np.zeros((len(raw), features + n_states, columns.shape[2]))
     np.matmul(whitener, _weighted(columns, weight), out=rows[:, :features])
     rows[:, features:, :n_states] = _is_first(problem)[:, None, None] * np.eye(n_states) / PRIOR
-    rows[:, features:, n_states] = _from_measured(problem, states)
+    rows[:, features:, n_states] = from_measured(problem, states)
     quadratic = 0.5 * float(np.sum(rows[:, :, n_states] ** 2))
     others = np.ascontiguousarray(rows[:, :, n_states:])
     if problem.runs is None:

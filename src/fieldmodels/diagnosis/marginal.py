@@ -4,8 +4,8 @@ The errors of a window are normal with a covariance that nobody knows. It is int
 inverse-Wishart prior about white noise, of which the size in every output and the strength are those that
 explain the errors best (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.6). Two sets are so
 compared without weights that either of them chose: weights by what a set leaves look away from what it lacks.
-Where a window starts is integrated out with it (a variational bound: Bishop, Pattern Recognition and Machine
-Learning, section 10.1), and so is the slow zero of every sensor (Laplace's approximation).
+What the fit of a window's start has taken of its errors counts as theirs. The slow zero of every sensor is
+integrated out, too (Laplace's approximation).
 """
 
 from __future__ import annotations
@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 from scipy.special import multigammaln
 
 from fieldmodels.arrays import FloatArray, IntArray
-from fieldmodels.diagnosis.linearisation import PRIOR, Fit, over_runs, project, reweighed, stacked
+from fieldmodels.diagnosis.linearisation import (
+    PRIOR,
+    Fit,
+    from_measured,
+    over_runs,
+    project,
+    reweighed,
+    stacked,
+)
 from fieldmodels.diagnosis.problem import Problem
 
 STRENGTHS = (0.25, 1.0, 4.0, 16.0, 64.0)
@@ -61,6 +69,7 @@ class Evidence:
 
     def __init__(self, problem: Problem) -> None:
         self._problem, self._averages = problem, ~problem.events
+        self._known: dict[int, tuple[Fit, Marginal]] = {}
         windows, features = problem.features.shape
         some = windows * int(self._averages.sum())
         self.rows = max(some - problem.states.size, 1) if some else windows * features
@@ -76,6 +85,11 @@ class Evidence:
 
     def of(self, problem: Problem, fitted: Fit) -> Marginal:
         """Evidence of a fit of these windows, with slow zeros or without, whichever is more."""
+        if id(fitted) not in self._known:  # kept with the fit, so that its id is not used again
+            self._known[id(fitted)] = fitted, self._of(problem, fitted)
+        return self._known[id(fitted)][1]
+
+    def _of(self, problem: Problem, fitted: Fit) -> Marginal:
         events = 0.0
         if problem.observations is not None:
             events = float(problem.observations.loss(fitted.raw)[:, ~self._averages].sum())
@@ -104,10 +118,7 @@ class Evidence:
         value = math.inf
         for _ in range(SETTLED):
             here, before = reweighed(problem, fitted, self._whitener(covariance)), value
-            if slow:
-                price, left = self._beside_slow_zeros(problem, here)
-            else:
-                price, left = 0.0, _left(here, *_solution(here))
+            price, left = self._beside_slow_zeros(problem, here) if slow else (0.0, None)
             value, covariance = self._value(here, left)
             value += price
             if not math.isfinite(price) or abs(value - before) < 0.1:
@@ -140,24 +151,27 @@ class Evidence:
         left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, sines]))
         return (half + 0.5 * float(u @ u) if any(paces) else math.inf), left
 
-    def _value(self, here: Fit, left: FloatArray) -> tuple[float, FloatArray]:
-        """Evidence of what is left, whitened, and the mean covariance of the errors."""
+    def _value(self, here: Fit, left: FloatArray | None) -> tuple[float, FloatArray]:
+        """Evidence of what a fit leaves, and the mean covariance of the errors.
+
+        Args:
+            here: The fit.
+            left: Whitened, with what the starts are off; by default as the fit has left it.
+        """
         features, starts = len(here.whitener), here.by_states.shape[2]
-        raw = np.linalg.solve(here.whitener, left[:, :features].T).T
-        rows = self._rows(raw)
-        products, value = rows.T @ rows, 0.5 * float(np.sum(left[:, features:] ** 2))
-        if not self._place.any():
+        if left is None:
+            rows, off = self._rows(here.raw), from_measured(self._problem, here.states)
+        else:
+            rows = self._rows(np.linalg.solve(here.whitener, left[:, :features].T).T)
+            off = left[:, features:]
+        products = rows.T @ rows
+        if not self._place.any():  # what the starts have taken of the errors
             own = here.whitener @ here.by_states
             known = over_runs(own.transpose(0, 2, 1) @ own, here.runs) + np.eye(starts) / PRIOR**2
-            spread = np.linalg.inv(known)
-            moved = here.by_states[:, self._averages] @ np.linalg.cholesky(spread)
+            moved = here.by_states[:, self._averages] @ np.linalg.cholesky(np.linalg.inv(known))
             products = products + np.tensordot(moved, moved, axes=([0, 2], [0, 2]))
-            each = 0.5 * (np.linalg.slogdet(known)[1] + starts * (2.0 * math.log(PRIOR) - 1.0))
-            each = each + 0.5 * np.trace(spread, axis1=1, axis2=2) / PRIOR**2
-            first = np.ones(len(each)) if here.runs is None else np.diff(here.runs, prepend=-1) != 0
-            value += float(each @ first)
         more, covariance = self._errors(products, len(rows))
-        return value + more, covariance
+        return 0.5 * float(np.sum(off**2)) + more, covariance
 
     def _rows(self, raw: FloatArray) -> FloatArray:
         """Rows of errors that have one covariance: windows, or samples where all are alike."""

@@ -62,7 +62,6 @@ class Search:
         self._count = 1  # of curves that were tried
         self._curves: dict[object, Curves] = {}
         self._judged: dict[int, tuple[Hypothesis, list[tuple[float, Scored]]]] = {}
-        self._marginals: dict[int, tuple[Fit, Marginal]] = {}
 
     def run(self) -> None:
         """Search until nothing improves; what time is left for decides nothing of what was fitted."""
@@ -88,9 +87,7 @@ class Search:
 
     def marginal(self, one: Hypothesis) -> Marginal:
         """The evidence of what a set leaves, and the weights by its covariance."""
-        if id(one.fit) not in self._marginals:
-            self._marginals[id(one.fit)] = one.fit, self._evidence.of(one.setting.problem, one.fit)
-        return self._marginals[id(one.fit)][1]
+        return self._evidence.of(one.setting.problem, one.fit)
 
     def curves_beside(self, one: Hypothesis) -> Curves:
         """The curves that are tried beside a set; none that acts in an effect's own numbers."""

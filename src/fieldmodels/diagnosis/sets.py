@@ -26,6 +26,8 @@ Label = tuple[str, str, str, str, int]
 Key = tuple[tuple[str, ...], tuple[Label, ...]]
 STEPS, CURVED = 20, 8
 """Steps of a fit from another set's states; with curves, which are simulated several times over."""
+POLISHED, SETTLED = 3, 0.5
+"""Times that a fit goes on by its own weights, as long as that gains so much [nats]."""
 SHARES = (1.0, 0.3)
 """Of its first-order size, from which a curve is fitted."""
 
@@ -130,8 +132,8 @@ class Sets:
         """A set, or the same with a better fit that was there."""
         old = self._made.get(one.key)
         if old is not None:
-            before = reweighed(one.setting.problem, old.fit, one.fit.whitener).cost
-            if one.fit.cost >= before - 0.1:
+            problem = one.setting.problem
+            if self._evidence.of(problem, one.fit).value >= self._evidence.of(problem, old.fit).value - 0.1:
                 return old
         self._made[one.key] = one
         return one
@@ -193,8 +195,16 @@ class Sets:
         return self._fitted(rest, name, vectors, lead.fit.states, whitener, (steps, 0))
 
     def polished(self, problem: Problem, fitted: Fit, steps: int = CURVED) -> Fit:
-        """A fit that goes on by the weights of what it leaves."""
-        return refit(problem, fitted, self._evidence.of(problem, fitted).whitener, steps)
+        """A fit that goes on by the weights of what it leaves, as long as that makes it more likely."""
+        for _ in range(POLISHED):
+            here = self._evidence.of(problem, fitted)
+            closer = refit(problem, fitted, here.whitener, steps)
+            gained = here.value - self._evidence.of(problem, closer).value
+            if gained > 0.0:
+                fitted = closer
+            if gained < SETTLED:
+                break
+        return fitted
 
     def _fitted(
         self,
@@ -213,6 +223,7 @@ class Sets:
             return None
         if steps[1]:
             best = candidates.profiled(refit(problem, best, whitener, steps[1]), effect)
+        best = self.polished(problem, best)
         if simpler(self.problem.model, effect, best.parameters[: self.own]):
             return None
         search = math.log(number_of_starts(self.problem, effect)) + one.candidate.search
@@ -261,6 +272,7 @@ class Sets:
         free, steps = setting.candidates.free(effects), CURVED if setting.curves else STEPS
         start = setting.vector(own, one.values)
         fitted = fit(setting.problem, start, free, whitener, one.fit.states, steps)
+        fitted = self.polished(setting.problem, fitted)
         old = self.get(names, setting.curves)
         search = (old or one).candidate.search
         return self.keep(
