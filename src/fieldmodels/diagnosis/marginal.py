@@ -70,6 +70,7 @@ class Evidence:
     def __init__(self, problem: Problem) -> None:
         self._problem, self._averages = problem, ~problem.events
         self._known: dict[int, tuple[Fit, Marginal]] = {}
+        self._strength = len(STRENGTHS) - 1  # of the errors that were looked at last
         windows, features = problem.features.shape
         some = windows * int(self._averages.sum())
         self.rows = max(some - problem.states.size, 1) if some else windows * features
@@ -162,7 +163,8 @@ class Evidence:
         if left is None:
             rows, off = self._rows(here.raw), from_measured(self._problem, here.states)
         else:
-            rows = self._rows(np.linalg.solve(here.whitener, left[:, :features].T).T)
+            raw = np.asarray(np.linalg.solve(here.whitener, left[:, :features].T).T, dtype=np.float64)
+            rows = self._rows(raw)
             off = left[:, features:]
         products = rows.T @ rows
         if not self._place.any():  # what the starts have taken of the errors
@@ -190,30 +192,35 @@ class Evidence:
         number, features = self._number, len(products)
         counts = np.bincount(number)
         least = np.bincount(number, self._floor**2) / counts
-        found = np.bincount(number, np.diag(products)) / (counts * rows)
-        unit = np.sqrt(np.maximum(found, least) + 1e-300)[number]
+        squares = np.bincount(number, np.diag(products)) / (counts * rows)
+        unit = np.sqrt(np.maximum(squares, least) + 1e-300)[number]
         floor, products = self._floor / unit, products / np.outer(unit, unit)
         least, sizes = np.bincount(number, floor**2) / counts + 1e-12, np.ones(len(counts))
-        best, covariance = math.inf, products
-        for strength in STRENGTHS:
-            windows = strength * features
-            freedom = windows + features + 1.0
-            for _ in range(ROUNDS):
+        found: dict[int, tuple[float, FloatArray]] = {}
+
+        def by(strength: int) -> float:
+            nonlocal sizes
+            if strength not in found:
+                windows = STRENGTHS[strength] * features
+                freedom = windows + features + 1.0
+                for _ in range(ROUNDS):
+                    prior = windows * (sizes[number] + floor**2)
+                    share = np.bincount(number, np.diag(np.linalg.inv(products + np.diag(prior))) * prior)
+                    sizes = np.maximum(sizes * freedom * counts / ((freedom + rows) * share), 1e-3 * least)
                 prior = windows * (sizes[number] + floor**2)
-                share = np.bincount(number, np.diag(np.linalg.inv(products + np.diag(prior))) * prior)
-                sizes = np.maximum(sizes * freedom * counts / ((freedom + rows) * share), 1e-3 * least)
-            prior = windows * (sizes[number] + floor**2)
-            whole = products + np.diag(prior)
-            value = (
-                rows * float(np.sum(np.log(math.sqrt(math.pi) * unit)))
-                + float(multigammaln(0.5 * freedom, features))
-                - float(multigammaln(0.5 * (freedom + rows), features))
-                - 0.5 * freedom * float(np.sum(np.log(prior)))
-                + 0.5 * (freedom + rows) * float(np.linalg.slogdet(whole)[1])
-            )
-            if value < best:
-                best, covariance = value, whole * np.outer(unit, unit) / (windows + rows)
-        return best, covariance
+                whole = products + np.diag(prior)
+                value = (
+                    rows * float(np.sum(np.log(math.sqrt(math.pi) * unit)))
+                    + float(multigammaln(0.5 * freedom, features))
+                    - float(multigammaln(0.5 * (freedom + rows), features))
+                    - 0.5 * freedom * float(np.sum(np.log(prior)))
+                    + 0.5 * (freedom + rows) * float(np.linalg.slogdet(whole)[1])
+                )
+                found[strength] = value, whole * np.outer(unit, unit) / (windows + rows)
+            return found[strength][0]
+
+        self._strength = climbed(by, self._strength, len(STRENGTHS))
+        return found[self._strength]
 
     def _whitener(self, covariance: FloatArray) -> FloatArray:
         """What whitens the features; events stay as they are."""
@@ -276,6 +283,16 @@ def _least(at: Callable[[Paces], float], none: Paces) -> Paces:
         if best == before:
             break
     return best
+
+
+def climbed(at: Callable[[int], float], start: int, count: int) -> int:
+    """The number of least value that is reached from a start by steps of one."""
+    best = start
+    while True:
+        step = min((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=at)
+        if step == best:
+            return best
+        best = step
 
 
 def _near(pace: int) -> NDArray[np.int64]:

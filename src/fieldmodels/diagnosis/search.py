@@ -75,11 +75,17 @@ class Search:
     @property
     def best(self) -> Hypothesis:
         """The set with the least score."""
-        return min(self.sets, key=self.score)
+        return self.ranked()[0]
 
     def ranked(self) -> list[Hypothesis]:
-        """All sets, the best first."""
-        return sorted(self.sets, key=self.score)
+        """All sets, the best first; those near the best are fitted until nothing is gained."""
+        order = sorted(self.sets, key=self.score)
+        near = self.score(order[0]) + OTHER
+        for one in order:
+            if self.score(one) > near:
+                break
+            self.sets.settle(one)
+        return sorted(order, key=self.score)
 
     def score(self, one: Hypothesis) -> float:
         """Negative log posterior of a set, but for a constant [nats]."""
@@ -164,10 +170,11 @@ class Search:
 
         Where there is none yet, by what the set with the first of them leaves.
         """
-        seen = set[tuple[str, str]]()
+        seen, there = set[tuple[str, str]](), {own.curve.direction for own in one.curves}
         for gain, scored in self.judged_beside(one):
             key = scored.curve.direction, scored.curve.formula
-            if gain > 0.0 and key not in seen and len(seen) < count:
+            fresh = key not in seen and key[0] not in there  # two curves of one variable at one place are one
+            if gain > 0.0 and fresh and len(seen) < count:
                 seen.add(key)
                 yield scored
 

@@ -73,6 +73,7 @@ class Hypothesis:
         names: Listed effects, in alphabetical order.
         setting: The simulation with its curves.
         candidate: The fit; its effects are the names and the curves.
+        settled: Whether it has been fitted by the weights of what it leaves, until that gained nothing.
         grown: Whether it has been extended.
         exchanged: Whether each of its members has been exchanged.
     """
@@ -80,6 +81,7 @@ class Hypothesis:
     names: tuple[str, ...]
     setting: Setting
     candidate: Candidate
+    settled: bool = field(default=False)
     grown: bool = field(default=False)
     exchanged: bool = field(default=False)
 
@@ -195,16 +197,22 @@ class Sets:
         return self._fitted(rest, name, vectors, lead.fit.states, whitener, (steps, 0))
 
     def polished(self, problem: Problem, fitted: Fit, steps: int = CURVED) -> Fit:
-        """A fit that goes on by the weights of what it leaves, as long as that makes it more likely."""
+        """A fit that goes on by the weights of what it leaves, if that makes it more likely."""
+        here = self._evidence.of(problem, fitted)
+        closer = refit(problem, fitted, here.whitener, steps)
+        return closer if self._evidence.of(problem, closer).value < here.value else fitted
+
+    def settle(self, one: Hypothesis) -> None:
+        """Fit a set by the weights of what it leaves until that gains nothing."""
+        if one.settled:
+            return
+        problem, one.settled = one.setting.problem, True
         for _ in range(POLISHED):
-            here = self._evidence.of(problem, fitted)
-            closer = refit(problem, fitted, here.whitener, steps)
-            gained = here.value - self._evidence.of(problem, closer).value
-            if gained > 0.0:
-                fitted = closer
-            if gained < SETTLED:
+            before, closer = one.fit, self.polished(problem, one.fit)
+            one.candidate = replace(one.candidate, fit=closer)
+            values = [self._evidence.of(problem, fitted).value for fitted in (before, closer)]
+            if values[1] > values[0] - SETTLED:
                 break
-        return fitted
 
     def _fitted(
         self,
