@@ -1,6 +1,6 @@
 """The evidence for a set of causes: the marginal likelihood of what its fit leaves.
 
-The errors of a window are normal with a covariance that nobody knows. It is integrated out under an
+The errors of a window follow Student's t with a covariance that nobody knows. It is integrated out under an
 inverse-Wishart prior about white noise, of which the size in every output and the strength are those that
 explain the errors best (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.6). Two sets are so
 compared without weights that either of them chose: weights by what a set leaves look away from what it lacks.
@@ -32,6 +32,8 @@ from fieldmodels.diagnosis.problem import Problem
 
 STRENGTHS = (0.25, 1.0, 4.0, 16.0, 64.0)
 """Of the prior, in windows for each feature: from errors of any colour to white ones."""
+FREEDOM = 10.0
+"""Degrees of freedom of a window's errors, by Student's t: windows that lie far off count less."""
 ROUNDS, SETTLED = 6, 4
 """Times that the sizes of the prior, and that starts and covariance, are improved: fixed points."""
 SINES = 24
@@ -97,10 +99,12 @@ class Evidence:
         if not self._averages.any():
             return Marginal(events, fitted.whitener)
         rows = self._rows(fitted.raw)
-        found = self._settled(problem, fitted, self._errors(rows.T @ rows, len(rows))[1], slow=False)
-        changes = np.diff(rows, axis=0)  # in which a slow zero hardly shows
-        start = self._errors(0.5 * changes.T @ changes, max(len(changes), 1))[1]
-        found = min(found, self._settled(problem, fitted, start, slow=True), key=lambda one: one[0])
+        changes = np.diff(rows, axis=0) / math.sqrt(2.0)  # in which a slow zero hardly shows
+        found = min(
+            self._settled(problem, fitted, self._white(rows), slow=False),
+            self._settled(problem, fitted, self._white(changes), slow=True),
+            key=lambda one: one[0],
+        )
         return Marginal(found[0] + events, self._whitener(found[1]))
 
     def first_order(self, here: Fit, further: FloatArray) -> float:
@@ -161,26 +165,34 @@ class Evidence:
         """
         features, starts = len(here.whitener), here.by_states.shape[2]
         if left is None:
-            rows, off = self._rows(here.raw), from_measured(self._problem, here.states)
+            known = np.where(np.isfinite(here.raw), here.raw, 0.0)
+            white, off = known @ here.whitener.T, from_measured(self._problem, here.states)
         else:
-            raw = np.asarray(np.linalg.solve(here.whitener, left[:, :features].T).T, dtype=np.float64)
-            rows = self._rows(raw)
-            off = left[:, features:]
-        products = rows.T @ rows
-        if not self._place.any():  # what the starts have taken of the errors
+            white, off = left[:, :features], left[:, features:]
+        raw = np.asarray(np.linalg.solve(here.whitener, white.T).T, dtype=np.float64)
+        rows, far = self._rows(raw), np.sum(self._rows(white) ** 2, axis=1)
+        apart = not self._place.any()
+        weights, value = _by_distance(far + starts * apart, rows.shape[1])
+        products = (rows * weights[:, None]).T @ rows
+        if apart:  # what the starts have taken of the errors
             own = here.whitener @ here.by_states
-            known = over_runs(own.transpose(0, 2, 1) @ own, here.runs) + np.eye(starts) / PRIOR**2
-            moved = here.by_states[:, self._averages] @ np.linalg.cholesky(np.linalg.inv(known))
+            bound = over_runs(own.transpose(0, 2, 1) @ own, here.runs) + np.eye(starts) / PRIOR**2
+            moved = here.by_states[:, self._averages] @ np.linalg.cholesky(np.linalg.inv(bound))
             products = products + np.tensordot(moved, moved, axes=([0, 2], [0, 2]))
         more, covariance = self._errors(products, len(rows))
-        return 0.5 * float(np.sum(off**2)) + more, covariance
+        return value + 0.5 * float(np.sum(off**2)) + more, covariance
 
     def _rows(self, raw: FloatArray) -> FloatArray:
         """Rows of errors that have one covariance: windows, or samples where all are alike."""
-        known = np.where(np.isfinite(raw), raw, 0.0)[:, self._averages]
+        shown = np.where(np.isfinite(raw), raw, 0.0)[:, self._averages]
         if not self._place.any():
-            return known
-        return np.stack([known[:, self._column == k].ravel() for k in range(len(self._outputs))], axis=1)
+            return shown
+        return np.stack([shown[:, self._column == k].ravel() for k in range(len(self._outputs))], axis=1)
+
+    def _white(self, rows: FloatArray) -> FloatArray:
+        """The covariance of white errors: what starts take of errors keeps the size from which it begins."""
+        squares = np.bincount(self._number, np.mean(rows**2, axis=0)) / np.bincount(self._number)
+        return np.diag(squares[self._number] + self._floor**2 + 1e-300)
 
     def _errors(self, products: FloatArray, rows: int) -> tuple[float, FloatArray]:
         """Evidence of independent errors by the best prior of their covariance, and its mean.
@@ -243,6 +255,20 @@ class Evidence:
             unit = unit / (math.sqrt(float(np.mean(np.sum(unit**2, axis=1)))) + 1e-300)
             blocks.append((unit[:, :, None] * sines[:, None, :]).reshape(-1, SINES))
         return np.concatenate(blocks, axis=1)
+
+
+def _by_distance(squares: FloatArray, size: int) -> tuple[FloatArray, float]:
+    """Weights of errors that are distributed as Student's t has it, and what these cost [nats].
+
+    Args:
+        squares: Distances from zero, squared, in the errors' covariance.
+        size: Errors in a row.
+    """
+    shape, rate = 0.5 * FREEDOM, 0.5 * (FREEDOM + squares)
+    whole = shape + 0.5 * size
+    cost = whole * np.log(rate) - shape * math.log(shape) + math.lgamma(shape) - math.lgamma(whole)
+    weights = whole / rate
+    return weights, float(np.sum(cost + weights * shape - whole))
 
 
 def _solution(here: Fit, further: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
