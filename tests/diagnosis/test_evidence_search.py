@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_t
 
 sys.path.insert(0, str(Path(__file__).parent))
 from test_budget import Cart, record
@@ -14,7 +15,7 @@ from test_budget import Cart, record
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.cutting import split
-from fieldmodels.diagnosis.marginal import FALLS, PACE, PACES, SINES, SIZES, Reference, _near
+from fieldmodels.diagnosis.marginal import FALLS, FREEDOM, SIZES, STRENGTHS, Evidence, _by_distance, _near
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.posterior import posterior_of
 from fieldmodels.diagnosis.search import Search
@@ -32,43 +33,67 @@ def candidates_of(recording: Recording, **drag: float) -> Candidates:
     return Candidates(problem, start, known, problem.folds, whitener)
 
 
+def test_the_evidence_of_errors_is_the_product_of_what_each_predicts_of_the_next():
+    """By scipy's multivariate t, one row after the other, in place of the closed form."""
+    evidence = Evidence(candidates_of(record(1)).problem)
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((30, len(evidence._number))) * 0.02
+    rows[:, 1] += 0.9 * rows[:, 0]
+    found, covariance = evidence._errors(rows.T @ rows, len(rows))
+    features, windows = rows.shape[1], STRENGTHS[evidence._strength] * rows.shape[1]
+    prior = windows * (covariance * (windows + len(rows)) - rows.T @ rows) / windows
+    freedom, total = windows + features + 1.0, 0.0
+    for row in rows:
+        df = freedom - features + 1.0
+        total -= multivariate_t.logpdf(row, shape=prior / df, df=df)
+        prior, freedom = prior + np.outer(row, row), freedom + 1.0
+    assert found == pytest.approx(total, rel=1e-9)
+
+
+def test_far_errors_cost_what_students_t_says():
+    squares, size = np.array([0.5, 4.0, 300.0]), 4
+    weights, cost = _by_distance(squares, size)
+    normal = 0.5 * float(weights @ squares) + 0.5 * size * len(squares) * math.log(2.0 * math.pi)
+    rows = np.zeros((3, size))
+    rows[:, 0] = np.sqrt(squares)
+    told = -float(multivariate_t.logpdf(rows, shape=np.eye(size), df=FREEDOM).sum())
+    assert cost + normal == pytest.approx(told, rel=1e-12)
+
+
+def test_a_cause_is_seen_by_errors_in_one_direction_out_of_many():
+    """By the covariance of what lacks it, it is one of ten directions, each as large as the others."""
+    evidence = Evidence(candidates_of(record(1)).problem)
+    rng = np.random.default_rng(7)
+    features = len(evidence._number)
+    white = 0.01 * rng.standard_normal((20, features))
+    lacking = white + 0.1 * rng.standard_normal((20, 1)) * np.sin(np.arange(features))
+    values = [evidence._errors(rows.T @ rows, 20)[0] for rows in (lacking, white)]
+    own = np.linalg.inv(np.linalg.cholesky(lacking.T @ lacking / 20 + 1e-6 * np.eye(features)))
+    by_the_weights = [0.5 * float(np.sum((rows @ own.T) ** 2)) for rows in (lacking, white)]
+    assert values[0] - values[1] > 30.0
+    assert by_the_weights[0] - by_the_weights[1] < 15.0
+
+
 @pytest.mark.parametrize("drift", [0.0, 0.5])
-def test_the_marginal_likelihood_is_that_of_the_whole_covariance(drift):
-    """By scipy's least squares with the dense covariance of the slow zeros, in place of the sums here."""
+def test_a_slow_zero_is_part_of_the_evidence_where_there_is_one(drift):
     walk = drift * np.cumsum(np.random.default_rng(5).standard_normal(2000)) / math.sqrt(2000)
     measured = record(1)
     candidates = candidates_of(
         Recording(measured.time, {**measured.signals, "speed": measured["speed"] + walk}), rate=0.6
     )
-    fitted = candidates.base().fit
-    reference = Reference(candidates.problem, fitted)
-    windows, features = fitted.residual.shape
-    trust = np.broadcast_to(reference._trust, (windows, features)).reshape(-1)
-    y = trust * fitted.residual.reshape(-1)
-    x = trust[:, None] * fitted.jacobian[:, :, fitted.active].reshape(len(y), -1)
-    orders = np.arange(1, SINES + 1) - 0.5
-
-    def dense(pace: int) -> float:
-        size, fall = PACES[pace]
-        deviation = size * orders**-fall
-        covariance = np.eye(len(y)) + (reference._sines * deviation**2) @ reference._sines.T
-        root = np.linalg.cholesky(covariance)
-        flat, left = np.linalg.solve(root, x), np.linalg.solve(root, y)
-        rest = left - flat @ np.linalg.lstsq(flat, left, rcond=None)[0]
-        squares = max(float(rest @ rest), reference._floor)
-        half = float(np.sum(np.log(np.diag(root)))) + PACE * (pace > 0)
-        return half + 0.5 * reference._count * math.log(squares / reference._count)
-
-    found = reference.value(fitted, candidates.problem)
-    assert found == pytest.approx(min(map(dense, range(len(PACES)))), rel=1e-6)
-    assert (reference._paces != (0,)) == (drift > 0.0)
+    evidence, fitted = Evidence(candidates.problem), candidates.base().fit
+    rows = evidence._rows(fitted.raw)
+    start = evidence._white(np.diff(rows, axis=0) / math.sqrt(2.0))
+    still, slow = (evidence._settled(candidates.problem, fitted, start, slow=s)[0] for s in (False, True))
+    assert (slow < still) == (drift > 0.0)
+    assert evidence.of(candidates.problem, fitted).value <= min(still, slow) + 0.1
 
 
 def test_paces_are_reached_from_one_another():
-    """From none, by neighbours alone, every pace."""
-    reached, new = {0}, [0]
+    """From the first, by neighbours alone, every pace, and none."""
+    reached, new = {1}, [1]
     while new:
-        new = [int(i) for pace in new for i in _near(pace) if int(i) not in reached]
+        new = [int(i) for pace in new if pace for i in _near(pace) if int(i) not in reached]
         reached |= set(new)
     assert reached == set(range(1 + len(FALLS) * len(SIZES)))
 

@@ -108,7 +108,7 @@ def read(model: Model, found: Diagnosis, seconds: float) -> Answer:
         unseen=dict(found.unseen),
         windows={output: gain.horizon for output, gain in found.gain.items()},
         curves=(
-            *((c.place, c.target, c.over) for c in found.curves if c.found),
+            *(one for c in found.curves if c.found for one in ((c.place, c.target, c.over), *c.alternatives)),
             *(_curve_of(e) for c in found.causes for e in c.alternatives if e.startswith(CURVE_OF)),
         ),
         stated=_stated(found),

@@ -102,6 +102,7 @@ class Scored:
         coefficients: Of the combinations, to first order, shape (combinations,).
         covariance: Of the coefficients.
         candidate: The fit with the curve's identifiable columns among its free parameters.
+        instead: Place, target and variable of curves that these data do not tell from it.
     """
 
     curve: Curve
@@ -112,6 +113,7 @@ class Scored:
     coefficients: FloatArray
     covariance: FloatArray
     candidate: Candidate
+    instead: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def total(self) -> float:
@@ -151,6 +153,7 @@ class Scored:
             certain,
             confirmed,
             curve.period,
+            self.instead,
         )
 
 

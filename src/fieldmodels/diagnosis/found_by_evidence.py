@@ -23,6 +23,7 @@ from fieldmodels.diagnosis.selection import Selection
 from fieldmodels.diagnosis.sets import STEPS
 from fieldmodels.diagnosis.signs import mistaken_columns
 from fieldmodels.diagnosis.stages import Progress
+from fieldmodels.diagnosis.statements import explained
 from fieldmodels.diagnosis.verdict import Judgement
 from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.recording import Recording
@@ -50,8 +51,8 @@ def found_by_evidence(
     unrelated = not mistaken and is_unrelated(problem, testing, fits, options.level)
     beside = search.sets.linear(said.lead).fit  # of the simulation without curves
     curves = tuple(
-        replace(one, p_value=1.0 - p, candidate=replace(one.candidate, fit=beside))
-        for one, p in zip(said.lead.curves, said.curves, strict=True)
+        replace(one, p_value=1.0 - p, candidate=replace(one.candidate, fit=beside), instead=others)
+        for one, p, others in zip(said.lead.curves, said.curves, said.instead, strict=True)
     )
     if mistaken or unrelated or problem.is_exact(base.fit.raw):
         kept, curves = base, ()
@@ -63,6 +64,9 @@ def found_by_evidence(
     if not (mistaken or unrelated):
         model = said.lead.setting.problem.model
         full = predict(replace(testing, model=model), said.lead.fit.parameters) if curves else after
+        share = explained(testing, before, full, options.unexplained_ratio)
+        causes = tuple(replace(cause, chance=1.0 - share * (1.0 - cause.chance)) for cause in causes)
+        curves = tuple(replace(one, p_value=1.0 - share * (1.0 - one.p_value)) for one in curves)
         rounded = quantisation_found(train, testing, full)
         causes = (*causes, *rounded)
         if rounded:  # what a curve of a sensor makes of its steps

@@ -46,6 +46,8 @@ class DiagnosisOptions:
             millisecond or more.
         engine: "evidence" searches names and curves alike by their marginal likelihood, on trial; "rules" is
             the one that has been examined.
+        unexplained_ratio: Times a sensor's white noise. While the error stays above it, names and curves are
+            as probable as the share of it that they explain, at most; asked by the search by evidence.
         rows: Samples of the windows that are fitted, a thousand windows of 0.3 s at 100 Hz, a hundred at
             1 kHz; of a longer record those that tell most. Millions of samples are diagnosed in a minute.
     """
@@ -67,6 +69,7 @@ class DiagnosisOptions:
     most_causes: int = 4
     most_curves: int = 2
     threads: int = 0
+    unexplained_ratio: float = 1.7
     rows: int = 30_000
     engine: Literal["rules", "evidence"] = "rules"
 

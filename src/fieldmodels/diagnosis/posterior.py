@@ -25,6 +25,8 @@ PART = 0.02
 interpolated between samples, where a name's are exact."""
 SINE = 0.35
 """Sine to the span of curves below which what a name adds may be a part of theirs."""
+MOST = 2
+"""Curves that may stand in another's place, as are said."""
 KNOWN = ("sign", "size", "square with sign", "cube")
 """Known functions of a variable that are among what its curves may be."""
 
@@ -39,12 +41,14 @@ class Posterior:
         lead: The set.
         alternatives: Of each name, what may stand in its place: names, or curves in words.
         names: Of each name, the probability that it or one of its alternatives is there.
-        curves: Of each curve, in order, the probability that one is there at its place over its variable.
+        instead: Of each curve, in order, where others act that are not told from it, and over what.
+        curves: Of each curve, the probability that it or one of these is there.
     """
 
     lead: Hypothesis
     alternatives: Mapping[str, tuple[str, ...]]
     names: Mapping[str, float]
+    instead: tuple[tuple[Place, ...], ...]
     curves: tuple[float, ...]
 
 
@@ -58,6 +62,7 @@ def posterior_of(search: Search) -> Posterior:
     near.sort(key=lambda one: (len(one.curves), one.size))  # stable: then by score
     lead = _named_instead(search, near[0])
     instead = {name: _alternatives(search, lead, near, name) for name in lead.names}
+    curves = tuple(_curves_instead(lead, near, own) for own in lead.curves)
 
     def probability(held: Sequence[bool]) -> float:
         return float(weights @ np.asarray(held, dtype=np.float64))
@@ -66,8 +71,10 @@ def posterior_of(search: Search) -> Posterior:
         lead=lead,
         alternatives=instead,
         names={n: probability([_holds(one, (n, *o)) for one in order]) for n, o in instead.items()},
+        instead=curves,
         curves=tuple(
-            probability([_place(own) in map(_place, one.curves) for one in order]) for own in lead.curves
+            probability([bool({_place(own), *others} & {*map(_place, one.curves)}) for one in order])
+            for own, others in zip(lead.curves, curves, strict=True)
         ),
     )
 
@@ -122,6 +129,18 @@ def _alternatives(search: Search, lead: Hypothesis, near: Sequence[Hypothesis], 
         elif not lead.curves and name in (shapes := _misshapen(search, lead)):
             result.append(shapes[name])
     return tuple(dict.fromkeys(result))
+
+
+def _curves_instead(lead: Hypothesis, near: Sequence[Hypothesis], own: Scored) -> tuple[Place, ...]:
+    """Where sets that are not told from the lead have another curve in a curve's place."""
+    rest = {_place(other) for other in lead.curves if other is not own}
+    places = [
+        {*map(_place, one.curves)} - rest
+        for one in near
+        if one.names == lead.names and len(one.curves) == len(lead.curves)
+    ]
+    others = [next(iter(some)) for some in places if len(some) == 1]
+    return tuple(dict.fromkeys(place for place in others if place != _place(own)))[:MOST]
 
 
 def _misshapen(search: Search, lead: Hypothesis) -> dict[str, str]:

@@ -201,6 +201,7 @@ class MissingCurve:
         certain: Whether the data call for it, not merely for something.
         confirmed: Whether the test data are predicted better with it.
         period: After which it begins anew, in units of the variable; 0 where it does not.
+        alternatives: Place, target and variable of curves that these data do not tell from it.
     """
 
     place: str
@@ -215,6 +216,7 @@ class MissingCurve:
     certain: bool = True
     confirmed: bool = True
     period: float = 0.0
+    alternatives: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def found(self) -> bool:
@@ -229,7 +231,8 @@ class MissingCurve:
     @property
     def words(self) -> str:
         """What it depends on, how it runs where that is a function that is known, and where it acts."""
-        return depends_on(self.place, self.target, self.over, self.formula)
+        others = [depends_on(*other, "") for other in self.alternatives]
+        return " or on ".join([depends_on(self.place, self.target, self.over, self.formula), *others])
 
     def to_json(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -245,6 +248,7 @@ class MissingCurve:
             "p_value": number(self.p_value),
             "percent": number(self.percent),
             "confirmed": self.confirmed,
+            "alternatives": [direction_of(*other) for other in self.alternatives],
         }
 
 

@@ -123,6 +123,19 @@ def above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
     return result
 
 
+def explained(testing: Problem, before: Prediction, after: Prediction, enough: float) -> float:
+    """Share of the test windows' squared error above the noise that is explained, of the worst signal.
+
+    One if what is left is at most ``enough`` times the noise, or where random forces drive the machine.
+    """
+    shares = [1.0]
+    for j in np.unique(testing.outputs[~testing.events]) if not testing.model.random_force else ():
+        floor, first, last = noise_floor(testing, after, int(j)), before.rmse()[j], after.rmse()[j]
+        if floor > 0 and last > enough * floor:
+            shares.append((first**2 - last**2) / max(first**2 - floor**2, last**2))
+    return float(max(min(shares), 0.0))
+
+
 def not_testable(selection: Selection) -> dict[str, str]:
     """Effects that could not be tested, with the reason."""
     return dict.fromkeys(
