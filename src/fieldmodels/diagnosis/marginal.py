@@ -29,6 +29,7 @@ from fieldmodels.diagnosis.linearisation import (
     stacked,
 )
 from fieldmodels.diagnosis.problem import Problem
+from fieldmodels.diagnosis.response import responses
 
 STRENGTHS = (0.25, 1.0, 4.0, 16.0, 64.0)
 """Of the prior, in windows for each feature: from errors of any colour to white ones."""
@@ -37,7 +38,9 @@ FREEDOM = 10.0
 ROUNDS, SETTLED = 6, 4
 """Times that the sizes of the prior, and that starts and covariance, are improved: fixed points."""
 SINES = 24
-"""Sines over the record by which a slow zero is described: a walk that begins at zero."""
+"""Sines over the record by which a slow zero is described, beside where it begins."""
+ORDERS = np.array([0.5, *(np.arange(1, SINES + 1) - 0.5)])
+"""Half waves over the record; it begins as far from zero as its longest wave is large."""
 SIZES, FALLS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0), (1.0, 0.5)
 """Sizes of a slow zero, in parts of the errors, and how it falls with frequency: a random walk, 1/f noise."""
 PACES = ((0.0, 1.0), *((size, fall) for fall in FALLS for size in SIZES))
@@ -71,6 +74,7 @@ class Evidence:
 
     def __init__(self, problem: Problem) -> None:
         self._problem, self._averages = problem, ~problem.events
+        self._pushed: list[FloatArray] | None = None
         self._known: dict[int, tuple[Fit, Marginal]] = {}
         self._strength = len(STRENGTHS) - 1  # of the errors that were looked at last
         windows, features = problem.features.shape
@@ -95,7 +99,7 @@ class Evidence:
     def _of(self, problem: Problem, fitted: Fit) -> Marginal:
         events = 0.0
         if problem.observations is not None:
-            events = float(problem.observations.loss(fitted.raw)[:, ~self._averages].sum())
+            events = float(problem.observations.loss(fitted.raw).sum())
         if not self._averages.any():
             return Marginal(events, fitted.whitener)
         rows = self._rows(fitted.raw)
@@ -150,7 +154,7 @@ class Evidence:
             half = float(np.sum(np.log(np.diag(root)))) + PACE * sum(i > 0 for i in paces)
             return half, 0.5 * float(rest[-1, -1] - rest[:-1, -1] @ b), b, u
 
-        paces = _least(lambda p: sum(solved(p)[:2]), (0,) * len(self._outputs))
+        paces = _least(lambda p: sum(solved(p)[:2]), (0,) * (slow.shape[1] // len(ORDERS)))
         half, _, b, u = solved(paces)
         sines = _deviations(paces) * u
         left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, sines]))
@@ -246,15 +250,32 @@ class Evidence:
     def _slow_zeros(self, problem: Problem, here: Fit) -> FloatArray:
         """What a slow zero of each output adds, sine by sine, shape (windows * rows, outputs * sines)."""
         windows = len(here.residual)
-        orders = np.arange(1, SINES + 1) - 0.5
         along = (np.arange(windows) + 0.5)[:, None] / windows
-        sines = np.sin(np.pi * along * orders) * math.sqrt(2.0)
-        blocks = []
-        for j in self._outputs:
-            unit = project(here, problem.zeros[int(j)][:, :, None])[:, :, 0]
+        sines = np.sin(np.pi * along * ORDERS) * math.sqrt(2.0)
+        sines[:, 0] = 1.0
+        blocks, model = [], self._problem.model
+        sources = [model.measured_states.get(state.name, state.name) for state in model.states]
+        scale = PRIOR * self._problem.state_scale
+        # What a sensor shows too much it says of the window's start, too.
+        shown = [
+            (problem.zeros[int(j)], np.array([name == model.outputs[j].name for name in sources]) / scale)
+            for j in self._outputs
+        ]
+        for added, start in (*shown, *((push, None) for push in self._inputs(here))):
+            prior = None if start is None else start[:, None]
+            unit = project(here, added[:, :, None], prior)[:, :, 0]
             unit = unit / (math.sqrt(float(np.mean(np.sum(unit**2, axis=1)))) + 1e-300)
-            blocks.append((unit[:, :, None] * sines[:, None, :]).reshape(-1, SINES))
+            blocks.append((unit[:, :, None] * sines[:, None, :]).reshape(-1, len(ORDERS)))
         return np.concatenate(blocks, axis=1)
+
+    def _inputs(self, fitted: Fit) -> list[FloatArray]:
+        """What a unit too much adds in every direction, where inputs are what sensors show."""
+        if self._pushed is None:
+            model, self._pushed = self._problem.model, []
+            if model.noisy_inputs and fitted.runs is None and len(fitted.parameters) == len(model.names):
+                found = responses(self._problem, fitted)
+                self._pushed = [one.sum(axis=2) for one in found.values()]
+        return self._pushed
 
 
 def _by_distance(squares: FloatArray, size: int) -> tuple[FloatArray, float]:
@@ -287,8 +308,7 @@ def _left(here: Fit, columns: FloatArray, b: FloatArray) -> FloatArray:
 
 def _deviations(paces: Paces) -> FloatArray:
     """Of every sine of every slow zero."""
-    orders = np.arange(1, SINES + 1) - 0.5
-    return np.concatenate([PACES[i][0] * orders ** -PACES[i][1] for i in paces])
+    return np.concatenate([PACES[i][0] * ORDERS ** -PACES[i][1] for i in paces])
 
 
 def _least(at: Callable[[Paces], float], none: Paces) -> Paces:

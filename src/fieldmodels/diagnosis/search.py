@@ -23,8 +23,8 @@ from fieldmodels.diagnosis.marginal import Evidence, Marginal
 from fieldmodels.diagnosis.sets import Hypothesis, Sets, label
 from fieldmodels.diagnosis.whitening import whitener_by_output
 
-UNLISTED = 2.3
-"""Log odds of a listed against an unlisted cause: ten to one."""
+SOMETHING, UNLISTED = 3.0, 2.3
+"""Log odds of nothing against something missing, 20 to 1; of a listed against an unlisted cause, 10 to 1."""
 TRIED, BESIDE_CURVES = 8, 3
 """Names that are fitted beside a set, by what they promise to first order; beside one with curves."""
 BEAM, LEVELS, MOST_CURVES, PAIRS = 2, 4, 2, 8
@@ -59,6 +59,7 @@ class Search:
         self.names = candidates.names()
         self.sets = Sets(candidates, self._evidence)
         self.base = self.sets.keep(Hypothesis((), self.sets.setting(()), base))
+        self.sets.settle(self.base)
         self._count = 1  # of curves that were tried
         self._curves: dict[object, Curves] = {}
         self._judged: dict[int, tuple[Hypothesis, list[tuple[float, Scored]]]] = {}
@@ -79,13 +80,13 @@ class Search:
 
     def ranked(self) -> list[Hypothesis]:
         """All sets, the best first; those near the best are fitted until nothing is gained."""
-        order = sorted(self.sets, key=self.score)
-        near = self.score(order[0]) + OTHER
-        for one in order:
-            if self.score(one) > near:
-                break
-            self.sets.settle(one)
-        return sorted(order, key=self.score)
+        while True:
+            order = sorted(self.sets, key=self.score)
+            near = self.score(order[0]) + OTHER
+            if not (moving := [one for one in order if self.score(one) <= near and not one.settled]):
+                return order
+            for one in moving:
+                self.sets.settle(one)
 
     def score(self, one: Hypothesis) -> float:
         """Negative log posterior of a set, but for a constant [nats]."""
@@ -109,7 +110,7 @@ class Search:
         model, rows = self._problem.model, self._evidence.rows
         names = sum(_price(model.effect(n).size, rows) + math.log(len(self.names)) for n in one.names)
         curves = sum(self._price_of_curve(c, len(c.coefficients)) for c in one.curves)
-        return names + one.candidate.search + curves
+        return names + one.candidate.search + curves + (SOMETHING if one.size else 0.0)
 
     def _price_of_curve(self, scored: Scored, size: int) -> float:
         tried = math.log(self._count * scored.curve.tried)
@@ -166,15 +167,13 @@ class Search:
         return [found for found in made if found is not None]
 
     def _curves_to_try(self, one: Hypothesis, count: int) -> Iterator[Scored]:
-        """Curves with most evidence: by what the set leaves, by what the best set with a curve leaves.
-
-        Where there is none yet, by what the set with the first of them leaves.
-        """
-        seen, there = set[tuple[str, str]](), {own.curve.direction for own in one.curves}
+        """At so many directions the table and the known function that promise most."""
+        there, seen = {own.curve.direction for own in one.curves}, set[tuple[str, bool]]()
         for gain, scored in self.judged_beside(one):
-            key = scored.curve.direction, scored.curve.formula
-            fresh = key not in seen and key[0] not in there  # two curves of one variable at one place are one
-            if gain > 0.0 and fresh and len(seen) < count:
+            key, begun = (scored.curve.direction, bool(scored.curve.formula)), {way for way, _ in seen}
+            # Two curves of one variable at one place are one.
+            fresh = key not in seen and key[0] not in there and (key[0] in begun or len(begun) < count)
+            if gain > 0.0 and fresh:
                 seen.add(key)
                 yield scored
 
