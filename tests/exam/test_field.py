@@ -127,7 +127,7 @@ def test_a_curve_that_is_right_is_one_of_a_state_a_number_or_a_signal_that_there
             place, target = where.split(" ", 1)
             assert target in places[place], curve
             for factor in variable.removeprefix("memory of ").split("*"):
-                assert factor in {*plant.states, *plant.inputs, "time"}, curve
+                assert factor.removeprefix("rate of ") in {*plant.states, *plant.inputs, "time"}, curve
 
 
 MADE = FieldCase("ring_down", "rig", 0, "usual"), FieldCase("one_step_a_file", "rig", 0, "large")

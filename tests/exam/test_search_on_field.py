@@ -9,6 +9,8 @@ from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.options import DiagnosisOptions
 
+EVIDENCE = DiagnosisOptions(engine="evidence")
+
 
 @pytest.mark.parametrize(
     ("key", "named"),
@@ -21,17 +23,38 @@ from fieldmodels.diagnosis.options import DiagnosisOptions
 )
 def test_a_cause_is_found_whatever_the_weights_of_the_base_look_away_from(key, named):
     made = make(next(case for case in field_cases("develop", (), 0) if case.key == key))
-    options = DiagnosisOptions(engine="evidence")
-    found = diagnose(made.model, made.train, made.test, fixed=made.fixed, options=options)
+    found = diagnose(made.model, made.train, made.test, fixed=made.fixed, options=EVIDENCE)
     assert {cause.effect for cause in found.causes} == named
     assert not found.curves
 
 
-def test_curves_beside_each_other_are_stated_of_the_simulation_without_them():
-    """A robot whose sensors' zeros walk at random: two curves follow them."""
+def test_a_curve_is_found_whatever_the_weights_of_the_base_look_away_from():
+    """By the covariance of what the base leaves, nothing brings anything: the drag of a load in the air."""
+    made = make(next(c for c in field_cases("develop", (), 0) if c.key == "crane/load_in_the_air/usual/1"))
+    found = diagnose(made.model, made.train, made.test, fixed=made.fixed, options=EVIDENCE)
+    assert [(c.target, c.over) for c in found.curves if c.found] == [("rate of rate", "rate")]
+    assert not found.causes
+
+
+def test_a_curve_says_what_it_may_be_instead():
+    """A valve whose flow follows its stem within a third of a second."""
+    made = make(
+        next(c for c in field_cases("develop", (), 0) if c.key == "valve/stem_slows_when_open/usual/2")
+    )
+    found = diagnose(made.model, made.train, made.test, fixed=made.fixed, options=EVIDENCE)
+    [curve] = found.curves
+    assert (curve.place, curve.target) == ("parameter", "travel")
+    assert curve.over.removeprefix("size of ") in ("stem", "flow")
+    for _, _, over in curve.alternatives:
+        assert over in found.summary()
+
+
+def test_zeros_that_walk_at_random_are_no_listed_cause():
+    """A robot whose wheels' zeros walk, too, and drive its simulation."""
     case = next(c for c in cases_of("develop", ["pose_reaching"], ["nothing"]) if c.seed == 1050)
     bench = get_bench(case.machine)
     train, test = recordings(bench, (), case.conditions, case.seed)
-    found = diagnose(bench.model, [train], [test], options=DiagnosisOptions(engine="evidence"))
-    assert len(found.curves) == 2
+    found = diagnose(bench.model, [train], [test], options=EVIDENCE)
+    assert not found.causes
+    assert not any(curve.found for curve in found.curves)
     assert set(found.wandering) <= {output.name for output in bench.model.outputs}

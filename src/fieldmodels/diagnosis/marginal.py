@@ -104,12 +104,10 @@ class Evidence:
             return Marginal(events, fitted.whitener)
         rows = self._rows(fitted.raw)
         changes = np.diff(rows, axis=0) / math.sqrt(2.0)  # in which a slow zero hardly shows
-        found = min(
-            self._settled(problem, fitted, self._white(rows), slow=False),
-            self._settled(problem, fitted, self._white(changes), slow=True),
-            key=lambda one: one[0],
-        )
-        return Marginal(found[0] + events, self._whitener(found[1]))
+        still = self._settled(problem, fitted, self._white(rows))
+        slow = self._settled(problem, fitted, self._white(changes), still[0])
+        value, covariance = min(still, slow, key=lambda one: one[0])
+        return Marginal(value + events, self._whitener(covariance))
 
     def first_order(self, here: Fit, further: FloatArray) -> float:
         """Evidence of a fit with further columns, without slow zeros, to first order.
@@ -121,16 +119,30 @@ class Evidence:
         return self._value(here, _left(here, *_solution(here, further)))[0]
 
     def _settled(
-        self, problem: Problem, fitted: Fit, covariance: FloatArray, slow: bool
+        self, problem: Problem, fitted: Fit, covariance: FloatArray, still: float | None = None
     ) -> tuple[float, FloatArray]:
-        """Evidence and mean covariance of the errors, where starts and covariance agree."""
+        """Evidence and mean covariance of the errors, where starts and covariance agree.
+
+        Args:
+            problem: The windows.
+            fitted: A fit to them.
+            covariance: From which to begin.
+            still: The evidence without slow zeros, where it is to be that with them.
+        """
         value = math.inf
         for _ in range(SETTLED):
             here, before = reweighed(problem, fitted, self._whitener(covariance)), value
-            price, left = self._beside_slow_zeros(problem, here) if slow else (0.0, None)
-            value, covariance = self._value(here, left)
-            value += price
-            if not math.isfinite(price) or abs(value - before) < 0.1:
+            if still is None:
+                value, covariance = self._value(here, None)
+            else:
+                price, left = self._beside_slow_zeros(problem, here)
+                if not math.isfinite(price):
+                    return math.inf, covariance
+                value, covariance = self._value(here, left)
+                # To first order, with slow zeros or without, more may be promised than a simulation keeps.
+                promised = still - self._value(here, _left(here, *_solution(here)))[0]
+                value += price + max(promised, 0.0)
+            if abs(value - before) < 0.1:
                 break
         return value, covariance
 
