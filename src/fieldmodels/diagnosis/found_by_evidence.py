@@ -28,6 +28,9 @@ from fieldmodels.diagnosis.verdict import Judgement
 from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.recording import Recording
 
+LIKELY = 0.5
+"""Share of the error above the noise that an answer must explain to be likelier than not."""
+
 
 def found_by_evidence(
     candidates: Candidates,
@@ -60,24 +63,29 @@ def found_by_evidence(
     causes = beside_the_others(causes_of(candidates, path, testing, rng), candidates, path, testing, rng)
     causes = tuple(_told(cause, said) for cause in causes)
     before = predict(testing, base.fit.parameters)
-    after = predict(testing, kept.fit.parameters) if causes else before
+    after, share = predict(testing, kept.fit.parameters) if causes else before, 1.0
+    possible: tuple[Cause, ...] = ()
     if not (mistaken or unrelated):
         model = said.lead.setting.problem.model
         full = predict(replace(testing, model=model), said.lead.fit.parameters) if curves else after
         share = explained(testing, before, full, options.unexplained_ratio)
         causes = tuple(replace(cause, chance=1.0 - share * (1.0 - cause.chance)) for cause in causes)
         curves = tuple(replace(one, p_value=1.0 - share * (1.0 - one.p_value)) for one in curves)
+        if share < LIKELY:
+            possible, causes, kept, after = causes, (), base, before
         rounded = quantisation_found(train, testing, full)
         causes = (*causes, *rounded)
         if rounded:  # what a curve of a sensor makes of its steps
             curves = tuple(one for one in curves if one.curve.place != "sensor")
-    if not (causes or curves or mistaken or unrelated):
+    if not (causes or possible or curves or mistaken or unrelated):
         unrelated = is_unrelated(problem, testing, fits, options.level, CERTAIN)
     selection = Selection(base, kept, (), base, _singles(search), tuple(candidates.unidentifiable))
     beside_base = Curves(problem, base.fit, options)
     tried = Curves(problem, kept.fit, options) if kept.effects else beside_base
     judged = Judgement(kept, tried, beside_base, curves)
-    return Found(mistaken, unrelated, selection, judged, causes, (), curves, True, before, after)
+    return Found(
+        mistaken, unrelated, selection, judged, causes, possible, curves, share >= LIKELY, before, after
+    )
 
 
 def _told(cause: Cause, said: Posterior) -> Cause:
