@@ -73,6 +73,7 @@ def found_by_evidence(
         curves = tuple(replace(one, p_value=1.0 - share * (1.0 - one.p_value)) for one in curves)
         if share < LIKELY:
             possible, causes, kept, after = causes, (), base, before
+            curves = curves or tuple(scored for _, scored in search.judged_beside(search.base)[:1])
         rounded = quantisation_found(train, testing, full)
         causes = (*causes, *rounded)
         if rounded:  # what a curve of a sensor makes of its steps
