@@ -71,7 +71,7 @@ def found_by_evidence(
         share = explained(testing, before, full, options.unexplained_ratio)
         causes = tuple(replace(cause, chance=1.0 - share * (1.0 - cause.chance)) for cause in causes)
         curves = tuple(replace(one, p_value=1.0 - share * (1.0 - one.p_value)) for one in curves)
-        if share < LIKELY:
+        if share < LIKELY and said.lead.size:
             possible, causes, kept, after = causes, (), base, before
             curves = curves or tuple(scored for _, scored in search.judged_beside(search.base)[:1])
         rounded = quantisation_found(train, testing, full)
