@@ -15,12 +15,13 @@ from fieldmodels.recording import Recording, RecordingError, RecordingWarning, o
 from fieldmodels.recording.bench import EPISODE, NAME, NO_COMMAND, OTHER_CLOCK, TIME, Bench, Channel, beside
 from fieldmodels.recording.datasets import is_public, open_recording
 from fieldmodels.recording.evidence import clock_unit
-from fieldmodels.recording.files import named, recording_of
+from fieldmodels.recording.files import load_recording, named, recording_of
 from fieldmodels.recording.merging import JoinedTable
 from fieldmodels.recording.proposals import ROWS, Proposal, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import SHOWN, Table
 from fieldmodels.recording.units import is_unit, is_unscaled
+from fieldmodels.registry import get_model
 from fieldmodels.rounding import listed as in_words
 
 Ask = Callable[[str], bool]
@@ -136,11 +137,48 @@ class Logs:
             warnings.warn(f"{said}\n  kept in {place}", RecordingWarning, stacklevel=3)
         else:
             raise RecordingError(
-                f"{said}\nwhich is not sure: take it by --accept, or correct it by "
+                f"{said}\nwhich is not sure: take it by --accept (in Python accept=True), or correct it by "
                 "--column SIGNAL=[GAIN*]COLUMN[:UNIT]"
             )
         self.agreed.append(bench)
         return bench
+
+
+def load(
+    source: str | Path,
+    machine: Model | str | None = None,
+    columns: Mapping[str, str] | None = None,
+    rate: float | None = None,
+    accept: bool = False,
+    commanded: bool = True,
+) -> Recording:
+    """Load a log of any format, as `fieldgym diagnose` reads it.
+
+    Args:
+        source: A path, files of one run as ``a.csv+b.csv``, or the name of a public recording.
+        machine: The machine, or its name, whose inputs and outputs are read; None reads every column of
+            numbers by its name.
+        columns: Signal to column, ``{"torque": "-2.5*tau:N cm"}``, where names and units do not tell.
+        rate: Rows a second [Hz], for a log without a column of times.
+        accept: Whether to take columns as proposed where that is not sure, and keep them in a ``bench.yaml``.
+        commanded: False for a log without a command: all inputs are zero.
+
+    Returns:
+        Signals as float64 in SI units on one even clock.
+
+    Raises:
+        DatasetError: If a public recording is unknown, damaged or out of reach.
+        RecordingError: If the log cannot be used, or its columns have to be confirmed; says what is proposed.
+    """
+    if machine is None:
+        public = is_public(source)
+        return (
+            open_recording(source, None, columns)
+            if public
+            else load_recording(source, None, columns, rate=rate)
+        )
+    logs = Logs(get_model(machine), {"": columns or {}}, None, rate, accept, commanded=commanded)
+    return logs.read(str(source))
 
 
 def declared(model: Model, texts: Sequence[str]) -> dict[str, dict[str, str]]:

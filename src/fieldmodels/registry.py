@@ -7,7 +7,7 @@ from importlib import import_module
 from pkgutil import iter_modules, resolve_name
 
 from fieldmodels import machines
-from fieldmodels.model import Model, ModelError
+from fieldmodels.model import Model, ModelError, check_instance
 from fieldmodels.model_files import is_model_file, load_model_file
 from fieldmodels.names import class_name, did_you_mean
 
@@ -30,15 +30,19 @@ def model_names() -> tuple[str, ...]:
     return tuple(_places())
 
 
-def get_model(name: str) -> Model:
+def get_model(name: str | Model) -> Model:
     """Return a model by name, or a user's own from the Python file that is named.
 
     Args:
-        name: A name of ``model_names``; or ``my_bench.py``, which is run, or ``my_bench.py:MyBench``.
+        name: A name of ``model_names``; or ``my_bench.py``, which is run, or ``my_bench.py:MyBench``. A model
+            is returned as it is.
 
     Raises:
         ModelError: If there is no such model; the message says which there are.
     """
+    check_instance(name)
+    if isinstance(name, Model):
+        return name
     if is_model_file(name):
         return load_model_file(name)
     if name not in (places := _places()):

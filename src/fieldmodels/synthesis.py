@@ -18,6 +18,7 @@ from fieldmodels.model import Model, ModelError, Signal
 from fieldmodels.names import did_you_mean
 from fieldmodels.reality import Reality
 from fieldmodels.recording import Recording, Windows
+from fieldmodels.registry import get_model
 
 Excitation = Callable[[float, float, np.random.Generator], FloatArray]
 Noise = bool | float | Mapping[str, float]
@@ -108,7 +109,7 @@ def excitation(name: str, duration: float, step: float, rng: np.random.Generator
 
 
 def synthesise(
-    model: Model,
+    model: Model | str,
     reality: Reality | Mapping[str, Any] | None,
     inputs: str | Mapping[str, FloatArray] | FloatArray,
     *,
@@ -127,7 +128,7 @@ def synthesise(
     model's zero state, over whole episodes; so it is not computed as a diagnosis computes it.
 
     Args:
-        model: The model whose extended form is the reality.
+        model: The model whose extended form is the reality, or its name.
         reality: What differs from the nominal simulation; stock effects that it names act around the model.
         inputs: The name of an excitation ("swing" for a path, of an axis); or the commands
             themselves, each of shape (n,) per episode.
@@ -147,6 +148,7 @@ def synthesise(
         ModelError: For an unknown excitation or reality, commands of a wrong shape, or fewer than two
             samples.
     """
+    model = get_model(model)
     commands = _commands(model, inputs, duration, step, amplitude, episodes, rng)
     model, truth = flown(model, reality)
     clean, quantum = _without_quantisation(truth)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from fieldmodels import html
 from fieldmodels.arrays import FloatArray
@@ -155,6 +157,22 @@ class Diagnosis:
             RecordingError: If there are too few windows.
         """
         return self.simulation.windows(recording, horizon or self.horizon)
+
+    def score(self, recordings: Sequence[Recording]) -> float:
+        """Share of the refitted base's squared prediction error that the extended simulation removes.
+
+        Args:
+            recordings: The measured data, cut into windows as ``predict`` does.
+
+        Returns:
+            The mean over the measured outputs, at most 1.
+
+        Raises:
+            RecordingError: If there are too few windows.
+        """
+        base = Simulation(self.machine, self.evidence.base).squares(recordings, self.horizon)
+        after = self.simulation.squares(recordings, self.horizon)
+        return float(np.mean([1 - after[name] / square for name, square in base.items() if square > 0]))
 
     @cached_property
     def free_run(self) -> FreeRun | None:

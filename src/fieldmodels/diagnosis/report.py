@@ -42,8 +42,7 @@ def write_results(
     drawn = pictures(diagnosis) if drawn is None else drawn
     for picture in drawn.values():
         picture.save(directory / FIGURES)
-    title = f"Diagnosis of {words(diagnosis.model)}"
-    write_text(paths["report.html"], html.page(title, report_section(diagnosis, drawn, FIGURES)))
+    write_page(diagnosis, paths["report.html"], drawn, FIGURES)
     save_yaml(diagnosis.extended(), paths["extended.yaml"])
     plan = diagnosis.next_measurement.plan if diagnosis.next_measurement else None
     if plan is not None:
@@ -60,6 +59,12 @@ def write_results(
             paths["next_record.yaml"],
         )
     return paths
+
+
+def write_page(diagnosis: Diagnosis, path: Path, drawn: Mapping[str, Picture], folder: str = "") -> None:
+    """Write the report as one self-contained HTML page; arguments as of `report_section`."""
+    title = f"Diagnosis of {words(diagnosis.model)}"
+    write_text(path, html.page(title, report_section(diagnosis, drawn, folder)))
 
 
 def report_section(diagnosis: Diagnosis, drawn: Mapping[str, Picture], folder: str) -> str:

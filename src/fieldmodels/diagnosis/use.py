@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +80,20 @@ class Simulation:
         return replace(
             recording, signals={**recording.signals, **simulated}, source=f"free run of {recording.source}"
         )
+
+    def squares(self, recordings: Sequence[Recording], horizon: float) -> dict[str, float]:
+        """Sum of squared prediction errors over windows by output that was measured, in its unit squared.
+
+        Args:
+            recordings: The measured data.
+            horizon: Length of a window [s].
+
+        Raises:
+            RecordingError: If there are too few windows.
+        """
+        problem = build(self.model, recordings, horizon)
+        squares = predict(problem, self.vector).squares.sum(axis=0)
+        return {self.model.outputs[j].name: float(squares[j]) for j in np.unique(problem.outputs)}
 
     def windows(self, recording: Recording, horizon: float) -> pd.DataFrame:
         """Predictions over windows, each from the state that fits it best.
