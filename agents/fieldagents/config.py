@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -329,6 +331,24 @@ def load_config(path: Path, kind: type[C], overrides: Sequence[str] = ()) -> C:
     if not isinstance(data, dict):
         raise ConfigError([f"{path}: must be a mapping of keys to values, as in 'name: benchmark'"])
     return _checked(data, dict(_places(path, text)), kind, overrides)
+
+
+def config_of(source: C | Mapping[str, Any] | str | Path, kind: type[C], keys: Mapping[str, Any]) -> C:
+    """A config from what a script has: one that is checked, plain data, a file, or a shipped one's name.
+
+    Args:
+        source: The config.
+        kind: The config class.
+        keys: Top-level keys that go before those of the source.
+
+    Raises:
+        ConfigError: As `load_config`.
+    """
+    overrides = [f"{key}={json.dumps(value, default=str)}" for key, value in keys.items()]
+    if isinstance(source, str | Path):
+        return load_config(Path(source), kind, overrides)
+    data = source.model_dump(mode="json") if isinstance(source, BaseModel) else deepcopy(dict(source))
+    return _checked(data, {(): "config"}, kind, overrides)
 
 
 def environment_of(task: str, overrides: Sequence[str] = ()) -> EnvironmentConfig:

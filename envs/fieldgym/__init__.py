@@ -1,37 +1,68 @@
-"""The tasks as Gymnasium environments over the models; importing this package registers them."""
+"""Field-robot tasks as Gymnasium environments, and the diagnosis of measured logs: ``import fieldgym as fg``.
 
-from typing import TYPE_CHECKING, Any
+Importing it registers the environments; a name of ``__all__`` is imported where it is first used.
+"""
+
+from pkgutil import resolve_name
+from typing import Any
 
 from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
-from fieldgym.settings import SettingsError
-from fieldgym.task import BENCH, Task
-from fieldgym.tasks import TASKS, find_task
-from fieldmodels.extras import needed
+from fieldgym.settings import SettingsError as SettingsError
+from fieldgym.task import BENCH
+from fieldgym.task import Task as Task
+from fieldgym.tasks import TASKS
+from fieldgym.tasks import find_task as find_task
 
-if TYPE_CHECKING:
-    from fieldgym.sb3 import make_sb3_vec
-
-__all__ = [
-    "BENCH",
-    "TASKS",
-    "SettingsError",
-    "Task",
-    "find_task",
-    "make_sb3_vec",
-    "register",
-]
+_PLACES = {
+    "Diagnosis": "fieldagents.estimator:Diagnosis",
+    "Effect": "fieldmodels.model:Effect",
+    "Force": "fieldmodels.machine:Force",
+    "Machine": "fieldmodels.machine:Machine",
+    "Model": "fieldmodels.model:Model",
+    "Parameter": "fieldmodels.model:Parameter",
+    "Recording": "fieldmodels.recording:Recording",
+    "Signal": "fieldmodels.model:Signal",
+    "agents": "fieldagents.evaluation.agents:agent_names",
+    "datasets": "fieldmodels.recording.datasets:dataset_names",
+    "diagnose": "fieldagents.estimator:diagnose",
+    "effects": "fieldmodels.effects",
+    "evaluate": "fieldagents.api:evaluate",
+    "get_machine": "fieldmodels.registry:get_model",
+    "load": "fieldagents.logs:load",
+    "machines": "fieldmodels.registry:model_names",
+    "make_env": "fieldgym.bench:as_env",
+    "make_sb3_vec": "fieldgym.sb3:make_sb3_vec",
+    "number": "fieldmodels.machine:number",
+    "reality": "fieldagents.api:reality",
+    "retune": "fieldagents.api:retune",
+    "save": "fieldmodels.recording.files:save_recording",
+    "synthesise": "fieldmodels.synthesis:synthesise",
+    "train": "fieldagents.api:train",
+}
+"""Public name to where it is; ``__init__.pyi`` says the same to type checkers."""
+__all__ = [*_PLACES, "tasks"]
 
 
 def __getattr__(name: str) -> Any:
-    """What needs an extra is imported where it is asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name == "make_sb3_vec":
-        needed("stable_baselines3")
-        from fieldgym.sb3 import make_sb3_vec
+        from fieldmodels.extras import needed
 
-        return make_sb3_vec
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        needed("stable_baselines3")
+    found = globals()[name] = resolve_name(_PLACES[name])
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def tasks() -> tuple[str, ...]:
+    """Names of the tasks."""
+    return tuple(TASKS)
 
 
 def register() -> None:

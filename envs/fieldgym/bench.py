@@ -236,7 +236,7 @@ class OfMachine(OfTask):
         return kept
 
     def _make_task(self, reality: RealityLike) -> BenchTask:
-        found = get_model(self.machine) if isinstance(self.machine, str) else self.machine
+        found = get_model(self.machine)
         if not isinstance(found, Machine):
             raise SettingsError(f"model {found.name!r} is no Machine; only those can be stepped one by one")
         self.title = found.name
