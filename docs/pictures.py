@@ -197,14 +197,12 @@ def sweeps(page: str) -> Figure:
 def api(page: str) -> Figure:
     """What is made of what: the page's own names, from a log to a task."""
     places = {
-        "log": (0, 1), "read_table": (1, 1), "propose": (1, 0), "recording_of": (2, 1), "diagnose": (3, 1),
-        "get_model": (3, 0), "Diagnosis": (4, 1), "write_results": (5, 2), "as_env": (5, 1),
-        "write_model": (5, 0),
+        "log": (0, 1), "load": (1, 1), "diagnose": (2, 1), "Machine": (2, 0), "Diagnosis": (3, 1),
+        "report": (4, 2), "make_env": (4, 1), "save": (4, 0),
     }  # fmt: skip
     arrows = (
-        "log read_table", "read_table propose", "read_table recording_of", "propose recording_of",
-        "recording_of diagnose", "get_model diagnose", "diagnose Diagnosis", "Diagnosis write_results",
-        "Diagnosis as_env", "Diagnosis write_model",
+        "log load", "load diagnose", "Machine diagnose", "diagnose Diagnosis", "Diagnosis report",
+        "Diagnosis make_env", "Diagnosis save",
     )  # fmt: skip
     missing = [name for name in places if name != "log" and name not in page]
     if missing:
@@ -219,7 +217,7 @@ def api(page: str) -> Figure:
         face = LIGHT if name in ("log", "Diagnosis") else "white"
         box = {"boxstyle": "round,pad=0.4", "facecolor": face, "edgecolor": DARK}
         axes.annotate(name, place, ha="center", va="center", fontsize=10, bbox=box)
-    axes.set(xlim=(-0.4, 5.6), ylim=(-0.5, 2.5))
+    axes.set(xlim=(-0.4, 4.6), ylim=(-0.5, 2.5))
     axes.set_axis_off()
     return figure
 

@@ -16,6 +16,7 @@ from fieldgym.tasks import TASKS
 from fieldgym.tasks import find_task as find_task
 
 _PLACES = {
+    "Agent": "fieldagents.agent:Agent",
     "Diagnosis": "fieldagents.estimator:Diagnosis",
     "Effect": "fieldmodels.model:Effect",
     "Force": "fieldmodels.machine:Force",

@@ -1,5 +1,6 @@
 """What `__init__.py` imports where it is first used, for type checkers."""
 
+from fieldagents.agent import Agent as Agent
 from fieldagents.api import evaluate as evaluate
 from fieldagents.api import reality as reality
 from fieldagents.api import retune as retune
@@ -31,6 +32,7 @@ from fieldmodels.registry import model_names as machines
 from fieldmodels.synthesis import synthesise as synthesise
 
 __all__ = [
+    "Agent",
     "Diagnosis",
     "Effect",
     "Force",
