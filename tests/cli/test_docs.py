@@ -121,7 +121,7 @@ def test_python_in_the_readme_runs(public_data, monkeypatch):
     names = {"__name__": "example"}
     exec(compile(code, "README.md", "exec"), names)
     assert names["envs"].num_envs == 64
-    assert [*names["found"].effects_][0] == "coulomb_friction"
+    assert next(iter(names["found"].effects_)) == "coulomb_friction"
     assert set(re.findall(r"(?:from|import) (field\w+)", code)) == {"fieldgym"}
 
 
