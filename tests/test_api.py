@@ -1,6 +1,7 @@
 """``import fieldgym as fg``: what it offers, when it imports it, and that it works together."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -171,3 +172,8 @@ def test_a_reality_is_checked():
     assert fg.reality({"coulomb_friction": {"torque": 0.1}}, "pendulum").effects
     with pytest.raises(ValueError, match="did you mean 'coulomb_friction'"):
         fg.reality({"coulomb_frictoin": {"torque": 0.1}}, "pendulum")
+
+
+def test_the_page_begins_with_every_name():
+    page = (Path(__file__).parents[1] / "docs" / "api.md").read_text().split("## Example")[0]
+    assert set(re.findall(r"`(\w+)`", page.split("|---|")[1])) - {"fit"} == set(fg.__all__)
