@@ -4,6 +4,7 @@ import math
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,8 +18,10 @@ from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.cutting import split
 from fieldmodels.diagnosis.marginal import FALLS, FREEDOM, SIZES, STRENGTHS, Evidence, _by_distance, _near
 from fieldmodels.diagnosis.options import DiagnosisOptions
-from fieldmodels.diagnosis.posterior import posterior_of
+from fieldmodels.diagnosis.posterior import _curves_instead, posterior_of
+from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.search import Search
+from fieldmodels.drivers.variables import direction_of
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
@@ -161,3 +164,19 @@ def test_two_causes_are_found_that_are_each_worse_alone():
         )
     values = {c.effect: next(iter(c.parameters.values())).value for c in found.causes}
     assert values == pytest.approx({"coulomb_friction": 0.15, "viscous_friction": 0.02}, rel=0.02)
+
+
+def test_a_curve_says_what_these_data_do_not_tell_from_it():
+    def one(*curves):
+        made = [SimpleNamespace(curve=SimpleNamespace(place=p, target=t, over=o)) for p, t, o in curves]
+        return SimpleNamespace(names=("lag",), curves=tuple(made))
+
+    flow, size, stem, clock = (("parameter", "travel", o) for o in ("flow", "size of flow", "stem", "time"))
+    drag = ("force", "", "speed")
+    lead = one(flow, drag)
+    near = [lead, one(size, drag), one(stem, drag), one(clock, stem), one(stem)]
+    assert _curves_instead(lead, near, lead.curves[0]) == (stem,)
+    assert _curves_instead(lead, near, lead.curves[1]) == ()
+    curve = MissingCurve(*flow, "m^3/s", "s", np.zeros((2, 3)), 0.0, 50.0, alternatives=(stem,))
+    assert curve.words == "the flow and acts on the travel or on the stem and acts on the travel"
+    assert curve.to_json()["alternatives"] == [direction_of(*stem)]

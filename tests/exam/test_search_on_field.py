@@ -1,5 +1,6 @@
 """Cases of the field set on which the search by evidence rests, by plants that share no code with it."""
 
+import numpy as np
 import pytest
 
 from exam.benches import get_bench
@@ -7,6 +8,9 @@ from exam.cases import cases_of
 from exam.field.cases import field_cases, make
 from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
+from fieldmodels.diagnosis.candidates import Candidates
+from fieldmodels.diagnosis.cutting import split
+from fieldmodels.diagnosis.marginal import Evidence
 from fieldmodels.diagnosis.options import DiagnosisOptions
 
 EVIDENCE = DiagnosisOptions(engine="evidence")
@@ -36,19 +40,6 @@ def test_a_curve_is_found_whatever_the_weights_of_the_base_look_away_from():
     assert not found.causes
 
 
-def test_a_curve_says_what_it_may_be_instead():
-    """A valve whose flow follows its stem within a third of a second."""
-    made = make(
-        next(c for c in field_cases("develop", (), 0) if c.key == "valve/stem_slows_when_open/usual/2")
-    )
-    found = diagnose(made.model, made.train, made.test, fixed=made.fixed, options=EVIDENCE)
-    [curve] = found.curves
-    assert (curve.place, curve.target) == ("parameter", "travel")
-    assert curve.over.removeprefix("size of ") in ("stem", "flow")
-    for _, _, over in curve.alternatives:
-        assert over in found.summary()
-
-
 def test_zeros_that_walk_at_random_are_no_listed_cause():
     """A robot whose wheels' zeros walk, too, and drive its simulation."""
     case = next(c for c in cases_of("develop", ["pose_reaching"], ["nothing"]) if c.seed == 1050)
@@ -58,3 +49,18 @@ def test_zeros_that_walk_at_random_are_no_listed_cause():
     assert not found.causes
     assert not any(curve.found for curve in found.curves)
     assert set(found.wandering) <= {output.name for output in bench.model.outputs}
+
+
+def test_inputs_that_sensors_show_wander_too():
+    """Without that, the walks of its wheels are a force over time."""
+    case = next(c for c in cases_of("develop", ["pose_reaching"], ["nothing"]) if c.seed == 1050)
+    bench = get_bench(case.machine)
+    train, _ = recordings(bench, (), case.conditions, case.seed)
+    [model] = [stage.model for stage in bench.model.stages([train]) if stage.model.noisy_inputs]
+    problem, _ = split(model, [train], [])
+    candidates = Candidates(
+        problem, model.vector({}, {}), frozenset(), problem.folds, np.diag(1 / problem.output_scale)
+    )
+    fitted, alone = candidates.base().fit, Evidence(problem)
+    alone._pushed = []
+    assert Evidence(problem).of(problem, fitted).value < alone.of(problem, fitted).value - 100.0

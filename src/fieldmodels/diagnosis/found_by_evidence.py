@@ -11,21 +11,20 @@ from fieldmodels.diagnosis.budget import SEARCH
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
 from fieldmodels.diagnosis.causes import beside_the_others, causes_of, path_to, quantisation_found
 from fieldmodels.diagnosis.curves import Curves
-from fieldmodels.diagnosis.fit import refit
 from fieldmodels.diagnosis.found import Found
 from fieldmodels.diagnosis.gain import predict
+from fieldmodels.diagnosis.linearisation import reweighed
 from fieldmodels.diagnosis.posterior import Posterior, posterior_of
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.relation import CERTAIN, is_unrelated
 from fieldmodels.diagnosis.result import Cause
 from fieldmodels.diagnosis.search import Search
 from fieldmodels.diagnosis.selection import Selection
-from fieldmodels.diagnosis.sets import STEPS
+from fieldmodels.diagnosis.sets import Hypothesis
 from fieldmodels.diagnosis.signs import mistaken_columns
 from fieldmodels.diagnosis.stages import Progress
 from fieldmodels.diagnosis.statements import explained
 from fieldmodels.diagnosis.verdict import Judgement
-from fieldmodels.diagnosis.whitening import covariance_whitener
 from fieldmodels.recording import Recording
 
 LIKELY = 0.5
@@ -100,14 +99,12 @@ def _names_alone(candidates: Candidates, search: Search, said: Posterior) -> Can
     names, problem, base = said.lead.names, candidates.problem, search.base.candidate
     if not names:
         return base
-    alone = search.sets.get(names)
-    fitted = (
-        alone.fit
-        if alone
-        else candidates.fitted(names, said.lead.fit.parameters[: search.sets.own], said.lead.fit.states).fit
-    )
-    whitener = covariance_whitener(problem, fitted)
-    return candidates.judged(names, refit(problem, fitted, whitener, STEPS), said.lead.candidate.search)
+    if (alone := search.sets.get(names)) is None:
+        begun = candidates.fitted(names, said.lead.fit.parameters[: search.sets.own], said.lead.fit.states)
+        alone = search.sets.keep(Hypothesis(names, search.base.setting, begun))
+    search.sets.settle(alone)
+    fitted = reweighed(problem, alone.fit, search.marginal(alone).whitener)
+    return candidates.judged(names, fitted, said.lead.candidate.search)
 
 
 def _singles(search: Search) -> tuple[Candidate, ...]:

@@ -140,7 +140,12 @@ def _curves_instead(lead: Hypothesis, near: Sequence[Hypothesis], own: Scored) -
         if one.names == lead.names and len(one.curves) == len(lead.curves)
     ]
     others = [next(iter(some)) for some in places if len(some) == 1]
-    return tuple(dict.fromkeys(place for place in others if place != _place(own)))[:MOST]
+    found = {(*place[:2], frozenset(_variables(place[2]))): place for place in reversed(others)}
+    mine = _place(own)
+    found.pop(
+        (*mine[:2], frozenset(_variables(mine[2]))), None
+    )  # of what is never negative, its size is the same
+    return tuple(reversed(found.values()))[:MOST]
 
 
 def _misshapen(search: Search, lead: Hypothesis) -> dict[str, str]:
