@@ -195,7 +195,8 @@ class MissingCurve:
         over_unit: Unit of that variable.
         unit: Unit of its values.
         curve: Variable, value and its standard error, shape (points, 3).
-        p_value: Of the paired test over blocks of windows.
+        p_value: Of the paired test over blocks of windows; by the search by evidence, the probability that no
+            such curve is there.
         percent: Share of the loss that it removes [%].
         formula: The known function that it is, "" if it is none.
         certain: Whether the data call for it, not merely for something.
