@@ -59,10 +59,12 @@ class Marginal:
     Attributes:
         value: Negative log marginal likelihood [nats].
         whitener: By the mean of its errors' covariance, shape (features, features).
+        slow: Whether a sensor's zero moves.
     """
 
     value: float
     whitener: FloatArray
+    slow: bool
 
 
 class Evidence:
@@ -101,13 +103,13 @@ class Evidence:
         if problem.observations is not None:
             events = float(problem.observations.loss(fitted.raw).sum())
         if not self._averages.any():
-            return Marginal(events, fitted.whitener)
+            return Marginal(events, fitted.whitener, False)
         rows = self._rows(fitted.raw)
         changes = np.diff(rows, axis=0) / math.sqrt(2.0)  # in which a slow zero hardly shows
         still = self._settled(problem, fitted, self._white(rows))
         slow = self._settled(problem, fitted, self._white(changes), still[0])
         value, covariance = min(still, slow, key=lambda one: one[0])
-        return Marginal(value + events, self._whitener(covariance))
+        return Marginal(value + events, self._whitener(covariance), slow[0] < still[0])
 
     def first_order(self, here: Fit, further: FloatArray) -> float:
         """Evidence of a fit with further columns, without slow zeros, to first order.

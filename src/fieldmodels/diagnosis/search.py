@@ -1,8 +1,6 @@
 """One search over names and curves alike: forward, exchange, pairs; each step is fitted and scored the same.
 
-The score of a set is its negative log marginal likelihood with the price of what was tried. It is the mean of
-two, at the weights of what the best set of names leaves and of what the best one with a curve leaves: weights
-of one alone would look away from what it explains.
+The score of a set is its negative log marginal likelihood with the price of what was tried.
 """
 
 from __future__ import annotations
@@ -24,7 +22,8 @@ from fieldmodels.diagnosis.sets import Hypothesis, Sets, label
 from fieldmodels.diagnosis.whitening import whitener_by_output
 
 SOMETHING, UNLISTED = 3.0, 2.3
-"""Log odds of nothing against something missing, 20 to 1; of a listed against an unlisted cause, 10 to 1."""
+"""Log odds of nothing against something, a sensor's slow zero included, 20 to 1; of a listed against an
+unlisted cause, 10 to 1."""
 TRIED, BESIDE_CURVES = 8, 3
 """Names that are fitted beside a set, by what they promise to first order; beside one with curves."""
 BEAM, LEVELS, MOST_CURVES, PAIRS = 2, 4, 2, 8
@@ -110,7 +109,8 @@ class Search:
         model, rows = self._problem.model, self._evidence.rows
         names = sum(_price(model.effect(n).size, rows) + math.log(len(self.names)) for n in one.names)
         curves = sum(self._price_of_curve(c, len(c.coefficients)) for c in one.curves)
-        return names + one.candidate.search + curves + (SOMETHING if one.size else 0.0)
+        something = SOMETHING if one.size or self.marginal(one).slow else 0.0
+        return names + one.candidate.search + curves + something
 
     def _price_of_curve(self, scored: Scored, size: int) -> float:
         tried = math.log(self._count * scored.curve.tried)
@@ -202,12 +202,22 @@ class Search:
         return self._judged[id(one)][1]
 
     def _promising(self, one: Hypothesis, count: int) -> list[tuple[str, list[FloatArray]]]:
-        """Names that promise most to first order beside a set, with their starts."""
-        candidates, beside = self._candidates, self.sets.linear(one)
-        others = [name for name in self.names if name not in one.names]
-        order = sorted(((candidates.score_test(beside, n), n) for n in others), reverse=True)[:count]
-        effect = self._problem.model.effect
-        return [(n, candidates.screened(beside, effect(n))[1]) for gain, n in order if gain > 0.0]
+        """Names that promise most to first order beside a set, with their starts.
+
+        By its own weights and by one weight an output in turn, as curves are judged.
+        """
+        candidates, own, effect = self._candidates, self.sets.linear(one), self._problem.model.effect
+        plain = reweighed(one.setting.problem, one.fit, whitener_by_output(self._problem, one.fit.raw))
+        plain = replace(plain, parameters=own.fit.parameters, raw=own.fit.raw)
+        found: dict[str, tuple[int, list[FloatArray]]] = {}
+        for beside in (own, replace(own, fit=plain)):
+            gains = {n: candidates.score_test(beside, n) for n in self.names if n not in one.names}
+            order = sorted((n for n, gain in gains.items() if gain > 0.0), key=lambda n: -gains[n])
+            for place, name in enumerate(order):
+                if name not in found or place < found[name][0]:
+                    found[name] = place, candidates.screened(beside, effect(name))[1]
+        best = sorted(found, key=lambda name: found[name][0])[:count]
+        return [(name, found[name][1]) for name in best]
 
     def _instead(self, lead: Hypothesis, rest: Hypothesis) -> None:
         """Names in a member's place, from the states of the set that holds it."""

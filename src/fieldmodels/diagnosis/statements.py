@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -26,6 +27,8 @@ POORLY_KNOWN = 0.5  # relative standard error above which a base parameter count
 ABOVE = (
     1.5  # times the noise: a larger error is reported; equal parts of white and slowly varying noise give 1.4
 )
+ALIKE = 0.5
+"""Between how far a signal moves in the quietest and in the liveliest windows: else all are alike."""
 
 
 def gains(
@@ -126,14 +129,35 @@ def above_noise(testing: Problem, after: Prediction) -> dict[str, float]:
 def explained(testing: Problem, before: Prediction, after: Prediction, enough: float) -> float:
     """Share of the test windows' squared error above the noise that is explained, of the worst signal.
 
-    One if what is left is at most ``enough`` times the noise, or where random forces drive the machine.
+    One if what is left is at most ``enough`` times the noise, or where random forces drive the machine. What
+    is left where the machine moves most and hardly more than where it moves least is noise of another colour.
     """
     shares = [1.0]
     for j in np.unique(testing.outputs[~testing.events]) if not testing.model.random_force else ():
         floor, first, last = noise_floor(testing, after, int(j)), before.rmse()[j], after.rmse()[j]
-        if floor > 0 and last > enough * floor:
+        still, moving = _by_movement(testing, after, int(j))
+        if floor > 0 and last > enough * floor and moving > enough * still:
             shares.append((first**2 - last**2) / max(first**2 - floor**2, last**2))
     return float(max(min(shares), 0.0))
+
+
+def _by_movement(testing: Problem, after: Prediction, output: int) -> tuple[float, float]:
+    """Error of a signal in the quarters of the test windows in which it moves least and most.
+
+    Zero and infinite where it moves in all of them alike.
+    """
+    outputs = tuple(o.name for o in testing.model.outputs)
+    shown = [part.windows.measured(outputs)[:, :, output] for part in testing.parts]
+    ways = np.concatenate([np.fmax.reduce(one, axis=1) - np.fmin.reduce(one, axis=1) for one in shown])
+    squares, counts = after.squares[:, output], after.counts[:, output]
+    movement = np.where(counts > 0.5 * counts.max(), ways, np.nan)
+    least, most = np.nanquantile(movement, [0.25, 0.75])
+    if not least < ALIKE * most:
+        return 0.0, math.inf
+    errors = [
+        np.sqrt(squares[some].sum() / counts[some].sum()) for some in (movement <= least, movement >= most)
+    ]
+    return float(errors[0]), float(errors[1])
 
 
 def not_testable(selection: Selection) -> dict[str, str]:
