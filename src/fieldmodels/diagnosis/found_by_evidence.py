@@ -43,7 +43,7 @@ def found_by_evidence(
     search, within = Search(candidates), candidates.budget.within
     within("larger sets", search.run, None, SEARCH)
     report("measuring the gain", 0.8)
-    said, base = posterior_of(search), search.base.candidate
+    said, base = posterior_of(search, testing), search.base.candidate
     kept = _names_alone(candidates, search, said)
     fits = (base.fit, kept.fit) if said.lead.names else (base.fit,)
     options, problem = candidates.options, candidates.problem

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.curves import Curves, Scored
-from fieldmodels.diagnosis.linearisation import reweighed, stacked
+from fieldmodels.diagnosis.gain import with_fitted_starts
+from fieldmodels.diagnosis.linearisation import Fit, reweighed, stacked
+from fieldmodels.diagnosis.marginal import Evidence, Marginal
 from fieldmodels.diagnosis.misshapen import misshapen
 from fieldmodels.diagnosis.phrases import CURVE
+from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.search import Search
 from fieldmodels.diagnosis.sets import Hypothesis
 from fieldmodels.drivers.variables import SHARE
@@ -25,6 +29,10 @@ PART = 0.02
 interpolated between samples, where a name's are exact."""
 SINE = 0.35
 """Sine to the span of curves below which what a name adds may be a part of theirs."""
+NEAR = 15.0
+"""Nats within which sets are asked how likely they make the test data."""
+ALLOWED = 2.0
+"""Nats that test windows may fall short of what two sets that differ by a member should differ in them."""
 MOST = 2
 """Curves that may stand in another's place, as are said."""
 KNOWN = ("sign", "size", "square with sign", "cube")
@@ -52,10 +60,16 @@ class Posterior:
     curves: tuple[float, ...]
 
 
-def posterior_of(search: Search) -> Posterior:
-    """The leading set of a search, and what all its sets say of its members."""
-    order = search.ranked()
-    scores = np.array([search.score(one) for one in order])
+def posterior_of(search: Search, testing: Problem) -> Posterior:
+    """The leading set of a search, and what all sets near it say of its members.
+
+    Args:
+        search: Over the training windows.
+        testing: Windows that nothing was fitted to: how likely each set has made them counts as well.
+    """
+    totals = _with_test(search, testing)
+    order = sorted(totals, key=lambda one: totals[one])
+    scores = np.array([totals[one] for one in order])
     weights = np.exp(scores[0] - scores)
     weights /= weights.sum()
     near = [one for one, score in zip(order, scores, strict=True) if score <= scores[0] + SAME]
@@ -77,6 +91,38 @@ def posterior_of(search: Search) -> Posterior:
             for own, others in zip(lead.curves, curves, strict=True)
         ),
     )
+
+
+def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
+    """Scores of the sets near the best and of parts of the lead, with the evidence of the test windows.
+
+    What a member of the lead has brought counts as far as the test windows repeat it: what noise of a kind
+    that no model of it fits has seemed to show in one record, it does not show in another.
+    """
+    evidence, order = Evidence(testing), search.ranked()
+    found: dict[Hypothesis, tuple[Fit, Marginal]] = {}
+
+    def tested(one: Hypothesis) -> tuple[Fit, Marginal]:
+        if one not in found:
+            problem = replace(testing, model=one.setting.problem.model)
+            fitted = with_fitted_starts(problem, one.fit.parameters)
+            found[one] = fitted, evidence.of(problem, fitted)
+        return found[one]
+
+    near = [one for one in order if search.score(one) <= search.score(order[0]) + NEAR]
+    totals = {one: search.score(one) + tested(one)[1].value for one in (*near, search.base)}
+    seen: set[Hypothesis] = set()
+    while (lead := min(totals, key=lambda one: totals[one])) not in seen:
+        seen.add(lead)
+        here, own = tested(lead)
+        for part in search.sets.parts(lead):
+            there, without = tested(part)
+            apart = 0.5 * float(np.sum(((here.raw - there.raw) @ own.whitener.T) ** 2))
+            share = np.clip((without.value - own.value + ALLOWED) / (apart + ALLOWED), 0.0, 1.0)
+            brought = max(search.marginal(part).value - search.marginal(lead).value, 0.0)
+            total = search.score(part) + without.value - (1.0 - float(share)) * brought
+            totals[part] = min(totals.get(part, math.inf), total)
+    return totals
 
 
 def _holds(one: Hypothesis, some: Sequence[str]) -> bool:

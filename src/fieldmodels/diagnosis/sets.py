@@ -140,6 +140,12 @@ class Sets:
         self._made[one.key] = one
         return one
 
+    def parts(self, one: Hypothesis) -> list[Hypothesis]:
+        """Sets with one member less than a set, of those that were fitted."""
+        rests = [([n for n in one.names if n != name], one.curves) for name in one.names]
+        rests += [(list(one.names), tuple(c for c in one.curves if c is not own)) for own in one.curves]
+        return [part for rest in rests if (part := self.get(*rest)) is not None]
+
     def setting(self, curves: Sequence[Scored]) -> Setting:
         """The simulation with some curves."""
         key = tuple(sorted(map(label, curves)))
