@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.fit import fit
-from fieldmodels.diagnosis.linearisation import Fit
 from fieldmodels.diagnosis.problem import Problem, build
 from fieldmodels.diagnosis.result import HorizonGain, Share
 from fieldmodels.diagnosis.whitening import whitener_by_output
@@ -61,8 +60,9 @@ def predict(problem: Problem, parameters: FloatArray, wandering: Sequence[int] =
     return prediction
 
 
-def with_fitted_starts(problem: Problem, parameters: FloatArray, wandering: Sequence[int] = ()) -> Fit:
-    """Windows from the starts that fit them best, and from nothing else that was measured in them."""
+def _predicted(problem: Problem, parameters: FloatArray, wandering: Sequence[int]) -> Prediction:
+    if problem.model.corrected:
+        problem = replace(problem, model=problem.model.running_free())
     apart = np.eye(len(problem.outputs))
     for j in wandering:
         own = (problem.outputs == j).astype(np.float64)
@@ -73,13 +73,6 @@ def with_fitted_starts(problem: Problem, parameters: FloatArray, wandering: Sequ
         # Signals are weighted by their residuals, which the measured states still inflate at first.
         fitted = fit(problem, parameters, NONE, whitener_by_output(problem, raw @ apart) @ apart, states, 5)
         raw, states = fitted.raw, fitted.states
-    return fitted
-
-
-def _predicted(problem: Problem, parameters: FloatArray, wandering: Sequence[int]) -> Prediction:
-    if problem.model.corrected:
-        problem = replace(problem, model=problem.model.running_free())
-    fitted = with_fitted_starts(problem, parameters, wandering)
     simulated = problem.samples(parameters, fitted.states)
     outputs = tuple(o.name for o in problem.model.outputs)
     squares, counts = [], []

@@ -12,14 +12,15 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.curves import Curves, Scored
-from fieldmodels.diagnosis.gain import with_fitted_starts
+from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.linearisation import Fit, reweighed, stacked
 from fieldmodels.diagnosis.marginal import Evidence, Marginal
 from fieldmodels.diagnosis.misshapen import misshapen
 from fieldmodels.diagnosis.phrases import CURVE
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.search import Search
-from fieldmodels.diagnosis.sets import Hypothesis
+from fieldmodels.diagnosis.sets import Hypothesis, settled
+from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.drivers.variables import SHARE
 
 SAME = 3.0
@@ -31,6 +32,8 @@ SINE = 0.35
 """Sine to the span of curves below which what a name adds may be a part of theirs."""
 NEAR = 15.0
 """Nats within which sets are asked how likely they make the test data."""
+BEGUN = 5
+"""Steps of a fit to the test windows by one weight an output, twice, before it goes on by its own weights."""
 ALLOWED = 2.0
 """Nats that test windows may fall short of what two sets that differ by a member should differ in them."""
 MOST = 2
@@ -103,9 +106,14 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
     found: dict[Hypothesis, tuple[Fit, Marginal]] = {}
 
     def tested(one: Hypothesis) -> tuple[Fit, Marginal]:
+        """Its base is fitted to the test windows, too: what differs between records in it is no evidence."""
         if one not in found:
             problem = replace(testing, model=one.setting.problem.model)
-            fitted = with_fitted_starts(problem, one.fit.parameters)
+            begun, free = one.fit.parameters, one.setting.candidates.free(())
+            raw = problem.features - problem.simulate(begun[None], problem.states)[0]
+            fitted = fit(problem, begun, free, whitener_by_output(problem, raw), problem.states, BEGUN)
+            fitted = refit(problem, fitted, whitener_by_output(problem, fitted.raw), BEGUN)
+            fitted = settled(evidence, problem, fitted)
             found[one] = fitted, evidence.of(problem, fitted)
         return found[one]
 

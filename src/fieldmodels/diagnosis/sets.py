@@ -204,21 +204,13 @@ class Sets:
 
     def polished(self, problem: Problem, fitted: Fit, steps: int = CURVED) -> Fit:
         """A fit that goes on by the weights of what it leaves, if that makes it more likely."""
-        here = self._evidence.of(problem, fitted)
-        closer = refit(problem, fitted, here.whitener, steps)
-        return closer if self._evidence.of(problem, closer).value < here.value else fitted
+        return _polished(self._evidence, problem, fitted, steps)
 
     def settle(self, one: Hypothesis) -> None:
         """Fit a set by the weights of what it leaves until that gains nothing."""
-        if one.settled:
-            return
-        problem, one.settled = one.setting.problem, True
-        for _ in range(POLISHED):
-            before, closer = one.fit, self.polished(problem, one.fit)
-            one.candidate = replace(one.candidate, fit=closer)
-            values = [self._evidence.of(problem, fitted).value for fitted in (before, closer)]
-            if values[1] > values[0] - SETTLED:
-                break
+        if not one.settled:
+            one.settled = True
+            one.candidate = replace(one.candidate, fit=settled(self._evidence, one.setting.problem, one.fit))
 
     def _fitted(
         self,
@@ -292,6 +284,21 @@ class Sets:
         return self.keep(
             Hypothesis(names, setting, replace(one.candidate, effects=effects, fit=fitted, search=search))
         )
+
+
+def settled(evidence: Evidence, problem: Problem, fitted: Fit) -> Fit:
+    """A fit that goes on by the weights of what it leaves until that gains nothing."""
+    for _ in range(POLISHED):
+        before, fitted = fitted, _polished(evidence, problem, fitted, CURVED)
+        if evidence.of(problem, fitted).value > evidence.of(problem, before).value - SETTLED:
+            break
+    return fitted
+
+
+def _polished(evidence: Evidence, problem: Problem, fitted: Fit, steps: int) -> Fit:
+    here = evidence.of(problem, fitted)
+    closer = refit(problem, fitted, here.whitener, steps)
+    return closer if evidence.of(problem, closer).value < here.value else fitted
 
 
 def _sorted(*names: str) -> tuple[str, ...]:
